@@ -14,6 +14,10 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from dmae.calibration.config import RefineConfig as RefineConfig
+    from dmae.completion.config import LearningConfig as LearningConfig
+    from dmae.completion.config import ModelConfig as ModelConfig
+    from dmae.completion.config import TrainConfig as TrainConfig
     from dmae.data.cameras import CameraRig as CameraRig
     from dmae.data.clip import Clip as Clip
     from dmae.data.clip import Detections2D as Detections2D
@@ -21,60 +25,80 @@ if TYPE_CHECKING:
     from dmae.data.clip import Source as Source
     from dmae.data.skeleton import Skeleton as Skeleton
     from dmae.data.skeleton import get_skeleton as get_skeleton
+    from dmae.evaluation.config import EvaluateConfig as EvaluateConfig
+    from dmae.evaluation.config import StressConfig as StressConfig
+    from dmae.evaluation.config import TableConfig as TableConfig
     from dmae.online.capture import OnlineCapture as OnlineCapture
-    from dmae.public.assessment import benchmark as benchmark
-    from dmae.public.assessment import compare_scores as compare_scores
-    from dmae.public.assessment import draw as draw
-    from dmae.public.assessment import evaluate as evaluate
-    from dmae.public.assessment import regress as regress
-    from dmae.public.assessment import report as report
-    from dmae.public.assessment import show as show
-    from dmae.public.cameras import calibrate as calibrate
-    from dmae.public.cameras import doctor as doctor
-    from dmae.public.motion import capture as capture
-    from dmae.public.motion import card as card
-    from dmae.public.motion import complete as complete
-    from dmae.public.motion import completer as completer
-    from dmae.public.motion import train as train
-    from dmae.public.motion import triangulate as triangulate
-    from dmae.public.recordings import convert as convert
-    from dmae.public.recordings import detect as detect
-    from dmae.public.recordings import export as export
-    from dmae.public.recordings import load as load
-    from dmae.public.recordings import load_dataset as load_dataset
-    from dmae.public.recordings import read as read
-    from dmae.public.recordings import read_poses as read_poses
-    from dmae.public.recordings import save as save
-    from dmae.public.reviewing import decide as decide
-    from dmae.public.reviewing import review as review
-    from dmae.public.stress import corrupt as corrupt
-    from dmae.public.stress import stress as stress
-    from dmae.public.tables import table as table
-    from dmae.public.videos import run as run
     from dmae.reconstruction.config import CaptureConfig as CaptureConfig
+    from dmae.verbs.assessment import benchmark as benchmark
+    from dmae.verbs.assessment import compare_scores as compare_scores
+    from dmae.verbs.assessment import corrupt as corrupt
+    from dmae.verbs.assessment import decide as decide
+    from dmae.verbs.assessment import draw as draw
+    from dmae.verbs.assessment import evaluate as evaluate
+    from dmae.verbs.assessment import regress as regress
+    from dmae.verbs.assessment import report as report
+    from dmae.verbs.assessment import review as review
+    from dmae.verbs.assessment import show as show
+    from dmae.verbs.assessment import stress as stress
+    from dmae.verbs.assessment import table as table
+    from dmae.verbs.motion import calibrate as calibrate
+    from dmae.verbs.motion import capture as capture
+    from dmae.verbs.motion import card as card
+    from dmae.verbs.motion import complete as complete
+    from dmae.verbs.motion import completer as completer
+    from dmae.verbs.motion import doctor as doctor
+    from dmae.verbs.motion import train as train
+    from dmae.verbs.motion import triangulate as triangulate
+    from dmae.verbs.recordings import convert as convert
+    from dmae.verbs.recordings import detect as detect
+    from dmae.verbs.recordings import export as export
+    from dmae.verbs.recordings import load as load
+    from dmae.verbs.recordings import load_dataset as load_dataset
+    from dmae.verbs.recordings import preset as preset
+    from dmae.verbs.recordings import read as read
+    from dmae.verbs.recordings import read_poses as read_poses
+    from dmae.verbs.recordings import run as run
+    from dmae.verbs.recordings import save as save
+    from dmae.viewing.config import LayersConfig as LayersConfig
 
 _HOMES = {
+    "dmae.calibration.config": ["RefineConfig"],
+    "dmae.completion.config": ["LearningConfig", "ModelConfig", "TrainConfig"],
     "dmae.data.cameras": ["CameraRig"],
     "dmae.data.clip": ["Clip", "Detections2D", "Poses3D", "Source"],
     "dmae.data.skeleton": ["Skeleton", "get_skeleton"],
+    "dmae.evaluation.config": ["EvaluateConfig", "StressConfig", "TableConfig"],
     "dmae.online.capture": ["OnlineCapture"],
-    "dmae.public.assessment": [
+    "dmae.reconstruction.config": ["CaptureConfig"],
+    "dmae.verbs.assessment": [
         "benchmark",
         "compare_scores",
+        "corrupt",
+        "decide",
         "draw",
         "evaluate",
         "regress",
         "report",
+        "review",
         "show",
+        "stress",
+        "table",
     ],
-    "dmae.public.cameras": ["calibrate", "doctor"],
-    "dmae.public.motion": ["capture", "card", "complete", "completer", "train", "triangulate"],
-    "dmae.public.recordings": ["convert", "detect", "export", "load", "load_dataset", "read", "read_poses", "save"],
-    "dmae.public.reviewing": ["decide", "review"],
-    "dmae.public.stress": ["corrupt", "stress"],
-    "dmae.public.tables": ["table"],
-    "dmae.public.videos": ["run"],
-    "dmae.reconstruction.config": ["CaptureConfig"],
+    "dmae.verbs.motion": ["calibrate", "capture", "card", "complete", "completer", "doctor", "train", "triangulate"],
+    "dmae.verbs.recordings": [
+        "convert",
+        "detect",
+        "export",
+        "load",
+        "load_dataset",
+        "preset",
+        "read",
+        "read_poses",
+        "run",
+        "save",
+    ],
+    "dmae.viewing.config": ["LayersConfig"],
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 

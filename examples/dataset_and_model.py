@@ -26,7 +26,7 @@ hidden = sum((clip.poses.source == dmae.Source.ABSENT).mean() for clip in clips)
 print(f"{len(clips)} clips, {sum(len(clip) for clip in clips)} frames, {hidden:.0%} of the joints not measured")
 
 folder = tempfile.mkdtemp(prefix="model_")
-dmae.train(clips, folder, f"learning.steps={steps}", f"learning.epoch={min(steps, 200)}")
+dmae.train(clips, folder, dmae.TrainConfig(learning=dmae.LearningConfig(steps=steps, epoch=min(steps, 200))))
 
 # A clip of another seed: no camera, person or motion of it was in the training.
 test = next(synth.generate(seconds=4, clips=1, seed=2, scene="office")).select(views=[0, 1, 3])

@@ -21,7 +21,7 @@ if not session.is_dir():
 clip = dmae.read(session / "S00_P00_T01_BalancingTrial")
 print(f"{len(clip)} frames at {clip.fps:g}/s, {len(clip.rig)} cameras, {clip.detections.skeleton.name}")
 
-captured = dmae.capture(clip, "tight")
+captured = dmae.capture(clip, dmae.preset("capture", "tight"))
 full = dmae.complete(captured, fps=clip.fps)
 for name, poses in ("captured", captured), ("completed", full):
     known = (poses.source != dmae.Source.ABSENT).mean()

@@ -12,7 +12,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from dmae.public.recordings import load_dataset as load_dataset
+    from dmae.verbs.recordings import load_dataset as load_dataset
     from synth.datasets.clip import GenerateConfig as GenerateConfig
     from synth.datasets.occlusion import OcclusionConfig as OcclusionConfig
     from synth.datasets.render import RenderConfig as RenderConfig
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from synth.verbs import verify as verify
 
 _HOMES = {
-    "dmae.public.recordings": ["load_dataset"],
+    "dmae.verbs.recordings": ["load_dataset"],
     "synth.datasets.clip": ["GenerateConfig"],
     "synth.datasets.occlusion": ["OcclusionConfig"],
     "synth.datasets.render": ["RenderConfig"],

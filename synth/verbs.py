@@ -17,7 +17,6 @@ from dmae.data.store import clip_folders, load_clip
 from dmae.files.contents import check_vacant, whole_folder
 from dmae.files.structured import read_json
 from dmae.parallel import in_parallel, running_on
-from dmae.public.arguments import checked
 from synth.cli import SYNTH
 from synth.errors import FailedSimulation
 
@@ -514,7 +513,6 @@ def export(
     return export_data_set(Path(path), Path(out), format, splits=chosen, pictures=PictureFormat[pictures], **options)
 
 
-@checked
 def contact_sheet(clip: Clip, out: str | Path, *, frames: int = 4, width: int = 480) -> None:
     """Draw a clip in its room as a PNG: some frames, all views, each true joint in the colour of its occluder.
 
@@ -536,7 +534,6 @@ def contact_sheet(clip: Clip, out: str | Path, *, frames: int = 4, width: int = 
     write_sheet(clip, Path(out), chosen_layers(clip, LayersConfig()), rows=frames, width=width, rooms=_rooms(clip))
 
 
-@checked
 def show(clip: Clip, out: str | Path, **options: object) -> list[Path]:
     """Draw a clip in its room: a contact sheet, a video, a recording for Rerun.
 
@@ -570,7 +567,6 @@ def _rooms(clip: Clip) -> list[np.ndarray] | None:
     return draw_rooms(clip) if not has_images(clip) and "spec" in clip.provenance else None
 
 
-@checked
 def compare(real: Clip, sim: Iterable[Clip], *, limits: Limits | None = None, workers: int = 1) -> list[Row]:
     """Compare the detections of a recording with those of its simulation.
 
@@ -600,7 +596,6 @@ def compare(real: Clip, sim: Iterable[Clip], *, limits: Limits | None = None, wo
     return comparison.compare(measure(real), measure_all(clips, len(clips), workers), limits or comparison.Limits())
 
 
-@checked
 def compare_motion(
     real: str | Path | Iterable[Clip], sim: Iterable[Clip], *, takes: Sequence[str] = ("*",), longest: float = 10.0
 ) -> list[Difference]:
@@ -639,7 +634,6 @@ def compare_motion(
     return motions.compare(*samples, rng=generator(0, 0, Stream.VALIDATION))
 
 
-@checked
 def fit_detector(
     recording: Clip,
     clips: Sequence[Clip],

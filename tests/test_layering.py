@@ -40,7 +40,7 @@ LAYERS = (
     ("synth.planning",),
     ("dmae.commands",),
     ("dmae.cli",),
-    ("dmae.public",),
+    ("dmae.verbs",),
     ("synth.commands",),
     ("synth.cli",),
     ("synth.verbs",),

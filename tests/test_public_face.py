@@ -16,7 +16,7 @@ from dmae.formats.reading import recognise
 
 VERBS = sorted(
     (module.__name__, name)
-    for module, home in ((dmae, "dmae.public"), (synth, "synth.verbs"))
+    for module, home in ((dmae, "dmae.verbs"), (synth, "synth.verbs"))
     for name in module.__all__
     if getattr(module, name).__module__.startswith(home)
 )
@@ -114,13 +114,17 @@ def test_triangulate_takes_pixels_as_detected():
     np.testing.assert_allclose(points.xyz, xyz, atol=1e-5)
 
 
-def test_capture_takes_the_presets_of_the_command():
-    clip = next(synth.generate(seconds=0.4, clips=1))
-    named, tight = dmae.capture(clip, "default"), dmae.capture(clip, "tight")
-    np.testing.assert_array_equal(named.xyz, dmae.capture(clip).xyz)
-    assert (tight.views <= len(clip.rig)).all()
-    with pytest.raises(ValueError, match="tigt"):
-        dmae.capture(clip, "tigt")
+def test_presets_are_those_of_the_command():
+    assert dmae.preset("capture", "default") == dmae.CaptureConfig()
+    assert dmae.preset("capture", "tight").noise.gate_sigmas == 2
+    assert dmae.preset("train", "paper", seed=3).learning.loss == "mse"
+    with pytest.raises(ValueError, match="capture=tigt: no such choice; did you mean tight"):
+        dmae.preset("capture", "tigt")
+
+
+def test_the_wrong_type_is_named_with_what_to_do():
+    with pytest.raises(TypeError, match=r"clip: expected a dmae\.Clip, found 'walk'; dmae\.load reads a clip"):
+        dmae.capture("walk")
 
 
 def test_evaluate_without_poses_says_what_to_do():

@@ -148,7 +148,7 @@ class Command:
             if file.is_file():
                 values |= _leaves(_yaml(file), "" if "@package _global_" in file.read_text() else group)
         options = _group(self.configuration, "", values)
-        members = []
+        members: list[Option | Group] = []
         for member in options.members:
             if isinstance(member, Group) and member.key in self.presets:
                 files = {file.stem: file for place in places for file in sorted((place / member.key).glob("*.yaml"))}
@@ -172,7 +172,7 @@ class Program:
 
 def _group(configuration: type, key: str, values: dict[str, object]) -> Group:
     meanings, hints = _meanings(configuration), get_type_hints(configuration)
-    members = []
+    members: list[Option | Group] = []
     for each in fields(configuration):
         name = f"{key}.{each.name}".lstrip(".")
         if is_dataclass(hints[each.name]):
@@ -184,16 +184,17 @@ def _group(configuration: type, key: str, values: dict[str, object]) -> Group:
 
 
 def _option(each, key: str, hint, meaning: str, values: dict[str, object]) -> Option:
-    inner = [part for part in get_args(hint) if part is not type(None)]
+    inner = tuple(part for part in get_args(hint) if part is not type(None))
     optional = type(None) in get_args(hint)
     if optional:
         hint = inner[0]
         inner = get_args(hint)
     many, keyed = get_origin(hint) is list, get_origin(hint) is dict
     hint = inner[-1] if keyed else inner[0] if many else hint
-    kind, choices = _KINDS.get(hint, "entry" if is_dataclass(hint) else "text"), each.metadata.get("choices", ())
+    kind = _KINDS.get(hint, "entry" if is_dataclass(hint) else "text")
+    choices = tuple(each.metadata.get("choices", ()))
     if isinstance(hint, type) and issubclass(hint, enum.Enum):
-        kind, choices = "choice", choices or hint.__members__
+        kind, choices = "choice", choices or tuple(hint.__members__)
         meaning = meaning or " ".join((hint.__doc__ or "").split())
     default = each.default if each.default is not MISSING else REQUIRED
     default = default if each.default_factory is MISSING else each.default_factory()
@@ -203,7 +204,7 @@ def _option(each, key: str, hint, meaning: str, values: dict[str, object]) -> Op
 @cache
 def _meanings(configuration: type) -> dict[str, str]:
     """The docstring of each field of a dataclass and of those that it extends."""
-    found = {}
+    found: dict[str, str] = {}
     for kind in reversed(configuration.__mro__):
         if is_dataclass(kind):
             documented = parse_from_object(kind).params
@@ -235,7 +236,7 @@ def _yaml(file: Path) -> dict:
 
 def _leaves(values: dict, prefix: str) -> dict[str, object]:
     """Nested values, by dotted key."""
-    found = {}
+    found: dict[str, object] = {}
     for key, value in values.items():
         name = f"{prefix}.{key}".lstrip(".")
         found |= _leaves(value, name) if isinstance(value, dict) else {name: value}

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Any
 
 from dmae.calibration.config import RefineConfig
 from dmae.completion.config import DELAY, PaperSize
@@ -13,6 +14,8 @@ from dmae.formats.registry import pose_writer, recording_writer
 from dmae.parallel import Backend
 from dmae.reconstruction.config import CaptureConfig
 
+REQUIRED: Any = "???"
+"""Default of an option that has to be given, as Hydra spells it."""
 _FILLS = ("none", *(name for name, method in completion_method.items() if not method.learned and name != "measured"))
 
 
@@ -237,7 +240,7 @@ class LiveCommand:
 
     calibration: str = "???"
     """Calibration file of any supported format, or its folder."""
-    fps: float = "???"
+    fps: float = REQUIRED
     """1/s; rate at which frames arrive."""
     skeleton: str = "body25"
     """Skeleton of the detections."""

@@ -1,8 +1,8 @@
-"""Assessment: evaluate poses, draw and report them, check a solver."""
+"""Assessment: score, compare, draw, report, review, and find what breaks a method."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,17 +10,19 @@ from typing import TYPE_CHECKING
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.conversion import convert
 from dmae.data.skeleton import get_skeleton
-from dmae.public.arguments import checked
+from dmae.evaluation.config import StressConfig, TableConfig
+from dmae.evaluation.corruption import corrupt as corruption
+from dmae.evaluation.review import Decision, ReviewVerdict, decided, save_decisions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from dmae.evaluation.gates import Gate
+    from dmae.evaluation.review import Doubt
     from dmae.regression.verdicts import Verdict
     from dmae.viewing.config import LayersConfig
 
 
-@checked
 def evaluate(clip: Clip, poses: Poses3D | None = None, *, skeleton: str | None = None) -> dict:
     """Score poses against the truth of their clip.
 
@@ -84,11 +86,10 @@ def compare_scores(baseline: dict | str | Path, scores: dict | str | Path, *, ch
     from dmae.evaluation import gates
     from dmae.evaluation.scores import read_scores
 
-    found = (each if isinstance(each, dict) else read_scores(Path(each)) for each in (baseline, scores))
-    return gates.compare_scores(*found, changed)
+    before, now = (each if isinstance(each, dict) else read_scores(Path(each)) for each in (baseline, scores))
+    return gates.compare_scores(before, now, changed)
 
 
-@checked
 def draw(clip: Clip, poses: Poses3D | None = None, frame: int | None = None) -> Figure:
     """Draw one frame: the poses in every view, and the world from the side and from above. Completed joints are red.
 
@@ -117,7 +118,6 @@ def draw(clip: Clip, poses: Poses3D | None = None, frame: int | None = None) -> 
     return views_figure(clip, frames_to_draw(clip, 1)[0] if frame is None else frame)
 
 
-@checked
 def report(
     clip: Clip | Sequence[Clip],
     out: str | Path,
@@ -188,16 +188,16 @@ def benchmark(
 
     if size not in [*BenchmarkSize]:
         raise ValueError(f"size={size}: expected one of {', '.join(BenchmarkSize)}")
-    named, own = ([[each for each in group if isinstance(each, str) == by_name] for group in (methods, captures)]
-                  for by_name in (True, False))  # fmt: skip
     config = BenchmarkConfig(
         name,
         BenchmarkSize(size),
-        *named,
+        [each for each in methods if isinstance(each, str)],
+        [each for each in captures if isinstance(each, str)],
         against=None if against is None else str(against),
         workers=workers,
         out=str(out),
     )
+    own = ([each for each in group if not isinstance(each, str)] for group in (methods, captures))
     scores = run(config, *own)
     write_scores(scores, Path(out))
     return scores
@@ -227,7 +227,6 @@ def regress(solver: Callable, *, skip: tuple[str, ...] = ()) -> list[Verdict]:
     return check(solver, skip)
 
 
-@checked
 def show(
     clip: Clip,
     out: str | Path,
@@ -266,5 +265,148 @@ def show(
     """
     from dmae.viewing.show import show_clip
 
-    options = {"frames": frames, "views": views, "width": width, "layers": layers, "video": video, "rerun": rerun}
-    return show_clip(clip, Path(out), **options)
+    return show_clip(clip, Path(out), frames=frames, views=views, width=width, layers=layers, video=video, rerun=rerun)
+
+
+def review(clip: Clip, decisions: Sequence[Decision] = ()) -> list[Doubt]:
+    """Rank the joints of a clip by how far off they may be, the most doubtful first.
+
+    Args:
+        clip: A captured clip, completed or not. The truth is not used.
+        decisions: Joints with a decision are left out of the ranking.
+
+    Returns:
+        Entries, each for one joint of one person in 0.2 s. `entry.decision("blank")` returns a decision on it.
+
+    Raises:
+        ValueError: the clip has no poses.
+
+    Examples:
+        >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
+        >>> clip = replace(clip, poses=dmae.capture(clip))
+        >>> first, *others = dmae.review(clip)
+        >>> first.doubt >= others[0].doubt
+        True
+        >>> len(dmae.review(clip, [first.decision("accept")])) == len(others)
+        True
+    """
+    from dmae.evaluation.review import rank_doubts
+
+    return rank_doubts(clip, decisions)
+
+
+def decide(clip: Clip, decisions: Sequence[Decision], folder: str | Path | None = None) -> Clip:
+    """Return a clip without the joints that decisions blank or hand back.
+
+    Args:
+        clip: A captured clip, completed or not.
+        decisions: If there are several on one joint, the last one counts.
+        folder: Folder of the clip, where the decisions are saved for `dmae export` and `dmae complete`.
+
+    Raises:
+        ValueError: a decision names a person, joint or frame that the poses do not have, or there are no poses.
+
+    Examples:
+        >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
+        >>> clip = replace(clip, poses=dmae.capture(clip))
+        >>> first = dmae.review(clip)[0]
+        >>> kept = dmae.decide(clip, [first.decision("blank")])
+        >>> joint = kept.poses.skeleton.joints.index(first.joint)
+        >>> np.isnan(kept.poses.xyz[first.worst, first.person, joint]).all()
+        np.True_
+    """
+    if clip.poses is None:
+        raise ValueError(f"clip {clip.id!r} has no poses to decide on; run dmae.capture on it first")
+    left_out = decided(clip.poses, decisions, ReviewVerdict.blank, ReviewVerdict.hand_back)
+    if folder is not None:
+        save_decisions(Path(folder), clip.poses, decisions)
+    return replace(clip, poses=clip.poses.without(left_out))
+
+
+def corrupt(clip: Clip, levels: Mapping[str, float], *, seed: int = 0) -> Clip:
+    """Return a clip, simulated or real, with corrupted detections, cameras or frame rate.
+
+    Args:
+        clip: V cameras. Its truth does not change, except that frames may be left out.
+        levels: Levels of corruptions of `dmae stress` by name, for example `{"objects": 40, "cameras": 2}`, or by
+            `module:function`; at level 0 nothing changes.
+        seed: Seed of random numbers.
+
+    Returns:
+        A clip without images, poses and labels of detections, because these do not fit the new detections.
+
+    Raises:
+        ValueError: there is no such corruption or level, or the clip has too few cameras or people for it.
+
+    Examples:
+        >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
+        >>> fewer = dmae.corrupt(clip, {"objects": 40, "cameras": 2})
+        >>> len(fewer.rig) == len(clip.rig) - 2
+        True
+    """
+    if not isinstance(levels, Mapping):
+        raise TypeError(f"levels: expected levels by name, as {{'objects': 40}}, found {levels!r:.80}")
+    return corruption.corrupt(clip, levels, seed=seed)
+
+
+def stress(clips: Sequence[Clip], out: str | Path | None = None, config: StressConfig | None = None) -> dict:
+    """Corrupt clips step by step, and score every method at each step.
+
+    Args:
+        clips: All with truth, or all without. Without truth, the reference is what all cameras measured in the
+            original clips.
+        out: Folder of `stress.json`, the page `stress.html` and cached results; None to write nothing.
+        config: Corruptions and methods, as `dmae.StressConfig(axes=["objects", "jitter"], methods=["linear", "dmae"])`.
+            The fields `data` and `out` are not used.
+
+    Returns:
+        The content of `stress.json`: scores of each method along each axis, and where it breaks
+        (`dmae.evaluation.stress.curves.curves`).
+
+    Raises:
+        ValueError: clips do not allow a requested axis.
+
+    Examples:
+        >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
+        >>> result = dmae.stress([clip], None, dmae.StressConfig(axes=["cameras"], pairs=[], methods=["linear"]))
+        >>> [point["level"] for point in result["axes"][0]["methods"]["linear"]["points"]]
+        [0.0, 1.0, 2.0, 3.0]
+    """
+    from dmae.evaluation.stress.matrix import CACHE, compute, prepare
+    from dmae.evaluation.stress.page import write_result
+
+    matrix = prepare(clips, config or StressConfig(), Path(out) / CACHE if out else None)
+    result = compute(matrix)
+    if out:
+        write_result(result, Path(out))
+    return result
+
+
+def table(number: int, data: str | Path, out: str | Path, config: TableConfig | None = None) -> dict:
+    """Reproduce a table of the paper: published rows and rows measured here, with intervals.
+
+    Args:
+        number: Number of the table in the paper, 1 to 5.
+        data: A recording with truth for tables 1, 2 and 4; a data set that `synth.generate` made for 3 and 5.
+        out: Folder for trained models. A training that is already finished in it is not repeated.
+        config: Size, protocol and more, as `dmae.TableConfig(size=TableSize.small)`; `number`, `data` and `out` are
+            replaced by the other arguments.
+
+    Returns:
+        The table, as in `table_N.json`.
+
+    Raises:
+        ValueError: the data does not fit the table, or `out` contains models of other data.
+
+    Examples:
+        >>> for clip in synth.generate(seconds=1, clips=1, seed=7, out="walks"): pass
+        >>> made = dmae.table(2, "walks/000000", "table", dmae.TableConfig(size="small"))
+        >>> sorted({row["origin"] for row in made["rows"]})
+        ['measured here', 'not measured', 'published']
+    """
+    from dmae.evaluation.paper_tables.learned import make_table
+    from dmae.formats.reading import recognise
+
+    config = replace(config or TableConfig(), number=number)
+    source = replace(config.data, path=str(data), name=recognise(Path(data)))
+    return make_table(replace(config, data=source), Path(out))

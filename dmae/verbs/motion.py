@@ -1,4 +1,4 @@
-"""Motion of people: capture, complete, train, describe a model, triangulate."""
+"""Motion and cameras: capture, complete, train, triangulate, and calibrate."""
 
 from __future__ import annotations
 
@@ -9,29 +9,28 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dmae.completion.config import TrainConfig
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import Skeleton
 from dmae.numerics import filling
-from dmae.public.arguments import checked
-from dmae.public.options import composed
 from dmae.reconstruction import pipeline, triangulation
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.triangulation import Points
 
 if TYPE_CHECKING:
+    from dmae.calibration.config import RefineConfig
+    from dmae.calibration.doctor import Diagnosis
+    from dmae.calibration.refinement import Refined
     from dmae.completion.complete import Completer
 
 
-@checked
-def capture(
-    clip: Clip, config: CaptureConfig | str | None = None, *, fill: str = "none", smooth: float = 0.0
-) -> Poses3D:
+def capture(clip: Clip, config: CaptureConfig | None = None, *, fill: str = "none", smooth: float = 0.0) -> Poses3D:
     """Reconstruct the people of a clip in 3D from its 2D detections (Adaptive Triangulation).
 
     Args:
         clip: V views, at least 2.
-        config: Thresholds and steps, or the name of a preset of `dmae capture`, for example "tight".
+        config: Thresholds and steps; `dmae.preset("capture", "tight")` is a preset of `dmae capture`.
         fill: How joints that no camera measured are filled: a completion method of `dmae capture`, or `none`.
         smooth: Length of a light smoothing after that, s; 0 for none.
 
@@ -40,7 +39,7 @@ def capture(
         `Source.ABSENT`; measured joints have a covariance.
 
     Raises:
-        ValueError: the clip has a single camera, or there is no such preset.
+        ValueError: the clip has a single camera.
         KeyError: there is no such method.
 
     Examples:
@@ -53,17 +52,16 @@ def capture(
     """
     from dmae.completion.methods import METHODS
 
-    if isinstance(config, str):
-        if "=" in config:
-            raise ValueError(f"config={config!r}: expected a preset, as 'tight', or dmae.CaptureConfig with options")
-        config = composed("capture", f"capture={config}").capture
+    if not isinstance(clip, Clip):
+        raise TypeError(
+            f"clip: expected a dmae.Clip, found {clip!r:.80}; dmae.load reads a clip, dmae.read a recording"
+        )
     poses = pipeline.capture(clip, config or CaptureConfig())
     if fill != "none":
         poses = METHODS[fill](poses, clip.fps)
     return filling.smooth(poses, clip.fps, smooth)
 
 
-@checked
 def complete(
     poses: Poses3D,
     fps: float,
@@ -108,11 +106,12 @@ def complete(
     """
     from dmae.online.completion import complete_online
 
+    if not isinstance(poses, Poses3D):
+        raise TypeError(f"poses: expected dmae.Poses3D, found {poses!r:.80}; dmae.capture(clip) returns poses")
     completer_for = completer(poses.skeleton, weights=weights, denoise=denoise, reject=reject, smooth=smooth)
     return complete_online(completer_for, poses, fps, delay) if online else completer_for(poses, fps)
 
 
-@checked
 def completer(
     skeleton: Skeleton,
     *,
@@ -143,21 +142,21 @@ def completer(
         >>> complete(dmae.capture(clip), clip.fps).skeleton.name
         'body25'
     """
-    return _loaded(weights and str(weights), denoise, reject, smooth)(skeleton)
+    return _loaded(str(weights) if weights else None, denoise, reject, smooth)(skeleton)
 
 
 @lru_cache(maxsize=4)
 def _loaded(weights: str | None, denoise: bool | None, reject: bool, smooth: float):
     from dmae.completion.complete import completers
 
-    return completers(weights and Path(weights), denoise=denoise, reject=reject, smooth=smooth)
+    return completers(Path(weights) if weights else None, denoise=denoise, reject=reject, smooth=smooth)
 
 
-@checked
 def train(
     clips: Iterable[Clip],
     out: str | Path,
-    *overrides: str,
+    config: TrainConfig | None = None,
+    *,
     validation_data: Iterable[Clip] = (),
     extra_data: Iterable[Clip] = (),
 ) -> Path:
@@ -166,7 +165,8 @@ def train(
     Args:
         clips: Clips with truth. If a clip also has `poses`, the model learns to complete those captured poses.
         out: Folder of the model.
-        overrides: Options as on the command line: `"max_minutes=10"`, `"model=paper"`.
+        config: Network, examples and steps, as `dmae.TrainConfig(max_minutes=10)`; `dmae.preset("train", "paper")` is
+            that of the paper. The fields `data` and `out` are not used.
         validation_data: Clips to validate and calibrate on; by default some of `clips` are held back.
         extra_data: Further clips; `examples.replay` is the share of examples that are drawn from them.
 
@@ -174,19 +174,18 @@ def train(
         The folder, which `complete(weights=...)` takes.
 
     Raises:
-        ValueError: there is nothing to learn from, two clips share an id, the folder contains another training, or an
-            option is unknown.
+        ValueError: there is nothing to learn from, two clips share an id, or the folder contains another training.
 
     Examples:
         >>> clips = list(synth.generate(seconds=1, clips=2, seed=7))
-        >>> folder = dmae.train(clips, "model", "learning.steps=2", "learning.epoch=2")
+        >>> folder = dmae.train(clips, "model", dmae.TrainConfig(learning=dmae.LearningConfig(steps=2, epoch=2)))
         >>> captured = dmae.capture(clips[0])
         >>> dmae.complete(captured, clips[0].fps, weights=folder).xyz.shape == captured.xyz.shape
         True
     """
     from dmae.completion.training import train as run
 
-    return run(composed("train", *overrides), clips, Path(out), validation_data, extra_data)
+    return run(config or TrainConfig(), clips, Path(out), validation_data, extra_data)
 
 
 def card(weights: str | Path, *, command: str, scores: Iterable[str | Path] = ()) -> str:
@@ -206,7 +205,7 @@ def card(weights: str | Path, *, command: str, scores: Iterable[str | Path] = ()
 
     Examples:
         >>> clips = list(synth.generate(seconds=1, clips=2, seed=7))
-        >>> folder = dmae.train(clips, "model", "learning.steps=2", "learning.epoch=2")
+        >>> folder = dmae.train(clips, "model", dmae.TrainConfig(learning=dmae.LearningConfig(steps=2, epoch=2)))
         >>> print(dmae.card(folder, command="python train.py").splitlines()[0])
         # D-MAE for body25
     """
@@ -215,7 +214,6 @@ def card(weights: str | Path, *, command: str, scores: Iterable[str | Path] = ()
     return model_card(Path(weights), [Path(folder) for folder in scores], command)
 
 
-@checked
 def triangulate(rig: CameraRig, xy: np.ndarray, confidence: np.ndarray) -> Points:
     """Triangulate points robustly from pixels of several cameras.
 
@@ -242,3 +240,52 @@ def triangulate(rig: CameraRig, xy: np.ndarray, confidence: np.ndarray) -> Point
     if xy.shape[-2:] != (len(rig), 2):
         raise ValueError(f"rig of {len(rig)} cameras: expected xy (..., {len(rig)}, 2) px, found shape {xy.shape}")
     return triangulation.triangulate(rig, rig.undistort(xy), confidence)
+
+
+def doctor(clip: Clip, *, max_offset: int = 50) -> Diagnosis:
+    """Find faults of a calibration by comparing the detections of its cameras.
+
+    Args:
+        clip: F frames of V cameras; only cameras and detections are read.
+        max_offset: Largest time offset between two cameras that is tried, in frames, in both directions.
+
+    Returns:
+        `findings`, each with fault, cameras, evidence and remedy, in the order to correct them; empty if nothing is
+        wrong. `pairs`: how well every two cameras agree.
+
+    Raises:
+        ValueError: `max_offset` is negative.
+
+    Examples:
+        >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
+        >>> dmae.doctor(clip).findings
+        ()
+    """
+    from dmae.calibration.doctor import diagnose
+
+    return diagnose(clip, max_offset=max_offset)
+
+
+def calibrate(clip: Clip, refine: RefineConfig | None = None) -> Refined:
+    """Refine the calibration of a clip by the people in it: bundle adjustment over their joints and bones.
+
+    Args:
+        clip: F frames of V cameras; only cameras and detections are read.
+        refine: What may change (`dmae.calibration.config.RefineConfig`); by default the extrinsics of
+            the cameras that clearly differ from their calibration.
+
+    Returns:
+        `rig`, the cameras; `offset` and `drift` of their clocks; `covariance`; `changes`, corrections by camera.
+
+    Raises:
+        ValueError: there are too few cameras or people, or `refine` names a camera that does not exist.
+
+    Examples:
+        >>> clip = next(synth.generate(seconds=3, clips=1, seed=7))
+        >>> refined = dmae.calibrate(clip)
+        >>> refined.rig.names == clip.rig.names
+        True
+    """
+    from dmae.calibration.refinement import refine as run
+
+    return run(clip, refine)
