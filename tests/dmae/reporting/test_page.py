@@ -1,3 +1,5 @@
+"""Tables as text."""
+
 import re
 from dataclasses import replace
 
@@ -9,7 +11,7 @@ from dmae.data.clip import Poses3D, Source
 from dmae.evaluation.report.page import scores_section
 from dmae.reporting.figures import COMPLETED, frames_to_draw, frames_with_most, gaps_figure, views_figure
 from dmae.reporting.page import CaptionedFigure, Section, write_report
-from dmae.reporting.tables import Moment, Table
+from dmae.reporting.tables import Moment, Table, counted, print_tables
 from tests.support.clips import full_clip
 
 
@@ -138,3 +140,15 @@ def test_paragraphs_are_parted_and_wide_figures_stand_alone(tmp_path):
 def test_a_table_has_a_moment_for_each_row_or_none():
     with pytest.raises(ValueError, match="2 rows, but 1 moments"):
         Table("c", ("a",), [("1",), ("2",)], moments=[Moment("clip", 0)])
+
+
+def test_a_pipe_gets_every_cell_in_full(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "20")
+    wide = Table("wide", ("method", *(f"column {i}" for i in range(30))), [["x", *["1234.5"] * 30]])
+    print_tables([wide])
+    assert capsys.readouterr().out.count("1234.5") == 30
+
+
+def test_one_thing_is_singular():
+    assert [counted(number, "clip") for number in (0, 1, 2)] == ["0 clips", "1 clip", "2 clips"]
+    assert [counted(number, "person", "people") for number in (1, 3)] == ["1 person", "3 people"]
