@@ -1,4 +1,4 @@
-"""The images of a camera: a video, a folder of images, or those of a clip."""
+"""The images of cameras: videos, folders or a clip; their sizes beside the calibration, and their alignment in time."""
 
 import re
 from collections.abc import Callable, Iterator, Sequence
@@ -190,7 +190,7 @@ def _upright(frame) -> np.ndarray:
     return np.ascontiguousarray(np.rot90(picture, quarters)) if quarters % 4 else picture
 
 
-# Images of another size than the calibration: scaling and black margins are detected and undone.
+# Images of another size than the calibration: scaling and black margins are found and undone
 
 _RATIO = 0.003
 """Largest relative difference between the scales of width and height of an image that was scaled without margins."""
@@ -275,7 +275,7 @@ def _is_black(sample: np.ndarray, left: int, top: int) -> bool:
     return bool(max(means) < _BLACK)
 
 
-# Alignment in time: which images of the cameras belong to one frame, by the frame rates and offsets of the videos.
+# Which images belong to one frame, by the frame rates and offsets of the videos
 
 _SAME_RATE = 1e-3
 """Relative difference of frame rates above which a note is written."""

@@ -1,4 +1,4 @@
-"""From the images of cameras to detections: in pieces, in parallel. An interrupted run is continued."""
+"""From images to detections: each camera in pieces, in parallel and resumed, then all cameras together."""
 
 import hashlib
 import io
@@ -146,7 +146,7 @@ def read_piece(file: Path) -> Iterator[np.ndarray | None]:
         yield arrays["people"][start:end] if readable else None
 
 
-# What cameras see together: parts of people are removed, and people that one of them missed are searched again.
+# What cameras see together: parts of people are removed, people whom one camera missed are searched again
 
 _NEAR = 0.15
 """Largest median distance between the joints of a person that was searched at a place and of the projection there,
@@ -255,9 +255,7 @@ def _search_piece(
     write_atomic(file, buffer.getvalue())
 
 
-# Captured people projected into images: which cameras missed them, and which detections are parts of them.
-#
-# Shapes: F frames, V views, D detections in a view, P persons, J joints.
+# Captured people projected into images: which cameras missed them, and which detections are parts of them
 
 _SAME = 0.3
 """Largest median distance between the joints of a detection and of a projected person that are one, relative to the

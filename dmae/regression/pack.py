@@ -1,4 +1,13 @@
-"""The frozen pack: detections of points in several views, and the true points. Its numbers never change."""
+"""The frozen pack: detections of points in several views, and the true points. Its numbers never change.
+
+It was made from seeds, except the crowd, which is a simulated clip:
+
+    synth generate out=runs/crowd seed=11 clips=1 scene.persons=[6,6] scene.seconds=6 scene.props=[2,2]
+    python -m dmae.regression.pack runs/crowd/000000
+
+writes a new pack and prints its checksum for `_SHA256`. Results on a new pack cannot be compared with older ones;
+announce it to the projects that use it.
+"""
 
 import hashlib
 import io
@@ -109,13 +118,7 @@ def write_pack(pack: list[Case]) -> str:
     return hashlib.sha256(buffer.getvalue()).hexdigest()
 
 
-# Generate the pack: from seeds, except the crowd, which is a simulated clip.
-#
-#     synth generate out=runs/crowd seed=11 clips=1 scene.persons=[6,6] scene.seconds=6 scene.props=[2,2]
-#     python -m dmae.regression.pack runs/crowd/000000
-#
-# writes a new pack and prints the checksum to write into pack.py. Results on a new pack cannot be compared with older
-# ones; announce it to the projects that use it.
+# The recipe
 
 _SIZE = (1280, 1024)
 _CENTRE = ((_SIZE[0] - 1) / 2, (_SIZE[1] - 1) / 2)

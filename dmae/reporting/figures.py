@@ -1,4 +1,4 @@
-"""Figures: the views of a clip with its poses drawn, and the world from the side and from above."""
+"""Figures: the views of a clip with its poses drawn, the world from the side and from above, errors by gap."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -124,7 +124,7 @@ def _draw_bones(axes: Axes, poses: Poses3D, frame: int, points: np.ndarray) -> N
             axes.plot(*joints[chosen].T, ".", color=colour, markersize=5, zorder=4)
 
 
-# Choose the frames of a clip to draw.
+# Which frames to draw
 
 
 def frames_to_draw(clip: Clip, number: int) -> list[int]:

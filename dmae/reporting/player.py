@@ -58,6 +58,9 @@ def player_data(played: Played) -> dict:
     poses, truth = clip.poses, clip.truth
     if truth is not None:
         truth = _one_skeleton(truth, (poses or clip.detections).skeleton)
+    error = played.error
+    if error is not None:
+        error = [round(value, 1) if isfinite(value) else None for value in error.tolist()]
     return {
         "id": clip.id,
         "fps": clip.fps,
@@ -68,7 +71,9 @@ def player_data(played: Played) -> dict:
         "poses": None if poses is None else _poses(poses, with_source=True),
         "truth": None if truth is None else _poses(truth, with_source=False),
         "detections": _detections(clip.detections),
-        "error": None if played.error is None else _numbers(played.error),
+        "error": None
+        if played.error is None
+        else [round(e, 1) if isfinite(e) else None for e in played.error.tolist()],
         "notes": [*played.notes, *([problem] if problem else [])],
     }
 
@@ -103,7 +108,8 @@ def _poses(poses: Poses3D, *, with_source: bool) -> dict:
     origin = (low + high) / 2
     unit = max(_UNIT_M, float((high - low).max()) / 2 / _LARGEST)
     data = {
-        **_skeleton(poses.skeleton),
+        "joints": poses.skeleton.joints,
+        "bones": poses.skeleton.bones,
         "persons": xyz.shape[1],
         "origin": origin.tolist(),
         "unit": unit,
@@ -126,15 +132,12 @@ def _spread(poses: Poses3D) -> np.ndarray:
     return roots[..., rows, columns]
 
 
-def _skeleton(skeleton: Skeleton) -> dict:
-    return {"joints": skeleton.joints, "bones": skeleton.bones}
-
-
 def _detections(detections: Detections2D) -> dict:
     places = _steady(detections.xy)
     unit = max(_UNIT_PX, float(np.nanmax(np.abs(places), initial=0)) / _LARGEST)
     return {
-        **_skeleton(detections.skeleton),
+        "joints": detections.skeleton.joints,
+        "bones": detections.skeleton.bones,
         "number": places.shape[2],
         "unit": unit,
         "xy": packed(places / unit),
@@ -161,10 +164,6 @@ def _steady(xy: np.ndarray) -> np.ndarray:
     return placed[:, :, np.isfinite(placed).any((0, 1, 3, 4))]
 
 
-def _numbers(values: np.ndarray) -> list[float | None]:
-    return [round(value, 1) if isfinite(value) else None for value in values.tolist()]
-
-
 def _camera(rig: CameraRig, view: int) -> dict:
     reach = float(rig.reach[view])
     return {
@@ -179,7 +178,7 @@ def _camera(rig: CameraRig, view: int) -> dict:
     }
 
 
-# Videos of the page's player: images of a clip, compressed so that the page can contain them.
+# Videos, so small that the page can contain them
 
 _BITS_OF_RIG = 1_000_000
 """bit/s of all cameras together: one minute of five cameras takes about 10 MB in base64."""
@@ -199,30 +198,20 @@ def small_videos(clip: Clip) -> tuple[list[str | None], str | None]:
     videos: list[str | None] = []
     lost = []
     for name, size in zip(progress(clip.rig.names, f"pictures of {clip.id}"), clip.rig.size, strict=True):
+        width, height = (int(side) for side in size)
+        scale = min(1, (_WIDTH if len(clip.rig) <= 8 else _WIDTH * 2 // 3) / max(width, height * 4 / 3))
+        even = tuple(max(2, round(side * scale / 2) * 2) for side in (width, height))  # as H.264 requires
         try:
             frames = (convert() for convert in clip.images.video(name))
-            video = _encoded(frames, clip.fps, _fitted(size, len(clip.rig)), len(clip.rig))
+            video = _encoded(frames, clip.fps, even, len(clip.rig))
             videos.append(base64.b64encode(video).decode())
         except (OSError, KeyError, av.FFmpegError):
             videos.append(None)
             lost.append(name)
     if not lost:
         return videos, None
-    return (
-        videos,
-        f"The pictures of {_listed(lost)} cannot be read in the folder that the clip names.",
-    )
-
-
-def _listed(names: list[str]) -> str:
-    return f"camera {names[0]}" if len(names) == 1 else f"cameras {', '.join(names)}"
-
-
-def _fitted(size: np.ndarray, views: int) -> tuple[int, int]:
-    """Return the width and height of a video, px. Both are even, as H.264 requires."""
-    width, height = (int(side) for side in size)
-    scale = min(1, (_WIDTH if views <= 8 else _WIDTH * 2 // 3) / max(width, height * 4 / 3))
-    return max(2, round(width * scale / 2) * 2), max(2, round(height * scale / 2) * 2)
+    cameras = f"camera {lost[0]}" if len(lost) == 1 else f"cameras {', '.join(lost)}"
+    return videos, f"The pictures of {cameras} cannot be read in the folder that the clip names."
 
 
 def _encoded(frames: Iterator[np.ndarray], fps: float, size: tuple[int, int], views: int) -> bytes:

@@ -1,4 +1,4 @@
-"""Tables of text for a terminal, a pipe, or a page."""
+"""Tables of text for a terminal, a pipe, or a page; numbers of things in words."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -70,9 +70,6 @@ def print_tables(tables: Sequence[Table]) -> None:
         for row in table.rows:
             drawn.add_row(*row)
         console.print(drawn)
-
-
-# Words for numbers of things.
 
 
 def counted(number: int, noun: str, plural: str = "") -> str:

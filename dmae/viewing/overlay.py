@@ -1,4 +1,4 @@
-"""Occluders of the joints of a simulated clip: their colours and names."""
+"""Draw the data of a clip into its views: detections, poses, truth, and what hides joints."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -76,7 +76,7 @@ def occlusion_summary(clip: Clip, frame: int, view: int, person: int, joints: li
     return words + ([(f"{away} outside", FAINT)] if away else [])
 
 
-# Layers of a drawing of a clip: detections, measured joints, completed joints, and the truth.
+# Layers: detections, measured joints, completed joints, and the truth
 
 DETECTED = (250, 226, 130)
 """Colour of detections, which are not yet assigned to persons."""
@@ -216,7 +216,7 @@ def drawn_occlusion(pixels: np.ndarray, codes: np.ndarray, bones: list[tuple[int
     return Drawn(hidden.lines + seen.lines, hidden.marks + seen.marks)
 
 
-# Draw the data of a clip into its views.
+# The views
 
 
 @dataclass(frozen=True)

@@ -120,7 +120,7 @@ def _grid(tiles: list[np.ndarray], columns: int) -> np.ndarray:
     return np.concatenate(grid)
 
 
-# The strip above the views: the name of the clip, a legend of the marks, and counts of joints.
+# The strip above the views: the name of the clip, a legend of the marks, and counts of joints
 
 Item = tuple[str, tuple[Mark, RGB] | None]
 """A text, and the mark in front of it."""

@@ -115,14 +115,13 @@ def test_each_clip_of_a_data_set_has_a_folder(tmp_path: Path):
     assert all((tmp_path / "out" / name / "sheet.png").is_file() for name in "ab")
 
 
-def test_both_commands_take_the_same_options_and_the_old_name_of_data(tmp_path: Path):
+def test_both_commands_draw_the_same(tmp_path: Path):
     save_clip(occluded_clip(), tmp_path / "walk")
-    done = synth(tmp_path, "show", "clip=walk", "out=old", "video=false", "frames=1", "width=200")
+    done = synth(tmp_path, "show", "data=walk", "out=one", "video=false", "frames=1", "width=200")
     assert done.returncode == 0, done.stderr
-    assert "clip is now called data" in done.stderr
     assert "only the floor of the room is drawn: clip 'shown' has no scene in its provenance" in done.stdout
-    assert dmae(tmp_path, "show", "data=walk", "out=new", "video=false", "frames=1", "width=200").returncode == 0
-    pictures = [cv2.imread(str(tmp_path / out / "sheet.png")) for out in ("old", "new")]
+    assert dmae(tmp_path, "show", "data=walk", "out=other", "video=false", "frames=1", "width=200").returncode == 0
+    pictures = [cv2.imread(str(tmp_path / out / "sheet.png")) for out in ("one", "other")]
     np.testing.assert_array_equal(*pictures)
 
 
