@@ -6,15 +6,13 @@ import numpy as np
 
 from dmae.calibration.epipolar import SOUND, Agreement, Hypothesis, Pairs, mean_agreement, pairs_to_compare, score_pairs
 from dmae.calibration.faults import Correction, Fault
-from dmae.calibration.world import Floor, relative_size, upright_direction
+from dmae.calibration.world import UPRIGHT, Floor, relative_size, upright_direction
 from dmae.data.cameras import CameraRig
 from dmae.formats.config import METRES, Convention, LengthUnit, UpDirection
 from dmae.numerics.statistics import mean_known
 
 MIN_DETECTIONS = 20
 """Smallest number of detections for which a pair of views is judged."""
-_UPRIGHT = 0.7
-"""Smallest agreement of people on the vertical direction."""
 _SOUND_TILT_DEG, _SOUND_HEIGHT_M = 0.3, 0.005
 """A world has a fault if the whole interval of its tilt, or of the error of its floor's height, is above this."""
 _INSIDE = 0.3
@@ -131,7 +129,7 @@ def world_faults(
         unknown += ("too few people are measured to determine the unit of length",)
     elif what := unit_remedy(ratio, hypothesis.convention, has_options):
         findings.append(Finding(Fault.unit, names, f"people are {ratio:.3g} times as large as adults", what))
-    if standing is None or standing[1] < _UPRIGHT:
+    if standing is None or standing[1] < UPRIGHT:
         unknown += ("too few people stand upright to determine the vertical axis",)
     elif what := up_remedy(standing[0], hypothesis.convention, has_options):
         axis = ", ".join(f"{x:.2f}" for x in standing[0])

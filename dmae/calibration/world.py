@@ -242,7 +242,7 @@ def _index(skeleton: Skeleton, joint: str) -> int | None:
     return next((i for i, name in enumerate(skeleton.joints) if name.rpartition(".")[2] == joint), None)
 
 
-_ROUGHLY_UPRIGHT = 0.7
+UPRIGHT = 0.7
 """Smallest agreement of people on the vertical direction."""
 _PLANES, _STEEPEST = 400, np.tan(np.radians(8))
 """Number of planes that are tried, and their largest slope from the mean direction of the bodies."""
@@ -323,7 +323,7 @@ def find_floor(poses: Poses3D, fps: float) -> Floor:
     measured = poses.without(~poses.measured | far)
     people = measured.xyz.reshape(-1, *measured.xyz.shape[2:])
     mean = upright_direction(people, poses.skeleton)
-    if mean is None or mean[1] < _ROUGHLY_UPRIGHT:
+    if mean is None or mean[1] < UPRIGHT:
         return _NOTHING
     up, found = mean[0], _NOTHING
     for _ in range(2):
@@ -447,8 +447,6 @@ FLOOR_KEY = "floor_m"
 """Key of a clip's provenance: z of the floor in a recording, m, if it is not 0."""
 _ADULT_STATURE = 1.72
 """m, stature of the adult with which `relative_size` compares people."""
-_UPRIGHT = 0.7
-"""Smallest agreement of people on the vertical direction."""
 _FLOOR_PERCENTILE, _ANKLE_HEIGHT = 10, 0.09
 """Percentile of the heights of ankles that belongs to feet on the floor; height of an ankle above the floor, m."""
 
@@ -474,7 +472,7 @@ def place_world(
         scale = stature / (_ADULT_STATURE * size)
     if level:
         up = upright_direction(people, skeleton)
-        if up is None or up[1] < _UPRIGHT:
+        if up is None or up[1] < UPRIGHT:
             raise ValueError("level=true: too few people stand upright to determine the vertical; leave level out")
         world[:3, :3] = turn_to_z(up[0])
         ankles = [i for i, joint in enumerate(skeleton.joints) if joint.endswith("ankle")]

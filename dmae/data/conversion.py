@@ -196,7 +196,7 @@ def _level(vector: np.ndarray) -> np.ndarray:
 
 Fill = Callable[[Poses3D, float], Poses3D]
 
-_SIZE_QUANTILE = 0.8
+SIZE_QUANTILE = 0.8
 """Quantile of the extents of poses that is the size. Bodies are often bent; errors rarely make them longer."""
 _MIN_KNOWN_SHARE = 0.6
 """Smallest share of known joints in a pose that is measured. The extent of fewer joints is not informative."""
@@ -231,7 +231,7 @@ def usual_size(xyz: np.ndarray) -> float | None:
     flat = flat[known.sum(-1) >= max(2, _MIN_KNOWN_SHARE * known.any(0).sum())]
     flat = flat[np.unique(np.linspace(0, len(flat) - 1, _MAX_MEASURED).astype(int))] if len(flat) else flat
     extents = [extent(body) for body in flat]
-    size = float(np.quantile(extents, _SIZE_QUANTILE)) if extents else 0.0
+    size = float(np.quantile(extents, SIZE_QUANTILE)) if extents else 0.0
     return size if size > 0 else None
 
 

@@ -248,9 +248,8 @@ FARTHEST = 0.5
 person."""
 _ALONG_RAY, _BONE_ERROR = 0.1, 0.08
 """m; standard deviations of the position of a joint along its ray, and of a measured bone length."""
-_RELATIVE_TOLERANCE, _TOLERANCE = 0.25, 0.05
-"""A joint is not moved to its ray if the length of its bone would then differ by more than this share plus this number
-of metres, as in `dmae.reconstruction.pruning`."""
+BONE_STRETCH, BONE_SLACK = 0.25, 0.05
+"""A bone is broken if its length differs by more than this share plus this number of metres from its usual length."""
 _STEPS = 8
 """Number of Gauss-Newton steps."""
 
@@ -417,7 +416,7 @@ def _place_on_rays(estimate, rays, parent, length, placed):
                 break
             along -= min(max(step, -_ALONG_RAY), _ALONG_RAY)
         bone = np.sqrt(max(before + 2 * along * towards + along * along, 0.0))
-        if abs(bone - length[i]) > _RELATIVE_TOLERANCE * length[i] + _TOLERANCE:
+        if abs(bone - length[i]) > BONE_STRETCH * length[i] + BONE_SLACK:
             continue
         for k in range(3):
             placed[i, k] = rays[i, 0, k] + (depth + along) * rays[i, 1, k]

@@ -7,7 +7,7 @@ from itertools import combinations, product
 import numpy as np
 
 from dmae.data.clip import Clip, Detections2D, Poses3D
-from dmae.data.conversion import extent, resized_poses, resized_rig
+from dmae.data.conversion import SIZE_QUANTILE, extent, resized_poses, resized_rig
 from dmae.data.skeleton import Skeleton
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.triangulation import closest_approach
@@ -18,8 +18,6 @@ _GAP = 0.05
 """Largest median distance between the rays of two cameras to the joints of one body, as a share of its extent."""
 _WHOLE = 0.6
 """Smallest share of the joints that two cameras must have in common."""
-_SIZE_QUANTILE = 0.8
-"""As of `dmae.data.conversion.usual_size`."""
 
 
 def in_units_of_people(steps: Callable[[Clip, CaptureConfig], Poses3D], clip: Clip, config: CaptureConfig) -> Poses3D:
@@ -87,7 +85,7 @@ def measured_size(clip: Clip, th_p: float) -> float | None:
     for directions, shown in zip(rays, enough[frames], strict=True):
         for a, b in list(combinations(np.flatnonzero(shown), 2))[:_PAIRS]:
             sizes += _sizes(directions[a], directions[b], centers[a], centers[b])
-    return float(np.quantile(sizes, _SIZE_QUANTILE)) if sizes else None
+    return float(np.quantile(sizes, SIZE_QUANTILE)) if sizes else None
 
 
 def _sizes(one: np.ndarray, other: np.ndarray, start: np.ndarray, end: np.ndarray) -> list[float]:

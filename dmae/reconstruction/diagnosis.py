@@ -7,11 +7,11 @@ import numpy as np
 
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
-from dmae.data.skeleton import PERSON_M, Skeleton
+from dmae.data.skeleton import Skeleton
 from dmae.numerics.statistics import median_known
 from dmae.reconstruction.association import NONE, Candidates, count_pairs, find_groups
 from dmae.reconstruction.body_size import resized_clip, resized_config, sized
-from dmae.reconstruction.config import CaptureConfig, fewer_of_few
+from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.people import (
     coincidental,
@@ -23,14 +23,12 @@ from dmae.reconstruction.people import (
     wanted_people,
     well_measured,
 )
-from dmae.reconstruction.tracking import Tracks, track
+from dmae.reconstruction.tracking import MIN_JOINTS, Tracks, fewest_joints, longest_bone, track
 
 _FRAMES = 10
 """Number of frames in which detections are compared."""
-_MIN_JOINTS = 3
-"""Smallest number of joints of a detection that is compared."""
-_SHORTEST_BONE, _LONGEST_BONE = 0.1, 0.8
-"""m; a body has a bone that is longer than the first value, and no bone longer than the second."""
+_SHORTEST_BONE = 0.1
+"""m; a body has a bone that is longer than this."""
 _SCALES = {
     1.0: "",
     0.001: "lengths of the calibration are in mm: data.unit=mm, or divide its translations by 1000",
@@ -101,7 +99,7 @@ def explain_capture(clip: Clip, config: CaptureConfig) -> Explanation:
         suggestion = f"the greatest confidence is {np.nanmax(score):.2g}: give a smaller capture.th_p"
         return Explanation(tuple(stages), (suggestion,))
     evidence = Evidence.of(clip, config.th_p, config)
-    enough = (~np.isnan(evidence.confidence)).sum(-1) >= min(_MIN_JOINTS, fewer_of_few(len(skeleton)))
+    enough = (~np.isnan(evidence.confidence)).sum(-1) >= fewest_joints(len(skeleton))
     shared = np.flatnonzero(enough.any(-1).sum(1) >= max(2, config.th_v))
     stages += [(f"frames in which {max(2, config.th_v)} cameras or more detect people (th_v)", len(shared))]
     if not len(shared):
@@ -131,7 +129,7 @@ def _suggestions_without_pairs(clip: Clip, config: CaptureConfig, enough: np.nda
     detecting = [name for name, some in zip(clip.rig.names, enough.any((0, 2)), strict=True) if some]
     if len(detecting) < max(2, config.th_v):
         return (
-            f"people of {_MIN_JOINTS} joints or more are detected by {len(detecting)} cameras only: "
+            f"people of {MIN_JOINTS} joints or more are detected by {len(detecting)} cameras only: "
             f"{', '.join(detecting) or 'none'}",
         )
     return (
@@ -162,7 +160,7 @@ def _bodies(evidence: Evidence, rig: CameraRig, skeleton: Skeleton, frames: np.n
     all_rays = rig.rays(part.xy)
     for frame in range(len(frames)):
         confidence = part.confidence[frame]
-        view, detection = np.nonzero((~np.isnan(confidence)).sum(-1) >= min(_MIN_JOINTS, fewer_of_few(len(skeleton))))
+        view, detection = np.nonzero((~np.isnan(confidence)).sum(-1) >= fewest_joints(len(skeleton)))
         weights = confidence[view, detection]
         candidates = Candidates.of(view, rig.centers, all_rays[frame, view, detection], weights)
         compared, agreed = count_pairs(candidates, config.association)
@@ -177,9 +175,7 @@ def _bodies(evidence: Evidence, rig: CameraRig, skeleton: Skeleton, frames: np.n
             xyz = points.xyz
             known = (~np.isnan(xyz[..., 0])).sum(-1)
             length = np.linalg.norm(xyz[:, start] - xyz[:, end], axis=-1)
-            whole = (known >= config.tracking.births(len(skeleton))) & ~(
-                length > (PERSON_M if skeleton.defined else _LONGEST_BONE)
-            ).any(-1)
+            whole = (known >= config.tracking.births(len(skeleton))) & ~(length > longest_bone(skeleton)).any(-1)
             # In a world that is too small, all rays meet and bones are too short.
             whole &= (length > _SHORTEST_BONE).any(-1) | (not len(start))
             bodies += int(whole.sum())

@@ -6,7 +6,7 @@ import numpy as np
 
 from dmae.data.skeleton import Skeleton
 from dmae.files.mapped import column_blocks, empty, frame_blocks
-from dmae.numerics.body import bone_lengths, symmetric_bone_lengths
+from dmae.numerics.body import BONE_SLACK, BONE_STRETCH, bone_lengths, symmetric_bone_lengths
 from dmae.numerics.compiled import compiled
 
 LONGEST_JUMP = 0.2
@@ -15,8 +15,6 @@ _NOISE = 0.10
 """m; a deviation that noise explains."""
 _ACCELERATION = 60.0
 """m/s^2; hands in vigorous motion reach it."""
-_STRETCH, _SLACK = 0.25, 0.05
-"""A bone is broken when its length is off by more than this share and this many metres."""
 
 
 def prune(xyz: np.ndarray, skeleton: Skeleton, fps: float) -> np.ndarray:
@@ -49,7 +47,9 @@ def broken(xyz: np.ndarray, skeleton: Skeleton, usual: np.ndarray | None = None)
     usual = symmetric_bone_lengths(xyz, skeleton) if usual is None else usual
     dropped = np.zeros(xyz.shape[:3], bool)
     bones = skeleton.rigid_bones
-    drop_broken(bone_lengths(xyz, bones), usual, np.array(bones, np.int64).reshape(-1, 2), _STRETCH, _SLACK, dropped)
+    drop_broken(
+        bone_lengths(xyz, bones), usual, np.array(bones, np.int64).reshape(-1, 2), BONE_STRETCH, BONE_SLACK, dropped
+    )
     return dropped
 
 

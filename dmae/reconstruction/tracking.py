@@ -181,7 +181,7 @@ class TrackState:
 
 _CONFIRMATION_S = 0.2
 """s; measured time after which a track is confirmed. Confirmed tracks take detections first."""
-_MIN_JOINTS = 3
+MIN_JOINTS = 3
 """Smallest number of joints of a measured person, and of a detection that is compared."""
 _LONGEST_BONE = 0.8
 """m; a person with a longer bone consists of detections of two people. In your own skeletons, bones may have the length
@@ -204,8 +204,8 @@ class Tracker:
         self._bones = np.array(skeleton.bones, int).reshape(-1, 2)
         self._state = TrackState.birth(0, np.empty((0, len(skeleton), 3)))
         self._births = 0
-        self._longest = PERSON_M if skeleton.defined else _LONGEST_BONE
-        self._fewest = _fewest(len(skeleton))
+        self._longest = longest_bone(skeleton)
+        self._fewest = fewest_joints(len(skeleton))
         self._birth_joints = config.tracking.births(len(skeleton))
 
     def step(self, evidence: Evidence, frame: int, colours: Callable[[], np.ndarray] | None = None) -> TrackedFrame:
@@ -279,9 +279,14 @@ def _compared_joints(skeleton: Skeleton, joints: ComparedJoints) -> list[int]:
     return skeleton.index("mid_hip") if "mid_hip" in skeleton.joints else skeleton.index("l_hip", "r_hip")
 
 
-def _fewest(joints: int) -> int:
+def longest_bone(skeleton: Skeleton) -> float:
+    """Return the length, m, above which a bone shows that a person consists of detections of two people."""
+    return PERSON_M if skeleton.defined else _LONGEST_BONE
+
+
+def fewest_joints(joints: int) -> int:
     """Return the smallest number of joints of a measured person, for a skeleton with a given number of joints."""
-    return min(_MIN_JOINTS, fewer_of_few(joints))
+    return min(MIN_JOINTS, fewer_of_few(joints))
 
 
 def _propagate(
@@ -318,7 +323,7 @@ def _match(
     config, confidence = evidence.config.association, evidence.confidence[frame]
     present = ~np.isnan(confidence)
     view, detection = np.nonzero(
-        free & (present.sum(-1) >= _fewest(present.shape[-1])) & present[..., compared].any(-1)
+        free & (present.sum(-1) >= fewest_joints(present.shape[-1])) & present[..., compared].any(-1)
     )
     if len(np.unique(view)) < 2:
         return np.empty((0, len(confidence), confidence.shape[-1]), int)
@@ -361,7 +366,7 @@ def _supported(evidence: Evidence, frame: int, assigned: np.ndarray, xyz: np.nda
     rig, most = evidence.rig, evidence.config.tracking.max_by_chance
     supported = np.ones(len(assigned), bool)
     if len(assigned) and most is not None:
-        figures = ((~np.isnan(evidence.confidence[frame])).sum(-1) >= _fewest(xyz.shape[1])).sum(-1).astype(float)
+        figures = ((~np.isnan(evidence.confidence[frame])).sum(-1) >= fewest_joints(xyz.shape[1])).sum(-1).astype(float)
         focal, width = rig.focal, rig.size[:, 0].astype(float)
         beyond_chance(
             rig.projections, focal, width, evidence.xy[frame], assigned, xyz, used, figures, float(most), supported
