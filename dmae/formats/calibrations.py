@@ -134,6 +134,13 @@ class CameraTable:
         """Return the rotation matrix (3, 3) of a Rodrigues vector, rad."""
         return Rotation.from_rotvec(self.numbers(key, 3)).as_matrix()
 
+    def lens(self, key: str) -> tuple[np.ndarray, bool]:
+        """Return OpenCV's distortion coefficients, and whether the lens is a fisheye, by the key `fisheye`."""
+        fisheye = self.values.get("fisheye", False)
+        if not isinstance(fisheye, bool):
+            raise self.error("fisheye", "to be true or false", repr(fisheye))
+        return self.numbers(key, *((4,) if fisheye else (4, 5, 8))), fisheye
+
     def size(self, *keys: str) -> np.ndarray:
         """Return image width and height, px, from one key or from two."""
         size = np.concatenate([self.numbers(key, 2 // len(keys)) for key in keys])

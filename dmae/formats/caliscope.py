@@ -23,7 +23,7 @@ from dmae.formats.calibrations import (
     orthonormal,
     require,
 )
-from dmae.formats.recordings import NumberedDetections
+from dmae.formats.recordings import NumberedDetections, csv_rows
 from dmae.formats.registry import reader
 
 FILE = "camera_array.toml"
@@ -47,14 +47,12 @@ def _matches(content: dict) -> bool:
 
 
 def _camera(entry: CameraTable) -> ParsedCamera:
-    fisheye = entry.values.get("fisheye", False)
-    if not isinstance(fisheye, bool):
-        raise entry.error("fisheye", "to be true or false", repr(fisheye))
+    dist, fisheye = entry.lens("distortions")
     rotation = entry.numbers("rotation", 3, 9)
     return ParsedCamera(
         entry.camera,
         entry.intrinsics("matrix"),
-        entry.numbers("distortions", *((4,) if fisheye else (4, 5, 8))),
+        dist,
         Rotation.from_rotvec(rotation).as_matrix() if rotation.size == 3 else entry.rotation("rotation"),
         entry.numbers("translation", 3),
         entry.size("size"),
@@ -191,15 +189,7 @@ def _rows(file: Path) -> tuple[list[str], np.ndarray]:
     names = [name.strip() for name in header.split(",")]
     if len(lines) > _MOST_ROWS:
         raise ValueError(f"{file}: expected up to {_MOST_ROWS:,} rows, found {len(lines):,}")
-    rows = np.full((len(lines), len(names)), np.nan)
-    for number, line in enumerate(lines):
-        cells = line.split(",")
-        if len(cells) != len(names):
-            raise ValueError(f"{file}, line {number + 2}: expected {len(names)} cells, found {len(cells)}")
-        try:
-            rows[number] = [float(cell) if cell.strip() else np.nan for cell in cells]
-        except ValueError as error:
-            raise ValueError(f"{file}, line {number + 2}: expected numbers, {error}") from None
+    rows = csv_rows(file, [line.split(",") for line in lines], len(names), 2)
     if not len(rows):
         raise ValueError(f"{file}: expected a row for each point, found none")
     return names, rows

@@ -8,7 +8,7 @@ from dmae.data.skeleton import Skeleton
 from dmae.files.contents import read_text
 from dmae.files.hdf5 import Hdf5, open_hdf5
 from dmae.files.pickles import pickled_values
-from dmae.formats.recordings import NumberedDetections, natural
+from dmae.formats.recordings import NumberedDetections, csv_rows, natural
 from dmae.formats.registry import reader
 from dmae.formats.skeletons import NamedDetections, named_detections
 
@@ -79,15 +79,7 @@ def _read_csv(file: Path) -> tuple[Labels, np.ndarray, np.ndarray]:
         len(head) != columns for head in heads
     ):
         raise ValueError(f"{file}: expected {_WHAT}, lines of {', '.join(_HEADS)}, found {lines[:1]!s:.80}")
-    rows = np.full((len(lines) - len(heads), columns), np.nan)
-    for number, line in enumerate(lines[len(heads) :]):
-        where = f"{file}, line {number + len(heads) + 1}"
-        if len(line) != columns:
-            raise ValueError(f"{where}: expected {columns} cells, found {len(line)}")
-        try:
-            rows[number] = [float(cell) if cell.strip() else np.nan for cell in line]
-        except ValueError as error:
-            raise ValueError(f"{where}: expected numbers, {error}") from None
+    rows = csv_rows(file, lines[len(heads) :], columns, len(heads) + 1)
     labels = list(zip(*(head[1:] for head in heads[1:]), strict=True))
     return _with_individuals(labels), _numbers(file, rows[:, 0]), rows[:, 1:]
 
@@ -101,14 +93,11 @@ def _read_table(file: Path) -> tuple[Labels, np.ndarray, np.ndarray]:
                 raise ValueError(f"{file}: expected {_WHAT}, found the columns {rows.dtype.names}")
             labels, index, values = _pickled_labels(file, table), rows["index"], rows["values_block_0"]
         else:
-            labels, index, values = _stored_labels(file, table), *_stored_values(table)
+            labels = _stored_labels(file, table)
+            index, values = table.array(f"{_KEY}/axis1"), table.array(f"{_KEY}/block0_values")
     if values.ndim != 2 or values.shape != (len(index), len(labels)) or values.dtype.kind not in "fiu":
         raise ValueError(f"{file}: expected {_WHAT}, {len(labels)} numbers a frame, found shape {values.shape}")
     return _with_individuals(labels), _numbers(file, index), values.astype(np.float64)
-
-
-def _stored_values(table: Hdf5) -> tuple[np.ndarray, np.ndarray]:
-    return table.array(f"{_KEY}/axis1"), table.array(f"{_KEY}/block0_values")
 
 
 def _pickled_labels(file: Path, table: Hdf5) -> Labels:

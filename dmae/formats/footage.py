@@ -1,6 +1,7 @@
 """Videos and pictures of a recording, one file or folder per camera, as the images of its clip."""
 
 import re
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,6 +10,8 @@ from dmae.data.images import Images, picture_files
 from dmae.files.checks import check_rate
 from dmae.files.pictures import check_picture, open_video
 from dmae.formats.recordings import match_cameras, natural
+
+_ENDINGS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v")
 
 
 def video_rate(folder: Path) -> float | None:
@@ -24,9 +27,6 @@ def video_rate(folder: Path) -> float | None:
     return None
 
 
-_ENDINGS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v")
-
-
 def with_videos(clip: Clip, folder: Path) -> Clip:
     """Return the clip with the videos of a folder, one per camera, as its colour images.
 
@@ -39,18 +39,11 @@ def with_videos(clip: Clip, folder: Path) -> Clip:
         FileNotFoundError: the folder contains no videos.
         ValueError: a camera has no video, or a video is damaged or has too few frames.
     """
-    files = sorted(
-        (file for file in Path(folder).glob("*") if file.suffix.lower() in _ENDINGS),
-        key=lambda file: natural(file.name),
-    )
+    files = [file for file in Path(folder).glob("*") if file.suffix.lower() in _ENDINGS]
     if not files:
         raise FileNotFoundError(f"{folder}: expected a video for each camera, <camera>.mp4, found none")
-    index, how = match_cameras([file.stem for file in files], clip.rig, Path(folder))
-    lacking = [name for view, name in enumerate(clip.rig.names) if view not in index]
-    if lacking:
-        raise ValueError(f"{folder}: expected a video for each camera, found none of {', '.join(lacking)}")
-    ordered = [files[index.index(view)] for view in range(len(clip.rig))]
-    notes, counts = [how] if how else [], []
+    ordered, notes = _by_camera(clip, Path(folder), files, "a video for each camera")
+    counts = []
     for file, size, name in zip(ordered, clip.rig.size.tolist(), clip.rig.names, strict=True):
         with open_video(file) as video:
             stream = video.streams.video[0]
@@ -66,15 +59,7 @@ def with_videos(clip: Clip, folder: Path) -> Clip:
             raise ValueError(f"{short}: expected {len(clip)} frames or more as of the detections, found {least}")
         notes.append(f"the first frame of the videos is assumed to be frame {first}, as they have {least} frames")
         first = 0
-    images = Images(
-        Path(folder),
-        clip.rig.names,
-        tuple(range(first, first + len(clip))),
-        ("rgb",),
-        files=tuple(f.name for f in ordered),
-    )
-    provenance = clip.provenance | {"notes": [*clip.provenance.get("notes", ()), *notes]}
-    return replace(clip, images=images, provenance=provenance)
+    return _with_images(clip, Path(folder), ordered, first, notes)
 
 
 def with_pictures(clip: Clip, folder: Path) -> Clip:
@@ -89,18 +74,12 @@ def with_pictures(clip: Clip, folder: Path) -> Clip:
         FileNotFoundError: the folder contains no folders of images.
         ValueError: a camera has no images or too few of them, or an image is damaged.
     """
-    folders = sorted(
-        (each for each in Path(folder).glob("*") if each.is_dir() and picture_files(each)),
-        key=lambda each: natural(each.name),
-    )
+    folders = [each for each in Path(folder).glob("*") if each.is_dir() and picture_files(each)]
     if not folders:
         raise FileNotFoundError(f"{folder}: expected a folder of PNG or JPEG files for each camera, found none")
-    index, how = match_cameras([each.name for each in folders], clip.rig, Path(folder), "pictures", "data.images=...")
-    lacking = [name for view, name in enumerate(clip.rig.names) if view not in index]
-    if lacking:
-        raise ValueError(f"{folder}: expected pictures of each camera, found none of {', '.join(lacking)}")
-    ordered = [folders[index.index(view)] for view in range(len(clip.rig))]
-    files, notes = [picture_files(each) for each in ordered], [how] if how else []
+    matching = {"what": "pictures", "options": "data.images=..."}
+    ordered, notes = _by_camera(clip, Path(folder), folders, "pictures of each camera", **matching)
+    files = [picture_files(each) for each in ordered]
     for each, size, name in zip(files, clip.rig.size.tolist(), clip.rig.names, strict=True):
         found = list(check_picture(each[0]))
         if found != size:
@@ -114,11 +93,28 @@ def with_pictures(clip: Clip, folder: Path) -> Clip:
     if start is None or least < start + len(clip):
         start = first if least >= first + len(clip) else 0
         notes.append(f"the first of the {least} pictures is assumed to be frame {first - start}")
-    frames = tuple(range(start, start + len(clip)))
-    images = Images(folder, clip.rig.names, frames, ("rgb",), rgb="png", files=tuple(each.name for each in ordered))
-    return replace(
-        clip, images=images, provenance=clip.provenance | {"notes": [*clip.provenance.get("notes", ()), *notes]}
-    )
+    return _with_images(clip, Path(folder), ordered, start, notes, rgb="png")
+
+
+def _by_camera(
+    clip: Clip, folder: Path, items: Iterable[Path], expected: str, **matching: str
+) -> tuple[list[Path], list[str]]:
+    """Return the video or folder of each camera, and a note if they are not matched by name."""
+    items = sorted(items, key=lambda item: natural(item.name))
+    names = [item.name if item.is_dir() else item.stem for item in items]
+    index, how = match_cameras(names, clip.rig, folder, **matching)
+    lacking = [name for view, name in enumerate(clip.rig.names) if view not in index]
+    if lacking:
+        raise ValueError(f"{folder}: expected {expected}, found none of {', '.join(lacking)}")
+    return [items[index.index(view)] for view in range(len(clip.rig))], [how] if how else []
+
+
+def _with_images(clip: Clip, folder: Path, ordered: list[Path], start: int, notes: list[str], **options) -> Clip:
+    """Return the clip with images that begin at index `start` of the files."""
+    frames, names = tuple(range(start, start + len(clip))), tuple(item.name for item in ordered)
+    images = Images(folder, clip.rig.names, frames, ("rgb",), files=names, **options)
+    provenance = clip.provenance | {"notes": [*clip.provenance.get("notes", ()), *notes]}
+    return replace(clip, images=images, provenance=provenance)
 
 
 def _index_of_number(files: tuple[Path, ...], number: int) -> int | None:

@@ -38,14 +38,14 @@ from dmae.formats.registry import pose_reader, pose_writer, reader, recording_wr
 
 
 @pose_writer("npz", fused=True)
-def write_npz(poses: Poses3D, clip: Clip, path: Path) -> None:
+def write_npz_poses(poses: Poses3D, clip: Clip, path: Path) -> None:
     """A NumPy archive with joints, their sources, covariances and names."""
     export_npz(poses, clip.fps, path)
 
 
 @pose_reader("npz", file="*.npz")
 def read_npz_poses(path: Path) -> PoseFile:
-    """A NumPy archive that `write_npz` wrote."""
+    """A NumPy archive that `write_npz_poses` wrote."""
     return PoseFile(*read_npz(path))
 
 

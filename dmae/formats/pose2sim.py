@@ -33,13 +33,11 @@ _METADATA = "metadata"
 
 
 def _camera(entry: CameraTable) -> ParsedCamera:
-    fisheye = entry.values.get("fisheye", False)
-    if not isinstance(fisheye, bool):
-        raise entry.error("fisheye", "to be true or false", repr(fisheye))
+    dist, fisheye = entry.lens("distortions")
     return ParsedCamera(
         str(entry.values.get("name", entry.camera)),
         entry.intrinsics("matrix"),
-        entry.numbers("distortions", *((4,) if fisheye else (4, 5, 8))),
+        dist,
         entry.rodrigues("rotation"),
         entry.numbers("translation", 3),
         entry.size("size") if "size" in entry.values else None,

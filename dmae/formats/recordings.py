@@ -306,3 +306,26 @@ def _absences(found: NumberedDetections, names: list[str], first: int, frames: i
             note = f"camera {name}: {absent} of frames {first} to {first + frames - 1} are absent"
             notes.append(note + (f"; {len(broken)} files could not be read, first {broken[0]}" if broken else ""))
     return notes
+
+
+def csv_rows(file: Path, lines: Sequence[list[str]], columns: int, first: int) -> np.ndarray:
+    """Return the numbers (n, columns) in the cells of lines; NaN where a cell is empty.
+
+    Args:
+        file: The file, for messages.
+        lines: The cells of n lines.
+        columns: Expected number of cells in a line.
+        first: Number of the first line in the file.
+
+    Raises:
+        ValueError: a line has another number of cells, or a cell is no number.
+    """
+    rows = np.full((len(lines), columns), np.nan)
+    for number, cells in enumerate(lines):
+        if len(cells) != columns:
+            raise ValueError(f"{file}, line {number + first}: expected {columns} cells, found {len(cells)}")
+        try:
+            rows[number] = [float(cell) if cell.strip() else np.nan for cell in cells]
+        except ValueError as error:
+            raise ValueError(f"{file}, line {number + first}: expected numbers, {error}") from None
+    return rows

@@ -13,7 +13,7 @@ from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.skeleton import SKELETONS, Skeleton, encode, read_skeleton
 from dmae.files.checks import MOST_METRES, check_numbers, check_rate
 from dmae.files.contents import read_text, write_atomic, written
-from dmae.files.mapped import by_frames, frame_blocks
+from dmae.files.mapped import by_frames
 from dmae.formats.config import METRES, LengthUnit
 from dmae.formats.poses import (
     PoseFile,
@@ -254,10 +254,10 @@ def _written_header(path: Path, names: list[str], frames: int, fps: float, unit:
 
 
 def _rows_of(xyz: np.ndarray, metre: float, fps: float, digits: int, number: int, start: int) -> Iterator[str]:
-    for part in frame_blocks(xyz):
-        for frame, row in enumerate(xyz[part][..., _TRC].astype(np.float64) / metre, part.start):
-            cells = ("" if v != v else f"{v:.{digits}f}" for v in row.ravel().tolist())
-            yield "\t".join([str(frame + number), f"{(frame + start) / fps:.6f}", *cells])
+    for frame, row in enumerate(xyz):
+        values = (row[:, _TRC].astype(np.float64) / metre).ravel().tolist()
+        cells = ("" if v != v else f"{v:.{digits}f}" for v in values)
+        yield "\t".join([str(frame + number), f"{(frame + start) / fps:.6f}", *cells])
 
 
 def _read_source(path: Path, xyz: np.ndarray, names: list[str], joints: list[int]) -> np.ndarray | None:
