@@ -45,7 +45,7 @@ def same_person(
     Returns:
         (P,) for each track, the lowest index of the tracks of its person.
     """
-    present = ~np.isnan(xyz[..., 0]).all(-1)
+    present = known_joints(xyz) > 0
     label = np.arange(xyz.shape[1])
     lengths = symmetric_bone_lengths(xyz, skeleton)
     reentries = []
@@ -124,9 +124,14 @@ def false_positives(tracks: Tracks, measured: np.ndarray, frames: int, fps: floa
     return too_brief(measured, frames, fps, config.tracking.min_duration_s) | coincidental(tracks, config.th_v)
 
 
+def known_joints(xyz: np.ndarray) -> np.ndarray:
+    """Return the number (F, P) of joints (F, P, J, 3) that are known."""
+    return by_frames(lambda xyz: (~np.isnan(xyz[..., 0])).sum(-1), xyz)
+
+
 def well_measured(tracks: Tracks, joints: int) -> np.ndarray:
     """Return (F, P) True where a person has at least this number of joints, and views do not agree by coincidence."""
-    known = (~np.isnan(tracks.xyz[..., 0])).sum(-1)
+    known = known_joints(tracks.xyz)
     return (known >= joints) & tracks.supported
 
 
@@ -141,8 +146,8 @@ def coincidental(tracks: Tracks, views: int) -> np.ndarray:
     Args:
         views: Number of views. Nearly all joints of a person that this number of views detect can be triangulated.
     """
-    detected = ((tracks.assigned != NONE).sum(2) >= views).sum((0, -1))
-    return (~np.isnan(tracks.xyz[..., 0])).sum((0, -1)) < _MIN_AGREEMENT * detected
+    detected = by_frames(lambda assigned: ((assigned != NONE).sum(2) >= views).sum(-1), tracks.assigned).sum(0)
+    return known_joints(tracks.xyz).sum(0) < _MIN_AGREEMENT * detected
 
 
 _LINK_BUILD = 0.1
@@ -195,7 +200,7 @@ def wanted_people(tracks: Tracks, rig: CameraRig, skeleton: Skeleton, fps: float
     if persons is None or tracks.xyz.shape[1] <= persons:
         return tracks
     tracks = merge(tracks, _linked(tracks.xyz, skeleton, fps, persons))
-    measured = (~np.isnan(tracks.xyz[..., 0])).sum((0, -1))
+    measured = known_joints(tracks.xyz).sum(0)
     return tracks.select(np.sort(np.argsort(-measured, kind="stable")[:persons]))
 
 
@@ -244,7 +249,7 @@ def _linked(xyz: np.ndarray, skeleton: Skeleton, fps: float, persons: int, only:
     Args:
         only: A track; only links with its person are made.
     """
-    label, present = np.arange(xyz.shape[1]), ~np.isnan(xyz[..., 0]).all(-1)
+    label, present = np.arange(xyz.shape[1]), known_joints(xyz) > 0
     lengths = symmetric_bone_lengths(xyz, skeleton)
     while len(np.unique(label)) > persons:
         links = []
