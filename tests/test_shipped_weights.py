@@ -13,7 +13,7 @@ from dmae.evaluation.config import GapConfig
 from dmae.evaluation.synthetic_gaps import cut_gaps, perturb
 from dmae.metrics.position import GAPS
 from dmae.numerics.paths import gap_lengths
-from synth.interactions import InteractionConfig
+from synth.interactions.registry import InteractionConfig
 from synth.motion.config import MotionConfig
 from synth.people.body import SKELETON
 from synth.physics.simulation import simulate

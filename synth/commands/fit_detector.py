@@ -20,7 +20,7 @@ from synth.detector.comparison import Limits, Row, compare, table, write_page
 from synth.detector.config import DetectorConfig
 from synth.detector.fitting import Fit, fit, preset_yaml
 from synth.detector.statistics import ErrorReference, measure, read_recording
-from synth.interactions import InteractionConfig
+from synth.interactions.registry import InteractionConfig
 from synth.motion.config import MotionConfig
 from synth.recognition import truth_fit
 from synth.rigs.config import CameraConfig, RigConfig

@@ -21,7 +21,7 @@ from synth.datasets.occlusion import OcclusionConfig, confirm, sample_hidden_sce
 from synth.detector.config import DetectorConfig
 from synth.detector.simulated_detector import detect
 from synth.errors import FailedSimulation
-from synth.interactions import InteractionConfig
+from synth.interactions.registry import InteractionConfig
 from synth.labels.visibility import joint_visibility
 from synth.motion.config import MotionConfig
 from synth.people.body import SKELETON, landmarks

@@ -11,7 +11,7 @@ from dmae.data.images import FIRST_OBJECT_ID
 from dmae.data.labels import Visibility
 from dmae.data.rng import Stream, generator
 from synth.errors import FailedSimulation
-from synth.interactions import InteractionConfig
+from synth.interactions.registry import InteractionConfig
 from synth.labels.visibility import joint_visibility
 from synth.motion.config import MotionConfig
 from synth.people.body import landmarks

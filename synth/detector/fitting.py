@@ -29,7 +29,6 @@ def preset_yaml(config: DetectorConfig, name: str, comments: list[str]) -> str:
     """Return a preset as YAML: the options of a detector that differ from the defaults, one group per line.
 
     Args:
-        config: The detector.
         name: Name of the preset.
         comments: Comment lines at the beginning of the file.
     """

@@ -47,8 +47,6 @@ def detect(
         truth: (F, P, K) poses on a skeleton with the joints of BODY25, with the names `<joint>` or `body25.<joint>`.
         occlusion: Visibility and occluders of the K joints of `truth` in V views.
         rig: V cameras.
-        fps: Frames per second.
-        config: The detector.
         rng: Used for exactly one draw for any clip.
 
     Raises:

@@ -33,10 +33,7 @@ def follow(base: Motion, role: Role, body: Body, *, bend: bool, rng: np.random.G
 
     Args:
         base: The motion, at the body's size.
-        role: The role.
-        body: The person's body.
         bend: Whether the motion is a walk, and is bent along the path; otherwise new legs step along it.
-        rng: Draws the steps.
     """
     return _along(base, role.path, body) if bend else _over_steps(base, role, body, rng=rng)
 
@@ -167,7 +164,6 @@ def draw_motions(
     """Draw the motions of all people of a clip, at the size of their bodies.
 
     Args:
-        config: The motion source.
         interaction: What people do together.
         bodies: Bodies of P people, bystanders last.
         frames, fps: Length and frame rate of the clip.
@@ -202,7 +198,6 @@ def cast_roles(script: Script, cast: Cast, config: MotionConfig, *, rng: np.rand
     Args:
         script: The roles, around the origin.
         cast: The people.
-        config: The motion source.
         rng: Draws motions and steps.
 
     Returns:

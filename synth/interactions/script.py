@@ -229,7 +229,6 @@ def face_to_face(
         apart, aside: Distance between them at the end, along and across their walking direction, m.
         come: Distance that each of them walks, m.
         when: Time at which they arrive, s.
-        rng: Draws the direction.
 
     Returns:
         Their roles, in which they look at each other, and the direction (2,) from the first to the second.
@@ -277,7 +276,6 @@ def on_trunk(body: Body, height: float, angle: float, press: float) -> tuple[str
     """Return a point on the clothed skin of the trunk, and the direction out of it there.
 
     Args:
-        body: The body.
         height: Height above the hip joints, as a fraction of stature, of a person with an average trunk.
         angle: Direction from the middle of the trunk: 0 to the front, pi / 2 to the left, rad.
         press: Depth of the point below the skin, m.

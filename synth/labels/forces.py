@@ -80,11 +80,9 @@ def movement(model: mujoco.MjModel, places: np.ndarray, turns: np.ndarray, bodie
     """Return the motion of bodies.
 
     Args:
-        model: The scene.
         places: (F, B, 3) centres of mass of the bodies, m, world: `xipos`.
         turns: (F, B, 3, 3) orientations of their principal axes: `ximat`.
         bodies: (B,) indices in the model.
-        fps: Frames per second.
     """
     rates = smoothed(turns, fps, 1) @ turns.swapaxes(-1, -2)
     # In the rate of a rotation matrix times its inverse, only the skew part is a rotation. The rest is fitting error.
@@ -99,7 +97,6 @@ def needed_forces(model: mujoco.MjModel, moves: Movement, bodies: np.ndarray) ->
     """Return the external forces on a group of bodies, by Newton's and Euler's laws.
 
     Args:
-        model: The scene.
         moves: The smoothed motion of B bodies.
         bodies: (B,) indices of the bodies in the model.
     """
@@ -436,7 +433,6 @@ def carry(scene: Scene, state: BodyState, fps: float) -> tuple[PeopleContacts, B
     Args:
         scene: The scene of the clip.
         state: The states of its bodies, F frames.
-        fps: Frames per second.
 
     Raises:
         ValueError: frames are too far apart for accelerations.

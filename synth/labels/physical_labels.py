@@ -59,11 +59,12 @@ def save_physical_labels(labels: PhysicalLabels, folder: Path) -> None:
     """Write labels into the folder of their clip. The file is complete or does not appear."""
     arrays, words = {}, {"format": FORMAT, "kinds": labels.kinds}
     for kind in labels.kinds:
-        for name, value in _values(getattr(labels, kind)).items():
-            if name in _TEXTS:
-                words[f"{kind}.{name}"] = value
+        for field in fields(_TYPES[kind]):
+            value, key = getattr(getattr(labels, kind), field.name), f"{kind}.{field.name}"
+            if field.name in _TEXTS:
+                words[key] = value
             else:
-                arrays[f"{kind}.{name}"] = np.ascontiguousarray(value)
+                arrays[key] = np.ascontiguousarray(value)
     # Only one metadata entry, because safetensors writes several entries in arbitrary order.
     write_atomic(Path(folder) / FILE, save(arrays, {"physics": json.dumps(words)}))
 
@@ -87,10 +88,6 @@ def load_physical_labels(folder: Path) -> PhysicalLabels:
         return PhysicalLabels(**{kind: _part(kind, arrays, words) for kind in check_kinds(words["kinds"])})
     except (SafetensorError, ValueError, KeyError, TypeError, IndexError) as error:
         raise ValueError(f"{path}: {error}") from None
-
-
-def _values(part: object) -> dict:
-    return {field.name: getattr(part, field.name) for field in fields(part)}
 
 
 def _part(kind: str, arrays: dict[str, np.ndarray], words: dict) -> object:

@@ -216,7 +216,6 @@ def surface_labels(
     """Label points on people's surfaces in every view.
 
     Args:
-        scene: The scene.
         points: (P, S) points on its people.
         names: (S,) names of the points.
         qpos: (F, nq) states of the scene.

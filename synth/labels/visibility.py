@@ -34,7 +34,6 @@ def joint_visibility(
     with it. A camera inside an object or another person sees nothing.
 
     Args:
-        model: The scene.
         qpos: (F, nq) states of the scene.
         joints: (F, P, J, 3) m, world; NaN where a person is not in the scene.
         depth: (P, J) greatest depth of a joint under the surface of its limb, m.

@@ -38,7 +38,6 @@ def sole_points(body: Body, root: np.ndarray, rotations: np.ndarray, points: np.
     """Return points on the soles, (F, 2, K, 3) m, of the left and the right foot.
 
     Args:
-        body: The body.
         root: (F, 3) mid hip, m.
         rotations: (F, 16, 3, 3) world orientation of each of `SEGMENTS`.
         points: (K, 3) points in the foot's frame, fractions of stature.
@@ -53,10 +52,8 @@ def foot_contacts(
     """Detect when each foot stands on the floor.
 
     Args:
-        body: The body.
         root: (F, 3) mid hip, m.
         rotations: (F, 16, 3, 3) world orientation of each of `SEGMENTS`.
-        fps: Frames per second.
         turn: Rate at which the motion has been bent, rad/s; the slip of feet that this causes is allowed.
         recorded: Whether the motion was recorded. Recorded people may shift their weight between frames.
 
@@ -92,11 +89,9 @@ def weight_on_feet(body: Body, root: np.ndarray, rotations: np.ndarray, standing
     """Share the weight between the feet; it passes from one to the other within about 0.1 s.
 
     Args:
-        body: The body.
         root: (F, 3) mid hip, m.
         rotations: (F, 16, 3, 3) world orientation of each of `SEGMENTS`.
         standing: (F, 2) True where the left and the right foot stand.
-        fps: Frames per second.
 
     Returns:
         (F, 2) shares of the weight on the left and the right foot, with a sum of at most 1.
@@ -123,11 +118,9 @@ def lock_feet(
     ankle, with the knee on its original side. The hips sink where the legs are too short.
 
     Args:
-        body: The body.
         root: (F, 3) mid hip, m.
         rotations: (F, 16, 3, 3) world orientation of each of `SEGMENTS`.
         standing: (F, 2) True where the left and the right foot stand.
-        fps: Frames per second.
         recorded: Whether the motion was recorded and may contain leaps.
 
     Returns:
@@ -312,9 +305,7 @@ def step_along(
     """Follow a path with steps; feet that bear weight stay in place.
 
     Args:
-        body: The body.
         path: (F, 3) x and y of the mid hip, m, and heading, rad.
-        fps: Frames per second.
         rng: Draws which foot steps first and how wide the feet stand.
         hips: (F,) greatest height of the mid hip, m, for sitting, crouching or bent knees.
         ahead: Distance of the feet ahead of the hips, m, as in sitting.

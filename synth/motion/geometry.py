@@ -103,7 +103,6 @@ def reach_with_arm(
     """Return the orientations of an arm with its palm at a point. The wrist bends so that the palm lies flat there.
 
     Args:
-        body: The body.
         side: `l` or `r`.
         chest: (F, 3, 3) orientation of the chest.
         shoulder: (F, 3) shoulder of that side, m.

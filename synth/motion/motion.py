@@ -130,7 +130,6 @@ def avoid_collisions(paths: np.ndarray, fps: float, *, clearance: float, obstacl
 
     Args:
         paths: (F, P, 2) mid hips, m.
-        fps: Frames per second.
         clearance: Least distance between the mid hips of two people, m.
         obstacles: (K, 3) x, y and radius, m. Paths keep half the clearance from the edge of each.
 

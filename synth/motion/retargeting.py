@@ -39,7 +39,6 @@ def level_floor(ankles: np.ndarray, fps: float, ankle_height: float) -> tuple[np
 
     Args:
         ankles: (F, 2, 3) m, z roughly up.
-        fps: Frames per second.
         ankle_height: Height of an ankle above its flat foot, m.
 
     Returns:
@@ -142,7 +141,6 @@ def repair(motion: Motion, path: Path) -> Motion:
 
     Args:
         motion: A whole take.
-        path: The file, for messages.
 
     Raises:
         ValueError: a take of more than one second has less than one second left.
@@ -373,7 +371,6 @@ def unit_of(leg: float, path: Path, unit: float | None) -> tuple[str, float]:
 
     Args:
         leg: Length of thigh and shin together, mean of both legs, in the file's unit.
-        path: The file, for messages.
         unit: Metres per unit; None to find the unit from `leg`.
 
     Raises:

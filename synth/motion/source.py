@@ -40,8 +40,6 @@ def load_motion(
     Args:
         config: The source.
         seconds: Length, s.
-        fps: Frames per second.
-        rng: Draws everything.
         seated: For procedural motion, hip height when sitting on a stool, as a fraction of the standing hip height.
 
     Returns:
@@ -155,11 +153,9 @@ def cut(take: Motion, *, start: float, seconds: float, fps: float) -> Motion:
     repeated last frame would make them freeze.
 
     Args:
-        take: The take.
         start: Position of the start, 0 to 1: 0 is the first frame, 1 is the last start from which the take is long
             enough. A take that is too short may start anywhere, in either direction.
         seconds: Length, s.
-        fps: Frames per second.
     """
     frames = max(round(seconds * fps), 1)
     times = np.arange(frames) / fps
@@ -196,7 +192,6 @@ def place(motion: Motion, xy: tuple[float, float], yaw: float, leader: Motion | 
     """Move a motion over the floor.
 
     Args:
-        motion: The motion to move.
         xy: Target of the mean of the root, m, world.
         yaw: Target of the mean heading of the pelvis (the direction of the mean of its x axis), rad from +x to +y.
         leader: Another motion. Its mean root and heading are moved to the target instead, and `motion` moves with it as

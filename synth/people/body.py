@@ -193,7 +193,6 @@ def segment_origins(body: Body, root: np.ndarray, rotations: np.ndarray) -> np.n
     """Return the origins of all segments in a pose, (F, 16, 3) m, world.
 
     Args:
-        body: The body.
         root: (F, 3) mid point of the hip joints, m, world.
         rotations: (F, 16, 3, 3) world orientation of each of `SEGMENTS`.
     """
@@ -280,7 +279,6 @@ def sample_body(children: float = 0.0, *, rng: np.random.Generator) -> Body:
 
     Args:
         children: Probability of a child, of any age from 4 to 17 years.
-        rng: Draws everything.
     """
     age = rng.uniform(*CHILDREN) if children and rng.random() < children else ADULT
     feminine = float(rng.random() < 0.5)
@@ -368,7 +366,6 @@ def landmarks(body: Body, skeleton: Skeleton = SKELETON) -> tuple[np.ndarray, np
     """Return the joints of a skeleton on a body, each where the skeleton's annotators or detector place it.
 
     Args:
-        body: The body.
         skeleton: Any of `dmae.data.skeleton.SKELETONS`, or two of them side by side.
 
     Returns:

@@ -85,7 +85,6 @@ def sample_looks(feminine: float, *, child: bool = False, rng: np.random.Generat
     Args:
         feminine: As in `Body`; above 0.5 hair tends to be longer.
         child: Whether the person is a child; children are neither bald nor grey.
-        rng: Draws everything.
     """
     weights = np.array((0.1, 0.0, 0.3, 0.35, 0.25)) if feminine > 0.5 else np.array((0.8, 0.12, 0.05, 0.03, 0.0))
     pattern = str(rng.choice(PATTERNS, p=(0.4, 0.22, 0.16, 0.17, 0.05)))

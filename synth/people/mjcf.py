@@ -116,7 +116,6 @@ def add_person(
     Bodies are named `person<p>/<segment>`; a free joint moves the pelvis, ball joints the others.
 
     Args:
-        spec: The scene.
         person: Index of the person. The person's capsules touch everything except each other.
         body: Proportions.
         looks: Colours and clothes.

@@ -371,7 +371,6 @@ def trunk_sections(body: Body, heights: np.ndarray) -> np.ndarray:
     """Return ellipses across the bare trunk.
 
     Args:
-        body: The body.
         heights: (N,) heights above the hip joints, as fractions of stature, of a person with an average trunk.
 
     Returns:

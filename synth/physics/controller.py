@@ -103,7 +103,6 @@ def make_reference(
         root: (F, P, 3) m, world.
         rotations: (F, P, 16, 3, 3) world orientation of each of `SEGMENTS`.
         bearing: (F, P, 2) as in `ReferenceMotion`.
-        fps: Frames per second.
         substeps: Steps per frame.
         last: Number of the last step, if it is beyond the last frame, by at most a frame: the motion is extrapolated.
     """
@@ -161,7 +160,6 @@ def inverse_dynamics(
     """Return forces along a reference, and positions of the feet, computed every other step and interpolated linearly.
 
     Args:
-        model: The scene.
         joints: Addresses of the people's joints.
         reference: The motion over S steps.
 

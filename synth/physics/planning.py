@@ -27,7 +27,6 @@ def limb_points(body: Body, root: np.ndarray, rotations: np.ndarray) -> np.ndarr
     """Return (F, 15, 3) points on the legs and the trunk of a person that keep clear of other people's points, m.
 
     Args:
-        body: The person's body.
         root: (F, 3) hips, m.
         rotations: (F, 16, 3, 3) orientation of each of `SEGMENTS`.
     """
@@ -43,7 +42,6 @@ def leg_clearance(limbs: np.ndarray, fps: float, obstacles: np.ndarray) -> np.nd
 
     Args:
         limbs: (F, P, 15, 3) `limb_points`, m.
-        fps: Frames per second.
         obstacles: (K, 3) x, y and radius of obstacles, m.
 
     Returns:

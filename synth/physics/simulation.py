@@ -17,54 +17,6 @@ from synth.scene.build import STEPS_PER_CONTROL, SUBSTEPS, Scene, build_scene
 from synth.scene.sampling import load_motions
 from synth.scene.spec import PLAN_FPS, SceneSpec
 
-
-@dataclass(frozen=True)
-class Overlaps:
-    """The deepest overlaps of every frame.
-
-    Attributes:
-        persons: (F,) between people, m; below 0 where only cloth is in contact, -inf without contact.
-        objects: (F,) between people and objects, m.
-    """
-
-    persons: np.ndarray
-    objects: np.ndarray
-
-
-class Contacts:
-    """Recorder of all contacts of a simulation, step by step."""
-
-    def __init__(self):
-        self._frames: list[int] = []
-        self._distances: list[np.ndarray] = []
-        self._geoms: list[np.ndarray] = []
-
-    def watch(self, data: mujoco.MjData, frame: int) -> None:
-        """Record the contacts of a step that leads to a frame."""
-        if data.ncon:
-            self._frames.append(frame)
-            self._distances.append(data.contact.dist.copy())
-            self._geoms.append(data.contact.geom.copy())
-
-    def overlaps(self, geom_persons: np.ndarray, frames: int) -> Overlaps:
-        """Return the deepest overlaps of each frame.
-
-        Args:
-            geom_persons: (ngeom,) person that each geom belongs to, -1 for objects.
-            frames: Number of frames.
-        """
-        persons, objects = np.full(frames, -np.inf), np.full(frames, -np.inf)
-        if self._frames:
-            frame = np.repeat(self._frames, [len(distance) for distance in self._distances])
-            depth = -np.concatenate(self._distances)
-            one, other = geom_persons[np.concatenate(self._geoms)].T
-            object_contact = np.minimum(one, other) < 0
-            people = ~object_contact & (one != other)
-            np.maximum.at(objects, frame[object_contact], depth[object_contact])
-            np.maximum.at(persons, frame[people], depth[people])
-        return Overlaps(persons, objects)
-
-
 # Quality, and the limits beyond which a simulation is unfit for use
 
 DEEP = 0.04
@@ -105,28 +57,29 @@ class SimulationQuality:
 
 
 def assess(
-    joints: np.ndarray, wanted: np.ndarray, overlaps: Overlaps, shifts: np.ndarray, fps: float, beyond: float
+    joints: np.ndarray, wanted: np.ndarray, overlaps: np.ndarray, shifts: np.ndarray, fps: float, beyond: float
 ) -> SimulationQuality:
     """Assess a simulation.
 
     Args:
         joints: (F, P, 39, 3) simulated joints of `SKELETON`, m.
         wanted: (F, P, 39, 3) joints of the reference, m.
-        overlaps: The deepest overlaps of every frame.
+        overlaps: (2, F) deepest overlap between people, and of people and objects, m; below 0 where only cloth is in
+            contact, -inf without contact.
         shifts: (F, P, 2) displacements of people off their paths, m.
-        fps: Frames per second.
         beyond: The value of `SimulationQuality.beyond_limits`.
 
     Raises:
         FailedSimulation: the clip is unfit for use.
     """
-    contact = np.isfinite(overlaps.persons)
+    people, objects = overlaps
+    contact = np.isfinite(people)
     quality = SimulationQuality(
         tracking_error_mm=_mm(np.median(np.linalg.norm(joints - wanted, axis=-1))),
         contact_frames=int(contact.sum()),
-        penetration_mm=_mm(max(0.0, overlaps.persons.max())),
-        deep_share=round(float((overlaps.persons[contact] > DEEP).mean()) if contact.any() else 0.0, 4),
-        object_penetration_mm=_mm(max(0.0, overlaps.objects.max())),
+        penetration_mm=_mm(max(0.0, people.max())),
+        deep_share=round(float((people[contact] > DEEP).mean()) if contact.any() else 0.0, 4),
+        object_penetration_mm=_mm(max(0.0, objects.max())),
         shift_m=round(float(np.linalg.norm(shifts, axis=-1).max()), 4),
         foot_slide=_foot_slide(joints, fps),
         beyond_limits=round(beyond, 4),
@@ -177,7 +130,6 @@ class StatesAt:
     """A recorder of the states of a simulation at given times, interpolated between two steps where necessary.
 
     Args:
-        model: The scene.
         joints: Addresses of the people's joints.
         geom_persons: (ngeom,) index of the person that a geom belongs to, -1 for objects.
         times: (F,) sorted times, as numbers of steps.
@@ -276,7 +228,6 @@ def simulate(
     rate only determines the times at which states are recorded.
 
     Args:
-        spec: The scene.
         rig: The cameras, which become part of the model.
         motions: One for each person at `PLAN_FPS`, in place and of the body's size, as
             `synth.scene.sampling.sample_scene` returns them. By default they are drawn again from the spec.
@@ -364,8 +315,8 @@ def _run(
     states: StatesAt,
     steps: int,
     frames: int,
-) -> tuple[np.ndarray, np.ndarray, Overlaps]:
-    """Return states (F, nq), path shifts (F, P, 2), m, and overlaps in all F frames of the plan; record `states`."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return states (F, nq), path shifts (F, P, 2), m, and overlaps (2, F) in the plan's F frames; record `states`."""
     model, persons = scene.model, int(scene.geom_persons.max()) + 1
     # Bodies that overlap in the first pose are moved apart before the clip begins.
     holding.start()
@@ -379,8 +330,8 @@ def _run(
     qpos, shifts = np.empty((frames, model.nq)), np.zeros((frames, persons, 2))
     qpos[0] = data.qpos
     states.see(data, 0)
-    contacts = Contacts()
-    contacts.watch(data, 0)
+    overlaps = np.full((2, frames), -np.inf)
+    record_overlaps(data, scene.geom_persons, overlaps[:, 0])
     held, begin, end = scene.holds[:, 0].astype(int), *scene.holds[:, 1:].T
     for step in range(steps):
         frame, within = step // SUBSTEPS + 1, step % SUBSTEPS
@@ -390,13 +341,21 @@ def _run(
         mujoco.mj_step(model, data, STEPS_PER_CONTROL)
         states.see(data, step + 1)
         if frame < frames:
-            contacts.watch(data, frame)
+            record_overlaps(data, scene.geom_persons, overlaps[:, frame])
         if within == SUBSTEPS - 1:
             _check(data, frame / PLAN_FPS)
             if frame < frames:
                 qpos[frame], shifts[frame] = data.qpos, leading.shift
     _check(data, steps / (PLAN_FPS * SUBSTEPS))
-    return qpos, shifts, contacts.overlaps(scene.geom_persons, frames)
+    return qpos, shifts, overlaps
+
+
+def record_overlaps(data: mujoco.MjData, persons: np.ndarray, deepest: np.ndarray) -> None:
+    """Raise the `deepest` (2,) overlaps of a frame, m, by the contacts of one of its steps."""
+    one, other = persons[data.contact.geom].T
+    with_object = np.minimum(one, other) < 0
+    for kind, which in enumerate((~with_object & (one != other), with_object)):
+        deepest[kind] = max(deepest[kind], (-data.contact.dist[which]).max(initial=-np.inf))
 
 
 def _check(data: mujoco.MjData, seconds: float) -> None:

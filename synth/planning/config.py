@@ -6,7 +6,7 @@ import numpy as np
 
 from dmae.parallel import Backend
 from synth.detector.config import DetectorConfig
-from synth.interactions import InteractionConfig
+from synth.interactions.registry import InteractionConfig
 from synth.motion.config import MotionConfig
 from synth.rigs.config import RigConfig
 from synth.rigs.placement import intrinsics

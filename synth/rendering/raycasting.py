@@ -22,7 +22,6 @@ class RayPainter:
     Rays to still geoms are cast once for each camera, rays to moving geoms only where these may be visible.
 
     Args:
-        model: The scene.
         geom_ids: (ngeom,) uint16 id of each geom. Geoms with an id are painted, and geoms that MuJoCo draws.
         rig: V cameras. Rays follow the distortion of their lenses, so images need no warping.
         step: One ray is cast for each block of `step` x `step` pixels.

@@ -81,7 +81,6 @@ class SurfaceFlow:
     """The flow of images of a scene of rigid geoms.
 
     Args:
-        model: The scene.
         rig: V static cameras.
     """
 

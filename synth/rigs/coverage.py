@@ -139,7 +139,6 @@ def check_outside(rig: CameraRig, model: mujoco.MjModel, geom_ids: np.ndarray) -
 
     Args:
         rig: Cameras.
-        model: The scene.
         geom_ids: (ngeom,) id of each geom, 256 + k for object k.
 
     Raises:

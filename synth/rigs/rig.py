@@ -19,22 +19,15 @@ def displace(rig: CameraRig, position: float, rotation: float, *, rng: np.random
     Args:
         rig: V cameras.
         position, rotation: Standard deviations along each axis, m, and about each axis, rad.
-        rng: Draws both.
     """
     shift, turn = rng.normal(size=(2, len(rig), 3))
     turned = Rotation.from_rotvec(rotation * turn).as_matrix() @ rig.cam_from_world[:, :3, :3]
     return replace(rig, cam_from_world=pose(turned, rig.centers + position * shift))
 
 
-# Jitter: cameras displaced in each clip
-
-
 def jitter(rig: CameraRig, config: JitterConfig, *, rng: np.random.Generator) -> CameraRig:
     """Return the rig with displaced cameras."""
     return rig if config == JitterConfig() else displace(rig, config.position, config.rotation, rng=rng)
-
-
-# Miscalibration: a calibration that differs from the true cameras
 
 
 def miscalibrate(rig: CameraRig, config: MiscalibrationConfig, *, rng: np.random.Generator) -> CameraRig | None:
@@ -60,8 +53,6 @@ def calibration_error(true: CameraRig, reported: CameraRig, stage: Stage) -> lis
     return np.sqrt(np.nansum(square[0], 1) / counted.sum(1).clip(1)).round(3).tolist()
 
 
-# The rig
-
 _MIDDLE = Stage()
 
 
@@ -69,7 +60,6 @@ def make_rig(config: RigConfig, *, rng: np.random.Generator, stage: Stage = _MID
     """Make the true cameras of a clip. Rotations are exactly orthonormal.
 
     Args:
-        config: The rig.
         rng: Draws placements. Jitter is drawn from a child stream, so it changes no other draw.
         stage: The people's area and the room. Every camera sees some of the area.
 
@@ -81,7 +71,10 @@ def make_rig(config: RigConfig, *, rng: np.random.Generator, stage: Stage = _MID
     """
     (child,) = rng.spawn(1)
     if config.path or config.cameras:
-        rig = _exact(_read(config) if config.path else listed_cameras(config.cameras, config.source), config.origin)
+        rig = _read(config) if config.path else listed_cameras(config.cameras, config.source)
+        # Published rotations are rounded, and MuJoCo stores quaternions: take the nearest exact ones.
+        rotation = Rotation.from_matrix(rig.cam_from_world[:, :3, :3]).as_matrix()
+        rig = replace(rig, cam_from_world=pose(rotation, rig.centers - config.origin))
         return _checked(jitter(rig, config.jitter, rng=child), config, stage, origin=config.origin)
     match config.placement:
         case CameraPlacement.ring:
@@ -104,15 +97,6 @@ def _read(config: RigConfig) -> CameraRig:
         )
     except LacksSize as error:
         raise LacksSize(error.what, "rig.size") from None
-
-
-def _exact(rig: CameraRig, origin: list[float]) -> CameraRig:
-    """Return the rig with the nearest exact rotations about the same centres, and with centres relative to `origin`, m.
-
-    Published rotations are rounded, and MuJoCo stores quaternions.
-    """
-    rotation = Rotation.from_matrix(rig.cam_from_world[:, :3, :3]).as_matrix()
-    return replace(rig, cam_from_world=pose(rotation, rig.centers - origin))
 
 
 def _checked(rig: CameraRig, config: RigConfig, stage: Stage, origin: list[float] | None = None) -> CameraRig:

@@ -99,7 +99,6 @@ def sample_decor(arena: Path, *, randomize: bool, rng: np.random.Generator) -> D
         arena: MJCF file of the room. A custom text "floor" or "wall" in it lists the possible finishes, with the
             default finish first. Materials with names that start with "tint" take any colour.
         randomize: Whether to draw the look at random; otherwise the look of the file is used.
-        rng: Draws the look.
 
     Raises:
         ValueError: the file names an unknown finish.

@@ -14,7 +14,7 @@ from synth.people.body import SIDES
 from synth.people.mjcf import HIDDEN_GROUP, add_person
 from synth.rigs.coverage import check_outside
 from synth.rigs.lenses import add_cameras
-from synth.rooms.decor import Finish, decorate
+from synth.rooms.decor import decorate
 from synth.rooms.props import footprints, prop_size, prop_spec
 from synth.rooms.room import FLOOR, WALL, arena_file, load_room
 from synth.scene.placement import placed_discs
@@ -67,8 +67,6 @@ def build_scene(spec: SceneSpec, rig: CameraRig, *, painted: bool = True) -> Sce
     """Assemble a room, its props, people in T-pose and cameras.
 
     Args:
-        spec: The scene.
-        rig: The cameras.
         painted: Whether to add textures and smooth shading. Images need them, labels do not.
 
     Raises:
@@ -76,12 +74,17 @@ def build_scene(spec: SceneSpec, rig: CameraRig, *, painted: bool = True) -> Sce
         FailedSimulation: a camera is inside an object.
     """
     world, _ = load_room(spec.arena)
-    _set_options(world)
+    world.option.timestep = 1 / (PLAN_FPS * SUBSTEPS * STEPS_PER_CONTROL)
+    world.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    # MuJoCo 4.0.0 gives wrong solutions with a sparse Jacobian, and would choose one for scenes of this size.
+    world.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     # Textures use a child of the scene's random stream, so they do not change the draws that made the spec.
     rng = generator(spec.seed, spec.clip, Stream.SCENE).spawn(1)[0] if painted else None
     decorate(world, spec.decor)
     for name, finish in ((FLOOR, spec.decor.floor), (WALL, spec.decor.wall)):
-        _cover(world, name, finish, rng=rng)
+        material = world.material(name)
+        if rng and material is not None:
+            add_texture(world, material, paint(finish.pattern, finish.colours, 512, rng=rng))
     for number, prop in enumerate(spec.furniture):
         add_prop(world, f"furniture{number}/", prop)
     obstacles = [footprints(arena_file(spec.arena))]
@@ -99,21 +102,6 @@ def build_scene(spec: SceneSpec, rig: CameraRig, *, painted: bool = True) -> Sce
     grips = [grip for load in spec.loads for grip in load.grips for _ in SIDES]
     holds = np.array([(number, grip.begin, grip.end) for number, grip in enumerate(grips)]).reshape(-1, 3)
     return Scene(model, *identity, np.concatenate(obstacles), holds)
-
-
-def _set_options(world: mujoco.MjSpec) -> None:
-    option = world.option
-    option.timestep = 1 / (PLAN_FPS * SUBSTEPS * STEPS_PER_CONTROL)
-    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    # MuJoCo 4.0.0 gives wrong solutions with a sparse Jacobian, and would choose one for scenes of this size.
-    option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
-
-
-def _cover(world: mujoco.MjSpec, name: str, finish: Finish, *, rng: np.random.Generator | None) -> None:
-    """Cover a material of the room with a texture, if the room has that material."""
-    material = world.material(name)
-    if rng and material is not None:
-        add_texture(world, material, paint(finish.pattern, finish.colours, 512, rng=rng))
 
 
 def add_prop(world: mujoco.MjSpec, prefix: str, prop: PropSpec) -> np.ndarray:

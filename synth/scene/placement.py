@@ -40,13 +40,9 @@ def place_props(
         count: Number of props wanted.
         kinds: Kinds to draw from, with their sizes.
         paths: (F, P, 2) hips before people step aside for each other, m.
-        arena: MJCF file of the room.
-        fps: Frames per second.
         middle: x and y of the middle, m.
         radius: Greatest distance of props from the middle, m.
-        clearance: Distance that people keep between their hips, m.
         occupied: (K, 3) x, y and radius of discs where other props stand, m.
-        rng: Draws kinds and positions.
         cameras: (x, y) of cameras, m. If there are any, each prop stands between a camera and a person, with its broad
             side across the line of sight, up to 1.5 m beyond the radius. Large kinds are then drawn more often.
     """
@@ -62,7 +58,11 @@ def place_props(
     for _ in range(count):
         kind = str(rng.choice(names, p=weights))
         for _ in range(_PROP_DRAWS):
-            at, yaw = _between(walked, cameras, rng=rng) if len(cameras) else _anywhere(middle, radius, rng=rng)
+            if len(cameras):
+                at, yaw = _between(walked, cameras, rng=rng)
+            else:
+                yaw = float(rng.uniform(-np.pi, np.pi))
+                at = middle + rng.uniform(-radius, radius, 2)
             discs = placed_discs(kinds[kind].discs, at, yaw)
             gaps = [
                 np.linalg.norm(points[:, None] - discs[:, :2], axis=-1) - discs[:, 2]
@@ -81,11 +81,6 @@ def placed_discs(discs: np.ndarray, at: Sequence[float], yaw: float) -> np.ndarr
     """Return the (K, 3) discs of a prop after a turn by `yaw`, rad, and a shift to `at`, m."""
     turn = np.array([(np.cos(yaw), np.sin(yaw)), (-np.sin(yaw), np.cos(yaw))])
     return np.column_stack([discs[:, :2] @ turn + at, discs[:, 2]])
-
-
-def _anywhere(middle: Sequence[float], radius: float, *, rng: np.random.Generator) -> tuple[np.ndarray, float]:
-    yaw = float(rng.uniform(-np.pi, np.pi))
-    return middle + rng.uniform(-radius, radius, 2), yaw
 
 
 def _between(walked: np.ndarray, cameras: np.ndarray, *, rng: np.random.Generator) -> tuple[np.ndarray, float]:
@@ -143,12 +138,9 @@ def place_persons(
 
     Args:
         motions: One for each person.
-        arena: MJCF file of the room.
         middle: x and y of the middle, m.
         radius: Greatest distance of hips from the middle, m.
         gathering: Distance of people from the meeting point, m (standard deviation).
-        clearance: Distance that people keep between their hips, m.
-        rng: Draws placements.
         others: (F, Q, 2) hips of people who are placed already, m.
         occupied: (K, 3) x, y and radius of discs where furniture stands, m.
 
@@ -214,13 +206,10 @@ def place_script(
     """Place all people of an interaction together, with their furniture.
 
     Args:
-        script: The interaction.
         motions: One for each person, around the origin.
-        arena: MJCF file of the room.
         middle: x and y of the middle, m.
         radius: Greatest distance of hips from the middle, m; the clip fails half a metre beyond it.
         gathering: Distance of the interaction from the middle, m (standard deviation).
-        rng: Draws placements.
 
     Returns:
         A placement for each motion, the furniture, and the objects that are carried.

@@ -16,7 +16,7 @@ from synth.people.body import ADULT_AGE, MOST_PERSONS, Body, sample_body
 from synth.people.clothing import PersonLooks, sample_hands, sample_looks
 from synth.rooms.config import PropsConfig
 from synth.rooms.decor import sample_decor, sample_tint
-from synth.rooms.props import PlacedProp, PropSize, find_meshes, prop_size
+from synth.rooms.props import PlacedProp, find_meshes, prop_size
 from synth.rooms.room import arena_file, room_name
 from synth.scene.config import SceneConfig
 from synth.scene.placement import Placement, place_persons, place_props, place_script, placed_discs, stool_discs
@@ -120,7 +120,12 @@ def sample_people(
         bodies, looks = bodies + others[0], looks + others[1]
     frames = planned_frames(config.seconds)
     motions, script = draw_motions(motion, interaction, bodies, frames, PLAN_FPS, config.radius, seed, clip)
-    looks = _with_hands(looks, script, rng=generator(seed, clip, Stream.SCENE).spawn(_HANDS + 1)[_HANDS])
+    # Roles say how hands are shaped; the hands of other people are random.
+    of_hands = generator(seed, clip, Stream.SCENE).spawn(_HANDS + 1)[_HANDS]
+    drawn = [sample_hands(rng=of_hands) for _ in looks]
+    asked = [role.hands for role in script.roles] if script else []
+    asked += [None] * (len(looks) - len(asked))
+    looks = [replace(each, hands=a or d) for each, a, d in zip(looks, asked, drawn, strict=True)]
     return People(bodies, looks, motions, script, clearance, frames, motion, interaction, seed, clip)
 
 
@@ -147,14 +152,6 @@ def _draw_people(count: int, children: float, *, rng: np.random.Generator) -> tu
     return bodies, [sample_looks(body.feminine, child=body.age < ADULT_AGE, rng=rng) for body in bodies]
 
 
-def _with_hands(looks: list[PersonLooks], script: Script | None, *, rng: np.random.Generator) -> list[PersonLooks]:
-    """Return looks with the hand poses that the roles require; other people get random ones."""
-    drawn = [sample_hands(rng=rng) for _ in looks]
-    asked = [role.hands for role in script.roles] if script else []
-    asked += [None] * (len(looks) - len(asked))
-    return [replace(each, hands=a or d) for each, a, d in zip(looks, asked, drawn, strict=True)]
-
-
 def lay_out(
     people: People,
     config: SceneConfig,
@@ -166,14 +163,15 @@ def lay_out(
     """Place people and props in a room.
 
     Args:
-        people: The people.
         config, props: The same as in `sample_scene`.
         layout: A layout that replaces the configuration's values. It has a separate random stream.
         rng: The clip's random stream, after the people were drawn; not needed with a layout.
     """
     props = props or PropsConfig()
     seed, clip = people.seed, people.clip
-    arena, sizes = arena_file(config.arena), _prop_sizes(config, props)
+    arena = arena_file(config.arena)
+    kinds = find_meshes(props.path) if props.path else config.prop_kinds
+    sizes = {kind: prop_size(kind, props.scale, props.up) for kind in kinds}
     clearance = people.clearance
     if layout:
         clearance, rng = layout.clearance, generator(seed, clip, Stream.LAYOUT).spawn(layout.draw + 1)[-1]
@@ -252,12 +250,6 @@ def load_motions(spec: SceneSpec) -> list[Motion]:
 
 def _in_place(motions: list[Motion], placements: Sequence[Placement]) -> list[Motion]:
     return [redirect(motion, *placed) for motion, placed in zip(motions, placements, strict=True)]
-
-
-def _prop_sizes(config: SceneConfig, props: PropsConfig) -> dict[str, PropSize]:
-    """Return the size of each kind of prop that can be drawn, by its name."""
-    kinds = find_meshes(props.path) if props.path else config.prop_kinds
-    return {kind: prop_size(kind, props.scale, props.up) for kind in kinds}
 
 
 def _occupied(furniture: list[PlacedProp]) -> np.ndarray:

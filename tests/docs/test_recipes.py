@@ -19,7 +19,7 @@ from dmae.evaluation.corruption.registry import corruption
 from dmae.formats.registry import reader
 from dmae.metrics.registry import metric
 from synth.datasets.exporters.selection import exporter
-from synth.interactions import interaction
+from synth.interactions.registry import interaction
 from tests.support.animal_files import write_deeplabcut
 from tests.support.animals import DOG, dog_clip
 from tests.support.commands import run_command

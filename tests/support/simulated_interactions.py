@@ -6,7 +6,7 @@ from functools import cache
 import mujoco
 import numpy as np
 
-from synth.interactions import InteractionConfig, find_interaction
+from synth.interactions.registry import InteractionConfig, find_interaction
 from synth.motion.config import MotionConfig
 from synth.motion.geometry import PALM
 from synth.people.body import SKELETON

@@ -97,7 +97,6 @@ def carried(
         walking: (F,) share of walking against standing, 0 to 1.
         raised: (F, 2) weight of the action of each arm against the arm at ease, 0 to 1.
         times: (F,) s.
-        fps: Frames per second.
         rng: Draws small movements.
     """
 
@@ -149,8 +148,6 @@ def _on_toes(
         trajectory: The trajectory, F frames.
         size: (F,) size of the movement, 1 on average.
         times: (F,) s.
-        fps: Frames per second.
-        rng: Draws the movement.
     """
     ankles, feet = trajectory.ankles.copy(), trajectory.feet.copy()
     for leg in range(2):
@@ -186,7 +183,6 @@ def perform_on_the_spot(
         times: (F,) times since it began, s, evenly spaced.
         stance: Stance in which it begins and ends.
         ease: (F, 2, 5) angles of arms at ease, as `upper_body.HANGING`.
-        fps: Frames per second.
     """
     offsets = action.offsets(times)
     heading = stance.middle[2]

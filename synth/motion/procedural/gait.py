@@ -323,8 +323,6 @@ def make_motion(config: ProceduralConfig, *, seconds: float, fps: float, rng: np
     Args:
         config: Shares of walking, standing and gestures, and ranges of speed and radius.
         seconds: Length, s.
-        fps: Frames per second.
-        rng: Draws everything.
 
     Returns:
         round(seconds * fps) frames.

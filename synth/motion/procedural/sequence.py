@@ -398,7 +398,6 @@ def draw_agenda(
         weights: Relative frequency of each action, 1 if it is not named.
         style: Style of the person.
         seconds: Length of the clip, s.
-        rng: Draws everything.
 
     Returns:
         The items in order of time, and the time at which the clip begins, s.
@@ -540,8 +539,6 @@ def make_sequence(
         weights: Relative frequency of each action, 1 if it is not named.
         speed: Least and greatest walking speed, m/s.
         seconds: Length, s.
-        fps: Frames per second.
-        rng: Draws everything.
         seated: Hip height in sitting, as a fraction of the standing hip height.
 
     Returns:

@@ -194,7 +194,6 @@ def gesture(rng: np.random.Generator, kind: str, times: np.ndarray) -> tuple[np.
     """Draw a gesture of one arm at a random time of the clip.
 
     Args:
-        rng: Draws everything.
         kind: `reach` or `wave`.
         times: (F,) s, evenly spaced.
 

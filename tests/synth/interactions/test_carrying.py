@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from synth.interactions import InteractionConfig
+from synth.interactions.registry import InteractionConfig
 from synth.motion.config import MotionConfig
 from synth.physics.simulation import simulate
 from synth.scene.sampling import sample_scene

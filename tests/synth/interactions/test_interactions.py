@@ -8,7 +8,7 @@ import pytest
 
 from synth.datasets.clip import GenerateConfig, generate_clip
 from synth.errors import FailedSimulation
-from synth.interactions import NO_INTERACTION, InteractionConfig, find_interaction, interaction_choices
+from synth.interactions.registry import NO_INTERACTION, InteractionConfig, find_interaction, interaction_choices
 from synth.motion.config import MotionConfig
 from synth.motion.readers.npz import write_npz
 from synth.motion.source import read_take

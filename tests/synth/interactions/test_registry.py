@@ -4,7 +4,13 @@ import sys
 
 import pytest
 
-from synth.interactions import NO_INTERACTION, InteractionConfig, find_interaction, interaction, interaction_choices
+from synth.interactions.registry import (
+    NO_INTERACTION,
+    InteractionConfig,
+    find_interaction,
+    interaction,
+    interaction_choices,
+)
 from synth.motion.config import MotionConfig
 from synth.physics.simulation import simulate
 from synth.scene.config import SceneConfig
@@ -18,7 +24,7 @@ MINE = '''
 
 import numpy as np
 
-from synth.interactions import interaction
+from synth.interactions.registry import interaction
 from synth.interactions.script import standing
 from synth.interactions.script import Role, Script
 

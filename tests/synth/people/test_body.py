@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dmae.data.skeleton import SKELETONS
-from synth.interactions import InteractionConfig, find_interaction, interaction_choices
+from synth.interactions.registry import InteractionConfig, find_interaction, interaction_choices
 from synth.motion.config import MotionConfig
 from synth.people.body import SEGMENTS, SKELETON, Body, body_at, landmarks, sample_body, segment_origins
 from synth.people.clothing import HAIRSTYLES, Garment, PersonLooks, sample_looks

@@ -11,7 +11,7 @@ from dmae.data.skeleton import SKELETONS
 from synth.errors import FailedSimulation
 from synth.motion.config import MotionConfig
 from synth.people.body import SEGMENTS, SKELETON, Body, landmarks
-from synth.physics.simulation import Contacts, Overlaps, assess, simulate
+from synth.physics.simulation import assess, record_overlaps, simulate
 from synth.scene.build import build_scene
 from synth.scene.config import SceneConfig
 from synth.scene.sampling import sample_scene
@@ -153,16 +153,14 @@ def test_overlaps_are_the_deepest_contacts_of_all_steps_to_a_frame():
         '<mujoco><worldbody><geom type="plane" size="5 5 .1"/><body><freejoint/><geom size=".1"/></body>'
         '<body><freejoint/><geom size=".1"/></body></worldbody></mujoco>'
     )
-    data, contacts = mujoco.MjData(model), Contacts()
+    data, overlaps = mujoco.MjData(model), np.full((2, 4), -np.inf)
     for frame, apart, height in ((1, 0.17, 0.2), (1, 0.19, 0.095), (2, 0.19, 0.2), (3, 0.5, 0.5)):
         data.qpos[[0, 7]], data.qpos[[2, 9]] = (0, apart), height
         mujoco.mj_forward(model, data)
-        contacts.watch(data, frame)
-    overlaps = contacts.overlaps(np.array([-1, 0, 1]), 4)
-    np.testing.assert_allclose(overlaps.persons, [-np.inf, 0.03, 0.01, -np.inf], atol=1e-9)
-    np.testing.assert_allclose(overlaps.objects, [-np.inf, 0.005, -np.inf, -np.inf], atol=1e-9)
-    nobody = Contacts().overlaps(np.array([-1, 0, 1]), 2)
-    assert (nobody.persons == -np.inf).all()
+        record_overlaps(data, np.array([-1, 0, 1]), overlaps[:, frame])
+    people, objects = overlaps
+    np.testing.assert_allclose(people, [-np.inf, 0.03, 0.01, -np.inf], atol=1e-9)
+    np.testing.assert_allclose(objects, [-np.inf, 0.005, -np.inf, -np.inf], atol=1e-9)
 
 
 SOLES = SKELETON.index(*(f"body25.{side}_{point}" for side in "lr" for point in ("big_toe", "heel")))
@@ -175,7 +173,7 @@ def summary(*, moved: float = 0.0, overlap: float = -np.inf, shift: float = 0.0,
     joints[:, 0, floor, 2] = 0.016
     wanted = joints.copy()
     joints[5:, 0, slides, 0] = 0.012 * np.arange(1, 6)[:, None]
-    overlaps = Overlaps(np.full(10, overlap), np.full(10, -np.inf))
+    overlaps = np.array([np.full(10, overlap), np.full(10, -np.inf)])
     return assess(joints + moved, wanted, overlaps, np.full((10, 2, 2), shift / np.sqrt(2)), 25.0, 0.012345)
 
 

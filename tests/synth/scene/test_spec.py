@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from dmae.data.json_values import decode
-from synth.interactions import InteractionConfig
 from synth.interactions.casting import draw_motions
+from synth.interactions.registry import InteractionConfig
 from synth.motion.config import MotionConfig, ProceduralConfig, UpAxis
 from synth.people.body import SEGMENTS, body_at
 from synth.rooms.props import footprints
