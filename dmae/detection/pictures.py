@@ -19,7 +19,7 @@ class CameraPictures:
     """The N images of a camera.
 
     Attributes:
-        name: Of the camera.
+        name: Name of the camera.
         path: Video, folder of images, or folder of the images of a clip.
         size: Width and height, px, upright.
         times: (N,) s, when each image was taken by the clock of its file; for a folder, the numbers of the images.
@@ -73,7 +73,7 @@ def find_cameras(path: Path) -> list[CameraPictures]:
 
 
 def cameras_of(images: Images, sizes: np.ndarray) -> list[CameraPictures]:
-    """Return the cameras of the images of a clip of F frames; `sizes` (V, 2) px are those of its rig."""
+    """Return the cameras of a clip with images; `sizes` (V, 2) px are the sizes in its rig."""
     numbers = np.arange(len(images.frames), dtype=float)
     return [
         CameraPictures(name, images.folder, tuple(map(int, size)), numbers, None, partial(_read_images, images, name))

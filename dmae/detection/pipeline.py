@@ -87,7 +87,7 @@ def to_detections(
     """Return what was found in V cameras as detections of F frames.
 
     Args:
-        found: Of each camera.
+        found: What the detector found in each camera.
         frames: For each camera (N,) the frame of each image; -1 for an image that is not used.
         count: F.
         skeleton: J joints.
@@ -172,7 +172,7 @@ def compare_views(
     agrees with the projection. An added detection is measured in its image like all others.
 
     Args:
-        found: Of each camera.
+        found: What the detector found in each camera.
         cameras: With the images, in the order of the rig.
         detections: (F, V, D, J) what was found, in the pixels of the calibration.
         frames: For each camera (N,) the frame of each image; -1 for an image that is not used.

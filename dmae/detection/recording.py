@@ -126,7 +126,7 @@ def detect_clip(
 ) -> Clip:
     """Return a clip with images with new detections in them; truth and occlusion labels stay.
 
-    Labels of the previous detections, and poses made from them, are dropped. Other arguments and errors are those of
+    Labels of the previous detections, and poses made from them, are dropped. Other arguments and errors: see
     `detect_recording`.
 
     Raises:
@@ -267,7 +267,7 @@ def _resized(fitting: Fitting, size: tuple[int, int], picture: np.ndarray | None
 
 
 def output_skeleton(skeleton: str | None) -> Skeleton | None:
-    """Return the skeleton of that name; None for that of the detector.
+    """Return the skeleton of this name; None means the skeleton of the detector.
 
     Raises:
         ValueError: there is no such skeleton.
@@ -406,8 +406,7 @@ def detect_photographs(
 ) -> tuple[Detections2D, tuple[str, ...]]:
     """Return the people of N photographs, (1, N, D, J), and notes on them.
 
-    All windows of each photograph are searched. Other arguments and errors are those of
-    `dmae.detection.recording.detect_recording`.
+    All windows of each photograph are searched. For other arguments and errors see `detect_recording`.
     """
     target, own = output_skeleton(skeleton), make_detector(config).skeleton
     found = detect_people(photographs.cameras, replace(config, search_every=1), pieces, workers)

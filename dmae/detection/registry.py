@@ -1,7 +1,7 @@
-"""The registry of 2D detectors: each is a function under the decorator `pose_detector`.
+"""The registry of 2D detectors, each a function under the decorator `pose_detector`; options of detection.
 
-It takes a `PoseDetectorConfig` and returns a `PictureDetector` for the images of one camera, which come in order. A
-user's own detector, `detector=module:function`, is the same kind of function without the decorator.
+A detector function takes a `PoseDetectorConfig` and returns a `PictureDetector` for the images of one camera, which
+come in order. A user's own detector, `detector=module:function`, is the same kind of function without the decorator.
 """
 
 from dataclasses import dataclass, field

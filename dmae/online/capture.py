@@ -171,7 +171,7 @@ class OnlineCapture:
         self._measured = self._measured[len(self._measured) - (len(self._tracked) - len(self._waiting)) :]
 
     def _finish(self) -> list[FinishedFrame]:
-        """Return the frames of which the joints were measured last, and not returned yet."""
+        """Return the frames whose joints were measured last, unless they were returned already."""
         if self._measuring is None:
             return []
         joints, persons, count = self._measuring
@@ -182,7 +182,7 @@ class OnlineCapture:
         return finished
 
     def _persons(self, window: slice) -> tuple[np.ndarray, Tracks]:
-        """Return the numbers (P,), ascending, and tracks of people; settle those of the frames in the window.
+        """Return the numbers (P,), ascending, and tracks of people; settle who is in the frames of the window.
 
         A track that was settled stays with its person, so that the number of a person never changes.
         """

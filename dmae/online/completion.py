@@ -35,7 +35,7 @@ class FinishedFrame:
     """One frame that will not change any more.
 
     Attributes:
-        number: Of the frame, from 0 on.
+        number: Number of the frame, from 0 on.
         people: (P,) numbers of the people who are present; a number is the same person in all frames.
         poses: (1, P, J, ...) with joints, sources, covariances and views.
     """

@@ -1,6 +1,6 @@
 """Frames and poses as lines of JSON, so that other programs can send detections and receive people.
 
-Each line that comes in is a frame, an object of which `cameras` holds the detections by the names of the cameras:
+Each line that comes in is a frame, an object. Its `cameras` holds the detections by camera name:
 
     {"cameras": {"left": [[[812.5, 340.1, 0.93], null, ...]], "right": []}}
 
@@ -44,10 +44,10 @@ def answer_lines(
     """Yield the lines that answer lines of frames: first a description, then finished frames and errors.
 
     Args:
-        lines: Of one recording, in the order of time. Empty lines are skipped.
-        capture: Of those cameras and that skeleton; nothing was pushed to it yet.
+        lines: Frames of one recording, in the order of time. Empty lines are skipped.
+        capture: Made for these cameras and this skeleton; nothing was pushed to it yet.
         cameras: Names of the V cameras.
-        skeleton: Of the detections.
+        skeleton: Skeleton of the detections.
         fps: Frames per second.
     """
     about = {"skeleton": skeleton.name, "joints": skeleton.joints, "cameras": cameras, "fps": fps}

@@ -96,7 +96,7 @@ def packed(values: np.ndarray) -> str:
 
 
 def _one_skeleton(truth: Poses3D, wanted: Skeleton) -> Poses3D:
-    """Return the truth on the one part of a fused skeleton that is drawn: that of the poses, or else the first part."""
+    """Return the truth on one part of a fused skeleton: the part that the poses have, or else the first."""
     parts = [part.name for part in truth.skeleton.parts]
     return convert(truth, wanted if wanted.name in parts else truth.skeleton.parts[0]) if len(parts) > 1 else truth
 

@@ -66,7 +66,7 @@ def show_clip(
     rerun: bool = False,
     rooms: Sequence[np.ndarray] | None = None,
 ) -> list[Path]:
-    """Draw one clip. The options are those of `ShowConfig`; `rooms` are the backgrounds of a clip without images.
+    """Draw one clip. For its options see `ShowConfig`; `rooms` are the backgrounds of a clip without images.
 
     Returns:
         The paths of the files: `sheet.png`, `clip.mp4`, `clip.rrd`.

@@ -203,7 +203,7 @@ depends on hair, clothes and what else is near."""
 _CLEAR_THERE = 0.3
 """Smallest mean confidence of the joints of a person that is expected at a place."""
 _NEAR, _OTHER = 0.12, 0.15
-"""Largest median distance of the joints from the expected places, and smallest one from those of another person,
+"""Largest median distance of the joints from the expected places, and smallest one from the joints of another person,
 relative to the radius. In rendered views, 391 results were this near; their largest median error was 0.11 of the
 person's height."""
 _SURE = 0.08
@@ -222,7 +222,7 @@ def find_expected(
         network: BlazePose's second network.
         pyramid: The image and its smaller copies.
         expected: (33, 2) px; NaN where unknown.
-        known: Of each known person (33, 2) px; NaN where absent.
+        known: Joints (33, 2) px of each known person; NaN where absent.
         min_presence: Smallest probability of a person.
     """
     hip, shoulder = expected[_HIPS].mean(0), expected[_SHOULDERS].mean(0)

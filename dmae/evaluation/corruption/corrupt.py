@@ -161,7 +161,7 @@ def undetected_nearest(clip: Clip, margin: np.ndarray, percent: float) -> Clip:
     return undetected(clip, nearest) if nearest.any() else clip
 
 
-# When, and of which limbs
+# When events occur, and on which limbs
 
 
 def share_of_time(

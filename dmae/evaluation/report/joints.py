@@ -211,7 +211,7 @@ def reprojection(clip: Clip) -> Reprojection:
 
 
 def reprojection_errors(clip: Clip, poses: Poses3D) -> np.ndarray:
-    """Return the distances (F, V, P, J) between reprojected joints and those of the matched detection, px."""
+    """Return the distances (F, V, P, J) between reprojected joints and the matched detection, px."""
     pixels, depth = clip.rig.project(poses.xyz)
     errors, scale = np.full(pixels.shape[:-1], np.nan), scale_of(poses)
     for view in range(len(clip.rig)):
