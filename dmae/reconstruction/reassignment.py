@@ -107,22 +107,15 @@ _MIN_FRAMES = 25
 """Smallest number of frames in which a camera sees a person, for the estimate of a constant offset."""
 
 
-def cameras_disagree(evidence: Evidence, assigned: np.ndarray, points: Points) -> np.ndarray:
+def cameras_disagree(offset: np.ndarray) -> np.ndarray:
     """Return (P,) True for people on which cameras disagree by a constant, as after an inexact calibration.
 
     The offset of a camera is the median, over joints and frames, of the reprojected minus the detected position, in
     sigmas of the detection. Noise has no direction and cancels; the error of a displaced camera does not.
 
     Args:
-        evidence: Detections of F frames.
-        assigned: (F, P, V, J) index of the detection that shows the joint in the view, or `NONE`.
-        points: (F, P, J) points triangulated from them.
+        offset: (F, P, V, J, 2) as `standardised_offsets` returns it.
     """
-    return _disagree(standardised_offsets(evidence, assigned, points.xyz))
-
-
-def _disagree(offset: np.ndarray) -> np.ndarray:
-    """Return (P,) True for people on which cameras disagree, by offsets (F, P, V, J, 2)."""
     persons, views = offset.shape[1:3]
     if not offset.size:
         return np.zeros(persons, bool)
@@ -159,12 +152,13 @@ def settle_disagreement(
     Args:
         evidence_of: Returns the evidence of a block.
         blocks: The frames, in pieces.
-        assigned, points: As in `cameras_disagree`.
+        assigned: (F, P, V, J) index of the detection that shows the joint in the view, or `NONE`.
+        points: (F, P, J) points triangulated from them.
     """
     offset = empty((*assigned.shape, 2), np.float64)
     for part in in_steps(blocks):
         offset[part] = standardised_offsets(evidence_of(part), assigned[part], points.xyz[part])
-    people = np.flatnonzero(_disagree(offset))
+    people = np.flatnonzero(cameras_disagree(offset))
     if not len(people):
         return
     for part in in_steps(blocks):

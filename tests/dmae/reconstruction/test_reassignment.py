@@ -21,7 +21,7 @@ from dmae.reconstruction.association import NONE
 from dmae.reconstruction.config import CaptureConfig, DistanceUnit, NoiseModel
 from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.pipeline import capture
-from dmae.reconstruction.reassignment import cameras_disagree, reassign
+from dmae.reconstruction.reassignment import cameras_disagree, reassign, standardised_offsets
 from dmae.reconstruction.triangulation import triangulate
 from tests.support.clips import looking_at_origin, walkers
 from tests.support.detected_people import crossing, detected_clip, errors, standing
@@ -237,7 +237,7 @@ def judged(clip) -> bool:
     assigned = np.zeros((len(clip), 1, len(clip.rig), 25), int)
     assigned[np.isnan(evidence.confidence[:, :, 0])[:, None]] = NONE
     points = evidence.triangulate(np.arange(len(clip))[:, None, None, None], assigned)
-    return bool(cameras_disagree(evidence, assigned, points)[0])
+    return bool(cameras_disagree(standardised_offsets(evidence, assigned, points.xyz))[0])
 
 
 def test_noise_is_no_disagreement_and_a_displaced_camera_is():
