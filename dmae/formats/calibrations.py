@@ -4,6 +4,9 @@ A format is a function with the decorator `calibration_format`, in the module of
 image size for cameras without one, and returns a `CameraRig` in the convention of the file. The first line of its
 docstring describes the file and names the programs that write it; error messages show this line. Listing the formats
 imports their modules, because the settings of a format contain functions.
+
+Readers raise FileNotFoundError if there is no file, and ValueError, which names camera and key, if it is malformed or
+states no image size. Writers raise ValueError if the format cannot store a lens or the name of a camera.
 """
 
 from collections.abc import Callable, Iterable

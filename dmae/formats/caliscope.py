@@ -64,9 +64,6 @@ def write_cameras(rig: CameraRig, path: Path) -> None:
     """Write cameras to a file, with rotations as matrices.
 
     The number of a camera is its name if that is a number, or else its index in the rig.
-
-    Raises:
-        ValueError: the format cannot store the distortion.
     """
     require("a Caliscope calibration", rig, coefficients=8, fisheye=True)
     R, t = orthonormal(rig)
@@ -97,10 +94,6 @@ def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
     Return the cameras of the file: cam_from_world, m. The file contains rotations as matrices or Rodrigues vectors.
 
     The name of a camera is the name of its table, a number. Cameras that the project ignores are left out.
-
-    Raises:
-        FileNotFoundError: the file does not exist.
-        ValueError: the file is malformed; the message names camera and key.
     """
     entries = (CameraTable(path, name, table) for name, table in _tables(read_toml(path)).items())
     return make_rig(path, (_camera(entry) for entry in entries if entry.values.get("ignore") is not True), size)

@@ -107,9 +107,6 @@ def write_cameras(rig: CameraRig, path: Path) -> None:
 
     This module formats the text itself, because YAML libraries cannot write the header and matrices of OpenCV's
     dialect.
-
-    Raises:
-        ValueError: the format cannot store a lens or the name of a camera.
     """
     require("an EasyMocap calibration", rig, coefficients=8)
     R, t = orthonormal(rig)
@@ -152,10 +149,6 @@ def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
     Args:
         path: One of `intri.yml` and `extri.yml`, or the folder that contains both.
         size: Image width and height, px, if the files do not state them.
-
-    Raises:
-        FileNotFoundError: one of the files is missing.
-        ValueError: the files are malformed or contradict each other; the message names camera and key.
     """
     folder = path if path.is_dir() else path.parent
     intrinsics, extrinsics = (_read_storage(folder / name) for name in (INTRINSICS, EXTRINSICS))

@@ -52,9 +52,6 @@ def write_cameras(rig: CameraRig, path: Path) -> None:
     """Write cameras to a file. The transforms in `cam_from_world` are not changed.
 
     A name such as 00_12 gives panel and node. Cameras with other names become nodes of panel 0.
-
-    Raises:
-        ValueError: the format cannot store a lens.
     """
     require("a Panoptic calibration", rig, coefficients=5)
     cameras = []
@@ -93,10 +90,6 @@ def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
     """JSON with a list of cameras (CMU Panoptic).
 
     Return the cameras of the file: cam_from_world, cm, y down.
-
-    Raises:
-        FileNotFoundError: the file does not exist.
-        ValueError: the file is malformed; the message names camera and key.
     """
     content = read_json(path)
     cameras = content.get("cameras") if isinstance(content, dict) else None

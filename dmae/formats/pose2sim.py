@@ -46,11 +46,7 @@ def _camera(entry: CameraTable) -> ParsedCamera:
 
 
 def write_cameras(rig: CameraRig, path: Path) -> None:
-    """Write cameras to a file. Rounded rotations in `cam_from_world` become exact.
-
-    Raises:
-        ValueError: the format cannot store the distortion.
-    """
+    """Write cameras to a file. Rounded rotations in `cam_from_world` become exact."""
     require("a Pose2Sim calibration", rig, coefficients=8, fisheye=True)
     R, t = orthonormal(rig)
     rotation = Rotation.from_matrix(R).as_rotvec()
@@ -95,10 +91,6 @@ def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
 
     A camera without `name` has the name of its table. Distortion is OpenCV's k1 k2 p1 p2 [k3 [k4 k5 k6]], or with
     `fisheye = true` k1 k2 k3 k4. `[metadata]` is not read.
-
-    Raises:
-        FileNotFoundError: the file does not exist.
-        ValueError: the file is malformed; the message names camera and key.
     """
     tables = {name: table for name, table in read_toml(path).items() if name != _METADATA}
     return make_rig(path, (_camera(CameraTable(path, name, table)) for name, table in tables.items()), size)

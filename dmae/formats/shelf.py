@@ -33,11 +33,7 @@ def _camera(entry: CameraTable) -> ParsedCamera:
 
 
 def write_cameras(rig: CameraRig, path: Path) -> None:
-    """Write cameras to a file.
-
-    Raises:
-        ValueError: the format cannot store a lens.
-    """
+    """Write cameras to a file."""
     require("a 4DAssociation calibration", rig, coefficients=0)
     cameras = {
         name: {
@@ -62,10 +58,6 @@ def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
     """JSON cameras with K, RT, imgSize (4DAssociation).
 
     Return the cameras of the file: cam_from_world, m.
-
-    Raises:
-        FileNotFoundError: the file does not exist.
-        ValueError: the file is malformed; the message names camera and key.
     """
     cameras = read_json(path)
     if not isinstance(cameras, dict) or not cameras:

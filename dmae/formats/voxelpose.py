@@ -32,9 +32,6 @@ def write_cameras(rig: CameraRig, path: Path) -> None:
     """Write cameras to a file. The rotations in `cam_from_world` are not changed.
 
     Other programs ignore the additional key `size`.
-
-    Raises:
-        ValueError: the format cannot store a lens.
     """
     require("a VoxelPose calibration", rig, coefficients=5, skew=False)
     cameras = {}
@@ -75,10 +72,6 @@ def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
 
     The published files contain no image sizes (Shelf 1032 x 776 px, Campus 360 x 288 px). Files from `write_cameras`
     contain them.
-
-    Raises:
-        FileNotFoundError: the file does not exist.
-        ValueError: the file is malformed, or it contains no sizes and `size` is None.
     """
     cameras = read_json(path)
     if not isinstance(cameras, dict):
