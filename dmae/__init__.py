@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from dmae.calibration.config import RefineConfig as RefineConfig
+    from dmae.commands.config import PretrainCommand as PretrainCommand
     from dmae.completion.config import LearningConfig as LearningConfig
     from dmae.completion.config import ModelConfig as ModelConfig
     from dmae.completion.config import TrainConfig as TrainConfig
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
     from dmae.verbs.motion import complete as complete
     from dmae.verbs.motion import completer as completer
     from dmae.verbs.motion import doctor as doctor
+    from dmae.verbs.motion import pretrain as pretrain
     from dmae.verbs.motion import train as train
     from dmae.verbs.motion import triangulate as triangulate
     from dmae.verbs.recordings import convert as convert
@@ -64,6 +66,7 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "dmae.calibration.config": ["RefineConfig"],
+    "dmae.commands.config": ["PretrainCommand"],
     "dmae.completion.config": ["LearningConfig", "ModelConfig", "TrainConfig"],
     "dmae.data.cameras": ["CameraRig"],
     "dmae.data.clip": ["Clip", "Detections2D", "Poses3D", "Source"],
@@ -85,7 +88,17 @@ _HOMES = {
         "stress",
         "table",
     ],
-    "dmae.verbs.motion": ["calibrate", "capture", "card", "complete", "completer", "doctor", "train", "triangulate"],
+    "dmae.verbs.motion": [
+        "calibrate",
+        "capture",
+        "card",
+        "complete",
+        "completer",
+        "doctor",
+        "pretrain",
+        "train",
+        "triangulate",
+    ],
     "dmae.verbs.recordings": [
         "convert",
         "detect",

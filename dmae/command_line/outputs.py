@@ -1,8 +1,10 @@
 """Where results go: refuse early what cannot be written, keep other commands out, record how a result was made."""
 
+import json
 import platform
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict, replace
 from importlib import metadata
 from pathlib import Path
 
@@ -65,6 +67,13 @@ def record(configuration: str, out: Path) -> None:
     folder = out if out.is_dir() else out.parent
     name = RECORD if out.is_dir() else f"{out.name}.{RECORD}"
     write_atomic(folder / name, with_own_checksum(f"# {versions()}\n{configuration}"))
+
+
+def record_options(config, out: Path) -> None:
+    """Write the configuration of a step of a command to the output of the step."""
+    import yaml
+
+    record(yaml.safe_dump(json.loads(json.dumps(asdict(replace(config, out=str(out))))), sort_keys=False), out)
 
 
 def versions() -> str:

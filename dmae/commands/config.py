@@ -322,7 +322,7 @@ class PretrainCommand:
     """Simulate people with your motion, cameras and detector, and train on them.
 
     Trains a model that `dmae train init=<model>` can then fine-tune on recordings: simulates, captures, trains,
-    calibrates uncertainty on held-back subjects, scores on others, and writes the card. Every step is a command that is
+    calibrates uncertainty on held-back subjects, scores on others, and writes the card. Every step is
     printed. The same command continues an interrupted run.
     """
 
@@ -387,7 +387,7 @@ class TrainPaperCommand:
 
 @dataclass(frozen=True)
 class DemoCommand:
-    """Simulate people, detect, capture, train, complete, score and report. Every command is printed."""
+    """Simulate people, detect, capture, train, complete, score and report. Every step is printed."""
 
     size: DemoSize = DemoSize.small
     """How much is simulated and learned."""

@@ -1,54 +1,66 @@
 """`dmae demo`: the whole loop on simulated people, from an empty folder to a page."""
 
+import time
 from pathlib import Path
+from types import ModuleType
 
-from dmae.command_line.steps import run_steps
-from dmae.commands.config import DemoCommand, DemoSize
+from dmae.command_line.outputs import record_options
+from dmae.commands import capture, complete, evaluate, report, train
+from dmae.commands.config import CaptureCommand, CompleteCommand, DemoCommand, DemoSize, ReportCommand
+from dmae.completion.config import LearningConfig, TrainConfig
+from dmae.evaluation.config import EvaluateConfig
+from dmae.formats.config import DataConfig
 
-_TRAINING_SET = {DemoSize.small: ("clips=3", "scene.seconds=2"), DemoSize.full: ("clips=40",)}
-_THREE_CAMERAS = ("rig=ring", "rig.ring.views=3", "scene.persons=[3,3]")
-_TEST_SET = {
-    DemoSize.small: ("clips=1", "scene.seconds=2", *_THREE_CAMERAS),
-    DemoSize.full: ("clips=2", "scene.seconds=4"),
-}
-_LEARNING = {
-    DemoSize.small: ("init=shipped", "learning.steps=20", "learning.epoch=20", "learning.batch=16"),
-    DemoSize.full: ("max_minutes=2",),
-}
+_METHODS = ["measured", "linear", "dmae"]
 
 
 def run(config: DemoCommand, out: Path) -> None:
-    run_steps(_steps(config, out))
+    """Simulate, capture, train, complete, score and report."""
+    import synth  # the only commands of dmae that simulate are this one and `dmae pretrain`
+
+    small, model, scores = config.size == DemoSize.small, str(out / "model"), [str(out / "scores")]
+    steps = 8 if config.shelf is None else 9
+    say("simulate people to learn from", 1, steps)
+    length = {"seconds": 2} if small else {}
+    synth.generate(clips=3 if small else 40, seed=1, **length, workers=config.workers, out=out / "train")
+    say("simulate others, and render them", 2, steps)
+    three = {"rig": synth.preset("rig", "ring", ring=synth.RingConfig(views=3)), "persons": [3, 3]} if small else {}
+    pictures = {"images": ["rgb"], "quality": "draft"}
+    clips, seconds = (1, 2) if small else (2, 4)
+    synth.generate(clips=clips, seed=2, seconds=seconds, **three, **pictures, workers=config.workers, out=out / "test")
+    for number, name in ((3, "train"), (4, "test")):
+        say(f"capture the people of {out / name}", number, steps)
+        captured = out / ("train_captured" if name == "train" else "captured")
+        run_step(capture, CaptureCommand(data=DataConfig(path=str(out / name))), captured)
+    say("train, from the shipped model" if small else "train", 5, steps)
+    learning = LearningConfig(steps=20, epoch=20, batch=16) if small else LearningConfig()
+    learn = TrainConfig(
+        data=DataConfig(path=str(out / "train_captured")), learning=learning, init="shipped" if small else None,
+        max_minutes=None if small else 2.0,
+    )  # fmt: skip
+    train.run(learn, out / "model", time.monotonic())
+    record_options(learn, out / "model")
+    say("complete what no camera measured", 6, steps)
+    run_step(complete, CompleteCommand(clip=str(out / "captured"), weights=model), out / "completed")
+    say("score", 7, steps)
+    run_step(
+        evaluate, EvaluateConfig(DataConfig(path=str(out / "test")), methods=_METHODS, weights=model), out / "scores"
+    )
+    if config.shelf is not None:
+        say("score on the recording Shelf", 8, steps)
+        scores.append(str(out / "scores_shelf"))
+        shelf = DataConfig(name="shelf", path=config.shelf)
+        run_step(evaluate, EvaluateConfig(shelf, methods=_METHODS, views=[5, 3], weights=model), out / "scores_shelf")
+    say("report", steps, steps)
+    run_step(report, ReportCommand(clip=str(out / "completed"), scores=scores), out / "report.html")
     print(f"Look at {out / 'report.html'}")
 
 
-def _steps(config: DemoCommand, out: Path) -> list[list[str]]:
-    """Return the command lines of the demo, in order.
+def run_step(command: ModuleType, config, out: Path) -> None:
+    """Run another command, and record its configuration with its output."""
+    command.run(config, out)
+    record_options(config, out)
 
-    Raises:
-        ValueError: a path has characters that options give a meaning.
-    """
-    for path in (str(out), config.shelf or ""):
-        if set(path) & set("'\"[]{}(),=$"):
-            raise ValueError(f"{path}: expected a path without quotes, brackets, commas, = and $")
-    size = config.size
-    generate = ["synth", "generate", f"workers={config.workers}"]
-    methods = "methods=[measured,linear,dmae]"
-    steps = [
-        [*generate, f"out={out}/train", "seed=1", *_TRAINING_SET[size]],
-        ["dmae", "capture", f"data={out}/train", f"out={out}/train_captured"],
-        [*generate, f"out={out}/test", "seed=2", *_TEST_SET[size], "images=rgb", "quality=draft"],
-        ["dmae", "train", f"data={out}/train_captured", f"out={out}/model", *_LEARNING[size]],
-        ["dmae", "capture", f"data={out}/test", f"out={out}/captured"],
-        ["dmae", "complete", f"clip={out}/captured", f"weights={out}/model", f"out={out}/completed"],
-        ["dmae", "evaluate", f"data={out}/test", methods, f"weights={out}/model", f"out={out}/scores"],
-    ]
-    scores = [f"{out}/scores"]
-    if config.shelf:
-        scores.append(f"{out}/scores_shelf")
-        steps.append(
-            ["dmae", "evaluate", "data=shelf", f"data.path={config.shelf}", "views=[5,3]", methods,
-             f"weights={out}/model", f"out={scores[1]}"]
-        )  # fmt: skip
-    report = ["dmae", "report", f"clip={out}/completed", f"scores=[{','.join(scores)}]", f"out={out}/report.html"]
-    return [*steps, report]
+
+def say(step: str, number: int, steps: int) -> None:
+    print(f"[{number}/{steps}] {step}", flush=True)

@@ -1,93 +1,110 @@
 """`dmae pretrain`: a model for your own cameras, detector and motion."""
 
 import shlex
+import time
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
-from dmae.command_line.steps import run_steps
-from dmae.commands.config import PretrainCommand
+from dmae.command_line.outputs import record_options
+from dmae.commands import capture, evaluate, train
+from dmae.commands.config import CaptureCommand, PretrainCommand
+from dmae.commands.demo import run_step, say
+from dmae.completion.config import LearningConfig, TrainConfig
+from dmae.completion.weights import model_card
+from dmae.evaluation.config import EvaluateConfig, Input
+from dmae.files.contents import write_atomic
+from dmae.formats.config import DataConfig
+
+_STEPS = 6
 
 
 def run(config: PretrainCommand, out: Path) -> None:
-    run_steps(_steps(config, out))
+    """Simulate, capture, train, score, and write the card. What is finished is kept.
+
+    Raises:
+        ValueError: the preset of the detector is not as `synth fit-detector` writes it.
+        FileNotFoundError: there is no such motion, calibration or file of a preset.
+    """
+    import synth
+
+    generated = configurations(config, out)
+    for number, (name, each) in enumerate(generated.items()):
+        say(f"simulate {each['clips']} clips: {name}", number + 1, _STEPS)
+        synth.generate(**each, out=out / name)
+    say("capture them with few cameras", 4, _STEPS)
+    for name in ("train", "validation"):
+        data = DataConfig(path=str(out / name))
+        run_step(capture, CaptureCommand(data=data, draw=config.views, seed=config.seed), out / f"{name}_captured")
+    say("train", 5, _STEPS)
+    learn = TrainConfig(
+        data=DataConfig(path=str(out / "train_captured")), validation_data=[str(out / "validation_captured")],
+        learning=LearningConfig(steps=config.steps, epoch=min(500, config.steps), observed_weight=0.2),
+        seed=config.seed,
+    )  # fmt: skip
+    train.run(learn, out / "model", time.monotonic())
+    record_options(learn, out / "model")
+    say("score on people who were not learned from", 6, _STEPS)
+    methods = ["linear", "pchip_body", "gaussian_process", "dmae"]
+    score = EvaluateConfig(DataConfig(path=str(out / "test")), methods=methods, weights=str(out / "model"))
+    views = [3 if 3 in config.views else min(config.views)]
+    run_step(evaluate, replace(score, skeleton="body25", views=views), out / "scores")
+    # Gaps made in true poses are scored on the skeleton of the detections.
+    run_step(evaluate, replace(score, input=Input.true_poses, smooth=0.0), out / "scores_true")
+    card = model_card(out / "model", [out / "scores", out / "scores_true"], command_line(config))
+    write_atomic(out / "model/MODEL_CARD.md", card)
     print(f"The model is {out / 'model'}; tune it with dmae train init={out / 'model'} data=<recordings with truth>")
 
 
-def _steps(config: PretrainCommand, out: Path) -> list[list[str]]:
-    """Return the command lines, in order.
+def configurations(config: PretrainCommand, out: Path) -> dict[str, dict[str, Any]]:
+    """Return the arguments of `synth.generate` by data set: to learn from, to calibrate uncertainty on, to score on.
 
-    Raises:
-        ValueError: a path has characters that options give a meaning.
-        FileNotFoundError: there is no such motion, calibration or file of a preset.
+    Raises as `run`.
     """
-    for path in (str(out), config.motion or "", config.rig, config.detector):
-        if set(path) & set("'\"[]{}(),=$"):
-            raise ValueError(f"{path}: expected a path without quotes, brackets, commas, = and $")
-    steps, sets = [], {name: _procedural() for name in ("train", "validation", "test")}
-    if config.motion:
-        motion = Path(config.motion)
-        if not motion.exists():
-            raise FileNotFoundError(f"motion={motion}: no such folder or list of takes")
-        takes = motion
-        if motion.is_dir():
-            takes = out / "takes.tsv"
-            shares = ["train=0.7", "validation=0.15", "test=0.15", f"seed={config.seed}"]
-            steps.append(["synth", "split", f"data={motion}", *shares, f"out={takes}"])
-        sets = {name: ["motion=recorded", f"motion.path={takes}", f"motion.sets=[{name}]"] for name in sets}
-    rig = [f"rig={config.rig}"]
-    if Path(config.rig).exists():
-        rig = ["rig=random", f"rig.path={config.rig}"]
-    elif Path(config.rig).suffix:
-        raise FileNotFoundError(f"rig={config.rig}: no such calibration, and no preset of rigs")
-    detector = _detector(config.detector)
+    import synth
+    from synth.detector.fitting import load_preset
+
+    detector: Any = config.detector
+    rig: Any = config.rig
+    if Path(detector).suffix in (".yaml", ".yml"):
+        if not Path(detector).is_file():
+            raise FileNotFoundError(f"detector={detector}: no such file")
+        detector = load_preset(detector)
+    if Path(rig).exists():
+        rig = synth.preset("rig", "random", path=rig)
+    elif Path(rig).suffix:
+        raise FileNotFoundError(f"rig={rig}: no such calibration, and no preset of rigs")
+    motions: dict[str, Any] = dict.fromkeys(("train", "validation", "test"), "procedural")
+    if config.motion is not None:
+        takes = Path(config.motion)
+        if not takes.exists():
+            raise FileNotFoundError(f"motion={takes}: no such folder or list of takes")
+        if takes.is_dir():
+            takes = _divided(takes, out / "takes.tsv", config.seed)
+        motions = {name: synth.preset("motion", "recorded", path=str(takes), sets=[name]) for name in motions}
     counts = {"train": config.clips, "validation": max(1, config.clips // 4), "test": max(1, config.clips // 4)}
-    for number, (name, count) in enumerate(counts.items()):
-        steps.append(
-            ["synth", "generate", f"out={out}/{name}", f"clips={count}", f"seed={3 * config.seed + number}", *rig,
-             *detector, f"scene.seconds={config.seconds}", f"workers={config.workers}", *sets[name]]
-        )  # fmt: skip
-    drawn = f"draw=[{','.join(map(str, config.views))}]"
-    steps += [
-        ["dmae", "capture", f"data={out}/{name}", drawn, f"seed={config.seed}", f"out={out}/{name}_captured"]
-        for name in ("train", "validation")
-    ]
-    learning = [f"learning.steps={config.steps}", f"learning.epoch={min(500, config.steps)}", f"seed={config.seed}"]
-    steps.append(
-        ["dmae", "train", f"data={out}/train_captured", f"validation_data=[{out}/validation_captured]", *learning,
-         "learning.observed_weight=0.2", f"out={out}/model"]
-    )  # fmt: skip
-    methods = "methods=[linear,pchip_body,gaussian_process,dmae]"
-    scoring = ["dmae", "evaluate", f"data={out}/test", methods, f"weights={out}/model"]
-    captured = ["skeleton=body25", f"views=[{3 if 3 in config.views else min(config.views)}]"]
-    steps.append([*scoring, *captured, f"out={out}/scores"])
-    # Gaps made in true poses are scored on the skeleton of the detections.
-    steps.append([*scoring, "input=true_poses", "smooth=0", f"out={out}/scores_true"])
-    # The command on the card contains no folders, so that it can be repeated with other paths.
+    common = {"rig": rig, "detector": detector, "seconds": config.seconds, "workers": config.workers}
+    return {
+        name: {"clips": counts[name], "seed": 3 * config.seed + number, "motion": motions[name], **common}
+        for number, name in enumerate(counts)
+    }
+
+
+def _divided(motion: Path, takes: Path, seed: int) -> Path:
+    """List the takes of a folder in a table, divided by subject."""
+    import synth
+    from synth.datasets.splits import as_table
+
+    found = synth.takes(motion, train=0.7, validation=0.15, test=0.15, seed=seed)
+    write_atomic(takes, as_table(found, takes.parent))
+    return takes
+
+
+def command_line(config: PretrainCommand) -> str:
+    """Return the command on the card. It contains no folders, so that it can be repeated with other paths."""
     made = [f"clips={config.clips}", f"seconds={config.seconds}", f"steps={config.steps}", f"seed={config.seed}"]
     made += [f"detector={Path(config.detector).name}", f"rig={Path(config.rig).name}"]
-    command = shlex.join(["dmae", "pretrain", *(["motion=..."] if config.motion else []), *made])
-    scores = f"scores=[{out}/scores,{out}/scores_true]"
-    return [*steps, ["dmae", "card", f"weights={out}/model", f"command={_quoted(command)}", scores]]
-
-
-def _detector(detector: str) -> list[str]:
-    """Return the options of `synth generate` for a preset of the detector, by its name or its file."""
-    path = Path(detector)
-    if path.suffix not in (".yaml", ".yml"):
-        return [f"detector={detector}"]
-    if not path.is_file():
-        raise FileNotFoundError(f"detector={detector}: no such file")
-    if path.parent.name != "detector":
-        raise ValueError(f"detector={detector}: expected a file in a folder `detector`, as synth fit-detector writes")
-    return [f"--config-dir={path.parent.parent}", f"detector={path.stem}"]
-
-
-def _quoted(text: str) -> str:
-    """Return a text as the value of an option."""
-    return f'"{text}"'
-
-
-def _procedural() -> list[str]:
-    return ["motion=procedural"]
+    return shlex.join(["dmae", "pretrain", *(["motion=..."] if config.motion else []), *made])
 
 
 def interrupted(config: PretrainCommand, out: Path) -> str:

@@ -13,14 +13,15 @@ from dmae.files.checksums import refuse_damaged
 from dmae.formats.reading import Clips, DataConfig, load
 
 
-def run(config: TrainConfig, out: Path) -> None:
+def run(config: TrainConfig, out: Path, since: float | None = None) -> None:
+    """Train. `since`: begin of the time of `max_minutes`, by default that of the command."""
     paths = (config.extra_data, config.validation_data)
     if not config.examples.damaged:
         for path in (config.data.path, *config.extra_data, *config.validation_data):
             refuse_damaged(path, "examples.damaged=true")
     extra, validation = ([load(DataConfig(path=path)) for path in group] for group in paths)
     # The time that the user waits begins with the command, not when torch is loaded.
-    since = time.monotonic() if interruption.began is None else interruption.began
+    since = since or interruption.began or time.monotonic()
     print(train(config, _named([load(config.data)]), out, _named(validation), _named(extra, first=1), since=since))
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dmae.commands.config import PretrainCommand
 from dmae.completion.config import TrainConfig
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D
@@ -186,6 +187,30 @@ def train(
     from dmae.completion.training import train as run
 
     return run(config or TrainConfig(), clips, Path(out), validation_data, extra_data)
+
+
+def pretrain(out: str | Path, config: PretrainCommand | None = None) -> Path:
+    """Simulate people with your motion, cameras and detector, and train a model on them, as `dmae pretrain`.
+
+    Args:
+        out: Folder of the data sets, the model and its scores. The same call continues an interrupted one.
+        config: Motion, cameras, detector and amount. The field `out` is not used.
+
+    Returns:
+        The folder of the model, which `complete(weights=...)` takes; `train` can fine-tune it (`TrainConfig.init`).
+
+    Raises:
+        FileNotFoundError: there is no such motion, calibration or preset.
+
+    Examples:
+        >>> small = dmae.PretrainCommand(rig="ring", clips=2, seconds=1, steps=2, views=[3])
+        >>> dmae.pretrain("own", small).name
+        'model'
+    """
+    from dmae.commands.pretrain import run
+
+    run(config or PretrainCommand(), Path(out))
+    return Path(out) / "model"
 
 
 def card(weights: str | Path, *, command: str, scores: Iterable[str | Path] = ()) -> str:

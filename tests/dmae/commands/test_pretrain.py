@@ -1,6 +1,5 @@
-"""`dmae pretrain`: every step is a command that its program takes, and the whole makes a model."""
+"""`dmae pretrain` simulates sets that share no seed and no subject, and makes a model of them."""
 
-import importlib
 import json
 from pathlib import Path
 
@@ -8,7 +7,7 @@ import pytest
 
 from dmae.cli import DMAE, compose
 from dmae.commands.config import PretrainCommand
-from dmae.commands.pretrain import _steps
+from dmae.commands.pretrain import command_line, configurations, run
 from tests.support.commands import run_command
 from tests.support.motion_files import bvh
 
@@ -22,58 +21,30 @@ def mocap(tmp_path) -> Path:
     return folder
 
 
-@pytest.mark.parametrize(
-    "options", [{}, {"motion": "mocap"}, {"motion": "mocap/takes.tsv", "rig": "ring", "views": [2, 4]}]
-)
-def test_every_step_is_a_command_line_that_its_program_takes(mocap, monkeypatch, options):
-    monkeypatch.chdir(mocap.parent)
-    (mocap / "takes.tsv").write_text("file\tsubject\tset\n")
-    steps = _steps(PretrainCommand(**options), Path("runs/own"))
-    for name in ("train", "test", "train_captured", "validation", "validation_captured"):
-        Path("runs/own", name).mkdir(parents=True)
-    programs = {name: getattr(importlib.import_module(f"{name}.cli"), name.upper()) for name in ("dmae", "synth")}
-    for program, command, *words in steps:
-        compose(programs[program].commands[command], words)
-    done = [command for _, command, *_ in steps]
-    takes = ["split"] if options.get("motion") == "mocap" else []
-    captures = ["capture", "capture"]
-    assert done == [*takes, "generate", "generate", "generate", *captures, "train", "evaluate", "evaluate", "card"]
+def test_sets_share_no_seed_and_no_subject(mocap, tmp_path):
+    made = configurations(PretrainCommand(motion=str(mocap), seed=4), tmp_path)
+    assert [each["seed"] for each in made.values()] == [12, 13, 14]
+    assert [each["motion"].sets for each in made.values()] == [["train"], ["validation"], ["test"]]
+    assert (tmp_path / "takes.tsv").is_file()
 
 
-def test_sets_share_no_seed_and_no_subject(mocap):
-    steps = _steps(PretrainCommand(motion=str(mocap), seed=4), Path("runs/own"))
-    generated = [step for step in steps if step[1] == "generate"]
-    assert len({word for step in generated for word in step if word.startswith("seed=")}) == 3
-    sets = [word for step in generated for word in step if word.startswith("motion.sets=")]
-    assert sets == ["motion.sets=[train]", "motion.sets=[validation]", "motion.sets=[test]"]
-
-
-def test_a_calibration_is_read_from_its_file(tmp_path):
+def test_a_calibration_and_a_fitted_preset_are_read_from_their_files(tmp_path):
     (tmp_path / "calibration.json").write_text("{}")
-    steps = _steps(PretrainCommand(rig=str(tmp_path / "calibration.json")), Path("runs/own"))
-    assert f"rig.path={tmp_path / 'calibration.json'}" in steps[0]
-
-
-def test_a_fitted_preset_is_named_by_its_file(tmp_path):
-    (tmp_path / "detector").mkdir()
-    preset = tmp_path / "detector/mine.yaml"
-    preset.write_text("# @package detector")
-    steps = _steps(PretrainCommand(detector=str(preset)), Path("runs/own"))
-    assert {f"--config-dir={tmp_path}", "detector=mine"} <= set(steps[0])
-    assert not any(str(tmp_path) in word for word in steps[-1])
-    with pytest.raises(ValueError, match="expected a file in a folder `detector`"):
-        _steps(PretrainCommand(detector=str(preset.rename(tmp_path / "mine.yaml"))), Path("runs/own"))
+    preset = tmp_path / "mine.yaml"
+    preset.write_text("# @package detector\nname: mine\n")
+    config = PretrainCommand(rig=str(tmp_path / "calibration.json"), detector=str(preset))
+    made = configurations(config, tmp_path)["train"]
+    assert made["rig"].path == str(tmp_path / "calibration.json") and made["detector"].name == "mine"
+    assert str(tmp_path) not in command_line(config)
 
 
 def test_what_cannot_be_is_refused(tmp_path):
     for missing in ("rig=nowhere/rig.toml", "detector=nowhere/mine.yaml"):
         name, _, path = missing.partition("=")
         with pytest.raises(FileNotFoundError, match=f"{missing}: no such"):
-            _steps(PretrainCommand(**{name: path}), Path("runs/own"))
+            configurations(PretrainCommand(**{name: path}), tmp_path)
     with pytest.raises(FileNotFoundError, match="no such folder or list of takes"):
-        _steps(PretrainCommand(motion=str(tmp_path / "none")), Path("runs/own"))
-    with pytest.raises(ValueError, match="expected a path without quotes"):
-        _steps(PretrainCommand(rig="a,b"), Path("runs/own"))
+        configurations(PretrainCommand(motion=str(tmp_path / "none")), tmp_path)
     with pytest.raises(ValueError, match="views"):
         PretrainCommand(views=[1])
 
@@ -82,13 +53,14 @@ def test_what_cannot_be_is_refused(tmp_path):
 def test_a_model_is_made_and_its_card_written(mocap, tmp_path):
     config = PretrainCommand(motion=str(mocap), rig="ring", clips=2, seconds=1.0, steps=4, views=[3])
     out = tmp_path / "own"
-    for program, *words in _steps(config, out):
-        done = run_command(tmp_path, program, *words)
-        assert done.returncode == 0, f"{program} {words}: {done.stderr}"
+    run(config, out)
     assert json.loads((out / "model" / "model.json").read_text())["steps"] == 4
     card = (out / "model" / "MODEL_CARD.md").read_text()
     assert "dmae pretrain" in card
     assert "gaussian_process" in card
+    before = (out / "model/weights.safetensors").read_bytes()
+    run(config, out)
+    assert (out / "model/weights.safetensors").read_bytes() == before
 
 
 def test_options_with_the_names_of_groups_of_presets_are_paths_and_names():
