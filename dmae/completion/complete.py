@@ -241,7 +241,7 @@ class Completer:
       Neither are joints that are not finite, which become absent.
     - Poses at another rate than the model's are resampled, and the corrections are resampled back.
     - Poses of another skeleton are completed through the joints that it has in common with the model's
-      (`dmae.data.skeleton_conversion.convert`); other joints stay as they are. `notes` says where either happens.
+      (`dmae.data.conversion.convert`); other joints stay as they are. `notes` says where either happens.
     - Weights of two skeletons side by side (`dmae.completion.fusion`) take poses of the first, or of one that has
       all its joints, and return poses of the second, see `dmae.completion.fusion.fused`; none of their joints is
       `MEASURED`.
@@ -343,7 +343,7 @@ class Completer:
         if not set(wanted.joints) <= set(found.joints):
             raise ValueError(
                 f"the weights turn {wanted.name!r} into {self.target.name!r}, the poses are {found.name!r}; convert "
-                "them (dmae.data.skeleton_conversion.convert), or train on their skeleton"
+                "them (dmae.data.conversion.convert), or train on their skeleton"
             )
         return convert(poses, wanted)
 
@@ -374,7 +374,7 @@ class Completer:
         except KeyError as error:
             raise ValueError(
                 f"the weights are for skeleton {self.skeleton.name!r}, the poses are {poses.skeleton.name!r}, and "
-                f"{error.args[0]}; convert the poses (dmae.data.skeleton_conversion.convert), or "
+                f"{error.args[0]}; convert the poses (dmae.data.conversion.convert), or "
                 f"train on their skeleton"
             ) from None
         poses = poses.select(frames)

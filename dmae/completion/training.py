@@ -495,7 +495,7 @@ def train(
     as if it had never stopped. Sets torch's global seed.
 
     Args:
-        clips: Clips with truth, in any skeleton that `dmae.data.skeleton_conversion.convert` can turn into the
+        clips: Clips with truth, in any skeleton that `dmae.data.conversion.convert` can turn into the
             wanted one. From those with `poses` a model learns captured poses: with their gaps and errors, and more
             joints masked.
         out: Folder.
