@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from synth.datasets.occlusion import OcclusionConfig as OcclusionConfig
     from synth.datasets.render import RenderConfig as RenderConfig
     from synth.detector.config import DetectorConfig as DetectorConfig
-    from synth.interactions import InteractionConfig as InteractionConfig
+    from synth.interactions.registry import InteractionConfig as InteractionConfig
     from synth.motion.config import MotionConfig as MotionConfig
     from synth.planning.config import LensConfig as LensConfig
     from synth.planning.config import MountConfig as MountConfig
@@ -54,7 +54,7 @@ _HOMES = {
     "synth.datasets.occlusion": ["OcclusionConfig"],
     "synth.datasets.render": ["RenderConfig"],
     "synth.detector.config": ["DetectorConfig"],
-    "synth.interactions": ["InteractionConfig"],
+    "synth.interactions.registry": ["InteractionConfig"],
     "synth.motion.config": ["MotionConfig"],
     "synth.planning.config": ["LensConfig", "MountConfig", "PlanConfig", "SearchConfig"],
     "synth.rigs.config": ["RigConfig", "RingConfig"],
