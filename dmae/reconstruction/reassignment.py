@@ -9,7 +9,7 @@ from math import prod
 import numpy as np
 
 from dmae.data.skeleton import Skeleton
-from dmae.files.mapped import column_blocks, empty, frame_blocks, in_steps
+from dmae.files.mapped import by_frames, column_blocks, empty, frame_blocks, in_steps
 from dmae.numerics.compiled import compiled
 from dmae.numerics.paths import linear, neighbours
 from dmae.numerics.statistics import median_over_frames
@@ -119,7 +119,7 @@ def cameras_disagree(offset: np.ndarray) -> np.ndarray:
     persons, views = offset.shape[1:3]
     if not offset.size:
         return np.zeros(persons, bool)
-    seen = np.isfinite(offset[..., 0]).any(-1).sum(0)
+    seen = by_frames(lambda offset: np.isfinite(offset[..., 0]).any(-1), offset).sum(0)
     constant = np.zeros((persons, views, 2))
     for person, view, axis in np.ndindex(constant.shape):
         one = np.concatenate([offset[part, person, view, :, axis].copy() for part in frame_blocks(offset)])
