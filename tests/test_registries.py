@@ -81,7 +81,7 @@ def replace_in(file: Path, old: str, new: str) -> None:
 def add_one_of_each(checkout: Path) -> None:
     """Write one file of each kind; an error of the detector is also a field of its configuration."""
     (checkout / "dmae/formats/lizard.py").write_text(code_of("add_format"))
-    (checkout / "dmae/completion/methods/midpoint.py").write_text(code_of("add_method"))
+    (checkout / "dmae/completion/midpoint.py").write_text(code_of("add_method"))
     (checkout / "dmae/metrics/jerkiness.py").write_text(code_of("add_metric"))
     (checkout / "dmae/evaluation/corruption/shade.py").write_text(code_of("add_corruption"))
     (checkout / "synth/interactions/face_off.py").write_text(code_of("add_interaction"))
