@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from dmae.verbs.motion import completer as completer
     from dmae.verbs.motion import doctor as doctor
     from dmae.verbs.motion import pretrain as pretrain
+    from dmae.verbs.motion import run as run
     from dmae.verbs.motion import train as train
     from dmae.verbs.motion import triangulate as triangulate
     from dmae.verbs.recordings import convert as convert
@@ -60,7 +61,6 @@ if TYPE_CHECKING:
     from dmae.verbs.recordings import preset as preset
     from dmae.verbs.recordings import read as read
     from dmae.verbs.recordings import read_poses as read_poses
-    from dmae.verbs.recordings import run as run
     from dmae.verbs.recordings import save as save
     from dmae.viewing.config import LayersConfig as LayersConfig
 
@@ -96,6 +96,7 @@ _HOMES = {
         "completer",
         "doctor",
         "pretrain",
+        "run",
         "train",
         "triangulate",
     ],
@@ -108,7 +109,6 @@ _HOMES = {
         "preset",
         "read",
         "read_poses",
-        "run",
         "save",
     ],
     "dmae.viewing.config": ["LayersConfig"],

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,10 +15,13 @@ from dmae.completion.config import TrainConfig
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import Skeleton
+from dmae.data.store import load_clip
+from dmae.detection.registry import PoseDetectorConfig
 from dmae.numerics import filling
 from dmae.reconstruction import pipeline, triangulation
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.triangulation import Points
+from dmae.verbs.recordings import detect
 
 if TYPE_CHECKING:
     from dmae.calibration.config import RefineConfig
@@ -314,3 +318,76 @@ def calibrate(clip: Clip, refine: RefineConfig | None = None) -> Refined:
     from dmae.calibration.refinement import refine as run
 
     return run(clip, refine)
+
+
+def run(
+    source: str | Path | Clip,
+    calibration: str | Path | None = None,
+    *,
+    detector: str = "blazepose",
+    capture: CaptureConfig | None = None,
+    weights: str | Path | None = None,
+    fps: float | None = None,
+    offsets: Sequence[int] | None = None,
+    export: Sequence[str] = ("trc",),
+    workers: int = 1,
+    out: str | Path | None = None,
+) -> Clip:
+    """Turn the videos of calibrated cameras, or the images of a clip, into people in 3D: detect, capture, complete.
+
+        clip = dmae.run("session/videos", "session/calibration.toml", workers=4, out="runs/session")
+
+    Args:
+        source: Folder of a video, or a folder of pictures, for each camera, named as in the calibration; or a clip with
+            colour images, or its folder.
+        calibration: Calibration file, or folder of them; None for a clip, which has its own.
+        detector: `blazepose`, or `package.module:function`.
+        capture: How people are reconstructed; `dmae.preset("capture", "tight")` is a preset of `dmae capture`.
+        weights: Folder that `train`, or `dmae train`, wrote; by default the weights that come with the package.
+        fps: Frames per second of the videos, where they do not say.
+        offsets: Frames by which each camera started late; by default what the videos say.
+        export: Formats of the poses that are written to `out`.
+        workers: Processes that detect; -1 for one per core.
+        out: Folder of what `dmae run` writes: clips of each step, a report, poses in each format. None: nothing is
+            written. The same call continues one that was interrupted.
+
+    Returns:
+        A clip with the detections and, as `poses`, the completed people (F, P, J, 3) m, world.
+
+    Raises:
+        FileNotFoundError: there are no videos, or no such weights.
+        ValueError: a video cannot be read, has no calibration, or is of another size; the clip has no colour images;
+            `out` is given for a clip in memory.
+
+    Examples:
+        >>> clip = next(synth.generate(seconds=0.2, clips=1, seed=7, out="walks"))
+        >>> seen = next(synth.render("walks", "quality=draft", "images=[rgb]", out="seen"))
+        >>> found = dmae.run(seen)
+        >>> len(found.poses.xyz) == len(seen)
+        True
+    """
+    from dmae.commands import run as command
+    from dmae.commands.config import RunCommand
+
+    if out is None:
+        if calibration is None and not isinstance(source, Clip):
+            source = load_clip(Path(source))
+        clip = detect(source, calibration, detector=detector, fps=fps, offsets=offsets, workers=workers)
+        poses = complete(pipeline.capture(clip, capture or CaptureConfig()), clip.fps, weights=weights)
+        return replace(clip, poses=poses)
+    if isinstance(source, Clip):
+        raise ValueError("out=...: save the clip first with dmae.save, and give its folder as the source")
+    config = RunCommand(
+        videos=None if calibration is None else str(source),
+        clip=str(source) if calibration is None else None,
+        calibration=None if calibration is None else str(calibration),
+        detector=PoseDetectorConfig(name=detector),
+        capture=capture or CaptureConfig(),
+        weights=None if weights is None else str(weights),
+        fps=fps,
+        offsets=None if offsets is None else list(offsets),
+        export=list(export),
+        workers=workers,
+    )
+    command.run(config, Path(out))
+    return load_clip(Path(out) / "completed")
