@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from dmae.verbs.recordings import load_dataset as load_dataset
-    from synth.datasets.clip import GenerateConfig as GenerateConfig
-    from synth.datasets.occlusion import OcclusionConfig as OcclusionConfig
-    from synth.datasets.render import RenderConfig as RenderConfig
+    from synth.datasets.config import GenerateConfig as GenerateConfig
+    from synth.datasets.config import OcclusionConfig as OcclusionConfig
+    from synth.datasets.config import RenderConfig as RenderConfig
     from synth.detector.config import DetectorConfig as DetectorConfig
     from synth.interactions.registry import InteractionConfig as InteractionConfig
     from synth.motion.config import MotionConfig as MotionConfig
@@ -50,9 +50,7 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "dmae.verbs.recordings": ["load_dataset"],
-    "synth.datasets.clip": ["GenerateConfig"],
-    "synth.datasets.occlusion": ["OcclusionConfig"],
-    "synth.datasets.render": ["RenderConfig"],
+    "synth.datasets.config": ["GenerateConfig", "OcclusionConfig", "RenderConfig"],
     "synth.detector.config": ["DetectorConfig"],
     "synth.interactions.registry": ["InteractionConfig"],
     "synth.motion.config": ["MotionConfig"],

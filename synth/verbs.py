@@ -23,16 +23,15 @@ from synth.errors import FailedSimulation
 if TYPE_CHECKING:
     import numpy as np
 
-    from synth.datasets.clip import GenerateConfig
+    from synth.datasets.config import GenerateConfig, RenderConfig
     from synth.datasets.forecast import Forecast
     from synth.datasets.motion_comparison import Difference
-    from synth.datasets.render import RenderConfig
     from synth.datasets.splits import Take
     from synth.datasets.verify import Problem
-    from synth.detector.comparison import Limits, Row
-    from synth.detector.config import DetectorConfig
+    from synth.detector.comparison import Row
+    from synth.detector.config import DetectorConfig, Limits
     from synth.detector.fitting import Fit
-    from synth.interactions import InteractionConfig
+    from synth.interactions.registry import InteractionConfig
     from synth.labels.physical_labels import PhysicalLabels
     from synth.motion.source import MotionConfig
     from synth.physics.body_state import BodyState
@@ -255,7 +254,7 @@ def render(
         >>> clip.images.at("flow", "ring0", 0).shape
         (72, 96, 2)
     """
-    from synth.datasets.render import RenderConfig
+    from synth.datasets.config import RenderConfig
     from synth.datasets.render import render as render_data_set
 
     given = {"images": images, "quality": quality, "rgb": rgb, "rig": rig, "workers": workers}
@@ -503,8 +502,8 @@ def export(
         >>> synth.export("walks", "panoptic", "panoptic")["skeleton"]
         'panoptic19'
     """
+    from synth.datasets.config import PictureFormat
     from synth.datasets.exporters.export import export as export_data_set
-    from synth.datasets.exporters.selection import PictureFormat
 
     options = {"skeleton": skeleton, "every": every, "workers": workers, "damaged": damaged}
     if pictures not in PictureFormat.__members__:
@@ -668,9 +667,9 @@ def fit_detector(
         >>> sorted(vars(fit))
         ['config', 'statistics', 'undetermined']
     """
-    from synth.detector.config import DetectorConfig
+    from synth.detector.config import DetectorConfig, ErrorReference
     from synth.detector.fitting import fit
-    from synth.detector.statistics import ErrorReference, measure
+    from synth.detector.statistics import measure
 
     statistics = measure(recording, ErrorReference(truth))
     return fit(statistics, clips, start or DetectorConfig(), rounds=rounds, seed=seed, workers=workers)

@@ -118,7 +118,7 @@ def test_importing_loads_nothing_heavy(statement):
     assert not loaded_by(statement) & HEAVY
 
 
-@pytest.mark.parametrize("program", ["dmae"])
+@pytest.mark.parametrize("program", ["dmae", "synth"])
 def test_options_load_nothing_heavy(program):
     """Help reads the dataclasses of options; all of a program together load NumPy at most."""
     read = f"from {program}.cli import {program.upper()} as p; [command.options() for command in p.commands.values()]"

@@ -13,10 +13,10 @@ import cv2
 import numpy as np
 
 from dmae.data.array_fields import short_repr
+from dmae.data.labels import KINDS as KINDS
 from dmae.files.checks import child
 from dmae.files.pictures import kept_open, open_video, read_picture
 
-KINDS = ("rgb", "depth", "ids", "parts", "normals", "flow", "amodal")
 RGB_FILES = {"h264": "mp4", "png": "png", "jpeg": "jpg"}
 """Formats of colour images, and the suffixes of their files."""
 FIRST_OBJECT_ID = 256

@@ -8,6 +8,9 @@ import numpy as np
 from dmae.data.array_fields import ANY, set_array, short_repr
 from dmae.files.checks import MOST_METRES, MOST_PIXELS, check_numbers
 
+KINDS = ("rgb", "depth", "ids", "parts", "normals", "flow", "amodal")
+"""Kinds of images of a clip."""
+
 
 class Visibility(IntEnum):
     """Visibility of a joint in a view, and the kind of occluder if it is hidden."""

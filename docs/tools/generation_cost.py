@@ -21,7 +21,7 @@ from provenance import measured
 
 from dmae.data.json_values import json_text
 from synth.datasets import forecast as forecasting
-from synth.datasets.clip import GenerateConfig
+from synth.datasets.config import GenerateConfig
 from synth.datasets.forecast import forecast
 from synth.datasets.generate import generate
 from synth.rendering.config import ImageQuality

@@ -5,7 +5,7 @@ from dmae.command_line.options import REQUIRED, Command
 COMMANDS = {
     "generate": Command(
         "Simulate clips with exact truth",
-        "synth.datasets.clip:GenerateConfig",
+        "synth.datasets.config:GenerateConfig",
         (
             "synth generate out=runs/data clips=8 seed=7 workers=2",
             "synth generate scene=living_room rig=dome images=rgb quality=draft scene.seconds=3 out=runs/seen",
@@ -32,7 +32,7 @@ COMMANDS = {
     ),
     "render": Command(
         "Render clips again, as other images or from other cameras",
-        "synth.datasets.render:RenderConfig",
+        "synth.datasets.config:RenderConfig",
         (
             "synth render data=runs/data images=[rgb,depth] quality=high out=runs/high",
             "synth render data=runs/data rig=ring rig.ring.views=8 images=rgb rgb=jpeg out=runs/ring",
@@ -41,7 +41,7 @@ COMMANDS = {
     ),
     "label": Command(
         "Add contacts, forces and points on surfaces to clips",
-        "synth.commands.label:LabelCommand",
+        "synth.commands.config:LabelCommand",
         (
             "synth label data=runs/data",
             "synth label data=runs/data labels=[contacts,forces] workers=2",
@@ -50,7 +50,7 @@ COMMANDS = {
     ),
     "verify": Command(
         "Check that clips are complete and correct",
-        "synth.commands.verify:VerifyCommand",
+        "synth.commands.config:VerifyCommand",
         (
             "synth verify data=runs/data",
             "synth verify data=runs/data fast=true out=runs/verify.json",
@@ -59,7 +59,7 @@ COMMANDS = {
     ),
     "split": Command(
         "Divide clips or takes for training and testing, without leaks",
-        "synth.commands.split:SplitCommand",
+        "synth.commands.config:SplitCommand",
         (
             "synth split data=runs/data by=person train=0.8 validation=0.1 test=0.1 out=runs/splits.json",
             "synth split data=runs/data by=rig check=runs/splits.json",
@@ -70,7 +70,7 @@ COMMANDS = {
     ),
     "stats": Command(
         "Describe a data set: a page with a figure",
-        "synth.commands.stats:StatsCommand",
+        "synth.commands.config:StatsCommand",
         (
             "synth stats data=runs/data",
             "synth stats data=runs/hug extra_data=[runs/fight,runs/dance] out=runs/card",
@@ -78,7 +78,7 @@ COMMANDS = {
     ),
     "realism": Command(
         "Measure what a real detector finds in rendered images",
-        "synth.commands.realism:RealismCommand",
+        "synth.commands.config:RealismCommand",
         (
             "synth realism data=runs/data",
             "synth realism data=runs/office extra_data=[runs/market] every=5 workers=2 out=runs/realism",
@@ -86,7 +86,7 @@ COMMANDS = {
     ),
     "export": Command(
         "Write a data set in the layout of another program",
-        "synth.commands.export:ExportDataCommand",
+        "synth.commands.config:ExportDataCommand",
         (
             "synth export data=runs/data format=coco out=runs/coco",
             "synth export data=runs/data format=yolo splits=runs/splits.json every=5 workers=4 out=runs/yolo",
@@ -95,7 +95,7 @@ COMMANDS = {
     ),
     "compare": Command(
         "Compare simulated clips with recordings: detections or motion",
-        "synth.commands.compare:CompareCommand",
+        "synth.commands.config:CompareCommand",
         (
             "synth compare real=$DMAE_DATA/shelf sim=runs/twin out=runs/compare",
             "synth compare real=recording sim=runs/data frames=[0,500] limits.miss=0.05 workers=2",
@@ -114,7 +114,7 @@ COMMANDS = {
     ),
     "fit-detector": Command(
         "Fit a detector's preset to a recording",
-        "synth.commands.fit_detector:FitDetectorCommand",
+        "synth.commands.config:FitDetectorCommand",
         (
             "synth fit-detector detections=$DMAE_DATA/shelf scene=shelf_twin name=mine out=runs/detector",
             "synth generate --config-dir=runs/detector detector=mine out=runs/data",
@@ -125,7 +125,7 @@ COMMANDS = {
     ),
     "detector-errors": Command(
         "Measure errors of a detector, by cause of occlusion",
-        "synth.commands.detector_errors:DetectorErrorsCommand",
+        "synth.commands.config:DetectorErrorsCommand",
         (
             "synth detector-errors data=runs/detected",
             "synth detector-errors data=runs/detected simulated=[blazepose,shelf_openpose] out=runs/errors",

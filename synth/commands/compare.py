@@ -3,63 +3,20 @@
 import io
 import json
 import sys
-from dataclasses import dataclass, field, replace
-from enum import Enum
+from dataclasses import replace
 from pathlib import Path
 
 from dmae.data.rng import Stream, generator
 from dmae.data.store import MANIFEST
 from dmae.files.contents import write_atomic
 from dmae.formats.reading import DataConfig, load
-from dmae.parallel import Backend, running_on
+from dmae.parallel import running_on
 from dmae.reporting.tables import print_tables
+from synth.commands.config import CompareBy, CompareCommand
 from synth.datasets import motion_comparison as motion
-from synth.datasets.motion_comparison import MIN_SECONDS, ReadingConfig
+from synth.datasets.config import MIN_SECONDS
 from synth.detector import comparison as detections
-from synth.detector.comparison import Limits
 from synth.detector.statistics import measure, measure_all, read_recording
-
-
-class CompareBy(Enum):
-    """What of clips is compared."""
-
-    detections = "detections"
-    """How a detector errs: `compare.html`. Exits with status 1 if a limit is exceeded."""
-    motion = "motion"
-    """How people move: `motion.html`, `motion.png` and `motion.json`."""
-
-
-@dataclass(frozen=True)
-class CompareCommand:
-    """Compare simulated clips with recordings: the detections of a recording with those of its simulation, or the
-    motion of recorded people with that of generated people."""
-
-    by: CompareBy = CompareBy.detections
-    """What is compared."""
-    real: str = "???"
-    """For detections, the recording: a clip, which `dmae convert` makes from any format, or Shelf's text files. For
-    motion a take (BVH, ASF/AMC, AMASS-style npz, C3D) or a folder with takes at any depth; or a clip or data set of
-    clips: the captured poses of each clip, or its truth if nothing was captured."""
-    sim: str = "???"
-    """Folder of the simulated clips."""
-    frames: list[int] | None = None
-    """Detections: first frame of the recording, and the one after the last; by default all."""
-    limits: Limits = field(default_factory=Limits)
-    takes: list[str] = field(default_factory=lambda: ["*"])
-    """Motion: only takes with a file name (without suffix) that matches one of these; `*` and `?` are wildcards."""
-    longest: float = 10.0
-    """Motion: longest part of a take, or of a person of a clip, that is used, s."""
-    motion: ReadingConfig = field(default_factory=ReadingConfig)
-    workers: int = 1
-    """Processes; -1 for one per core."""
-    backend: Backend = Backend.loky
-    """What runs the processes: this machine, or a cluster."""
-    out: str = "runs/compare"
-    """Folder of the page."""
-
-    def __post_init__(self):
-        if not self.longest >= MIN_SECONDS:
-            raise ValueError(f"longest={self.longest}: expected {MIN_SECONDS} s or more")
 
 
 def run(config: CompareCommand, out: Path) -> None:

@@ -1,7 +1,7 @@
 """`synth fit-detector`: fit a preset for `configs/detector/` to a recording of the user."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,68 +12,17 @@ from dmae.data.json_values import json_text
 from dmae.files.checks import child
 from dmae.files.contents import write_atomic
 from dmae.formats.reading import DataConfig, load
-from dmae.parallel import Backend, running_on
+from dmae.parallel import running_on
 from dmae.reporting.tables import counted, print_tables
-from synth.datasets.clip import GenerateConfig
+from synth.commands.config import FitDetectorCommand
+from synth.datasets.config import GenerateConfig
 from synth.datasets.generate import generate
-from synth.detector.comparison import Limits, Row, compare, table, write_page
-from synth.detector.config import DetectorConfig
+from synth.detector.comparison import Row, compare, table, write_page
+from synth.detector.config import ErrorReference, Limits
 from synth.detector.fitting import Fit, fit, preset_yaml
-from synth.detector.statistics import ErrorReference, measure, read_recording
-from synth.interactions.registry import InteractionConfig
-from synth.motion.config import MotionConfig
+from synth.detector.statistics import measure, read_recording
 from synth.recognition import truth_fit
 from synth.rigs.config import CameraConfig, RigConfig
-from synth.scene.config import SceneConfig
-
-WRITES = "folder"
-EXAMPLES = (
-    "synth fit-detector detections=$DMAE_DATA/shelf scene=shelf_twin name=mine out=runs/detector",
-    "synth generate --config-dir=runs/detector detector=mine out=runs/data",
-    "synth fit-detector detections=runs/detected truth=annotated detector=hrnet_like name=mine out=runs/detector",
-)
-
-
-@dataclass(frozen=True)
-class FitDetectorCommand:
-    """Fit a detector's preset to a recording: `detector/<name>.yaml` and `compare.html`."""
-
-    detections: str = "???"
-    """Folder of the recording: a clip, which `dmae convert` makes from any format, or Shelf's text files; with
-    `truth=annotated` also a data set."""
-    extra_data: list[str] = field(default_factory=list)
-    """With `truth=annotated`, more data sets of the same detector."""
-    held_back: list[str] = field(default_factory=list)
-    """With `truth=annotated`, held-back data sets of the same detector, which are not used in the fit. Distances on
-    them are printed and written, and those between the detector's results on them and on the clips of the fit."""
-    truth: ErrorReference = ErrorReference.others
-    """Reference for the detections. With `annotated`, clips with truth and visibility labels, as `dmae detect clip=...`
-    writes them, are themselves simulated again, and visible and hidden joints are fitted separately."""
-    frames: list[int] | None = None
-    """First frame to use, and the one after the last; by default all."""
-    clips: str | None = None
-    """Folder of simulated clips of a similar scene; by default clips are made with the cameras of the recording."""
-    count: int = 4
-    """Number of clips to make."""
-    scene: SceneConfig = field(default_factory=SceneConfig)
-    motion: MotionConfig = field(default_factory=MotionConfig)
-    interaction: InteractionConfig = field(default_factory=InteractionConfig)
-    origin: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
-    """m; position of the middle of the scene on the floor, in the world of the recording."""
-    detector: DetectorConfig = field(default_factory=DetectorConfig)
-    """Start of the fit. Options that the recording does not determine keep its values."""
-    rounds: int = 8
-    """Simulations."""
-    workers: int = 1
-    """Processes; -1 for one per core."""
-    backend: Backend = Backend.loky
-    """What runs the processes: this machine, or a cluster."""
-    seed: int = 0
-    """Seed of the clips and of the detector."""
-    name: str = "fitted"
-    """Name of the preset."""
-    out: str = "runs/detector"
-    """Folder of the preset, the comparison page, and the new clips."""
 
 
 def run(config: FitDetectorCommand, out: Path) -> None:

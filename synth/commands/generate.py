@@ -4,19 +4,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from dmae.reporting.tables import counted
-from synth.datasets.clip import GenerateConfig
+from synth.datasets.config import GenerateConfig
 from synth.datasets.forecast import forecast, is_long
 from synth.datasets.generate import generate
 from synth.rooms.room import load_room
-
-WRITES = "folder"
-EXAMPLES = (
-    "synth generate out=runs/data clips=8 seed=7 workers=2",
-    "synth generate scene=living_room rig=dome images=rgb quality=draft scene.seconds=3 out=runs/seen",
-    "synth generate first=200 clips=100 workers=-1 out=runs/data",
-    "synth generate clips=200 images=[rgb,depth,ids] workers=4 dry_run=true out=runs/large",
-    "synth generate motion=bvh motion.path=takes occlusion.target=[0.2,0.4] out=runs/hidden",
-)
 
 
 def run(config: GenerateConfig, out: Path) -> None:

@@ -11,13 +11,6 @@ from synth.planning.page import PAGE, mounting_table, numbers_table, write_files
 from synth.planning.plan import forecast_plan, make_plan
 from synth.rooms.room import load_room
 
-WRITES = "folder"
-EXAMPLES = (
-    "synth plan arena=room.xml cameras=[4,8] persons=[1,4] out=runs/plan",
-    "synth plan arena=room.xml mount.walls=[2.2,2.6] mount.ceiling=false lens.view_deg=[60,90] workers=2",
-    "synth plan scene=office rig=shelf cameras=[3,5] dry_run=true",
-)
-
 
 def run(config: PlanConfig, out: Path) -> None:
     """Plan the cameras, print the figures and the mounting places, and write the page, the rigs and the lists."""

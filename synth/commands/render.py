@@ -4,13 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from dmae.reporting.tables import counted
-from synth.datasets.render import RenderConfig, render
-
-WRITES = "folder"
-EXAMPLES = (
-    "synth render data=runs/data images=[rgb,depth] quality=high out=runs/high",
-    "synth render data=runs/data rig=ring rig.ring.views=8 images=rgb rgb=jpeg out=runs/ring",
-)
+from synth.datasets.config import RenderConfig
+from synth.datasets.render import render
 
 
 def run(config: RenderConfig, out: Path) -> None:

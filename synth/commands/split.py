@@ -1,47 +1,14 @@
 """`synth split`: divide clips, or takes of recorded motion, for training and testing, without leaks."""
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
 
 from dmae.data.store import MANIFEST, clip_folders
 from dmae.files.contents import write_atomic
 from dmae.reporting.tables import counted
-from synth.datasets.splits import SplitBy, as_table, find_leaks, list_takes, read_splits, split, write_splits
+from synth.commands.config import SplitCommand
+from synth.datasets.splits import as_table, find_leaks, list_takes, read_splits, split, write_splits
 from synth.motion.readers.takes import LIST, find_subject_leaks
-
-
-@dataclass(frozen=True)
-class SplitCommand:
-    """Divide the clips of a data set so that no person, motion or rig is in two splits, or takes of recorded motion so
-    that no subject is in two sets; or check an existing division.
-
-    Takes are listed with their subjects and lengths. Those that cannot be read are listed with the reason, and are not
-    in any set.
-    """
-
-    data: str = "???"
-    """Folder of a data set; or a folder of takes; or a list of takes (TSV) to check."""
-    by: SplitBy = SplitBy.person
-    """Property that two splits of clips must not share."""
-    train: float = 0.8
-    """Share of the clips, or of the seconds of the takes. With all three 0, takes are only listed."""
-    validation: float = 0.1
-    """Share; 0 for no such split."""
-    test: float = 0.1
-    """Share; 0 for no such split."""
-    seed: int = 0
-    """Seed of the order in which clips or subjects are drawn."""
-    check: str | None = None
-    """JSON file of splits to check, instead of making new ones. Exits with status 1 if there are leaks."""
-    out: str | None = None
-    """File to write: the splits, by default `splits.json` in the data set; for a check the leaks, by default
-    `leaks.json` there; the list of takes, by default `takes.tsv` in their folder."""
-
-    @property
-    def shares(self) -> dict[str, float]:
-        """Shares by name of the split."""
-        return {"train": self.train, "validation": self.validation, "test": self.test}
 
 
 def _has_clips(data: Path) -> bool:

@@ -1,29 +1,15 @@
 """`synth verify`: check that clips are complete and true."""
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
 
 from dmae.files.contents import write_atomic
 from dmae.reporting.tables import Table, counted, print_tables
+from synth.commands.config import VerifyCommand
 from synth.datasets.verify import CHECKS, DATA_SET, verify
 
-WRITES = "file"
-EXAMPLES = ("synth verify data=runs/data", "synth verify data=runs/data fast=true out=runs/verify.json")
 _SHOWN = 20
 """Greatest number of problems, and of clip names, that are printed. The file contains all of them."""
-
-
-@dataclass(frozen=True)
-class VerifyCommand:
-    """Check that clips are complete and correct. Exits with status 1 if they are not."""
-
-    data: str = "???"
-    """Folder of a data set, or of a clip."""
-    fast: bool = False
-    """Compare only sizes of files, and the contents of JSON files, with their checksums."""
-    out: str | None = None
-    """JSON file of the findings; by default `verify.json` in the checked folder."""
 
 
 def default_out(config: VerifyCommand) -> Path:

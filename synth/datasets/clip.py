@@ -2,9 +2,8 @@
 
 import json
 import platform
-import re
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from importlib import metadata
 
 import cv2
@@ -15,28 +14,23 @@ import scipy
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.rng import Stream, generator
-from dmae.parallel import Backend
-from synth.datasets.images import IMAGE_CHOICES, ImageOptions, RgbFormat, check_images, image_kinds
-from synth.datasets.occlusion import OcclusionConfig, confirm, sample_hidden_scene, summary
+from synth.datasets.config import GenerateConfig, OcclusionConfig
+from synth.datasets.images import check_images
+from synth.datasets.occlusion import confirm, sample_hidden_scene, summary
 from synth.detector.config import DetectorConfig
 from synth.detector.simulated_detector import detect
 from synth.errors import FailedSimulation
-from synth.interactions.registry import InteractionConfig
 from synth.labels.visibility import joint_visibility
-from synth.motion.config import MotionConfig
 from synth.people.body import SKELETON, landmarks
 from synth.physics.body_state import BodyState, joint_positions, moved_with
 from synth.physics.simulation import simulate
-from synth.rendering.config import ImageQuality
-from synth.rigs.config import MiscalibrationConfig, RigConfig
+from synth.rigs.config import MiscalibrationConfig
 from synth.rigs.coverage import Stage
 from synth.rigs.lenses import add_cameras
 from synth.rigs.rig import calibration_error, make_rig, miscalibrate
-from synth.rooms.config import PropsConfig
 from synth.rooms.room import arena_file, load_room
-from synth.scene.config import SceneConfig
 from synth.scene.sampling import SampledScene, sample_scene
-from synth.scene.spec import MOST_CLIPS, SceneSpec
+from synth.scene.spec import SceneSpec
 
 
 def label_clip(
@@ -109,69 +103,6 @@ def _versions() -> dict[str, str]:
 
 
 # Generate one clip from a configuration, a seed and a number: truth, labels, detections, and body states.
-
-
-@dataclass(frozen=True)
-class GenerateConfig:
-    """Simulate clips with exact truth. The same configuration and seed give the same clips."""
-
-    out: str = "runs/data"
-    """Folder of the data set. Existing clips in it are kept."""
-    seed: int = 0
-    """Seed of the whole data set; 0 is a valid seed."""
-    first: int = 0
-    """Number of the first clip: `first=200 clips=50` makes clips 000200 to 000249, as in the whole data set."""
-    clips: int = 8
-    """Number of clips. Several machines can fill one folder, each with its own `first` and `clips`."""
-    recheck: bool = False
-    """Compare the contents of existing images with their checksums, not only their sizes."""
-    workers: int = 1
-    """Processes; -1 for one per core."""
-    backend: Backend = Backend.loky
-    """What runs the processes: this machine, or a cluster."""
-    dry_run: bool = False
-    """Only print the number of clips, frames and images, and a forecast of time and disk space. A few short clips are
-    made and deleted for the forecast."""
-    prefix: str = ""
-    """Text before the number in the name of each clip: `prefix=walk_` names them walk_000000, walk_000001, ..."""
-    images: list[str] = field(default_factory=list, metadata={"choices": IMAGE_CHOICES})
-    """Images that are rendered in addition to the labels, now or later: the same command with other images adds
-    them."""
-    quality: ImageQuality = ImageQuality.standard
-    """Quality of the images."""
-    rgb: RgbFormat = RgbFormat.h264
-    """Files of colour images: one video per camera, or one file per image."""
-    retries: int = 5
-    """Number of times that a failed clip is tried again, with another seed (`attempt_seed`)."""
-    scene: SceneConfig = field(default_factory=SceneConfig)
-    props: PropsConfig = field(default_factory=PropsConfig)
-    motion: MotionConfig = field(default_factory=MotionConfig)
-    interaction: InteractionConfig = field(default_factory=InteractionConfig)
-    rig: RigConfig = field(default_factory=RigConfig)
-    detector: DetectorConfig = field(default_factory=DetectorConfig)
-    occlusion: OcclusionConfig = field(default_factory=OcclusionConfig)
-
-    def __post_init__(self):
-        for name, least in (("seed", 0), ("first", 0), ("clips", 1), ("retries", 0)):
-            if getattr(self, name) < least:
-                raise ValueError(f"{name}: expected {least} or more, got {getattr(self, name)}")
-        if self.workers == 0:
-            raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
-        if self.first + self.clips > MOST_CLIPS:
-            raise ValueError(f"first and clips: expected clips up to number {MOST_CLIPS - 1}, got {self.first}")
-        if not re.fullmatch(r"([A-Za-z0-9_][A-Za-z0-9_.-]*)?", self.prefix):
-            raise ValueError(f"prefix: expected letters, digits, _ - and ., not first, got {self.prefix!r}")
-        image_kinds(self.images)
-
-    @property
-    def numbers(self) -> range:
-        """The numbers of the clips to make."""
-        return range(self.first, self.first + self.clips)
-
-    @property
-    def image_options(self) -> ImageOptions:
-        """The images that are rendered."""
-        return ImageOptions(image_kinds(self.images), self.quality, self.rgb)
 
 
 def attempt_seed(seed: int, attempt: int) -> int:

@@ -19,7 +19,8 @@ from dmae.files.structured import read_json
 from dmae.parallel import in_parallel, process_count, running_on
 from dmae.progress import duration
 from dmae.reporting.tables import counted
-from synth.datasets.clip import GenerateConfig, check, clip_id, simulate_clip
+from synth.datasets.clip import check, clip_id, simulate_clip
+from synth.datasets.config import GenerateConfig
 from synth.datasets.generate import limit_threads
 from synth.errors import FailedSimulation
 from synth.physics.body_state import save_state

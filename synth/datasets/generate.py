@@ -24,8 +24,9 @@ from dmae.files.contents import whole_folder
 from dmae.files.structured import read_json
 from dmae.parallel import in_parallel, running_on
 from dmae.progress import counted_progress, progress
-from synth.datasets.clip import GenerateConfig, attempt_seed, check, clip_id, simulate_clip
-from synth.datasets.images import add_images, image_kinds, missing_files, missing_kinds
+from synth.datasets.clip import attempt_seed, check, clip_id, simulate_clip
+from synth.datasets.config import GenerateConfig, image_kinds
+from synth.datasets.images import add_images, missing_files, missing_kinds
 from synth.errors import FailedSimulation
 from synth.physics.body_state import FILE as STATE
 from synth.physics.body_state import load_state, save_state

@@ -3,60 +3,21 @@
 import json
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from enum import Enum
+from dataclasses import replace
 from pathlib import Path
 
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
 from dmae.data.images import KINDS, Images
 from dmae.data.store import save_clip
+from synth.datasets.config import ImageOptions, RgbFormat
 from synth.physics.body_state import BodyState
-from synth.rendering.config import ImageQuality
 from synth.rendering.opengl import find_backend
 from synth.rendering.renderer import Renderer, render_images
 from synth.scene.build import build_scene
 from synth.scene.spec import SceneSpec
 
-IMAGE_CHOICES = ("none", "all", *KINDS)
-"""The values of `images=`: one of these or a list of them."""
 _FOLDER = "images"
-
-
-class RgbFormat(Enum):
-    """Files of colour images: one video per camera, or one file per image."""
-
-    h264 = "h264"
-    png = "png"
-    jpeg = "jpeg"
-
-
-@dataclass(frozen=True)
-class ImageOptions:
-    """The images to render.
-
-    Attributes:
-        kinds: Kinds of images, from `dmae.data.images.KINDS`.
-        quality: Quality of the images.
-        rgb: Format of colour images.
-    """
-
-    kinds: tuple[str, ...]
-    quality: ImageQuality
-    rgb: RgbFormat
-
-
-def image_kinds(choices: list[str] | tuple[str, ...] | str) -> tuple[str, ...]:
-    """Return the kinds of images that are meant by a list of `IMAGE_CHOICES`, or by one of them.
-
-    Raises:
-        ValueError: a choice is unknown, or `none` is combined with others.
-    """
-    choices = [choices] if isinstance(choices, str) else list(choices)
-    unknown = [choice for choice in choices if choice not in IMAGE_CHOICES]
-    if unknown or ("none" in choices and len(set(choices)) > 1):
-        raise ValueError(f"images: expected none, all, or a list of {', '.join(KINDS)}; got {choices}")
-    return KINDS if "all" in choices else tuple(kind for kind in KINDS if kind in choices)
 
 
 def check_images(options: ImageOptions, rig: CameraRig) -> None:

@@ -21,7 +21,8 @@ from dmae.formats.reading import DataConfig, load
 from dmae.progress import progress
 from dmae.reporting.page import CaptionedFigure, Section, write_report
 from dmae.reporting.tables import Table
-from synth.motion.config import UpAxis
+from synth.datasets.config import MIN_SECONDS
+from synth.motion.config import ReadingConfig
 from synth.motion.feet import fit_to_body
 from synth.motion.kinematics import GROUPS, QUANTITIES, Quantity, kinematics
 from synth.motion.readers import format_of, reader, take_name
@@ -34,20 +35,6 @@ _FORMATS = sorted(reader, key=lambda name: (reader[name].markers, name))
 """Formats of takes, with joints before markers. If a take exists in several formats, the first of them is used."""
 _PERFORMER = Body(1.70)
 """A body with average proportions. Takes are fitted to it, because every format places its joints differently."""
-
-
-@dataclass(frozen=True)
-class ReadingConfig:
-    """Overrides for takes with missing or wrong values in their files; as in `synth.motion.source.MotionConfig`."""
-
-    fps: float | None = None
-    """Frames per second, where the files state a wrong one."""
-    unit: float | None = None
-    """Metres per unit of length in the files, if the length of the legs does not determine it."""
-    up: UpAxis = UpAxis.auto
-    """Axis of the files' world that points up."""
-    mapping: str | None = None
-    """YAML file of lines `their name: our name` for joints or markers with other names."""
 
 
 @dataclass(frozen=True)
@@ -182,8 +169,6 @@ def _on_body25(poses: Poses3D) -> np.ndarray:
 
 # Compare the motion of generated and recorded people by distributions of kinematic quantities.
 
-MIN_SECONDS = 0.4
-"""Shortest length of a track, s. Shorter tracks have no reliable accelerations."""
 _SPLITS = 20
 _QUANTILES = (0.05, 0.5, 0.95)
 

@@ -1,7 +1,7 @@
 """Occlusion of people: configuration of its target, its measurement, and its summary."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -10,6 +10,7 @@ from dmae.data.cameras import CameraRig
 from dmae.data.images import FIRST_OBJECT_ID
 from dmae.data.labels import Visibility
 from dmae.data.rng import Stream, generator
+from synth.datasets.config import OcclusionConfig
 from synth.errors import FailedSimulation
 from synth.interactions.registry import InteractionConfig
 from synth.labels.visibility import joint_visibility
@@ -26,40 +27,6 @@ from synth.scene.spec import PLAN_FPS, Layout, PropSpec
 
 DETECTED = slice(0, 25)
 """The joints of `synth.people.body.SKELETON` that detectors find: BODY_25."""
-
-
-@dataclass(frozen=True)
-class OcclusionConfig:
-    """Target occlusion: a fraction of the joints of BODY_25, over a clip."""
-
-    target: list[float] = field(default_factory=list)
-    """Least and greatest fraction of joints that are hidden in at least `views` cameras; empty for any. It determines
-    the layout of people and props: `scene.gathering` is only the start of the search, and only the least number of
-    `scene.props` is used."""
-    views: int = 3
-    """Number of cameras in which a joint must be hidden to count."""
-    by_self: bool = True
-    """Whether joints hidden by their own person's body count, which no layout changes."""
-    layouts: int = 12
-    """Number of layouts that are tried before the people are drawn again."""
-
-    def __post_init__(self):
-        if self.target and not (len(self.target) == 2 and 0 <= self.target[0] < self.target[1] <= 1):
-            raise ValueError(
-                f"occlusion.target: expected [least, greatest] fraction of joints, 0 <= least < greatest <= 1, "
-                f"got {list(self.target)}"
-            )
-        for name in ("views", "layouts"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"occlusion.{name}: expected 1 or more, got {getattr(self, name)}")
-
-    def check(self, rig: CameraRig) -> None:
-        """Raise ValueError if the target counts more cameras than the rig has."""
-        if self.target and self.views > len(rig):
-            raise ValueError(
-                f"occlusion.views: a joint cannot be hidden in {self.views} cameras, the rig has {len(rig)}; "
-                f"expected 1 to {len(rig)}"
-            )
 
 
 def histogram(visibility: np.ndarray, *, by_self: bool = True) -> np.ndarray:

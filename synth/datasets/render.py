@@ -3,7 +3,7 @@
 import json
 import shutil
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,23 +16,14 @@ from dmae.data.store import clip_folders, load_clip, read_manifest, save_clip, w
 from dmae.files.checksums import begin_data_set, clip_checksum, end_data_set, find_damage, write_checksums
 from dmae.files.contents import whole_folder
 from dmae.files.structured import read_json
-from dmae.parallel import Backend, in_parallel, running_on
+from dmae.parallel import in_parallel, running_on
 from dmae.progress import counted_progress
 from synth.datasets.clip import label_clip
+from synth.datasets.config import OcclusionConfig, RenderConfig
 from synth.datasets.generate import CONFIG, PictureTally, as_settings, claim, limit_threads
-from synth.datasets.images import (
-    IMAGE_CHOICES,
-    ImageOptions,
-    RgbFormat,
-    add_images,
-    check_images,
-    image_kinds,
-    missing_kinds,
-)
-from synth.datasets.occlusion import OcclusionConfig
+from synth.datasets.images import add_images, check_images, missing_kinds
 from synth.detector.config import DetectorConfig
 from synth.physics.body_state import BodyState, load_state, save_state
-from synth.rendering.config import ImageQuality
 from synth.rigs.config import RigConfig
 from synth.rigs.coverage import Stage
 from synth.rigs.rig import make_rig
@@ -42,43 +33,6 @@ from synth.scene.spec import SceneSpec
 
 _NO_RIG = RigConfig(name="")
 """The default rig, which means the cameras of each clip."""
-
-
-@dataclass(frozen=True)
-class RenderConfig:
-    """Render simulated clips again: as other images, at another quality, or from other cameras. Nothing is simulated
-    again.
-
-    The clips are written to another folder with all of their labels. With another rig the labels are those of its
-    cameras: visibility and detections are recomputed, with the same result as generation with that rig.
-    """
-
-    data: str = "???"
-    """Data set that `synth generate` made, or one clip of it."""
-    out: str = "runs/rendered"
-    """Folder of the new data set. Existing clips in it are kept."""
-    images: list[str] = field(default_factory=lambda: ["rgb"], metadata={"choices": IMAGE_CHOICES})
-    """Images that are rendered."""
-    quality: ImageQuality = ImageQuality.standard
-    """Quality of the images."""
-    rgb: RgbFormat = RgbFormat.h264
-    """Files of colour images: one video per camera, or one file per image."""
-    workers: int = 1
-    """Processes; -1 for one per core."""
-    backend: Backend = Backend.loky
-    """What runs the processes: this machine, or a cluster."""
-    rig: RigConfig = field(default_factory=lambda: RigConfig(name=""))
-    """Other cameras than those of the clips."""
-
-    def __post_init__(self):
-        if self.workers == 0:
-            raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
-        image_kinds(self.images)
-
-    @property
-    def image_options(self) -> ImageOptions:
-        """The images to render."""
-        return ImageOptions(image_kinds(self.images), self.quality, self.rgb)
 
 
 def render(config: RenderConfig) -> list[dict]:

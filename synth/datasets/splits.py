@@ -8,7 +8,6 @@ import re
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from enum import Enum
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,6 +20,7 @@ from dmae.data.store import clip_folders
 from dmae.files.contents import write_atomic
 from dmae.files.structured import read_json
 from dmae.progress import progress
+from synth.datasets.config import SplitBy
 from synth.motion.readers.takes import LIST, NO_SET, ListedTake, find_takes, read_take_list, subject
 from synth.motion.source import read_take
 
@@ -146,19 +146,6 @@ _STRETCH = re.compile(r" (?:-?\d+\.\d\d--?\d+\.\d\d s|to and fro from -?\d+\.\d\
 """Text that follows the name of a take in the name of a stretch of this take."""
 _READING_SEPARATOR = " ("
 """Separator after the file stem in the name of a take. The text behind it describes how the file was read."""
-
-
-class SplitBy(Enum):
-    """Property that two splits must not share."""
-
-    person = "person"
-    """A person: the proportions of a body, independent of clothes."""
-    motion = "motion"
-    """A recorded take, by the name of its file. For procedural motion: the motion that one seed draws for one clip."""
-    subject = "subject"
-    """A recorded person, by the name of the file in the CMU database. For other takes the same as `motion`."""
-    rig = "rig"
-    """Cameras: their lenses and places, independent of their names."""
 
 
 class Leak(NamedTuple):

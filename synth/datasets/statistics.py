@@ -21,7 +21,8 @@ from dmae.files.contents import write_atomic
 from dmae.numerics.body import body_heading
 from dmae.parallel import in_parallel
 from dmae.progress import progress
-from synth.datasets.splits import SplitBy, identities
+from synth.datasets.config import SplitBy
+from synth.datasets.splits import identities
 from synth.physics.body_state import FILE as STATE
 from synth.physics.body_state import BodyState, load_state
 from synth.rooms.room import room_choices

@@ -17,8 +17,9 @@ from dmae.files.checksums import find_damage, find_data_set_damage, number_of
 from dmae.files.structured import read_json
 from dmae.progress import progress
 from synth.datasets.clip import attempt_seed
+from synth.datasets.config import image_kinds
 from synth.datasets.generate import CONFIG
-from synth.datasets.images import image_files, image_kinds
+from synth.datasets.images import image_files
 from synth.labels.surfaces import agreement
 
 _MIN_AGREEMENT = 0.99

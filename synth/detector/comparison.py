@@ -11,28 +11,13 @@ from scipy.stats import ks_2samp
 
 from dmae.reporting.page import CaptionedFigure, Section, write_report
 from dmae.reporting.tables import Table
+from synth.detector.config import Limits
 from synth.detector.statistics import GROSS, DetectorStatistics
 
 SCORE_EDGES = (0.0, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.01)
 """Edges of the bins of confidence."""
 ENOUGH = 100
 """Fewest detected joints in a bin, or fewest misses, for a comparison."""
-
-
-@dataclass(frozen=True)
-class Limits:
-    """Greatest differences allowed between a recording and its simulation."""
-
-    miss: float = 0.03
-    """Difference of the fractions of missed joints."""
-    joint_miss: float = 0.1
-    """Difference of the fractions of joints missed with their neighbour."""
-    distance: float = 0.1
-    """Kolmogorov-Smirnov distance between distributions of errors and of lengths of misses."""
-    confidence: float = 0.2
-    """Relative difference between the median errors at one confidence."""
-    views: float = 0.15
-    """Kolmogorov-Smirnov distance between distributions of the number of views that detect a joint."""
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
+from enum import StrEnum
 from typing import Protocol
 
 from synth.detector.errors_of_joints import Inversions, Misses, Noise, Scores
@@ -61,3 +62,28 @@ class DetectorConfig:
             value = getattr(self, one.name)
             if hasattr(value, "apply"):
                 yield one.name, value
+
+
+class ErrorReference(StrEnum):
+    """The reference that detections are measured against."""
+
+    others = "others"
+    """Poses captured from the other views."""
+    annotated = "annotated"
+    """The recording's own truth, on the joints that it shares with the detector."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Greatest differences allowed between a recording and its simulation."""
+
+    miss: float = 0.03
+    """Difference of the fractions of missed joints."""
+    joint_miss: float = 0.1
+    """Difference of the fractions of joints missed with their neighbour."""
+    distance: float = 0.1
+    """Kolmogorov-Smirnov distance between distributions of errors and of lengths of misses."""
+    confidence: float = 0.2
+    """Relative difference between the median errors at one confidence."""
+    views: float = 0.15
+    """Kolmogorov-Smirnov distance between distributions of the number of views that detect a joint."""

@@ -19,10 +19,10 @@ from dmae.data.resources import resource_folder
 from dmae.data.rng import Stream, generator
 from dmae.files.structured import read_yaml
 from dmae.progress import progress
-from synth.detector.config import DetectorConfig
+from synth.detector.config import DetectorConfig, ErrorReference
 from synth.detector.parts import PartConfig, PartsConfig
 from synth.detector.simulated_detector import detect
-from synth.detector.statistics import DetectorStatistics, ErrorReference, measure_all
+from synth.detector.statistics import DetectorStatistics, measure_all
 
 
 def preset_yaml(config: DetectorConfig, name: str, comments: list[str]) -> str:

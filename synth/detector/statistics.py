@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
-from enum import StrEnum
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +16,7 @@ from dmae.parallel import in_parallel
 from dmae.progress import progress
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
+from synth.detector.config import ErrorReference
 from synth.detector.parts import kind_of
 
 MATCHED = 0.2
@@ -100,15 +100,6 @@ _SMOOTHING, _LONGEST_GAP = 0.1, 0.4
 """Time scale of the light smoothing of the reference, and the longest gap that is filled in it, s."""
 _MIN_SIDE_DISTANCE = 0.05
 """Distance from the vertical through the middle of head or shoulders below which a joint is on neither side, m."""
-
-
-class ErrorReference(StrEnum):
-    """The reference that detections are measured against."""
-
-    others = "others"
-    """Poses captured from the other views."""
-    annotated = "annotated"
-    """The recording's own truth, on the joints that it shares with the detector."""
 
 
 @dataclass(frozen=True)

@@ -103,3 +103,17 @@ class MotionConfig:
             value = getattr(self, name)
             if value is not None and not 0 < value < np.inf:
                 raise ValueError(f"motion.{name}: expected more than 0, got {value}")
+
+
+@dataclass(frozen=True)
+class ReadingConfig:
+    """Overrides for takes with missing or wrong values in their files; as in `synth.motion.source.MotionConfig`."""
+
+    fps: float | None = None
+    """Frames per second, where the files state a wrong one."""
+    unit: float | None = None
+    """Metres per unit of length in the files, if the length of the legs does not determine it."""
+    up: UpAxis = UpAxis.auto
+    """Axis of the files' world that points up."""
+    mapping: str | None = None
+    """YAML file of lines `their name: our name` for joints or markers with other names."""

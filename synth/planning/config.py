@@ -9,7 +9,6 @@ from synth.detector.config import DetectorConfig
 from synth.interactions.registry import InteractionConfig
 from synth.motion.config import MotionConfig
 from synth.rigs.config import RigConfig
-from synth.rigs.placement import intrinsics
 from synth.scene.config import SceneConfig
 
 MOST_CAMERAS, MOST_PLACES = 32, 500
@@ -18,27 +17,24 @@ MOST_CAMERAS, MOST_PLACES = 32, 500
 
 @dataclass(frozen=True)
 class MountConfig:
-    """Where cameras may be mounted. Heights are the least and the greatest, m above the floor.
-
-    Attributes:
-        walls: Heights of cameras on walls; empty for none.
-        ceiling: Whether cameras may hang from the ceiling, or from a frame at the top of the walls.
-        tripods: Heights of cameras on tripods, which stand outside the people's area; empty for none.
-        area: Cameras are mounted only in this rectangle: least x, least y, greatest x, greatest y, m; empty for the
-            whole room. Rooms without walls need it.
-        places: Number of candidate places, spread evenly over the allowed surfaces.
-        wall_distance: Distance of a camera from the wall or the ceiling that it is mounted on, m.
-        steepest_deg: Greatest angle at which cameras look down, degrees. The detector presets are fitted to views from
-            the side, and are not valid for views from above.
-    """
+    """Where cameras may be mounted. Heights are the least and the greatest, m above the floor."""
 
     walls: list[float] = field(default_factory=lambda: [1.8, 2.6])
+    """Heights of cameras on walls; empty for none."""
     ceiling: bool = True
+    """Whether cameras may hang from the ceiling, or from a frame at the top of the walls."""
     tripods: list[float] = field(default_factory=lambda: [1.2, 2.0])
+    """Heights of cameras on tripods, which stand outside the people's area; empty for none."""
     area: list[float] = field(default_factory=list)
+    """Cameras are mounted only in this rectangle: least x, least y, greatest x, greatest y, m; empty for the whole
+    room. Rooms without walls need it."""
     places: int = 120
+    """Number of candidate places, spread evenly over the allowed surfaces."""
     wall_distance: float = 0.15
+    """Distance of a camera from the wall or the ceiling that it is mounted on, m."""
     steepest_deg: float = 50.0
+    """Greatest angle at which cameras look down, degrees. The detector presets are fitted to views from the side, and
+    are not valid for views from above."""
 
     def __post_init__(self):
         for name in ("walls", "tripods"):
@@ -80,6 +76,8 @@ class LensConfig:
 
     def matrix(self, view_deg: float) -> np.ndarray:
         """Return (3, 3) K for a horizontal field of view, px."""
+        from synth.rigs.placement import intrinsics
+
         return intrinsics(self.size[0] / 2 / np.tan(np.radians(view_deg) / 2), self.size)
 
 

@@ -13,7 +13,8 @@ from dmae.data.labels import Visibility
 from dmae.data.skeleton import BODY25
 from dmae.progress import progress
 from synth.datasets.clip import attempt_seed, label_clip
-from synth.datasets.occlusion import DETECTED, OcclusionConfig
+from synth.datasets.config import OcclusionConfig
+from synth.datasets.occlusion import DETECTED
 from synth.detector.config import DetectorConfig
 from synth.detector.parts import by_joint
 from synth.detector.view import ErrorStream, View, height

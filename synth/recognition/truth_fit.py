@@ -18,12 +18,12 @@ from dmae.data.labels import Visibility
 from dmae.data.skeleton import BODY25
 from dmae.parallel import in_parallel
 from dmae.progress import progress
-from synth.detector.comparison import Limits, Row, compare
-from synth.detector.config import DetectorConfig
+from synth.detector.comparison import Row, compare
+from synth.detector.config import DetectorConfig, ErrorReference, Limits
 from synth.detector.errors_of_joints import Misses
 from synth.detector.fitting import Fit, corrected_times, fit, redetect
 from synth.detector.parts import PartConfig, PartsConfig, kind_of
-from synth.detector.statistics import ErrorReference, measure_all
+from synth.detector.statistics import measure_all
 from synth.recognition.detector_errors import DetectorObservations, JointsSeen, PeopleSeen, observe, pooled
 
 LIMITS = Limits(miss=0.02, joint_miss=0.03, distance=0.08, confidence=0.06)

@@ -1,9 +1,43 @@
-"""Your own meshes as props."""
+"""The rooms that there are, and your own meshes as props."""
 
 from dataclasses import dataclass
 from enum import Enum
+from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
+
+from dmae.data.resources import resource_folder
+
+
+def room_choices() -> dict[str, str]:
+    """Return the line of help of each room, sorted by name."""
+    return {name: _custom(name, "text", "help") or "" for name in mjcf_names(room_folder())}
+
+
+def room_presets() -> dict[str, dict]:
+    """Return for each room the values that `scene=<room>` gives to the options `scene.*`."""
+    presets = {}
+    for name in mjcf_names(room_folder()):
+        props = _custom(name, "numeric", "props")
+        presets[name] = {"arena": name} | ({"props": [int(count) for count in props.split()]} if props else {})
+    return presets
+
+
+def room_folder() -> Path:
+    """Return the folder of the MJCF files of rooms."""
+    return resource_folder("synth", "scenes")
+
+
+def mjcf_names(folder: Path) -> list[str]:
+    """Return the names of the MJCF files in a folder, sorted."""
+    return sorted(path.stem for path in folder.glob("*.xml"))
+
+
+def _custom(room: str, kind: str, name: str) -> str | None:
+    """Return the data of a custom element of a room; None if there is none."""
+    element = ElementTree.parse(room_folder() / f"{room}.xml").find(f"custom/{kind}[@name='{name}']")
+    return None if element is None else element.get("data")
 
 
 class MeshUp(Enum):

@@ -17,11 +17,11 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 
-from dmae.data.resources import resource_folder
 from dmae.files.checks import check_numbers
 from dmae.files.contents import check_file, read_text
 from dmae.files.pictures import check_picture
 from dmae.registry import unknown
+from synth.rooms.config import mjcf_names, room_choices, room_folder
 
 
 def arena_file(name: str) -> Path:
@@ -30,34 +30,12 @@ def arena_file(name: str) -> Path:
     Raises:
         ValueError: there is no such room or file; the message lists the rooms.
     """
-    return _find(name, _folder(), "arena")
+    return _find(name, room_folder(), "arena")
 
 
 def prop_file(name: str) -> Path:
     """Return the MJCF file of a prop of `scenes/props/`, or of a path. Raises the same errors as `arena_file`."""
-    return _find(name, _folder() / "props", "prop")
-
-
-def room_choices() -> dict[str, str]:
-    """Return the line of help of each room, sorted by name."""
-    return {name: _custom(name, "text", "help") or "" for name in _names(_folder())}
-
-
-def room_presets() -> dict[str, dict]:
-    """Return for each room the values that `scene=<room>` gives to the options `scene.*`."""
-    presets = {}
-    for name in _names(_folder()):
-        props = _custom(name, "numeric", "props")
-        presets[name] = {"arena": name} | ({"props": [int(count) for count in props.split()]} if props else {})
-    return presets
-
-
-def _folder() -> Path:
-    return resource_folder("synth", "scenes")
-
-
-def _names(folder: Path) -> list[str]:
-    return sorted(path.stem for path in folder.glob("*.xml"))
+    return _find(name, room_folder() / "props", "prop")
 
 
 def _find(name: str, folder: Path, what: str) -> Path:
@@ -65,14 +43,10 @@ def _find(name: str, folder: Path, what: str) -> Path:
         if path.is_file():
             return path
     if Path(name).suffix:
-        raise FileNotFoundError(f"{name}: no such file; expected an MJCF file, or one of {', '.join(_names(folder))}")
-    raise ValueError(f"{unknown(what, name, _names(folder))}, and the path of an MJCF file names another")
-
-
-def _custom(room: str, kind: str, name: str) -> str | None:
-    """Return the data of a custom element of a room; None if there is none."""
-    element = ElementTree.parse(_folder() / f"{room}.xml").find(f"custom/{kind}[@name='{name}']")
-    return None if element is None else element.get("data")
+        raise FileNotFoundError(
+            f"{name}: no such file; expected an MJCF file, or one of {', '.join(mjcf_names(folder))}"
+        )
+    raise ValueError(f"{unknown(what, name, mjcf_names(folder))}, and the path of an MJCF file names another")
 
 
 # MJCF files may be untrusted: they can read no file outside their folder. A file is checked before MuJoCo reads it: its

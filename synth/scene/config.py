@@ -9,6 +9,9 @@ from synth.people.body import MOST_PERSONS
 _LONGEST, _FASTEST = 3600.0, 1000.0
 """Longest clip, s, and highest frame rate, 1/s."""
 
+MOST_CLIPS = 1_000_000_000
+"""Greatest number of clips of a data set."""
+
 
 @dataclass(frozen=True)
 class SceneConfig:

@@ -13,11 +13,10 @@ from synth.people.body import MOST_PERSONS, Body
 from synth.people.clothing import PersonLooks
 from synth.rooms.config import MeshUp
 from synth.rooms.decor import Colour, Decor
+from synth.scene.config import MOST_CLIPS
 
 _MOST_FRAMES, _FARTHEST = 1_000_000, 1000.0
 """Greatest number of frames of a clip, and greatest distance of people and props from the middle, m."""
-MOST_CLIPS = 1_000_000_000
-"""Greatest number of clips of a data set."""
 PLAN_FPS = 25.0
 """Frame rate at which motion is planned and checked, 1/s. It does not depend on the frame rate of the clip."""
 USUAL_PERSONS = (2, 4)

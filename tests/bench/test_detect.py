@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from synth.datasets.clip import GenerateConfig, generate_clip
+from synth.datasets.clip import generate_clip
+from synth.datasets.config import GenerateConfig
 from synth.detector.simulated_detector import detect
 from synth.scene.config import SceneConfig
 from tests.support.detectors import PRESETS, preset

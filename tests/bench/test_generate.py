@@ -11,7 +11,8 @@ import mujoco
 import pytest
 
 from dmae.data.images import KINDS
-from synth.datasets.clip import GenerateConfig, generate_clip
+from synth.datasets.clip import generate_clip
+from synth.datasets.config import GenerateConfig
 from synth.datasets.generate import generate
 from synth.errors import FailedSimulation
 from synth.motion.config import MotionConfig

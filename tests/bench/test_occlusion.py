@@ -5,8 +5,8 @@ import time
 import numpy as np
 import pytest
 
-from synth.datasets.clip import GenerateConfig, generate_clip
-from synth.datasets.occlusion import OcclusionConfig
+from synth.datasets.clip import generate_clip
+from synth.datasets.config import GenerateConfig, OcclusionConfig
 from synth.errors import FailedSimulation
 from synth.scene.config import SceneConfig
 

@@ -15,10 +15,11 @@ from dmae.data.labels import JointError, Visibility
 from dmae.data.skeleton import BODY25
 from dmae.data.store import FORMAT, save_clip
 from synth.datasets import splits, statistics
+from synth.datasets.config import SplitBy
 from synth.datasets.exporters import export
 from synth.datasets.exporters.export import export as export_data_set
 from synth.datasets.exporters.layouts import KEYS, PERSONS
-from synth.datasets.splits import SplitBy, write_splits
+from synth.datasets.splits import write_splits
 from tests.support.clips import pictured_clip
 from tests.support.data_sets import pictured_set
 

@@ -18,7 +18,7 @@ from dmae.data.clip import Detections2D
 from dmae.evaluation.corruption.registry import corruption
 from dmae.formats.registry import reader
 from dmae.metrics.registry import metric
-from synth.datasets.exporters.selection import exporter
+from synth.datasets.exporters import exporter
 from synth.interactions.registry import interaction
 from tests.support.animal_files import write_deeplabcut
 from tests.support.animals import DOG, dog_clip

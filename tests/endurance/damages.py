@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from dmae.progress import progress
-from synth.datasets.clip import GenerateConfig
+from synth.datasets.config import GenerateConfig
 from synth.datasets.generate import generate
 from synth.datasets.verify import verify
 from synth.rendering.config import ImageQuality

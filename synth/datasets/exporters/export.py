@@ -11,7 +11,9 @@ from dmae.data.store import clip_folders
 from dmae.files.checksums import refuse_damaged
 from dmae.files.contents import check_vacant, whole_folder, write_atomic
 from dmae.files.structured import read_json
-from synth.datasets.exporters.selection import PARTS, Exporter, PictureFormat, Selection, exporter
+from synth.datasets.config import PictureFormat
+from synth.datasets.exporters import Exporter, exporter
+from synth.datasets.exporters.selection import PARTS, Selection
 from synth.datasets.splits import read_splits
 from synth.labels.physical_labels import FILE as PHYSICS
 from synth.labels.surfaces import NAMES

@@ -21,7 +21,8 @@ from dmae.files.structured import read_json
 from dmae.formats.coco import annotation_entry, category_entry, clip_entry, image_entry, joint_names
 from dmae.formats.labelled_images import PersonLabel, Picture, file_part, joint_labels
 from dmae.formats.panoptic import write_panoptic
-from synth.datasets.exporters.selection import ClipTask, Selection, exporter, world_joints, write_lines
+from synth.datasets.exporters import exporter
+from synth.datasets.exporters.selection import ClipTask, Selection, world_joints, write_lines
 from synth.labels.forces import ContactSource
 from synth.labels.physical_labels import FILE, PhysicalLabels, load_physical_labels
 

@@ -8,7 +8,6 @@ import json
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from enum import Enum
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,41 +17,12 @@ from dmae.data.store import load_clip
 from dmae.formats.labelled_images import PersonLabel, Picture, file_part, joint_labels, read_pictures
 from dmae.parallel import in_parallel
 from dmae.progress import progress
-from dmae.registry import Entry, Registry
-
-
-@dataclass(frozen=True)
-class Exporter(Entry):
-    """An exporter: a function that takes a `Selection` and the folder to write, and returns counts by split.
-
-    Attributes:
-        pictures: Whether it needs colour images.
-        skeleton: Default skeleton.
-        only: Whether the format supports only this skeleton.
-        validation: Whether readers of the format require splits for training and validation.
-    """
-
-    pictures: bool = True
-    skeleton: str = "coco17"
-    only: bool = False
-    validation: bool = False
-
-
-exporter = Registry("exporter", Exporter, __package__, option="format")
-
+from synth.datasets.config import PictureFormat
 
 # The clips that are exported, and the tasks and files of the processes that export them.
 
 PARTS = ".parts"
 """Folder of temporary files of the processes, in the folder of the export. It is removed at the end."""
-
-
-class PictureFormat(Enum):
-    """File format of images."""
-
-    jpg = "jpg"
-    """JPEG of quality 95."""
-    png = "png"
 
 
 @dataclass(frozen=True)

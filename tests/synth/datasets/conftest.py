@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from dmae.data.store import CHECKSUMS
-from synth.datasets.clip import GenerateConfig
+from synth.datasets.config import GenerateConfig
 from synth.datasets.generate import generate
 from synth.rendering.config import ImageQuality
 from synth.rigs.config import RigConfig, RingConfig

@@ -14,8 +14,8 @@ from pycocotools.coco import COCO
 from dmae.data.skeleton import get_skeleton
 from dmae.data.store import clip_folders, load_clip, save_clip, write_manifest
 from dmae.formats.labelled_images import file_part
+from synth.datasets.exporters import exporter
 from synth.datasets.exporters.export import export
-from synth.datasets.exporters.selection import exporter
 from tests.support.clips import full_clip, walkers
 from tests.support.commands import start_command, synth
 from tests.support.data_sets import pictured_set

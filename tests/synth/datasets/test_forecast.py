@@ -8,7 +8,7 @@ import pytest
 
 from dmae.progress import counted_progress
 from synth.datasets import forecast as module
-from synth.datasets.clip import GenerateConfig
+from synth.datasets.config import GenerateConfig
 from synth.datasets.forecast import Forecast, forecast, is_long
 from synth.datasets.generate import generate
 from synth.rendering.config import ImageQuality

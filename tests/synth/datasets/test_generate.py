@@ -14,7 +14,8 @@ from dmae.data.store import CHECKSUMS, load_clip, read_manifest
 from dmae.files.checksums import begin_data_set
 from synth.datasets import clip as module
 from synth.datasets import generate as dataset
-from synth.datasets.clip import GenerateConfig, attempt_seed, generate_clip
+from synth.datasets.clip import attempt_seed, generate_clip
+from synth.datasets.config import GenerateConfig
 from synth.datasets.generate import CONFIG, generate, seal
 from synth.datasets.verify import verify
 from synth.detector.config import DetectorConfig

@@ -11,9 +11,9 @@ from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.skeleton import BODY25
 from dmae.data.store import save_clip, write_manifest
 from synth.commands import compare as command
-from synth.commands.compare import CompareBy, CompareCommand
-from synth.datasets.motion_comparison import ReadingConfig, Sample, Track, clip_tracks, compare, measure, take_tracks
-from synth.motion.config import ProceduralConfig
+from synth.commands.config import CompareBy, CompareCommand
+from synth.datasets.motion_comparison import Sample, Track, clip_tracks, compare, measure, take_tracks
+from synth.motion.config import ProceduralConfig, ReadingConfig
 from synth.motion.kinematics import QUANTITIES
 from synth.motion.procedural.gait import make_motion
 from synth.people.body import SEGMENTS

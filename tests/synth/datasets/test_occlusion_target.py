@@ -7,9 +7,10 @@ import pytest
 
 from dmae.data.labels import Visibility
 from dmae.data.rng import Stream, generator
-from synth.datasets.clip import GenerateConfig, generate_clip
+from synth.datasets.clip import generate_clip
+from synth.datasets.config import GenerateConfig, OcclusionConfig
 from synth.datasets.generate import generate
-from synth.datasets.occlusion import OcclusionConfig, histogram, sample_hidden_scene, share, summary
+from synth.datasets.occlusion import histogram, sample_hidden_scene, share, summary
 from synth.errors import FailedSimulation
 from synth.motion.config import MotionConfig
 from synth.rigs.config import RigConfig, RingConfig

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dmae.data.store import load_clip
-from synth.datasets.clip import GenerateConfig
+from synth.datasets.config import GenerateConfig
 from synth.datasets.exporters.export import export
 from synth.datasets.exporters.layouts import KEYS
 from synth.datasets.generate import generate

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from dmae.data.store import load_clip, read_manifest
-from synth.datasets.clip import GenerateConfig
+from synth.datasets.config import GenerateConfig, RenderConfig, RgbFormat, image_kinds
 from synth.datasets.generate import generate
-from synth.datasets.images import RgbFormat, image_kinds
-from synth.datasets.render import RenderConfig, render
+from synth.datasets.render import render
 from synth.datasets.verify import verify
 from synth.detector.config import DetectorConfig
 from synth.detector.errors_of_joints import Misses

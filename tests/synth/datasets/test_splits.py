@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from dmae.data.store import clip_folders, load_clip, save_clip, write_manifest
 from synth.datasets import splits as module
-from synth.datasets.splits import SplitBy, find_leaks, identities, split, write_splits
+from synth.datasets.config import SplitBy
+from synth.datasets.splits import find_leaks, identities, split, write_splits
 from tests.support.commands import synth
 from tests.support.data_sets import pictured_set
 

@@ -16,7 +16,7 @@ from dmae.data.store import load_clip, read_manifest, save_clip, write_manifest
 from dmae.files.checksums import number_of
 from dmae.files.structured import read_json
 from synth.commands import verify as command
-from synth.commands.verify import VerifyCommand
+from synth.commands.config import VerifyCommand
 from synth.datasets.verify import CHECKS, verify
 from tests.support.verified_sets import CLIP, changed, found, only
 

@@ -10,11 +10,11 @@ from dmae.data.json_values import decode
 from dmae.data.store import save_clip
 from synth.commands import compare as compare_command
 from synth.commands import fit_detector as fit_command
-from synth.commands.compare import CompareCommand
-from synth.commands.fit_detector import FitDetectorCommand
-from synth.datasets.clip import GenerateConfig, generate_clip
-from synth.detector.comparison import Limits, compare
-from synth.detector.config import DetectorConfig
+from synth.commands.config import CompareCommand, FitDetectorCommand
+from synth.datasets.clip import generate_clip
+from synth.datasets.config import GenerateConfig
+from synth.detector.comparison import compare
+from synth.detector.config import DetectorConfig, Limits
 from synth.detector.fitting import distance, fit, redetect
 from synth.detector.parts import PartConfig, PartsConfig
 from synth.detector.statistics import measure, measure_all, pool, read_recording

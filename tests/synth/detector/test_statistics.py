@@ -9,7 +9,8 @@ import pytest
 from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.skeleton import BODY25
 from dmae.formats.shelf import read_shelf
-from synth.detector.statistics import ErrorReference, measure
+from synth.detector.config import ErrorReference
+from synth.detector.statistics import measure
 from tests.support.circling_people import circling_people
 from tests.support.clips import looking_at_origin
 

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from synth.datasets.clip import GenerateConfig, generate_clip
+from synth.datasets.clip import generate_clip
+from synth.datasets.config import GenerateConfig
 from synth.errors import FailedSimulation
 from synth.interactions.registry import NO_INTERACTION, InteractionConfig, find_interaction, interaction_choices
 from synth.motion.config import MotionConfig

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dmae.data.store import load_clip, read_manifest
-from synth.datasets.clip import GenerateConfig
+from synth.datasets.config import GenerateConfig
 from synth.datasets.generate import generate
 from synth.motion.config import MotionConfig, ProceduralConfig
 from synth.motion.procedural.gait import make_motion

@@ -10,13 +10,13 @@ from dmae.data.clip import Clip
 from dmae.data.labels import OcclusionLabels, Visibility
 from dmae.data.rng import Stream, generator
 from dmae.data.store import save_clip
-from synth.commands.fit_detector import FitDetectorCommand, run
-from synth.detector.config import DetectorConfig
+from synth.commands.config import FitDetectorCommand
+from synth.commands.fit_detector import run
+from synth.detector.config import DetectorConfig, ErrorReference
 from synth.detector.errors_of_joints import Misses
 from synth.detector.fitting import load_preset
 from synth.detector.parts import PartConfig, PartsConfig
 from synth.detector.simulated_detector import detect
-from synth.detector.statistics import ErrorReference
 from synth.recognition.truth_fit import distances, fit_to_truth
 from tests.support.circling_people import circling_people
 from tests.support.clips import looking_at_origin

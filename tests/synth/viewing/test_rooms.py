@@ -2,7 +2,8 @@
 
 from dmae.viewing.config import LayersConfig
 from dmae.viewing.overlay import Overlay, chosen_layers
-from synth.datasets.clip import GenerateConfig, generate_clip
+from synth.datasets.clip import generate_clip
+from synth.datasets.config import GenerateConfig
 from synth.scene.config import SceneConfig
 from synth.viewing.rooms import draw_rooms
 

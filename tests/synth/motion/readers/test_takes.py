@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from dmae.files.contents import read_unpacked
-from synth.commands.split import SplitCommand, run
+from synth.commands.config import SplitCommand
+from synth.commands.split import run
 from synth.motion.config import MotionConfig
 from synth.motion.readers.takes import find_subject_leaks, find_takes, read_take_list
 from synth.motion.source import load_motion, read_take

@@ -1,0 +1,217 @@
+"""The options of data sets: what is generated, rendered again, divided and exported."""
+
+import re
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import TYPE_CHECKING
+
+from dmae.data.labels import KINDS
+from dmae.parallel import Backend
+from synth.detector.config import DetectorConfig
+from synth.interactions.registry import InteractionConfig
+from synth.motion.config import MotionConfig
+from synth.rendering.config import ImageQuality
+from synth.rigs.config import RigConfig
+from synth.rooms.config import PropsConfig
+from synth.scene.config import MOST_CLIPS, SceneConfig
+
+if TYPE_CHECKING:
+    from dmae.data.cameras import CameraRig
+
+IMAGE_CHOICES = ("none", "all", *KINDS)
+"""The values of `images=`: one of these or a list of them."""
+
+
+class RgbFormat(Enum):
+    """Files of colour images: one video per camera, or one file per image."""
+
+    h264 = "h264"
+    png = "png"
+    jpeg = "jpeg"
+
+
+@dataclass(frozen=True)
+class ImageOptions:
+    """The images to render.
+
+    Attributes:
+        kinds: Kinds of images, from `dmae.data.images.KINDS`.
+        quality: Quality of the images.
+        rgb: Format of colour images.
+    """
+
+    kinds: tuple[str, ...]
+    quality: ImageQuality
+    rgb: RgbFormat
+
+
+def image_kinds(choices: list[str] | tuple[str, ...] | str) -> tuple[str, ...]:
+    """Return the kinds of images that are meant by a list of `IMAGE_CHOICES`, or by one of them.
+
+    Raises:
+        ValueError: a choice is unknown, or `none` is combined with others.
+    """
+    choices = [choices] if isinstance(choices, str) else list(choices)
+    unknown = [choice for choice in choices if choice not in IMAGE_CHOICES]
+    if unknown or ("none" in choices and len(set(choices)) > 1):
+        raise ValueError(f"images: expected none, all, or a list of {', '.join(KINDS)}; got {choices}")
+    return KINDS if "all" in choices else tuple(kind for kind in KINDS if kind in choices)
+
+
+@dataclass(frozen=True)
+class OcclusionConfig:
+    """Target occlusion: a fraction of the joints of BODY_25, over a clip."""
+
+    target: list[float] = field(default_factory=list)
+    """Least and greatest fraction of joints that are hidden in at least `views` cameras; empty for any. It determines
+    the layout of people and props: `scene.gathering` is only the start of the search, and only the least number of
+    `scene.props` is used."""
+    views: int = 3
+    """Number of cameras in which a joint must be hidden to count."""
+    by_self: bool = True
+    """Whether joints hidden by their own person's body count, which no layout changes."""
+    layouts: int = 12
+    """Number of layouts that are tried before the people are drawn again."""
+
+    def __post_init__(self):
+        if self.target and not (len(self.target) == 2 and 0 <= self.target[0] < self.target[1] <= 1):
+            raise ValueError(
+                f"occlusion.target: expected [least, greatest] fraction of joints, 0 <= least < greatest <= 1, "
+                f"got {list(self.target)}"
+            )
+        for name in ("views", "layouts"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"occlusion.{name}: expected 1 or more, got {getattr(self, name)}")
+
+    def check(self, rig: "CameraRig") -> None:
+        """Raise ValueError if the target counts more cameras than the rig has."""
+        if self.target and self.views > len(rig):
+            raise ValueError(
+                f"occlusion.views: a joint cannot be hidden in {self.views} cameras, the rig has {len(rig)}; "
+                f"expected 1 to {len(rig)}"
+            )
+
+
+@dataclass(frozen=True)
+class GenerateConfig:
+    """Simulate clips with exact truth. The same configuration and seed give the same clips."""
+
+    out: str = "runs/data"
+    """Folder of the data set. Existing clips in it are kept."""
+    seed: int = 0
+    """Seed of the whole data set; 0 is a valid seed."""
+    first: int = 0
+    """Number of the first clip: `first=200 clips=50` makes clips 000200 to 000249, as in the whole data set."""
+    clips: int = 8
+    """Number of clips. Several machines can fill one folder, each with its own `first` and `clips`."""
+    recheck: bool = False
+    """Compare the contents of existing images with their checksums, not only their sizes."""
+    workers: int = 1
+    """Processes; -1 for one per core."""
+    backend: Backend = Backend.loky
+    """What runs the processes: this machine, or a cluster."""
+    dry_run: bool = False
+    """Only print the number of clips, frames and images, and a forecast of time and disk space. A few short clips are
+    made and deleted for the forecast."""
+    prefix: str = ""
+    """Text before the number in the name of each clip: `prefix=walk_` names them walk_000000, walk_000001, ..."""
+    images: list[str] = field(default_factory=list, metadata={"choices": IMAGE_CHOICES})
+    """Images that are rendered in addition to the labels, now or later: the same command with other images adds
+    them."""
+    quality: ImageQuality = ImageQuality.standard
+    """Quality of the images."""
+    rgb: RgbFormat = RgbFormat.h264
+    """Files of colour images: one video per camera, or one file per image."""
+    retries: int = 5
+    """Number of times that a failed clip is tried again, with another seed (`attempt_seed`)."""
+    scene: SceneConfig = field(default_factory=SceneConfig)
+    props: PropsConfig = field(default_factory=PropsConfig)
+    motion: MotionConfig = field(default_factory=MotionConfig)
+    interaction: InteractionConfig = field(default_factory=InteractionConfig)
+    rig: RigConfig = field(default_factory=RigConfig)
+    detector: DetectorConfig = field(default_factory=DetectorConfig)
+    occlusion: OcclusionConfig = field(default_factory=OcclusionConfig)
+
+    def __post_init__(self):
+        for name, least in (("seed", 0), ("first", 0), ("clips", 1), ("retries", 0)):
+            if getattr(self, name) < least:
+                raise ValueError(f"{name}: expected {least} or more, got {getattr(self, name)}")
+        if self.workers == 0:
+            raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
+        if self.first + self.clips > MOST_CLIPS:
+            raise ValueError(f"first and clips: expected clips up to number {MOST_CLIPS - 1}, got {self.first}")
+        if not re.fullmatch(r"([A-Za-z0-9_][A-Za-z0-9_.-]*)?", self.prefix):
+            raise ValueError(f"prefix: expected letters, digits, _ - and ., not first, got {self.prefix!r}")
+        image_kinds(self.images)
+
+    @property
+    def numbers(self) -> range:
+        """The numbers of the clips to make."""
+        return range(self.first, self.first + self.clips)
+
+    @property
+    def image_options(self) -> ImageOptions:
+        """The images that are rendered."""
+        return ImageOptions(image_kinds(self.images), self.quality, self.rgb)
+
+
+@dataclass(frozen=True)
+class RenderConfig:
+    """Render simulated clips again: as other images, at another quality, or from other cameras. Nothing is simulated
+    again.
+
+    The clips are written to another folder with all of their labels. With another rig the labels are those of its
+    cameras: visibility and detections are recomputed, with the same result as generation with that rig.
+    """
+
+    data: str = "???"
+    """Data set that `synth generate` made, or one clip of it."""
+    out: str = "runs/rendered"
+    """Folder of the new data set. Existing clips in it are kept."""
+    images: list[str] = field(default_factory=lambda: ["rgb"], metadata={"choices": IMAGE_CHOICES})
+    """Images that are rendered."""
+    quality: ImageQuality = ImageQuality.standard
+    """Quality of the images."""
+    rgb: RgbFormat = RgbFormat.h264
+    """Files of colour images: one video per camera, or one file per image."""
+    workers: int = 1
+    """Processes; -1 for one per core."""
+    backend: Backend = Backend.loky
+    """What runs the processes: this machine, or a cluster."""
+    rig: RigConfig = field(default_factory=lambda: RigConfig(name=""))
+    """Other cameras than those of the clips."""
+
+    def __post_init__(self):
+        if self.workers == 0:
+            raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
+        image_kinds(self.images)
+
+    @property
+    def image_options(self) -> ImageOptions:
+        """The images to render."""
+        return ImageOptions(image_kinds(self.images), self.quality, self.rgb)
+
+
+class SplitBy(Enum):
+    """Property that two splits must not share."""
+
+    person = "person"
+    """A person: the proportions of a body, independent of clothes."""
+    motion = "motion"
+    """A recorded take, by the name of its file. For procedural motion: the motion that one seed draws for one clip."""
+    subject = "subject"
+    """A recorded person, by the name of the file in the CMU database. For other takes the same as `motion`."""
+    rig = "rig"
+    """Cameras: their lenses and places, independent of their names."""
+
+
+class PictureFormat(Enum):
+    """File format of images."""
+
+    jpg = "jpg"
+    """JPEG of quality 95."""
+    png = "png"
+
+
+MIN_SECONDS = 0.4
+"""Shortest length of a track, s. Shorter tracks have no reliable accelerations."""
