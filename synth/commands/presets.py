@@ -4,8 +4,7 @@ from dmae.command_line.options import Preset, presets_of
 from dmae.formats.registry import reader as recording_reader
 from synth.interactions.registry import interaction_choices
 from synth.motion.readers import reader
-from synth.rooms.config import room_presets
-from synth.rooms.room import room_choices
+from synth.rooms.config import room_choices, room_presets
 
 
 def interactions() -> dict[str, Preset]:

@@ -25,7 +25,7 @@ from synth.datasets.config import SplitBy
 from synth.datasets.splits import identities
 from synth.physics.body_state import FILE as STATE
 from synth.physics.body_state import BodyState, load_state
-from synth.rooms.room import room_choices
+from synth.rooms.config import room_choices
 
 
 class ClipContacts(NamedTuple):
