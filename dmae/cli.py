@@ -23,9 +23,9 @@ from dmae.command_line.spelling import (
     expand_names,
     flag_values,
     split_flags,
+    suggestion,
     without_flags,
 )
-from dmae.command_line.suggestions import suggestion
 from dmae.commands import COMMANDS
 from dmae.data.resources import resource_folder
 from dmae.formats.registry import reader

@@ -7,8 +7,7 @@ import textwrap
 from collections.abc import Iterator, Sequence
 
 from dmae.command_line.options import REQUIRED, Command, Group, Option, Program
-from dmae.command_line.spelling import required
-from dmae.command_line.suggestions import suggestion
+from dmae.command_line.spelling import required, suggestion
 
 _FLAGS = (
     ("-m, --multirun", "run every combination of key=a,b values, in out/0, out/1, ..."),

@@ -8,8 +8,7 @@ import re
 from pathlib import Path
 
 from dmae.command_line.options import Group
-from dmae.command_line.spelling import FUNCTION
-from dmae.command_line.suggestions import like
+from dmae.command_line.spelling import FUNCTION, like
 from dmae.files.contents import read_text
 from dmae.files.structured import parse_yaml
 
