@@ -96,7 +96,7 @@ def test_every_example_is_a_valid_command_line():
             check(options, expand_data(options, [*filter(None, [given]), *overrides]), flags)
 
 
-@pytest.mark.parametrize("arguments", [("dmae", "--help"), ("synth", "--help"), ("dmae", "train", "-h")])
+@pytest.mark.parametrize("arguments", [("dmae", "--help"), ("synth", "generate", "--help"), ("dmae", "train", "-h")])
 def test_help_loads_nothing_heavy_and_is_quick(tmp_path, arguments):
     program = arguments[0]
     code = (
