@@ -185,7 +185,7 @@ def find_shipped(skeleton: Skeleton) -> Path:
     if best is None or not common[best]:
         raise ValueError(
             f"no weights for skeleton {skeleton.name!r} come with this package, which has those for "
-            f"{', '.join(common) or 'no skeleton'}; convert the poses (dmae.data.skeleton_conversion.convert), or "
+            f"{', '.join(common) or 'no skeleton'}; convert the poses (dmae.data.conversion.convert), or "
             f"train on that skeleton (dmae train) and name the folder by weights=..."
         )
     return SHIPPED / best

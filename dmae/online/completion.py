@@ -90,7 +90,7 @@ class _Completed:
 
 
 class OnlineCompleter:
-    """`dmae.completion.completer.Completer` for frames as they come in.
+    """`dmae.completion.complete.Completer` for frames as they come in.
 
     A frame is returned when `delay` frames after it are known. It is completed as in a recording that ends there and
     began five seconds before the frames that wait. The whole recording up to there would give another result for

@@ -34,7 +34,7 @@ class LensPainter:
     """Paint images through the lenses of a rig by warping images of pinhole cameras.
 
     Args:
-        painter: Paints the pinholes of all views, in order: see `synth.rendering.opengl.Renderer`.
+        painter: Paints the pinholes of all views, in order: see `synth.rendering.renderer.Renderer`.
         rig: V cameras.
     """
 

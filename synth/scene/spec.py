@@ -62,7 +62,7 @@ class PropSpec:
         at: x and y, m.
         yaw: Heading, rad.
         tint: RGB colour 0..1 of its material "tint"; None keeps the colour of the file.
-        scale, up: Unit and up axis of a mesh file, see `synth.rooms.props.PropsConfig`.
+        scale, up: Unit and up axis of a mesh file, see `synth.rooms.config.PropsConfig`.
     """
 
     kind: str
