@@ -1,4 +1,4 @@
-"""Clips on disk: read some frames without reading the others."""
+"""What do I train on? Torch data sets of clips, windows of motion, and images. Items are read on demand."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace

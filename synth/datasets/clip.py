@@ -1,4 +1,4 @@
-"""Label the states of a scene for the cameras of a rig: truth, visibility, detections."""
+"""One clip from a configuration, a seed and a number: scene, simulation, truth, labels and detections."""
 
 import json
 import platform

@@ -1,4 +1,4 @@
-"""Read the tracks of moving people from recorded takes or from clips."""
+"""Compare how recorded and generated people move: tracks, kinematic quantities, a figure and a page."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

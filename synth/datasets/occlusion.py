@@ -1,4 +1,4 @@
-"""Occlusion of people: configuration of its target, its measurement, and its summary."""
+"""Occlusion of people: its measurement and summary, and scenes that meet a target."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Lists of takes with their lengths, and sets of takes that share no subject."""
+"""Divide takes and clips for training and testing, so that no subject, person, motion or rig is in two sets."""
 
 import csv
 import hashlib

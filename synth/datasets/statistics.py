@@ -1,4 +1,4 @@
-"""Frequency and force of contacts between the people of a clip."""
+"""Describe a data set: counts and histograms, contacts, terms of use, a figure and a page."""
 
 import io
 import json
@@ -450,9 +450,9 @@ def page(found: Statistics, name: str, failed: int) -> str:
         ("clips", f"{counts['clips']}{f', and {failed} that failed' if failed else ''}"),
         ("frames", f"{counts['frames']}, {counts['seconds']:.0f} s"),
         ("views of frames", str(counts["pictures"])),
-        ("clips by persons", _page_listed(counts, "persons=")),
-        ("clips by cameras", _page_listed(counts, "cameras=")),
-        *((f"clips by {key}", _page_listed(found.scenes, f"{key}=")) for key in ("arena", "motion", "interaction")),
+        ("clips by persons", _listed_counts(counts, "persons=")),
+        ("clips by cameras", _listed_counts(counts, "cameras=")),
+        *((f"clips by {key}", _listed_counts(found.scenes, f"{key}=")) for key in ("arena", "motion", "interaction")),
         ("different persons, motions, rigs", ", ".join(str(len(x)) for x in (found.persons, found.takes, found.rigs))),
     ]
     if counts["clips_without_truth"]:
@@ -469,7 +469,7 @@ def page(found: Statistics, name: str, failed: int) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def _page_listed(counts, prefix: str) -> str:
+def _listed_counts(counts, prefix: str) -> str:
     found = {key.removeprefix(prefix): count for key, count in counts.items() if key.startswith(prefix)}
     order = sorted(found, key=lambda key: (not key.isdigit(), int(key) if key.isdigit() else 0, key))
     return ", ".join(f"{key}: {found[key]}" for key in order) or "not known"

@@ -1,4 +1,4 @@
-"""Checks of the images of a clip. Each check returns descriptions of the problems that it finds."""
+"""Check clips and data sets: files, numbers, labels, detections and images, and that they agree with each other."""
 
 from collections.abc import Callable
 from dataclasses import fields

@@ -1,4 +1,4 @@
-"""Write the files of a plan: rigs for `rig=` and captures, lists to print, and all numbers as JSON."""
+"""The files of a plan: rigs, lists to print, figures, and the page."""
 
 import tempfile
 from dataclasses import asdict, replace

@@ -1,4 +1,4 @@
-"""Places in a room where cameras can be mounted: on walls, under the ceiling, on tripods."""
+"""Places in a room where cameras can be mounted, and candidate cameras at them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

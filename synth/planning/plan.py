@@ -1,4 +1,4 @@
-"""Check rigs: capture people that were not used in planning, and score the captures."""
+"""Plan cameras: search rigs for each number of cameras, and check them on people who were not used in the search."""
 
 import time
 from collections.abc import Sequence

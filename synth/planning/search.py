@@ -1,4 +1,4 @@
-"""Simulated people for planning cameras. They are simulated once and can then be seen by any cameras."""
+"""Choose cameras: simulated people, what each camera sees of them, and the search for the best rig."""
 
 import time
 from contextlib import suppress

@@ -1,4 +1,4 @@
-"""The result of a detector for each true joint and person of a clip: error, miss, confidence, and occluder."""
+"""Errors of a detector by the occluder of a joint: observations of clips, tables, and a figure."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
@@ -339,7 +339,7 @@ def _percent(share: float | None) -> str:
 
 # Curves of the errors of several detectors.
 
-_error_figure_COLUMNS = (
+_FIGURE_COLUMNS = (
     ("cause", "what hides the joint"),
     ("margin of hidden joints", "depth margin of hidden joints"),
     ("size, visible", "size, visible joints"),
@@ -358,8 +358,8 @@ def draw_errors(studied: dict[str, dict]) -> Figure:
         studied: Results of `synth.recognition.detector_errors.numbers` by name of the detector.
     """
     figure = Figure(figsize=(14, 8), layout="constrained")
-    axes = figure.subplots(len(_ROWS), len(_error_figure_COLUMNS), sharey="row", squeeze=False)
-    for column, (heading, label) in enumerate(_error_figure_COLUMNS):
+    axes = figure.subplots(len(_ROWS), len(_FIGURE_COLUMNS), sharey="row", squeeze=False)
+    for column, (heading, label) in enumerate(_FIGURE_COLUMNS):
         groups = list(dict.fromkeys(
             row["group"] for each in studied.values() for row in each["joints"] if row["heading"] == heading
         ))  # fmt: skip

@@ -1,4 +1,4 @@
-"""The appearance of each person of a clip in each view: size, distance, direction, posture, visible joints."""
+"""What a real detector finds of people in plain sight: their appearance, crops, rates, and a sheet of the worst."""
 
 import json
 from collections.abc import Iterable, Iterator, Sequence

@@ -1,4 +1,4 @@
-"""Physical labels as entries of a person in a picture: contacts, ground reaction, and points on the surface."""
+"""The layouts that are shipped: COCO, YOLO, WebDataset, Hugging Face, NumPy and CMU Panoptic."""
 
 import io
 import json
@@ -111,7 +111,7 @@ def export_coco(selection: Selection, out: Path) -> dict[str, Counter]:
     """COCO keypoints with masks as run lengths, boxes, and the occluder of each joint."""
     found = {split: Counter() for split in selection.splits}
     tasks: dict[str, list[ClipTask]] = {split: [] for split in selection.splits}
-    for task, counts in selection.each_clip(_write_clip, out):
+    for task, counts in selection.each_clip(_write_coco_clip, out):
         found[task.split] += counts
         tasks[task.split].append(task)
     (out / "annotations").mkdir()
@@ -121,7 +121,7 @@ def export_coco(selection: Selection, out: Path) -> dict[str, Counter]:
     return found
 
 
-def _write_clip(task: ClipTask) -> Counter:
+def _write_coco_clip(task: ClipTask) -> Counter:
     """Write the images of a clip, and the entries of its images and annotations with ids from 1 on. Return counts."""
     clip, counts = task.load(), Counter(clips=1)
     images, annotations = [], []
@@ -176,7 +176,7 @@ _KEYS = {"train": "train", "validation": "val", "test": "test"}
 def export_yolo(selection: Selection, out: Path) -> dict[str, Counter]:
     """YOLO pose: one line per person with class, box and joints, as fractions of the image."""
     found = {split: Counter() for split in selection.splits}
-    for task, counts in selection.each_clip(_yolo_write_clip, out):
+    for task, counts in selection.each_clip(_write_yolo_clip, out):
         found[task.split] += counts
     content = {_KEYS.get(split, split): f"images/{split}" for split in selection.splits}
     content["names"] = {0: "person"}
@@ -186,7 +186,7 @@ def export_yolo(selection: Selection, out: Path) -> dict[str, Counter]:
     return found
 
 
-def _yolo_write_clip(task: ClipTask) -> Counter:
+def _write_yolo_clip(task: ClipTask) -> Counter:
     counts = Counter(clips=1)
     for picture in task.pictures(task.load(), counts):
         name = Path(task.write(picture, "images"))
@@ -225,7 +225,7 @@ def export_webdataset(selection: Selection, out: Path) -> dict[str, Counter]:
     found = {split: Counter() for split in selection.splits}
     shard = None
     try:
-        for task, counts in selection.each_clip(_webdataset_write_clip, out):
+        for task, counts in selection.each_clip(_write_webdataset_clip, out):
             part, split = task.part("tar"), found[task.split]
             if shard and (not split or shard.offset > SHARD_BYTES):
                 shard.close()
@@ -244,7 +244,7 @@ def export_webdataset(selection: Selection, out: Path) -> dict[str, Counter]:
     return found
 
 
-def _webdataset_write_clip(task: ClipTask) -> Counter:
+def _write_webdataset_clip(task: ClipTask) -> Counter:
     clip, counts = task.load(), Counter(clips=1)
     about = clip_entry(clip) | {"clip": task.name, "joints": joint_names(task.skeleton)}
     physical = PhysicalEntries(task.folder, clip.rig)
@@ -296,14 +296,14 @@ are left out, because a column of nulls has no type."""
 def export_huggingface(selection: Selection, out: Path) -> dict[str, Counter]:
     """Image folders that `datasets.load_dataset` reads, with the persons of each picture."""
     found = {split: Counter() for split in selection.splits}
-    for task, counts in selection.each_clip(_huggingface_write_clip, out):
+    for task, counts in selection.each_clip(_write_huggingface_clip, out):
         found[task.split] += counts
         with (out / task.split / METADATA).open("ab") as joined, task.part("jsonl").open("rb") as part:
             shutil.copyfileobj(part, joined)
     return found
 
 
-def _huggingface_write_clip(task: ClipTask) -> Counter:
+def _write_huggingface_clip(task: ClipTask) -> Counter:
     clip, counts = task.load(), Counter(clips=1)
     about = clip_entry(clip) | {"clip": task.name}
     lines, of_persons, physical = [], [], PhysicalEntries(task.folder, clip.rig)
@@ -330,12 +330,12 @@ def _huggingface_write_clip(task: ClipTask) -> Counter:
 def export_npz(selection: Selection, out: Path) -> dict[str, Counter]:
     """One numpy file per clip: cameras, joints, visibility, and physical labels if there are any."""
     found = {split: Counter() for split in selection.splits}
-    for task, counts in selection.each_clip(_npz_write_clip, out):
+    for task, counts in selection.each_clip(_write_npz_clip, out):
         found[task.split] += counts
     return found
 
 
-def _npz_write_clip(task: ClipTask) -> Counter:
+def _write_npz_clip(task: ClipTask) -> Counter:
     clip, counts = task.load(), Counter(clips=1)
     for _ in task.pictures(clip, counts) if clip.images is not None else ():
         # Pictures are only counted for the README of the export, not written.
@@ -390,12 +390,12 @@ PHYSICS = "physics.npz"
 def export_panoptic(selection: Selection, out: Path) -> dict[str, Counter]:
     """One folder per clip in the layout of CMU Panoptic: calibration, poses in 3D, and images if there are any."""
     found = {split: Counter() for split in selection.splits}
-    for task, counts in selection.each_clip(_panoptic_write_clip, out):
+    for task, counts in selection.each_clip(_write_panoptic_clip, out):
         found[task.split] += counts
     return found
 
 
-def _panoptic_write_clip(task: ClipTask) -> Counter:
+def _write_panoptic_clip(task: ClipTask) -> Counter:
     """Write one sequence, and return counts. Cameras without a name <panel>_<node> become nodes of panel 0."""
     clip, counts = task.load(), Counter(clips=1)
     names = [name if re.fullmatch(r"\d\d_\d\d", name) else f"00_{view:02}" for view, name in enumerate(clip.rig.names)]

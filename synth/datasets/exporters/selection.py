@@ -1,8 +1,4 @@
-"""The registry of exporters of data sets.
-
-An exporter is a function with the decorator `exporter` in a module of this package. It takes a `Selection` of clips and
-the folder to write. It returns counts of what it wrote, by split.
-"""
+"""What a layout is given: the clips of an export by split, their pictures, and files of the processes that write."""
 
 import json
 from collections import Counter
