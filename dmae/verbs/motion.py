@@ -208,8 +208,11 @@ def pretrain(out: str | Path, config: PretrainCommand | None = None) -> Path:
 
     Examples:
         >>> small = dmae.PretrainCommand(rig="ring", clips=2, seconds=1, steps=2, views=[3])
-        >>> dmae.pretrain("own", small).name
-        'model'
+        >>> from contextlib import redirect_stdout
+        >>> with redirect_stdout(None):  # the steps are printed
+        ...     model = dmae.pretrain("own", small)
+        >>> (model / "MODEL_CARD.md").is_file()
+        True
     """
     from dmae.commands.pretrain import run
 
@@ -361,7 +364,7 @@ def run(
 
     Examples:
         >>> clip = next(synth.generate(seconds=0.2, clips=1, seed=7, out="walks"))
-        >>> seen = next(synth.render("walks", "quality=draft", "images=[rgb]", out="seen"))
+        >>> seen = next(synth.render("walks", quality="draft", images=["rgb"], out="seen"))
         >>> found = dmae.run(seen)
         >>> len(found.poses.xyz) == len(seen)
         True
