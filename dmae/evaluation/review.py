@@ -8,12 +8,10 @@ from enum import StrEnum
 from pathlib import Path
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
 
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.conversion import convert, scale_of
 from dmae.data.json_values import decode
-from dmae.evaluation.report.joints import joints_of, reprojection_errors
 from dmae.files.contents import write_atomic
 from dmae.files.structured import read_json
 
@@ -189,6 +187,8 @@ def _bone_deviation(poses: Poses3D) -> np.ndarray:
 
 
 def _jump(poses: Poses3D, fps: float) -> np.ndarray:
+    from scipy.ndimage import maximum_filter1d  # exports read decisions without it
+
     step = max(1, round(_REACH * fps))
     xyz = poses.xyz.astype(np.float64)
     found = np.zeros(poses.source.shape)
@@ -199,6 +199,8 @@ def _jump(poses: Poses3D, fps: float) -> np.ndarray:
 
 
 def _residual(clip: Clip) -> np.ndarray:
+    from dmae.evaluation.report.joints import reprojection_errors  # loads Numba; exports read decisions without it
+
     skeleton = clip.detections.skeleton
     poses = convert(clip.poses, skeleton)
     found = np.zeros(clip.poses.source.shape)
@@ -324,6 +326,8 @@ def check_ranking(clip: Clip, ranking: Sequence[Doubt]) -> RankingCheck | None:
     """
     if clip.truth is None or not np.isfinite(clip.truth.xyz).any():
         return None
+    from dmae.evaluation.report.joints import joints_of
+
     poses, joints = clip.poses, joints_of(clip)
     judged, off = np.zeros((2, *poses.source.shape), bool)
     for index, name in enumerate(joints.skeleton.joints):
