@@ -205,6 +205,7 @@ def compose(command: Command, overrides: Sequence[str]) -> object:
         ValueError: an override names no option, or has a value that the option does not take.
     """
     import hydra
+    from hydra.core.global_hydra import GlobalHydra
     from hydra.errors import HydraException
     from omegaconf import OmegaConf
     from omegaconf.errors import OmegaConfBaseException
@@ -214,11 +215,16 @@ def compose(command: Command, overrides: Sequence[str]) -> object:
     check(options, overrides, [])
     overrides = expand_lists(options, overrides)
     _store(command)
+    # Hydra allows one user at a time: a command, as `dmae demo`, may call a verb that composes another configuration.
+    running = GlobalHydra.instance().hydra
+    GlobalHydra.instance().clear()
     try:
         with _config_folder(command) as folder, hydra.initialize_config_dir(folder, version_base="1.3"):
             return OmegaConf.to_object(hydra.compose(command.name, overrides=overrides))
     except (HydraException, OmegaConfBaseException) as error:
         raise ValueError(_in_one_line(error)) from None
+    finally:
+        GlobalHydra.instance().hydra = running
 
 
 @contextmanager

@@ -21,8 +21,7 @@ epochs = int(sys.argv[2]) if len(sys.argv) > 2 else 25
 # Two small cameras, low quality: a picture takes milliseconds. No person of the last clip is in the others.
 data = tempfile.mkdtemp(prefix="pictures_")
 rig = synth.RigConfig(ring=synth.RingConfig(views=2, size=[128, 96], focal=110))
-small = {"rig": rig, "quality": "draft", "images": ["all"]}
-list(synth.generate(clips=5, seconds=1, scene="studio", seed=1, **small, out=data))
+list(synth.generate(clips=5, seconds=1, seed=1, scene="studio", rig=rig, images=["all"], quality="draft", out=data))
 frames = FrameDataset(data, skeleton="coco17", every=2)
 held_out = [index for index in range(len(frames)) if frames.place(index)[0] == len(frames.files) - 1]
 train = Subset(frames, [index for index in range(len(frames)) if index not in held_out])

@@ -5,9 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from dmae.completion.paper import FILE
-from dmae.reconstruction.pipeline import measure
-from tests.fingerprints import TOLERANCES
+from tests.fingerprints import FILE, TOLERANCES, measure
 
 
 @pytest.mark.slow

@@ -121,7 +121,8 @@ def with_a_room_of_your_own(tmp_path, monkeypatch) -> Path:
     custom.find("text[@name='help']").set("data", "A cellar.")
     ElementTree.SubElement(custom, "numeric", name="props", data="1 2")
     tree.write(tmp_path / "scenes" / "cellar.xml")
-    monkeypatch.setattr("synth.rooms.room._folder", lambda: tmp_path / "scenes")
+    for module in ("config", "room"):
+        monkeypatch.setattr(f"synth.rooms.{module}.room_folder", lambda: tmp_path / "scenes")
     return tmp_path
 
 
