@@ -4,6 +4,9 @@ Motion-capture markers are completed in a similar way by the principal component
 Gløersen & Federolf 2016); a kernel represents what a plane cannot. The equation is (2.25) of Rasmussen & Williams 2006.
 """
 
+from collections.abc import Generator
+from typing import TypeVar
+
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
@@ -13,6 +16,20 @@ from dmae.data.clip import Poses3D
 from dmae.numerics.body import Bodies, interpolate_bodies
 from dmae.numerics.filling import take_estimate, without_infinite
 from dmae.numerics.paths import gap_lengths, pchip
+
+T = TypeVar("T")
+Steps = Generator[float, None, T]
+"""Work in steps, and its result. A step ends with what it cost, about: 1 is a millisecond of one core."""
+
+
+def finished(steps: Steps[T]) -> T:
+    """Return the result of all steps."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return end.value
+
 
 SHORT_GAP = 0.2
 """s; in gaps shorter than this interpolation is better than the Gaussian process."""
@@ -28,6 +45,8 @@ _FEWEST = 20
 """Training poses; with fewer the process predicts nothing."""
 _BLOCK = 5.0
 """s of frames that share training poses."""
+_COST = 0.75
+"""Of a joint of a person, see `Steps`."""
 
 
 @completion_method("gaussian_process")
@@ -38,24 +57,25 @@ def fill_gaussian_process(poses: Poses3D, fps: float) -> Poses3D:
     """
     poses = without_infinite(poses, fps)
     bodies = interpolate_bodies(poses.xyz.astype(np.float64), poses.skeleton, fps, pchip, poses.rays)
-    place_limbs(bodies, fps)
+    finished(place_limbs(bodies, fps))
     return take_estimate(poses, fps, bodies.filled)
 
 
-def place_limbs(bodies: Bodies, fps: float) -> None:
+def place_limbs(bodies: Bodies, fps: float) -> Steps[None]:
     """Replace the interpolated estimates of limbs by those of the process, joint by joint."""
     for joint in (joint for joint in bodies.attached if joint not in bodies.torso):
         others = [other for other in bodies.attached if not _below(other, joint, bodies.parents, bodies.torso)]
-        _place(bodies, joint, others, fps)
+        if _place(bodies, joint, others, fps):
+            yield _COST * bodies.xyz.shape[1]
 
 
-def _place(bodies: Bodies, joint: int, others: list[int], fps: float) -> None:
-    """Replace the estimate of a limb's joint, given other joints, which are placed."""
+def _place(bodies: Bodies, joint: int, others: list[int], fps: float) -> bool:
+    """Replace the estimate of a limb's joint, given other joints, which are placed; return whether it was hidden."""
     parent, first = bodies.parents[joint], bodies.filled[:, :, joint].copy()
     known = ~np.isnan(bodies.xyz[:, :, [joint, parent], 0]).any(-1)
     hidden = np.isnan(bodies.xyz[:, :, joint, 0])
     if not (hidden & ~np.isnan(first[..., 0])).any():
-        return
+        return False
     offsets = bodies.in_body(bodies.filled - bodies.filled[:, :, bodies.parents])
     predicted = [
         predict_offset(offsets[:, i], joint, others, known[:, i], hidden[:, i], fps) for i in range(first.shape[1])
@@ -66,6 +86,7 @@ def _place(bodies: Bodies, joint: int, others: list[int], fps: float) -> None:
     squared = gap_lengths(~hidden)[..., None] ** 2
     change = squared / (squared + (SHORT_GAP * fps) ** 2) * (bodies.filled[:, :, joint] - first)
     bodies.filled[:, :, joint] = np.where(hidden[..., None], first + np.nan_to_num(change), first)
+    return True
 
 
 def _below(joint: int, ancestor: int, parents: list[int], torso: list[int]) -> bool:

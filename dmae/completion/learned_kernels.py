@@ -16,7 +16,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from dmae.completion.features import noisiness
-from dmae.completion.gaussian_process import place_limbs
+from dmae.completion.gaussian_process import Steps, finished, place_limbs
 from dmae.completion.methods import completion_method
 from dmae.data.clip import Poses3D
 from dmae.data.skeleton import Skeleton
@@ -541,6 +541,8 @@ _MOST = 160
 """Training poses of a gap."""
 _SHARE = 0.5
 """Of the learned kernels of limbs, relative to the kernel that all joints share: processes with other errors."""
+_COST, _START_COST, _LIMBS_COST = 1.5, 5.0, 4.0
+"""Of a gap, of interpolation, and of preparing and of joining limbs, see `Steps`."""
 
 
 @completion_method("gaussian_process_learned")
@@ -550,31 +552,32 @@ def fill_gaussian_process_learned(poses: Poses3D, fps: float) -> Poses3D:
     The learned kernels are of poses and of time. They count as far as they predict the person's other frames, the less
     the noisier poses are, and not in gaps in which single cameras see the joint, where its ray says more.
     """
-    return fill_both(poses, fps)[1]
+    return finished(fill_both(poses, fps))[1]
 
 
-def fill_both(poses: Poses3D, fps: float, frames: slice = slice(None)) -> tuple[Poses3D, Poses3D]:
-    """Fill by `gaussian_process` and by `gaussian_process_learned`, whose work is much the same.
+def fill_both(poses: Poses3D, fps: float, frames: slice = slice(None)) -> Steps[tuple[Poses3D, Poses3D]]:
+    """Fill by `gaussian_process` and by `gaussian_process_learned`, in steps; much of their work is the same.
 
     Args:
         frames: Those in which the second is asked for; in others it may be anything between the two.
     """
     poses = without_infinite(poses, fps)
     bodies = body.interpolate_bodies(poses.xyz.astype(np.float64), poses.skeleton, fps, pchip, poses.rays)
+    yield _START_COST
     plain = bodies.copy()
-    place_limbs(plain, fps)
+    yield from place_limbs(plain, fps)
     filled = take_estimate(poses, fps, plain.filled)
     counts = _without_rays(poses) * (1 - noisiness(poses))
     if not counts.any():
         return filled, filled
     kernels = shipped_kernels()
-    if _place_torso(poses, fps, bodies, kernels, counts):
+    if (yield from _place_torso(poses, fps, bodies, kernels, counts)):
         plain = bodies.copy()
-        place_limbs(plain, fps)
+        yield from place_limbs(plain, fps)
     share = _SHARE * counts
     asked = np.zeros(counts.shape[:2], bool)
     asked[frames] = True
-    learned = _place_limbs(poses, fps, bodies, kernels, share > 0, asked)
+    learned = yield from _place_limbs(poses, fps, bodies, kernels, share > 0, asked)
     change = (share * learned)[..., None] * np.nan_to_num(bodies.filled - plain.filled)
     return filled, take_estimate(poses, fps, plain.filled + change)
 
@@ -583,9 +586,9 @@ def fill_with(poses: Poses3D, fps: float, kernels: KernelSet) -> Poses3D:
     """Fill by given kernels alone, where they predict the person's other frames; elsewhere by interpolation."""
     poses = without_infinite(poses, fps)
     bodies = body.interpolate_bodies(poses.xyz.astype(np.float64), poses.skeleton, fps, pchip, poses.rays)
-    _place_torso(poses, fps, bodies, kernels, _without_rays(poses))
+    finished(_place_torso(poses, fps, bodies, kernels, _without_rays(poses)))
     everywhere = np.ones(poses.xyz.shape[:3], bool)
-    _place_limbs(poses, fps, bodies, kernels, everywhere, everywhere[..., 0])
+    finished(_place_limbs(poses, fps, bodies, kernels, everywhere, everywhere[..., 0]))
     return take_estimate(poses, fps, bodies.filled)
 
 
@@ -599,7 +602,7 @@ def _without_rays(poses: Poses3D) -> np.ndarray:
     return 1 - found / np.maximum(after - before - 1, 1)
 
 
-def _place_torso(poses: Poses3D, fps: float, bodies: Bodies, kernels: KernelSet, counts: np.ndarray) -> bool:
+def _place_torso(poses: Poses3D, fps: float, bodies: Bodies, kernels: KernelSet, counts: np.ndarray) -> Steps[bool]:
     """Replace the interpolated estimates of the torso where a Gaussian process has one; what hangs from it follows.
 
     Return whether there was one.
@@ -610,6 +613,7 @@ def _place_torso(poses: Poses3D, fps: float, bodies: Bodies, kernels: KernelSet,
         for problem in torsos.problems(joint, _MOST, counts[:, :, joint] > 0):
             at = problem.gap.frames, problem.gap.person
             predicted = _predict(problem, kernels)
+            yield _COST
             if predicted is not None:
                 replaced, (offset, weight) = True, predicted
                 turned = np.einsum("fij,fj->fi", bodies.world_from_body[at], offset)
@@ -627,7 +631,7 @@ def _place_torso(poses: Poses3D, fps: float, bodies: Bodies, kernels: KernelSet,
 
 def _place_limbs(
     poses: Poses3D, fps: float, bodies: Bodies, kernels: KernelSet, wanted: np.ndarray, asked: np.ndarray
-) -> np.ndarray:
+) -> Steps[np.ndarray]:
     """Replace the interpolated estimates of limbs where a Gaussian process has one; return where, (F, P, J).
 
     Args:
@@ -637,9 +641,11 @@ def _place_limbs(
     limbs = Limbs(poses, bodies, fps, kernels.bones)
     found = np.zeros(wanted.shape, bool)
     needed = _needed(bodies, ~limbs.measured, asked)
+    yield _LIMBS_COST
     for joint in limb_joints(bodies):
         gaps = wanted[:, :, joint], needed[joint]
-        found[:, :, joint] = _place(bodies, limbs, joint, kernels, *gaps)
+        found[:, :, joint] = yield from _place(bodies, limbs, joint, kernels, *gaps)
+    yield _LIMBS_COST
     return found
 
 
@@ -659,7 +665,7 @@ def _needed(bodies: Bodies, hidden: np.ndarray, asked: np.ndarray) -> dict[int, 
 
 def _place(
     bodies: Bodies, limbs: Limbs, joint: int, kernels: KernelSet, wanted: np.ndarray, needed: np.ndarray
-) -> np.ndarray:
+) -> Steps[np.ndarray]:
     """Do so for one joint, in gaps of which any of (F, P) is wanted, and any is needed; return where, (F, P)."""
     done = np.zeros(wanted.shape, bool)
     if not (wanted.any() and needed.any()):
@@ -671,6 +677,7 @@ def _place(
     for problem in limbs.problems(joint, _MOST, wanted, needed):
         at = problem.gap.frames, problem.gap.person
         predicted = _predict(problem, kernels)
+        yield _COST
         if predicted is not None:
             offset, weight[at] = predicted
             turned = np.einsum("fij,fj->fi", bodies.world_from_body[at], offset)

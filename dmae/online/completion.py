@@ -17,13 +17,22 @@ from dmae.numerics.filling import LONGEST_ABSENCE, smooth
 
 if TYPE_CHECKING:
     from dmae.completion.complete import Completer
+    from dmae.completion.gaussian_process import Steps
     from dmae.data.conversion import Fill
 
 
 BATCH = 0.2
 """s of frames that are completed together."""
 TURN = 0.48
-"""s in which each person is completed once while cameras run, at different times, so that frames take about as long."""
+"""s in which each person is completed once while cameras run, in steps, so that frames take about the same time."""
+_GROUPS = 2
+"""Groups in which people are completed, one after the other."""
+_JOB_COST = 5.0
+"""Of preparing a job and of keeping its results, see `dmae.completion.gaussian_process.Steps`."""
+_USUAL_COST = 60.0
+"""Of completing a person in a turn, before it is known."""
+_CHANGE = 0.1
+"""Share of the last job in what is taken as usual, where it cost less than that."""
 MEMORY = 5.0
 """s of frames that are kept before those that wait."""
 JOINTS = [field.name for field in fields(Poses3D) if field.name != "skeleton"]
@@ -89,6 +98,22 @@ class _Completed:
         return _Completed(self.first + spare, self.end, {name: part[spare:] for name, part in self.joints.items()})
 
 
+@dataclass
+class _Job:
+    """The completion of some people from frame `start` to `end`; `over` after the last step.
+
+    `cost` is that of the steps so far, done in this number of `pushes`.
+    """
+
+    people: list[int]
+    start: int
+    end: int
+    steps: Steps[Poses3D]
+    over: bool = False
+    cost: float = _JOB_COST
+    pushes: int = 0
+
+
 class OnlineCompleter:
     """`dmae.completion.complete.Completer` for frames as they come in.
 
@@ -98,8 +123,8 @@ class OnlineCompleter:
     windows are no whole number of frames apart. A person without measurements in a frame is returned only if
     measured again within the delay.
 
-    With `turns` each person is completed once in so many pushes, few people with any push, so that pushes take
-    about as long. Frames then wait until the turn of each person has come.
+    With `turns` people are completed in two groups, one after the other and step by step, so that all pushes take about
+    as long. Frames then wait until the turn of each group has come, and is over.
 
     Attributes:
         delay: Largest number of frames after one that are known when it is returned.
@@ -118,7 +143,8 @@ class OnlineCompleter:
         if not (np.isfinite(fps) and fps > 0 and np.isfinite(delay) and delay >= 0):
             raise ValueError(f"fps must be positive and delay not negative, found {fps} and {delay}")
         self._known_after, self._turns = round(delay * fps), turns
-        self.delay = self._known_after + turns - 1
+        self._pushes = ceil(turns / _GROUPS)
+        self.delay = self._known_after + (turns + self._pushes - 2 if turns > 1 else 0)
         # Completion does not smooth: smoothing is applied later, to frames that are already completed.
         self._completer, self._smooth, self._fps = replace(completer, smooth=0.0), completer.smooth, fps
         self._reach = ceil(3 * completer.smooth * fps)
@@ -127,6 +153,8 @@ class OnlineCompleter:
         self._frames: list[FinishedFrame] = []
         self._waiting = 0
         self._completed: dict[int, _Completed] = {}
+        self._job: _Job | None = None
+        self._usual = _USUAL_COST
 
     @property
     def first_kept(self) -> int:
@@ -142,27 +170,43 @@ class OnlineCompleter:
         first, end = self._first, self._frames[-1].number + 1 - self._known_after
         people = self._recent_people().tolist()
         if self._turns == 1:
-            self._complete(people, end)
+            self._finish(self._started(people, end))
             return self._take(end - first)
         last = self._frames[-1].number + 1 - self.delay
-        for person in self._in_turn(people, end):
-            self._complete([person], end)
-        # Frames that are already due, because there are more people than before.
-        self._complete([person for person in people if self._end_of(person) < last], end)
+        self._work(people, end)
+        # If a person's frames are already due, because there are more people than before, complete them immediately.
+        if self._job is not None and min(map(self._end_of, self._job.people)) < last:
+            self._finish(self._job)
+        self._finish(self._started([person for person in people if self._end_of(person) < last], end))
         return self._take(last - first)
 
-    def _in_turn(self, people: list[int], end: int) -> list[int]:
-        """Return the people to be completed now, those with the most frames that wait; none while it is early."""
+    def _work(self, people: list[int], end: int) -> None:
+        """Do a share of the work on the job that is not over, or on the next one."""
+        if self._job is None:
+            self._job = self._started(self._next_group(people, end), end)
+        job = self._job
+        if job is None:
+            return
+        job.pushes += 1
+        # Do the work that completes the job within the pushes of a turn, if it costs as much as earlier jobs.
+        due = self._usual * len(job.people) * job.pushes / self._pushes
+        while not job.over and job.cost < due:
+            self._step_on(job)
+
+    def _next_group(self, people: list[int], end: int) -> list[int]:
+        """Return the people to be completed next, those with the most frames that wait; none while it is early."""
         done = sorted((self._end_of(person), person) for person in people)
-        size = ceil(len(done) / self._turns)
-        # Begin early enough for the people after them.
-        waited = (end - each + k // size for k, (each, _) in enumerate(done))
-        return [person for _, person in done[:size]] if max(waited, default=0) >= self._turns else []
+        size = ceil(len(done) / _GROUPS)
+        # Begin early enough for the people of later groups, who wait until this group is completed.
+        waited = (end - each + self._turns * (k // size) / _GROUPS for k, (each, _) in enumerate(done))
+        return sorted(person for _, person in done[:size]) if max(waited, default=0) >= self._turns else []
 
     def flush(self) -> list[FinishedFrame]:
         """Return the frames that still wait, at the end of the recording."""
+        if self._job is not None:
+            self._finish(self._job)
         if self._waiting:
-            self._complete(self._recent_people().tolist(), self._first + self._waiting)
+            self._finish(self._started(self._recent_people().tolist(), self._first + self._waiting))
         return self._take(self._waiting)
 
     @property
@@ -182,22 +226,46 @@ class OnlineCompleter:
         recent = self._waiting + ceil(LONGEST_ABSENCE * self._fps) + 1
         return np.unique(np.concatenate([frame.people for frame in self._frames[-recent:]]))
 
-    def _complete(self, people: list[int], end: int) -> None:
-        """Complete people up to frame `end`, and those frames after it that take part in smoothing."""
+    def _started(self, people: list[int], end: int) -> _Job | None:
+        """Begin to complete people up to frame `end`, and those frames after it that take part in smoothing."""
         start = min(map(self._end_of, people), default=end)
         if start >= end:
-            return
+            return None
         kept, known = self._frames[0].number, self._frames[-1].number + 1
         poses = join_frames(self._frames, np.array(people))
-        done = self._completer(poses, self._fps, slice(start - kept, min(end + self._reach, known) - kept))
-        for i, person in enumerate(people):
+        frames = slice(start - kept, min(end + self._reach, known) - kept)
+        return _Job(people, start, end, self._completer.in_steps(poses, self._fps, frames, self._turns > 1))
+
+    def _finish(self, job: _Job | None) -> None:
+        while job is not None and not job.over:
+            self._step_on(job)
+
+    def _step_on(self, job: _Job) -> None:
+        """Do the next step of a job; keep the results of the last one."""
+        from dmae.completion.complete import one_thread
+
+        if not job.over:
+            try:
+                with one_thread():
+                    job.cost += next(job.steps)
+            except StopIteration as over:
+                job.over = True
+                self._keep(job, over.value)
+                found = job.cost / len(job.people)
+                # The expected cost rises immediately. Otherwise the last pushes of expensive jobs would take long.
+                self._usual = max(found, self._usual + _CHANGE * (found - self._usual))
+        if job is self._job and job.over:
+            self._job = None
+
+    def _keep(self, job: _Job, done: Poses3D) -> None:
+        for i, person in enumerate(job.people):
             joints = {name: getattr(done, name)[:, i] for name in JOINTS}
-            first, before = start, self._completed.get(person)
-            count = start - before.first if before else -1
+            first, before = job.start, self._completed.get(person)
+            count = job.start - before.first if before else -1
             if 0 <= count <= len(before.joints["xyz"]):
                 first = before.first
                 joints = {name: np.concatenate([before.joints[name][:count], joint]) for name, joint in joints.items()}
-            self._completed[person] = _Completed(first, end, joints)
+            self._completed[person] = _Completed(first, job.end, joints)
 
     def _take(self, count: int) -> list[FinishedFrame]:
         """Return the first `count` frames that wait; forget those that are not needed any more."""

@@ -6,7 +6,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from dmae.completion.fillings import fill_pchip_body
-from dmae.completion.gaussian_process import fill_gaussian_process
+from dmae.completion.gaussian_process import fill_gaussian_process, finished
 from dmae.completion.kernel_fitting import Episode, FitConfig, episodes_of, fit, predictions, table_of
 from dmae.completion.learned_kernels import (
     Exactness,
@@ -235,7 +235,7 @@ def test_frames_asked_for_are_filled_as_in_the_whole_recording():
     for frames, joints in ((slice(95, 130), [TORSO_ELBOW]), (slice(120, 150), [TORSO_WRIST]), (GAP, HIPS)):
         given = without(given, frames, 0, joints)
     asked = slice(140, 160)
-    plain, learned = fill_both(given, TORSO_FPS, asked)
+    plain, learned = finished(fill_both(given, TORSO_FPS, asked))
     whole = fill_gaussian_process_learned(given, TORSO_FPS)
     np.testing.assert_array_equal(plain.xyz, fill_gaussian_process(given, TORSO_FPS).xyz)
     np.testing.assert_array_equal(learned.xyz[asked], whole.xyz[asked])

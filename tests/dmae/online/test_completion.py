@@ -57,7 +57,8 @@ def test_people_completed_in_turn_are_completed_alike():
     """Each is completed by what is known up to seven frames later than where all are completed with each frame."""
     poses, completer = with_holes(circling(1, frames=90), 1), untrained()
     together, in_turn = OnlineCompleter(completer, FPS), OnlineCompleter(completer, FPS, turns=5)
-    assert in_turn.delay == together.delay + 4
+    # A turn of five frames, and three pushes in which the steps for two of the people are done.
+    assert in_turn.delay == together.delay + 4 + 2
     people, done = np.arange(3), []
     for online in (together, in_turn):
         returned = [frame for frames in pushed(online, poses) for frame in frames]
@@ -71,21 +72,24 @@ def test_people_completed_in_turn_are_completed_alike():
     assert np.median(np.linalg.norm(done[0].xyz - done[1].xyz, axis=-1)[filled]) < 0.01
 
 
-@pytest.mark.parametrize(("persons", "most"), [(1, 1), (3, 1), (6, 2)])
-def test_each_push_completes_few_people_and_a_turn_all(persons, most, monkeypatch):
-    poses, completer = with_holes(circling(1, frames=60, persons=persons), 1), untrained()
-    online, counts, complete = OnlineCompleter(completer, FPS, turns=5), [], OnlineCompleter._complete
+@pytest.mark.parametrize("persons", [1, 3, 6])
+def test_pushes_take_alike(persons, monkeypatch):
+    """By what steps cost: with people in all of whom joints are missing, one push could do all the steps of a turn."""
+    poses, completer = with_holes(circling(1, frames=120, persons=persons), 1), untrained()
+    online, costs, step = OnlineCompleter(completer, FPS, turns=10), [], OnlineCompleter._step_on
 
-    def counted(self, people, end):
-        counts[-1] += len(people)
-        complete(self, people, end)
+    def counted(self, job):
+        before = job.cost
+        step(self, job)
+        costs[-1] += job.cost - before
 
-    monkeypatch.setattr(OnlineCompleter, "_complete", counted)
+    monkeypatch.setattr(OnlineCompleter, "_step_on", counted)
     for frame in split_frames(poses, np.arange(persons)):
-        counts.append(0)
+        costs.append(0.0)
         online.push([frame])
-    assert max(counts[20:]) <= most
-    assert persons <= max(np.convolve(counts[20:], np.ones(5), "valid")) <= persons + most
+    turn = np.convolve(costs, np.ones(10), "valid").max()
+    assert turn > 50 * persons**0.5
+    assert max(costs[50:]) < 0.4 * turn
 
 
 def test_flush_returns_all_frames_that_wait():
@@ -153,8 +157,8 @@ def test_online_capture_completes_what_it_captures():
     plain, complete = (
         OnlineCapture(clip.rig, BODY25, clip.fps, CaptureConfig(), complete=given) for given in (None, completer)
     )
-    # 0.28 s, and until each person has had a turn.
-    assert complete.delay == plain.delay + 7 + 11
+    # 0.28 s, until each person has had a turn, and until the steps for half of the people are done.
+    assert complete.delay == plain.delay + 7 + 11 + 5
     captured, finished = [], []
     for frame in range(len(clip)):
         captured += plain.push(clip.select(frames=[frame]).detections)
