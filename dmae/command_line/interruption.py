@@ -9,6 +9,8 @@ from contextlib import contextmanager
 
 began: float | None = None
 """When the command began, by `time.monotonic`; None where none did."""
+running: "Interruption | None" = None
+"""That of the command which runs in this process; None where none does."""
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -27,7 +29,7 @@ class Interruption:
         return 128 + (self.signal or signal.SIGINT)
 
     def check(self) -> None:
-        """Stop now if the user has interrupted. Imports can swallow the exception of the signal."""
+        """Stop now if the user has interrupted: an import or a library can swallow the exception of the signal."""
         if self.signal:
             raise KeyboardInterrupt
 
@@ -41,7 +43,9 @@ def one_line(label: str) -> Iterator[Interruption]:
     Args:
         label: The command, which the line begins with.
     """
+    global running
     interruption, main = Interruption(), os.getpid()
+    running = interruption
 
     def press(number: int, _) -> None:
         if os.getpid() != main:  # in a forked worker: the parent prints the message
@@ -65,5 +69,6 @@ def one_line(label: str) -> Iterator[Interruption]:
         print(f"{clear}{label}: interrupted; {interruption.describe()}", file=sys.stderr, flush=True)
         sys.exit(interruption.status)
     finally:
+        running = None
         for number, handler in before.items():
             signal.signal(number, handler)

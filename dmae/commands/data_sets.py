@@ -7,6 +7,7 @@ from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 
+from dmae.command_line import interruption
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.resume import claim_folder
 from dmae.data.store import (
@@ -79,6 +80,8 @@ class ClipSet:
             write_checksums(partial)
         self.whole.add(name)
         self.lines[name] = {"id": name, "status": "ok", **facts}
+        if interruption.running:
+            interruption.running.check()
 
     def __exit__(self, *_) -> None:
         # Another machine may have written clips, and the manifest, meanwhile.
