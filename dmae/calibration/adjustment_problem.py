@@ -196,7 +196,7 @@ class Observations:
     def of(cls, tracks: ImageTracks, calibration: Calibration, most: int, frames: np.ndarray | None = None):
         """Return up to `most` bodies, evenly spread over all frames or over the given ones.
 
-        If a frame has too many bodies, those that more views see are preferred.
+        If a frame has too many bodies, the bodies that most views see are taken.
         """
         seen = np.isfinite(tracks.sigma).sum(-1) >= 4
         usable = (seen.sum(-1) >= 2) & np.isfinite(tracks.start[..., 0]).any(-1)

@@ -14,7 +14,7 @@ class RefineConfig:
     """Parameters that are calibrated."""
 
     cameras: list[str] = field(default_factory=lambda: [AUTO])
-    """Names of the cameras that may change; `auto`: those that clearly differ from their calibration; `all`."""
+    """Names of the cameras that may change, `all`, or `auto`: cameras that clearly differ from their calibration."""
     known: bool = True
     """Whether extrinsics are roughly right. Otherwise they are estimated from intrinsics only, which requires frames in
     which two cameras see one person; the world is then level."""
@@ -27,7 +27,7 @@ class RefineConfig:
     offsets: bool = False
     """Refine the time offset of each camera, to a fraction of a frame."""
     drift: bool = False
-    """Refine the drift of that offset."""
+    """Refine the drift of each time offset."""
     bones: bool = True
     """Expect bones of constant length."""
     bodies: int = 1000

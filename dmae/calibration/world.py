@@ -418,7 +418,7 @@ def _equations(
     bodies[0, :, 0] = bodies[1, :, 1] = 1
     bodies[0, row, lean[person]], bodies[1, row, lean[person]] = cos, sin
     bodies[0, row, side[person]], bodies[1, row, side[person]] = -sin, cos
-    # Priors; those of tilt and height are very weak.
+    # Priors. Tilt and height have very weak ones.
     prior = np.eye(count)
     means, errors = np.zeros(count), np.ones(count)
     means[lean] = _LEAN
@@ -430,7 +430,7 @@ def _equations(
 
 
 def _solved(A: np.ndarray, b: np.ndarray, sigma: np.ndarray, feet: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the robust solution, its covariance, and the weight of each equation, from 0 to 1; those of feet first."""
+    """Return the robust solution, its covariance, and the weights of the equations, 0 to 1, feet first."""
     weight = np.ones(len(b))
     # A foot at rest can be above the floor, but not below it.
     raised = np.where(np.arange(len(b)) < feet, _ROBUST_RAISED, _ROBUST)

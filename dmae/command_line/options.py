@@ -203,7 +203,7 @@ def _option(each, key: str, hint, meaning: str, values: dict[str, object]) -> Op
 
 @cache
 def _meanings(configuration: type) -> dict[str, str]:
-    """The docstring of each field of a dataclass and of those that it extends."""
+    """The docstring of each field, by name, inherited fields included."""
     found: dict[str, str] = {}
     for kind in reversed(configuration.__mro__):
         if is_dataclass(kind):

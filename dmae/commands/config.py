@@ -1,4 +1,4 @@
-"""Options of the commands that have more than those of their verb. Imports nothing heavy, so that help is quick."""
+"""Options of commands, where a command takes more options than its verb. Imports nothing heavy: help is quick."""
 
 from dataclasses import dataclass, field
 from enum import StrEnum

@@ -136,7 +136,7 @@ def test_a_reader_of_your_own_is_one_function(mine, tmp_path):
 
 _USE = """
 import numpy as np
-from synth.commands.presets import REGISTRIES
+from synth.cli import REGISTRIES
 from synth.motion.source import MotionConfig, load_motion
 preset = REGISTRIES["motion"]()["tall"]
 print(preset.meaning)
