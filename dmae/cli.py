@@ -50,6 +50,10 @@ def run_program(program: Program) -> None:
     interruption.began = time.monotonic()
     try:
         _run_program(program)
+    except BrokenPipeError:
+        # The reader closed the pipe, as in `dmae --help | head`. Python must not write to it at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
     finally:
         interruption.began = None
 
@@ -72,9 +76,7 @@ def _run_program(program: Program) -> None:
         try:
             _run_command(command, arguments, interrupted)
         except BrokenPipeError:
-            # The reader closed the pipe, as in `dmae train --help | head`. Python must not write to it at exit.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            sys.exit(1)
+            raise
         except (ValueError, KeyError, OSError) as error:
             if os.environ.get("HYDRA_FULL_ERROR"):
                 raise
