@@ -539,7 +539,7 @@ def show(clip: Clip, out: str | Path, **options: object) -> list[Path]:
     Args:
         clip: Any clip. A clip that was not simulated is drawn without a room.
         out: Folder of the files.
-        options: Options of `dmae.show`: `frames`, `views`, `width`, `layers`, `video`, `rerun`.
+        options: Options of `dmae.show`: `frames`, `cameras`, `width`, `layers`, `video`, `rerun`.
 
     Returns:
         The files: `sheet.png`, `clip.mp4`, `clip.rrd`.
@@ -549,13 +549,13 @@ def show(clip: Clip, out: str | Path, **options: object) -> list[Path]:
 
     Examples:
         >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
-        >>> files = synth.show(clip, "pictures", frames=1, width=240, views=["0", "2"])
+        >>> files = synth.show(clip, "pictures", frames=1, width=240, cameras=["0", "2"])
         >>> [file.name for file in files]
-        ['sheet.png', 'clip.mp4']
+        ['sheet.png']
     """
-    from dmae.viewing.show import of_views, show_clip
+    from dmae.viewing.show import of_cameras, show_clip
 
-    clip = of_views(clip, options.pop("views", ()))
+    clip = of_cameras(clip, options.pop("cameras", ()))
     return show_clip(clip, Path(out), rooms=_rooms(clip), **options)
 
 
@@ -760,7 +760,7 @@ def plan(
     config: PlanConfig | None = None,
     *,
     arena: str | Path | None = None,
-    cameras: Sequence[int] | None = None,
+    views: Sequence[int] | None = None,
     persons: Sequence[int] | None = None,
     seconds: float | None = None,
     detector: DetectorConfig | str | None = None,
@@ -772,13 +772,13 @@ def plan(
     """Plan where to mount cameras in a room, and measure the capture of simulated people for each number of cameras.
 
         mount = MountConfig(ceiling=False)
-        plan = synth.plan(arena="room.xml", cameras=[4, 8], persons=[1, 4], mount=mount, out="runs/plan")
+        plan = synth.plan(arena="room.xml", views=[4, 8], persons=[1, 4], mount=mount, out="runs/plan")
         clips = synth.generate(rig=RigConfig(path="runs/plan/cameras_4.toml"))
 
     Args:
         config: All options; by default those of `synth plan`. The other arguments change it.
         arena: Room of `scenes/`, or path of an MJCF file; by default the room of `scene`, which is `office`.
-        cameras: Least and greatest number of cameras; by default 4 and 6.
+        views: Least and greatest number of cameras; by default 4 and 6.
         persons: Least and greatest number of people; by default the numbers of `scene`.
         seconds: Length of the simulated clips, s.
         detector: Errors of the 2D detector: a configuration, or the name of a preset, by default `shelf_openpose`.
@@ -801,14 +801,14 @@ def plan(
     Examples:
         >>> search = synth.SearchConfig(clips=1, frames=2, check_clips=2)
         >>> small = {"mount": synth.MountConfig(places=12), "search": search, "seconds": 0.4}
-        >>> found = synth.plan(arena="studio", cameras=[2, 3], persons=[1, 1], **small)
+        >>> found = synth.plan(arena="studio", views=[2, 3], persons=[1, 1], **small)
         >>> len(found[3].rig), len(found[3].worth), sorted(found[3].figures)
         (3, 3, ['error', 'idf1', 'missing', 'pcp', 'switches'])
     """
     from synth.planning.page import PAGE, write_files, write_page
     from synth.planning.plan import make_plan
 
-    given = {"arena": None if arena is None else str(arena), "cameras": cameras, "persons": persons}
+    given = {"arena": None if arena is None else str(arena), "views": views, "persons": persons}
     given |= {"seconds": seconds, "detector": detector, "seed": seed, "workers": workers}
     config = _configured("plan", config, given | options)
     if out is None:

@@ -33,7 +33,7 @@ from dmae.reconstruction.pipeline import capture
 from dmae.reporting.tables import counted, print_tables
 
 _TRIED = 50
-"""Frames of a clip that a forecast captures."""
+"""Greatest number of frames of a clip that a forecast captures."""
 _FEW = 0.4
 """Share of the detected joints; where people explain fewer, something is wrong."""
 
@@ -135,12 +135,12 @@ def _world(clip: Clip) -> str:
 
 def _forecast(config: CaptureCommand, clips: Clips) -> str:
     """Return what clips take, as a short piece of some of them shows."""
-    chosen = sorted({clips.numbers[0], clips.numbers[len(clips) // 2], clips.numbers[-1]})
+    ends = (clips.numbers[0], clips.numbers[-1]) if len(clips) > 10 else ()
     seconds, size, frames, lengths = 0.0, 0, 0, []
-    for number in chosen:
+    for number in sorted({*ends, clips.numbers[len(clips) // 2]}):
         one = clips.part(range(number, number + 1))
         start = time.perf_counter()
-        captured, *_ = _capture(config, one, _TRIED)
+        captured, *_ = _capture(config, one, min(_TRIED, 10 + len(one[0]) // 5))
         with TemporaryDirectory() as folder:
             save_clip(captured, Path(folder))
             size += sum(path.stat().st_size for path in Path(folder).iterdir())

@@ -293,7 +293,7 @@ class DoctorCommand:
     """Find what is wrong with a calibration and its detections, and print how to correct it.
 
     Exits with status 1 if anything is wrong. Writes `doctor.json`, `doctor.png`, and a picture of epipolar arrows for
-    each camera, `arrows_0.png` and so on.
+    each camera, `arrows_<camera>.png`.
     """
 
     data: DataConfig = field(default_factory=DataConfig)

@@ -13,6 +13,7 @@ from dmae.calibration.epipolar import Hypothesis, draw_arrows
 from dmae.commands.config import DoctorCommand
 from dmae.commands.data_sets import describe_sides, each_clip
 from dmae.data.clip import Clip
+from dmae.files.checks import child
 from dmae.files.contents import write_atomic
 from dmae.formats.config import Convention
 from dmae.formats.reading import offsets_of_all, written_convention
@@ -38,8 +39,9 @@ def run(config: DoctorCommand, out: Path) -> None:
         if diagnosis.pairs:
             write_atomic(to / "doctor.png", _picture(clip, diagnosis))
             hypothesis = Hypothesis.of(clip, written_convention(config.data) or Convention())
-            for view, picture in enumerate(draw_arrows(hypothesis, clip.id, _images(clip))):
-                write_atomic(to / f"arrows_{view}.png", picture)
+            arrows = draw_arrows(hypothesis, clip.id, _images(clip))
+            for name, picture in zip(clip.rig.names, arrows, strict=True):
+                write_atomic(child(to, f"arrows_{name}.png", "camera"), picture)
         faulty += bool(diagnosis.findings)
     print(out)
     if faulty:

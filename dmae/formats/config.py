@@ -96,7 +96,7 @@ class DataConfig:
     path: str = "???"
     """Folder of the recording, of a clip, or of a data set of clips."""
     cameras: list[int | str] | None = None
-    """Cameras to use, by name or counted from 0; by default all."""
+    """Names of the cameras to use; by default all."""
     frames: list[int] | None = None
     """First frame to use, and the one after the last; by default all."""
     calibration: str | None = None

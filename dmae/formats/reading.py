@@ -281,10 +281,10 @@ def select_frames(clip: Clip, frames: list[int] | None) -> Clip:
 
 
 def select_views(clip: Clip, cameras: Sequence[int | str] | None) -> Clip:
-    """Return the clip with only some cameras, given by name or by index from 0; None selects all.
+    """Return the clip with only some cameras, given by name; None selects all.
 
-    A whole number is an index. It is a name only if each of `cameras` is the name of a camera and at least one of them
-    is given as text.
+    A whole number is the camera whose name is that number, as `2` or `02`; it never counts cameras. A note in
+    `provenance["notes"]` names the cameras.
 
     Raises:
         ValueError: the clip lacks one of the cameras, or one is given twice.
@@ -292,17 +292,26 @@ def select_views(clip: Clip, cameras: Sequence[int | str] | None) -> Clip:
     if cameras is None:
         return clip
     names = clip.rig.names
-    if all(str(camera) in names for camera in cameras) and any(isinstance(camera, str) for camera in cameras):
-        index = [names.index(str(camera)) for camera in cameras]
-    else:
-        index = [names.index(camera) if camera in names else camera for camera in cameras]
-    unknown = [camera for camera in index if not isinstance(camera, int) or not 0 <= camera < len(names)]
-    if unknown or not index or len(set(index)) != len(index):
-        there = ", ".join(f"{i} ({name})" for i, name in enumerate(names))
+    index = camera_indices(clip, cameras, "data.cameras")
+    chosen = [names[each] for each in index]
+    note = f"data.cameras: {', '.join(chosen)}, {len(chosen)} of {len(names)} cameras"
+    notes = [*clip.provenance.get("notes", ()), note]
+    return replace(clip.select(views=index), provenance=clip.provenance | {"notes": notes})
+
+
+def camera_indices(clip: Clip, cameras: Sequence[int | str], option: str) -> list[int]:
+    """Return the indices of cameras that an option gives by name, in its order. Raises as `select_views`."""
+    names = clip.rig.names
+    index_of = {int(name): index for index, name in enumerate(names) if name.isdecimal()}
+    index_of |= {name: index for index, name in enumerate(names)}
+    index = [index_of.get(str(camera), index_of.get(camera)) for camera in cameras]
+    found = [each for each in index if each is not None]
+    if not found or len(set(found)) != len(index):
         raise ValueError(
-            f"data.cameras={list(cameras)}: expected different cameras of clip {clip.id!r}, which has {there}"
+            f"{option}=[{','.join(map(str, cameras))}]: expected different cameras of clip {clip.id!r} by name; "
+            f"it has {', '.join(names)}"
         )
-    return clip.select(views=index)
+    return found
 
 
 def camera_subsets(clip: Clip, sizes: Sequence[int]) -> list[list[int]]:

@@ -232,10 +232,10 @@ def show(
     out: str | Path,
     *,
     frames: int = 4,
-    views: Sequence[str] = (),
+    cameras: Sequence[str] = (),
     width: int = 480,
     layers: LayersConfig | None = None,
-    video: bool = True,
+    video: bool = False,
     rerun: bool = False,
 ) -> list[Path]:
     """Draw a clip, captured, completed, simulated or as recorded: a contact sheet, a video, a recording for Rerun.
@@ -244,7 +244,7 @@ def show(
         clip: Any clip. Its images, detections, poses and truth are drawn, as far as it has them.
         out: Folder of the files.
         frames: Number of frames on the sheet, one row each.
-        views: Names of the cameras; by default all.
+        cameras: Names of the cameras to draw; by default all.
         width: Width of a view, px.
         layers: What is drawn; by default the poses, or the truth if there are none, and the detections of real clips.
         video: Whether to write the video, all views of all frames.
@@ -261,11 +261,11 @@ def show(
         >>> completed = dmae.complete(dmae.capture(clip), clip.fps)
         >>> files = dmae.show(replace(clip, poses=completed), "pictures", frames=1, width=240)
         >>> [file.name for file in files]
-        ['sheet.png', 'clip.mp4']
+        ['sheet.png']
     """
     from dmae.viewing.show import show_clip
 
-    return show_clip(clip, Path(out), frames=frames, views=views, width=width, layers=layers, video=video, rerun=rerun)
+    return show_clip(clip, Path(out), frames=frames, cameras=cameras, width=width, layers=layers, video=video, rerun=rerun)
 
 
 def review(clip: Clip, decisions: Sequence[Decision] = ()) -> list[Doubt]:

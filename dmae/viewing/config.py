@@ -25,20 +25,20 @@ _LEAST = {"frames": 1, "width": 160}
 
 @dataclass(frozen=True)
 class ShowConfig:
-    """Draw recorded, simulated, captured or completed clips: `sheet.png`, `clip.mp4` and a recording for Rerun."""
+    """Draw recorded, simulated, captured or completed clips: `sheet.png`, and if wanted a video and a Rerun recording."""
 
     data: DataConfig = field(default_factory=DataConfig)
     out: str = "runs/show"
     """Folder of the pictures; of a data set each clip has a folder in it."""
     frames: int = 4
     """Number of frames on the sheet, evenly spread over the clip."""
-    views: list[str] = field(default_factory=list)
-    """Names of the cameras; none for all."""
+    cameras: list[str] = field(default_factory=list)
+    """Names of the cameras to draw; none for all."""
     width: int = 480
     """px; width of a view."""
     layers: LayersConfig = field(default_factory=LayersConfig)
-    video: bool = True
-    """Whether to write `clip.mp4`, all views of all frames."""
+    video: bool = False
+    """Also write `clip.mp4`, all views of all frames: about a minute for ten seconds of five cameras."""
     rerun: bool = False
     """Whether to write `clip.rrd` for the Rerun viewer, which `pip install 'dmae-synth[viz]'` adds."""
 

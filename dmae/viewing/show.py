@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from dmae.data.clip import Clip
-from dmae.formats.reading import is_data_set, load
+from dmae.formats.reading import camera_indices, is_data_set, load
 from dmae.viewing.config import LayersConfig, ShowConfig
 from dmae.viewing.overlay import chosen_layers
 from dmae.viewing.sheet import has_images, write_overlay_video, write_sheet
@@ -32,7 +32,9 @@ def show(config: ShowConfig, out: Path, rooms: Rooms | None = None) -> None:
     if not clips:
         raise ValueError(f"{config.data.path}: no clip of this data set is ok, nothing to show")
     for clip, folder in zip(clips, clips.folders, strict=True):
-        clip = of_views(clip, config.views)
+        for note in clip.provenance.get("notes", ()):
+            print(f"{clip.id}: {note}")
+        clip = of_cameras(clip, config.cameras)
         lacking, backdrop = chosen_layers(clip, config.layers).lacking, None
         if lacking:
             print(f"clip {clip.id}: no {', no '.join(lacking)}")
@@ -59,10 +61,10 @@ def show_clip(
     out: Path,
     *,
     frames: int = 4,
-    views: Sequence[str] = (),
+    cameras: Sequence[str] = (),
     width: int = 480,
     layers: LayersConfig | None = None,
-    video: bool = True,
+    video: bool = False,
     rerun: bool = False,
     rooms: Sequence[np.ndarray] | None = None,
 ) -> list[Path]:
@@ -78,7 +80,7 @@ def show_clip(
         raise ValueError("rerun=true: rerun-sdk is not installed; pip install 'dmae-synth[viz]' adds it")
     if not len(clip):
         raise ValueError(f"clip {clip.id!r}: expected frames to draw, found none")
-    clip = of_views(clip, views)
+    clip = of_cameras(clip, cameras)
     chosen = chosen_layers(clip, layers or LayersConfig())
     files = [out / "sheet.png"]
     write_sheet(clip, files[0], chosen, rows=frames, width=width, rooms=rooms)
@@ -93,11 +95,8 @@ def show_clip(
     return files
 
 
-def of_views(clip: Clip, names: Sequence[str]) -> Clip:
+def of_cameras(clip: Clip, cameras: Sequence[str]) -> Clip:
     """Return the clip with some cameras only. Its poses are kept unchanged, because they are only drawn."""
-    unknown = sorted(set(names) - set(clip.rig.names))
-    if unknown:
-        raise ValueError(f"views: clip {clip.id!r} has no camera {unknown}; it has {list(clip.rig.names)}")
-    if not names:
+    if not cameras:
         return clip
-    return replace(clip.select(views=[clip.rig.names.index(name) for name in names]), poses=clip.poses)
+    return replace(clip.select(views=camera_indices(clip, cameras, "cameras")), poses=clip.poses)

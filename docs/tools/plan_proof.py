@@ -48,7 +48,7 @@ _DRAWS = 400
 
 def subsets(clips: int, workers: int) -> Iterator[dict[str, dict]]:
     """Yield the tables of Shelf's subsets."""
-    config = _config(["scene=shelf_twin", "rig=shelf", "cameras=[3,4]", "seed=1"], clips, workers)
+    config = _config(["scene=shelf_twin", "rig=shelf", "views=[3,4]", "seed=1"], clips, workers)
     candidates = find_candidates(config)
     rigs = [list(rig) for number in (3, 4) for rig in combinations(range(5), number)]
     figures = check_rigs(config, candidates.rig, rigs, check_numbers(config))
@@ -153,7 +153,7 @@ def rings(clips: int, workers: int) -> Iterator[dict[str, dict]]:
     rows, scores = [], []
     for room in ("office", "studio", "pillars"):
         config = _config(
-            [f"scene={room}", "cameras=[3,4]", "scene.persons=[1,4]", "scene.seconds=3", "seed=3"], clips, workers
+            [f"scene={room}", "views=[3,4]", "scene.persons=[1,4]", "scene.seconds=3", "seed=3"], clips, workers
         )
         candidates, scene = find_candidates(config), config.setting()
         stage = stage_of(arena_file(scene.arena), np.array(scene.middle), scene.radius)

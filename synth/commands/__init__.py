@@ -106,9 +106,9 @@ COMMANDS = {
         "Plan how many cameras to mount, and where",
         "synth.planning.config:PlanConfig",
         (
-            "synth plan arena=room.xml cameras=[4,8] persons=[1,4] out=runs/plan",
+            "synth plan arena=room.xml views=[4,8] persons=[1,4] out=runs/plan",
             "synth plan arena=room.xml mount.walls=[2.2,2.6] mount.ceiling=false lens.view_deg=[60,90] workers=2",
-            "synth plan scene=office rig=shelf cameras=[3,5] dry_run=true",
+            "synth plan scene=office rig=shelf views=[3,5] dry_run=true",
         ),
         {"motion": "procedural", "interaction": "none", "scene": "office", "rig": None, "detector": "shelf_openpose"},
     ),

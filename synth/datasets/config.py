@@ -60,14 +60,14 @@ def image_kinds(choices: list[str] | tuple[str, ...] | str) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class OcclusionConfig:
-    """Target occlusion: a fraction of the joints of BODY_25, over a clip."""
+    """Target occlusion: how many of the joints of BODY_25 are hidden, over a clip."""
 
     target: list[float] = field(default_factory=list)
-    """Least and greatest fraction of joints that are hidden in at least `views` cameras; empty for any. It determines
-    the layout of people and props: `scene.gathering` is only the start of the search, and only the least number of
-    `scene.props` is used."""
-    views: int = 3
-    """Number of cameras in which a joint must be hidden to count."""
+    """Least and greatest fraction of joints that are hidden from a camera, averaged over cameras; empty for any. It
+    determines the layout of people and props: `scene.gathering` is only the start of the search, and only the least
+    number of `scene.props` is used."""
+    views: int | None = None
+    """Count instead the joints that are hidden from this many cameras or more at the same time."""
     by_self: bool = True
     """Whether joints hidden by their own person's body count, which no layout changes."""
     layouts: int = 12
@@ -80,12 +80,12 @@ class OcclusionConfig:
                 f"got {list(self.target)}"
             )
         for name in ("views", "layouts"):
-            if getattr(self, name) < 1:
+            if getattr(self, name) is not None and getattr(self, name) < 1:
                 raise ValueError(f"occlusion.{name}: expected 1 or more, got {getattr(self, name)}")
 
     def check(self, rig: "CameraRig") -> None:
         """Raise ValueError if the target counts more cameras than the rig has."""
-        if self.target and self.views > len(rig):
+        if self.target and (self.views or 0) > len(rig):
             raise ValueError(
                 f"occlusion.views: a joint cannot be hidden in {self.views} cameras, the rig has {len(rig)}; "
                 f"expected 1 to {len(rig)}"

@@ -75,7 +75,18 @@ def summary(visibility: np.ndarray, config: OcclusionConfig) -> dict:
 
 def share(visibility: np.ndarray, config: OcclusionConfig) -> float:
     """Return the fraction of the joints that count as hidden; (F, V, P, J) as for `summary`."""
-    return float(histogram(visibility[..., DETECTED], by_self=config.by_self)[config.views :].sum())
+    return hidden_share(histogram(visibility[..., DETECTED], by_self=config.by_self), config.views)
+
+
+def hidden_share(hidden_in: np.ndarray, views: int | None) -> float:
+    """Return the fraction of joints hidden from `views` cameras or more; without `views` from a camera, on average.
+
+    Args:
+        hidden_in: (V + 1,) as `histogram` returns it.
+    """
+    if views is None:
+        return float(hidden_in @ np.arange(len(hidden_in))) / (len(hidden_in) - 1)
+    return float(hidden_in[views:].sum())
 
 
 def confirm(visibility: np.ndarray, config: OcclusionConfig) -> None:
@@ -92,23 +103,26 @@ def confirm(visibility: np.ndarray, config: OcclusionConfig) -> None:
 def unmet(found: list[np.ndarray], config: OcclusionConfig) -> FailedSimulation:
     """Return the error for a target that none of these histograms meets."""
     low, high = config.target
-    shares = [float(shares[config.views :].sum()) for shares in found]
+    shares = [hidden_share(each, config.views) for each in found]
     least, most = min(shares), max(shares)
     reached = f"{least:.2f}" if most - least < 0.01 else f"{least:.2f} to {most:.2f}"
-    others = [views for views in range(1, len(found[0])) if any(low <= h[views:].sum() <= high for h in found)]
+    counts = range(1, len(found[0]))
+    others = [views for views in counts if any(low <= hidden_share(each, views) <= high for each in found)]
+    of = f"{len(counts)} cameras"
+    how = f"from a camera, the mean of {of}" if config.views is None else f"in at least {config.views} of {of}"
     by_others = "" if config.by_self else "by others or objects "
     more = least < low
     remedies = [
         f"a target around {reached}",
-        f"occlusion.views={others[-1]}" if others else f"{'fewer' if more else 'more'} occlusion.views",
+        *([f"occlusion.views={others[-1]}, which counts joints hidden from so many cameras"] if others else []),
         "more people (scene.persons), a smaller scene.radius, or a scene with more objects, as scene=warehouse"
         if more
         else "fewer people (scene.persons), an emptier scene, as scene=studio, or occlusion.by_self=false",
     ]
     listed = "; ".join(f"({number}) {remedy}" for number, remedy in enumerate(remedies, 1))
     return FailedSimulation(
-        f"occlusion.target={[low, high]} is not met: of the joints, {reached} are hidden {by_others}in at "
-        f"least {config.views} of {len(found[0]) - 1} cameras. What would help: {listed}"
+        f"occlusion.target={[low, high]} is not met: of the joints, {reached} are hidden {by_others}"
+        f"{how}. What would help: {listed}"
     )
 
 
@@ -246,7 +260,7 @@ class _OcclusionPrediction:
         if count not in self.histograms:
             joints = self._visibility(count)[..., DETECTED]
             self.histograms[count] = histogram(joints, by_self=self._config.by_self)
-        return float(self.histograms[count][self._config.views :].sum())
+        return hidden_share(self.histograms[count], self._config.views)
 
     def _visibility(self, count: int) -> np.ndarray:
         """Return (F, V, P, 39) `Visibility`."""

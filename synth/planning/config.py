@@ -113,7 +113,7 @@ class PlanConfig:
 
     arena: str | None = None
     """Room of `scenes/`, or path of an MJCF file; by default that of `scene`."""
-    cameras: list[int] = field(default_factory=lambda: [4, 6])
+    views: list[int] = field(default_factory=lambda: [4, 6])
     """Least and greatest number of cameras."""
     persons: list[int] = field(default_factory=list)
     """Least and greatest number of people; by default those of `scene`."""
@@ -138,10 +138,10 @@ class PlanConfig:
     """Folder of the page, the rigs and the lists to print; written whole or not at all."""
 
     def __post_init__(self):
-        numbers = list(self.cameras)
+        numbers = list(self.views)
         if len(numbers) != 2 or not 2 <= numbers[0] <= numbers[1] <= MOST_CAMERAS:
             raise ValueError(
-                f"cameras: expected [least, greatest] number, from 2 (one camera measures no joint) to {MOST_CAMERAS}, "
+                f"views: expected [least, greatest] number, from 2 (one camera measures no joint) to {MOST_CAMERAS}, "
                 f"got {numbers}"
             )
         if self.seed < 0:
@@ -153,7 +153,7 @@ class PlanConfig:
     @property
     def numbers(self) -> range:
         """The numbers of cameras for which rigs are planned."""
-        return range(self.cameras[0], self.cameras[1] + 1)
+        return range(self.views[0], self.views[1] + 1)
 
     def setting(self) -> SceneConfig:
         """Return the configuration of scenes, with `arena` and `persons` filled in."""

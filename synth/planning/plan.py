@@ -315,9 +315,9 @@ def find_candidates(config: PlanConfig) -> CandidateCameras:
         places = find_places(config.mount, arena, middle, scene.radius)
         found = aimed_cameras(places, config.lens, middle, scene.radius, stage, steepest=config.mount.steepest_deg)
     places = len(set(found.place.tolist()))
-    if config.cameras[1] > places:
+    if config.views[1] > places:
         raise ValueError(
-            f"cameras={list(config.cameras)}: there are {places} "
+            f"views={list(config.views)}: there are {places} "
             + ("cameras in the rig" if config.rig != _NO_RIG else "places for cameras; raise mount.places")
         )
     return found
@@ -415,7 +415,7 @@ def forecast_plan(config: PlanConfig) -> PlanForecast:
     rigs = sum(1 + (number if number > 2 else 0) for number in config.numbers)
     seconds = (search.clips + check) * scene.frames * simulated
     seconds += search.clips * min(search.frames, scene.frames) * len(candidates) * seen
-    seconds += check * scene.frames * (rigs * captured + 2.5 * config.cameras[1] * seen)
+    seconds += check * scene.frames * (rigs * captured + 2.5 * config.views[1] * seen)
     seconds /= process_count(config.workers)
     rows = search.clips * search.frames * len(evidence.probability) // 2
     seconds += seconds_of_search(evidence, rows, len(candidates), config.numbers)

@@ -104,9 +104,10 @@ def test_a_clip_is_captured_exported_scored_and_reported(folder):
 
 
 def test_a_data_set_is_captured_clip_by_clip_with_the_cameras_asked_for(folder):
-    done = dmae(folder, "capture", "data=set", "data.cameras=[0,2]", "fill=linear", "out=both")
+    done = dmae(folder, "capture", "data=set", "data.cameras=[cam0,cam2]", "fill=linear", "out=both")
     assert done.returncode == 0, done.stderr
     assert [load_clip(folder / "both" / name).rig.names for name in "ab"] == [("cam0", "cam2")] * 2
+    assert "a: data.cameras: cam0, cam2, 2 of 3 cameras\n" in done.stdout
 
 
 def test_a_sweep_gives_every_job_a_folder(folder):
@@ -156,7 +157,7 @@ def test_a_recording_is_converted_and_captured_and_exported(folder):
         (["capture", "data=clip", "data.path=nowhere", "out=bad"], "nowhere"),
         (["capture", "data=one", "cpture.th_v=3", "out=bad"], "cpture"),
         (["capture", "data=one", "capture.th_v=1", "out=bad"], "th_v=1"),
-        (["capture", "data=one", "data.cameras=[0,9]", "out=bad"], "data.cameras=[0, 9]"),
+        (["capture", "data=one", "data.cameras=[0,9]", "out=bad"], "data.cameras=[0,9]: expected different cameras"),
         (["capture", "data=shelf", "data.path=one", "out=bad"], "one/calibration.json"),
         (["export", "clip=one", "skeleton=lizard", "out=bad/x.npz"], "no skeleton 'lizard'; there are"),
         (["export", "clip=one"], "out=..."),

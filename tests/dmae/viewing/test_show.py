@@ -3,6 +3,7 @@
 import sys
 import types
 from dataclasses import replace
+from importlib import util
 from pathlib import Path
 
 import av
@@ -80,12 +81,12 @@ def test_a_file_is_whole_or_not_there(tmp_path: Path):
 
 def test_the_command_draws_a_captured_clip_and_reports_what_it_lacks(tmp_path: Path):
     save_clip(captured_clip(), tmp_path / "walk")
-    done = dmae(tmp_path, "show", "data=walk", "out=out", "frames=1", "width=200", "views=[c1]")
+    done = dmae(tmp_path, "show", "data=walk", "out=out", "frames=1", "width=200", "cameras=[c1]", "video=true")
     assert done.returncode == 0, done.stderr
     assert "clip shown: no images\n" in done.stdout
     assert {"clip.mp4", "sheet.png"} <= {path.name for path in (tmp_path / "out").iterdir()}
     assert near(cv2.imread(str(tmp_path / "out/sheet.png"))[80:, :, ::-1], RED).any()
-    done = dmae(tmp_path, "show", "data=walk", "out=one", "video=false", "layers.completed=false", "width=200")
+    done = dmae(tmp_path, "show", "data=walk", "out=one", "layers.completed=false", "width=200")
     assert [path.name for path in (tmp_path / "one").glob("*.[mp]*")] == ["sheet.png"]
     assert not near(cv2.imread(str(tmp_path / "one/sheet.png"))[80:, :, ::-1], RED).any()
 
@@ -93,7 +94,7 @@ def test_the_command_draws_a_captured_clip_and_reports_what_it_lacks(tmp_path: P
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["views=[c7]"], "clip 'shown' has no camera ['c7']; it has ['c0', 'c1']"),
+        (["cameras=[c7]"], "cameras=[c7]: expected different cameras of clip 'shown' by name; it has c0, c1"),
         (["frames=0"], "frames: expected 1 or more, got 0"),
         (["width=20"], "width: expected 160 or more, got 20"),
         (["layers.hidden=true"], "layers.hidden: no such option"),
@@ -110,23 +111,26 @@ def test_each_clip_of_a_data_set_has_a_folder(tmp_path: Path):
     for name in "ab":
         save_clip(replace(captured_clip(), id=name), tmp_path / "set" / name)
     write_manifest(tmp_path / "set", [{"id": name, "status": "ok"} for name in "ab"])
-    done = dmae(tmp_path, "show", "data=set", "out=out", "video=false", "frames=1", "width=160")
+    done = dmae(tmp_path, "show", "data=set", "out=out", "frames=1", "width=160")
     assert done.returncode == 0, done.stderr
     assert all((tmp_path / "out" / name / "sheet.png").is_file() for name in "ab")
 
 
 def test_both_commands_draw_the_same(tmp_path: Path):
     save_clip(occluded_clip(), tmp_path / "walk")
-    done = synth(tmp_path, "show", "data=walk", "out=one", "video=false", "frames=1", "width=200")
+    done = synth(tmp_path, "show", "data=walk", "out=one", "frames=1", "width=200")
     assert done.returncode == 0, done.stderr
     assert "only the floor of the room is drawn: clip 'shown' has no scene in its provenance" in done.stdout
-    assert dmae(tmp_path, "show", "data=walk", "out=other", "video=false", "frames=1", "width=200").returncode == 0
+    assert dmae(tmp_path, "show", "data=walk", "out=other", "frames=1", "width=200").returncode == 0
     pictures = [cv2.imread(str(tmp_path / out / "sheet.png")) for out in ("one", "other")]
     np.testing.assert_array_equal(*pictures)
 
 
 def test_rerun_that_is_not_installed_is_refused_before_any_work(tmp_path: Path, monkeypatch):
-    monkeypatch.setattr("dmae.viewing.show.util.find_spec", lambda name: None)
+    find_spec = util.find_spec
+    monkeypatch.setattr(
+        "dmae.viewing.show.util.find_spec", lambda name: None if name == "rerun" else find_spec(name)
+    )
     with pytest.raises(ValueError, match=r"rerun-sdk is not installed; pip install 'dmae-synth\[viz\]' adds it"):
         verbs.show(captured_clip(), tmp_path / "out", rerun=True)
     assert not (tmp_path / "out").exists()
@@ -134,7 +138,7 @@ def test_rerun_that_is_not_installed_is_refused_before_any_work(tmp_path: Path, 
 
 def test_real_shelf_without_images_shows_its_detections(data_folder: Path, tmp_path: Path):
     source = ("data=shelf", f"data.path={data_folder / 'shelf'}", "data.frames=[0,10]")
-    done = dmae(tmp_path, "show", *source, "out=out", "frames=1", "width=200", "video=false")
+    done = dmae(tmp_path, "show", *source, "out=out", "frames=1", "width=200")
     assert done.returncode == 0, done.stderr
     assert "clip shelf: no images, no poses" in done.stdout
     sheet = cv2.imread(str(tmp_path / "out/sheet.png"))
@@ -144,7 +148,7 @@ def test_real_shelf_without_images_shows_its_detections(data_folder: Path, tmp_p
 
 def test_the_viewer_s_recording_holds_people_and_cameras(tmp_path: Path):
     pytest.importorskip("rerun")
-    files = verbs.show(with_images(captured_clip(), tmp_path), tmp_path, video=False, rerun=True, frames=1)
+    files = verbs.show(with_images(captured_clip(), tmp_path), tmp_path, rerun=True, frames=1)
     data = files[-1].read_bytes()
     assert data.startswith(b"RRF")
     for entity in (b"person_1", b"camera_c1"):

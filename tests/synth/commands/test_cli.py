@@ -25,7 +25,7 @@ def test_verify_and_show_what_was_generated(tmp_path):
     assert (tmp_path / "found.json").is_file()
     assert synth(tmp_path, "verify", "data=set").returncode == 0
     assert (tmp_path / "set/verify.json").is_file()
-    done = synth(tmp_path, "show", "data=set/000000", "out=shown", "width=200")
+    done = synth(tmp_path, "show", "data=set/000000", "out=shown", "width=200", "video=true")
     assert done.returncode == 0, done.stderr
     assert "not drawn" not in done.stdout
     assert {"sheet.png", "clip.mp4"} <= {path.name for path in (tmp_path / "shown").iterdir()}

@@ -56,6 +56,23 @@ def test_the_forecast_is_near_the_truth(config, images, monkeypatch):
         assert more.seconds > 0
 
 
+@pytest.mark.parametrize(("clips", "seconds"), [(1, 5.0), (3, 1.2), (8, 2.0), (40, 2.0)])
+def test_a_forecast_makes_a_third_of_the_frames_at_most(config, clips, seconds, monkeypatch):
+    made = []
+
+    def simulated(short: GenerateConfig, index: int):
+        made.append(short.scene.frames)
+        return [None] * short.scene.frames, None
+
+    monkeypatch.setattr(module, "simulate_clip", simulated)
+    monkeypatch.setattr(module, "save_clip", lambda *_: None)
+    for name in ("save_state", "load_clip", "write_checksums", "clip_checksum"):
+        monkeypatch.setattr(module, name, lambda *_: None)
+    config = replace(config, clips=clips, scene=replace(config.scene, seconds=seconds))
+    forecast(config)
+    assert sum(made) <= clips * config.scene.frames / 3 + 1
+
+
 def test_a_forecast_reads_well():
     assert str(Forecast(8, 1000, 5000, 5400.0, 1234.5)) == "8 clips, 1000 frames, 5000 pictures: about 90 min, 1234 MB"
     assert str(Forecast(1, 25, 0, 3.2, 1.0)) == "1 clip, 25 frames: about 3 s, 1 MB"

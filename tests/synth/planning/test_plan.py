@@ -182,7 +182,7 @@ def test_intervals_are_over_clips():
 
 SMALL = (
     "arena=studio",
-    "cameras=[2,3]",
+    "views=[2,3]",
     "persons=[1,1]",
     "scene.seconds=0.4",
     "search.clips=1",
@@ -193,7 +193,7 @@ SMALL = (
 
 
 SMALL_PLAN = {
-    "arena": "studio", "cameras": [2, 3], "persons": [1, 1], "seconds": 0.4, "mount": synth.MountConfig(places=12),
+    "arena": "studio", "views": [2, 3], "persons": [1, 1], "seconds": 0.4, "mount": synth.MountConfig(places=12),
     "search": synth.SearchConfig(clips=1, frames=2, check_clips=2),
 }  # fmt: skip
 """The same in Python."""
@@ -245,7 +245,7 @@ def test_the_same_seed_gives_the_same_plan(planned):
 
 
 def test_cameras_that_exist_are_chosen_from(tmp_path):
-    done = run(tmp_path, "plan", *SMALL[:1], *SMALL[2:], "rig=shelf", "cameras=[3,3]", "out=plan")
+    done = run(tmp_path, "plan", *SMALL[:1], *SMALL[2:], "rig=shelf", "views=[3,3]", "out=plan")
     assert done.returncode == 0, done.stderr
     names = json.loads((tmp_path / "plan/plan.json").read_text())["rigs"][0]["names"]
     assert len(names) == 3 and set(names) <= set("01234")
@@ -260,11 +260,11 @@ def test_a_forecast_writes_nothing(tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["cameras=[1,4]"], "cameras: expected [least, greatest] number, from 2"),
-        (["cameras=[5,4]"], "cameras: expected [least, greatest]"),
-        (["cameras=[4,40]"], "to 32"),
-        (["mount.places=3", "cameras=[4,4]"], "raise mount.places"),
-        (["rig=shelf", "cameras=[4,6]"], "there are 5 cameras in the rig"),
+        (["views=[1,4]"], "views: expected [least, greatest] number, from 2"),
+        (["views=[5,4]"], "views: expected [least, greatest]"),
+        (["views=[4,40]"], "to 32"),
+        (["mount.places=3", "views=[4,4]"], "raise mount.places"),
+        (["rig=shelf", "views=[4,6]"], "there are 5 cameras in the rig"),
         (["mount.walls=[2,9]"], "m high"),
         (["mount.walls=[2]"], "mount.walls: expected [least, greatest] height"),
         (["mount.walls=[]", "mount.tripods=[]", "mount.ceiling=false"], "no camera can be mounted anywhere"),
