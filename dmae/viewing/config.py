@@ -25,7 +25,7 @@ _LEAST = {"frames": 1, "width": 160}
 
 @dataclass(frozen=True)
 class ShowConfig:
-    """Draw recorded, simulated, captured or completed clips: `sheet.png`, and if wanted a video and a Rerun recording."""
+    """Draw recorded, simulated, captured or completed clips: `sheet.png`, a video, a recording for Rerun."""
 
     data: DataConfig = field(default_factory=DataConfig)
     out: str = "runs/show"
