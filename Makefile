@@ -241,7 +241,7 @@ endurance: setup
 
 # The documentation site, in site/. A warning, a stale tutorial or a figure that differs from its file fails it.
 docs: setup
-	$(BIN)/python docs/tools/results.py --check
+	$(BIN)/python docs/tools/pages.py --check
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 # Measure anew what takes minutes, and execute the tutorials that changed. What takes longer: make twin, make weights
@@ -250,7 +250,7 @@ figures: setup
 	@test -n "$(DMAE_DATA)" || { echo "error: make figures DMAE_DATA=<the folder that holds shelf/ and pose2sim/>"; exit 1; }
 	$(BIN)/python docs/tools/record.py
 	$(BIN)/python docs/tools/tutorials.py
-	$(BIN)/python docs/tools/results.py
+	$(BIN)/python docs/tools/pages.py
 
 setup: .venv/installed
 

@@ -265,7 +265,9 @@ def show(
     """
     from dmae.viewing.show import show_clip
 
-    return show_clip(clip, Path(out), frames=frames, cameras=cameras, width=width, layers=layers, video=video, rerun=rerun)
+    return show_clip(
+        clip, Path(out), frames=frames, cameras=cameras, width=width, layers=layers, video=video, rerun=rerun
+    )
 
 
 def review(clip: Clip, decisions: Sequence[Decision] = ()) -> list[Doubt]:

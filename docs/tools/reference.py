@@ -1,21 +1,46 @@
-"""Generate pages of the reference from the code: all commands with all of their options."""
+"""Parts of the reference that are made from the code: commands and their options, corruptions, functions and types."""
 
 import inspect
+from importlib import import_module
+from pathlib import Path
 
 from dmae.cli import DMAE
 from dmae.command_line.options import REQUIRED, Command, Group, Option, Program
 from dmae.evaluation.corruption.registry import corruptions
 from synth.cli import SYNTH
 
+ROOT = Path(__file__).parents[2]
 PROGRAMS = {program.name: program for program in (DMAE, SYNTH)}
 
 
-def commands_page(name: str) -> str:
-    """Return a page with a section for each command: what it does, examples, presets, and a table for each group."""
+def commands_page(name: str, *, options: bool = False) -> str:
+    """Return a page with a section for each command: what it does and examples; on the site also its `options`."""
     program = PROGRAMS[name]
     parts = [f"# The `{name}` command\n\n{program.about}\n\n{_overview(program)}"]
-    parts += [_command(command) for command in program.commands.values()]
+    parts += [_command(command, options) for command in program.commands.values()]
     return "\n\n".join(parts) + "\n"
+
+
+def functions(module: str) -> str:
+    """Return a table of the functions of a module: name, linked to the source, and first sentence."""
+    found = [each for each in vars(import_module(module)).values()
+             if inspect.isfunction(each) and each.__module__ == module and not each.__name__.startswith("_")]  # fmt: skip
+    package = module.partition(".")[0]
+    return _index([(f"{package}.{each.__name__}", module, each) for each in found])
+
+
+def types(*names: str) -> str:
+    """Return a table of classes, given with their modules: name, linked to the source, and first sentence."""
+    split = [name.rpartition(".") for name in names]
+    return _index([(name, module, getattr(import_module(module), name)) for module, _, name in split])
+
+
+def _index(entries: list[tuple[str, str, object]]) -> str:
+    rows = []
+    for name, module, documented in entries:
+        file = import_module(module).__file__.replace(str(ROOT), "../..")
+        rows.append(f"| [`{name}`]({file}) | {_cell(inspect.getdoc(documented).partition(chr(10) * 2)[0])} |")
+    return "\n".join(["| | |", "| --- | --- |", *rows])
 
 
 def corruptions_page() -> str:
@@ -28,7 +53,7 @@ def corruptions_page() -> str:
     parts = ["# Corruptions", about]
     for entry in corruptions():
         levels, small = (", ".join(f"{level:g}" for level in each) for each in (entry.levels, entry.small))
-        parts.append(f"## `{entry.name}` {{ #{entry.name} }}\n\n{inspect.cleandoc(entry.function.__doc__)}")
+        parts.append(f"## `{entry.name}`\n\n{inspect.cleandoc(entry.function.__doc__)}")
         people = f" It takes {entry.people} people in an image." if entry.people else ""
         parts.append(f"Levels, in {entry.unit}: {levels}; with `size=small` {small}.{people}")
     return "\n\n".join(parts) + "\n"
@@ -39,21 +64,17 @@ def _overview(program: Program) -> str:
             program.commands.items()]  # fmt: skip
     shared = (
         "Every command takes `key=value` options in any order, `--help`, `--help GROUP` and `--help all`. "
-        "`-m key=a,b` runs every combination, in `out/0`, `out/1`, ...; `--config-dir DIR` finds presets of yours."
+        "`-m key=a,b` runs every combination, in `out/0`, `out/1`, ...; `--config-dir DIR` finds presets of yours. "
+        f"`{program.name} <command> --help all` prints every option, and the site that `make docs` builds lists them here."
     )
     return "\n".join(["| command | what it does |", "| --- | --- |", *rows, "", shared])
 
 
-def _command(command: Command) -> str:
+def _command(command: Command, with_options: bool) -> str:
     options = command.options()
     examples = "\n".join(command.examples)
-    parts = [
-        f"## `{command}` {{ #{command.program}-{command.name} }}",
-        f"{options.meaning or command.summary}",
-        f"```text\n{examples}\n```",
-        *_tables(options, command),
-    ]
-    return "\n\n".join(parts)
+    parts = [f"## `{command}`", f"{options.meaning or command.summary}", f"```text\n{examples}\n```"]
+    return "\n\n".join([*parts, *(_tables(options, command) if with_options else ())])
 
 
 def _tables(group: Group, command: Command):

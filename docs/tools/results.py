@@ -1,20 +1,15 @@
 """Figures in pages: every number that was measured comes from a file in `docs/results/`, which a command wrote.
 
-In a page, `{{ ... }}` contains an expression of the functions below, as in `{{ pcp_table("shelf") }}`. In the README,
-which is read without being built, `<!-- results: pcp_table("shelf") -->` and `<!-- end -->` enclose the result of
-the expression; `python docs/tools/results.py` rewrites it, and `--check` fails if it differs.
+In a page, `<!-- results: pcp_table("shelf") -->` and `<!-- end -->` enclose the value of an expression of the functions
+below; `python docs/tools/pages.py` writes it.
 """
 
+import html
 import json
-import re
-import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "docs/results"
-README = ROOT / "README.md"
-_EXPRESSION = re.compile(r"\{\{(.+?)\}\}", re.DOTALL)
-_MARKER = re.compile(r"(<!-- results: (.+?) -->\n)(.*?)(<!-- end -->)", re.DOTALL)
 
 METHODS = {
     "measured": "measured joints only",
@@ -52,6 +47,32 @@ def value(name: str, *keys: str | int, digits: int = 1, scale: float = 1) -> str
     for key in keys:
         found = found[key]
     return f"{scale * found:.{digits}f}" if isinstance(found, int | float) else str(found)
+
+
+def values_table(name: str, key: str, columns: dict[str, str], rows: dict[str, str]) -> str:
+    """Return a table of whole numbers of a results file: `columns` and `rows` are headings by key."""
+    found = load(name)[key]
+    cells = [[heading, *(f"{found[column][row]:.0f}" for column in columns)] for row, heading in rows.items()]
+    return _table(["", *columns.values()], cells)
+
+
+def memory_table(name: str) -> str:
+    """Return a table of memory, MB, by command, with a long and a short recording."""
+    result = load(name)
+    commands = [
+        f"`dmae {command.replace(' ', ' format=')}`" if command.startswith("export") else f"`dmae {command}`"
+        for command in result["found"]
+    ]
+    rows = [
+        [command, f"{each['mb']:.0f}", f"{each['mb_of_short']:.0f}"]
+        for command, each in zip(commands, result["found"].values(), strict=True)
+    ]
+    return _table(["command", f"{result['frames']} frames", "300 frames"], rows)
+
+
+def printed(name: str) -> str:
+    """Return what a command printed, as a block."""
+    return f"```text\n{load(name)['printed']}\n```"
 
 
 def pcp_table(name: str, methods: list[str] | None = None) -> str:
@@ -200,7 +221,8 @@ def origin(name: str, table: str | None = None) -> str:
     found = load(name)
     command = found["tables"][table]["command"] if table else found["command"]
     made = found["measured"] if table else f"{found['date']}, commit {found['commit']}, {found['versions']}"
-    return f'`{command}`{{ .results }}<br><span class="results">measured {made}; file `docs/results/{name}.json`</span>'
+    file = f"docs/results/{name}.json"
+    return f"<sub><code>{html.escape(command)}</code><br>measured {made}; file <code>{file}</code></sub>"
 
 
 def _results(name: str) -> dict[tuple[str, int], dict]:
@@ -213,34 +235,30 @@ def _table(header: list[str], rows: list[list[str]]) -> str:
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
+def functions(module: str) -> str:
+    """Return a table of the functions of a module."""
+    import reference
+
+    return reference.functions(module)
+
+
+def types(*names: str) -> str:
+    """Return a table of classes."""
+    import reference
+
+    return reference.types(*names)
+
+
 _FUNCTIONS = {
-    "value": value, "pcp_table": pcp_table, "gaps_table": gaps_table, "kept_table": kept_table, "origin": origin,
+    "value": value, "values_table": values_table, "memory_table": memory_table, "printed": printed, "pcp_table": pcp_table, "gaps_table": gaps_table, "kept_table": kept_table, "origin": origin,
     "realism_table": realism_table, "errors_table": errors_table, "reliability_table": reliability_table,
     "distances_table": distances_table,
     "contacts_table": contacts_table, "motion_table": motion_table,
     "paper_table": paper_table, "benchmark_table": benchmark_table, "protocols": protocols,
-    "stress_table": stress_table,
+    "stress_table": stress_table, "functions": functions, "types": types,
 }  # fmt: skip
 
 
 def evaluated(expression: str) -> str:
     """Return the value of an expression in a page, as text."""
     return str(eval(expression.strip(), {"__builtins__": {}}, _FUNCTIONS))  # the project's own pages
-
-
-def expanded(page: str) -> str:
-    """Return a page with its expressions evaluated."""
-    return _EXPRESSION.sub(lambda found: evaluated(found[1]), page)
-
-
-def filled(readme: str) -> str:
-    """Return the README with the text between its markers regenerated."""
-    return _MARKER.sub(lambda found: f"{found[1]}{evaluated(found[2])}\n{found[4]}", readme)
-
-
-if __name__ == "__main__":
-    now = README.read_text()
-    wanted = filled(now)
-    if "--check" in sys.argv:
-        sys.exit(0 if now == wanted else "README.md differs from docs/results; run python docs/tools/results.py")
-    README.write_text(wanted)

@@ -1,8 +1,8 @@
 """Tutorials: the scripts of `examples/`, executed, with their printed output and figures.
 
-The output is stored in `docs/tutorials/executed/` with a checksum of the script. The pages can therefore be built
-without the recordings and the minutes that some scripts need. `python docs/tools/tutorials.py` executes the scripts
-that have changed since. Building the pages fails if a script has changed.
+The output is stored in `docs/tutorials/executed/` with a checksum of the script, so that `docs/tools/pages.py` writes
+the pages without the recordings and the minutes that some scripts need. `python docs/tools/tutorials.py` executes the
+scripts that have changed since.
 """
 
 import ast

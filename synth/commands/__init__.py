@@ -26,7 +26,7 @@ COMMANDS = {
         "dmae.viewing.config:ShowConfig",
         (
             "synth show data=runs/data/000000 out=runs/show",
-            "synth show data=runs/data/000000 frames=8 views=[0,2] width=640 rerun=true",
+            "synth show data=runs/data/000000 frames=8 cameras=[0,2] width=640 rerun=true",
         ),
         {"data": REQUIRED},
     ),

@@ -128,9 +128,7 @@ def test_both_commands_draw_the_same(tmp_path: Path):
 
 def test_rerun_that_is_not_installed_is_refused_before_any_work(tmp_path: Path, monkeypatch):
     find_spec = util.find_spec
-    monkeypatch.setattr(
-        "dmae.viewing.show.util.find_spec", lambda name: None if name == "rerun" else find_spec(name)
-    )
+    monkeypatch.setattr("dmae.viewing.show.util.find_spec", lambda name: None if name == "rerun" else find_spec(name))
     with pytest.raises(ValueError, match=r"rerun-sdk is not installed; pip install 'dmae-synth\[viz\]' adds it"):
         verbs.show(captured_clip(), tmp_path / "out", rerun=True)
     assert not (tmp_path / "out").exists()
