@@ -62,6 +62,7 @@ if TYPE_CHECKING:
     from dmae.verbs.recordings import read as read
     from dmae.verbs.recordings import read_poses as read_poses
     from dmae.verbs.recordings import save as save
+    from dmae.verbs.recordings import to_skeleton as to_skeleton
     from dmae.viewing.config import LayersConfig as LayersConfig
 
 _HOMES = {
@@ -110,6 +111,7 @@ _HOMES = {
         "read",
         "read_poses",
         "save",
+        "to_skeleton",
     ],
     "dmae.viewing.config": ["LayersConfig"],
 }

@@ -302,9 +302,11 @@ class Target(TypedDict, total=False):
 class FrameDataset(Dataset):
     """Single camera images of a data set, with boxes, joints and masks of the persons in them.
 
+    Items are as torchvision's detectors take them: images (3, H, W) float32 from 0 to 1, targets as `Target`.
+
         frames = FrameDataset("runs/data", skeleton="coco17")
         loader = DataLoader(frames, batch_size=8, shuffle=True, num_workers=2, collate_fn=frames.collate)
-        for images, targets in loader: model(images, targets)
+        for images, targets in loader: losses = model(images, targets)
 
     An item reads only one image and the labels of one frame. A video is decoded from the previous keyframe on.
 
@@ -355,7 +357,7 @@ class FrameDataset(Dataset):
         return clip, view, frame * self.every
 
     def __getitem__(self, index: int) -> tuple[Tensor, Target]:
-        """Return an image (3, H, W) uint8 and its labels."""
+        """Return an image (3, H, W) float32, 0 to 1, and its labels."""
         number, view, frame = self.place(index)
         clip = self.files[number].read(frame, frame + 1, view)
         (camera,) = clip.rig.names
@@ -368,7 +370,7 @@ class FrameDataset(Dataset):
         if self.masks:
             shown = np.array([1 + person.person for person in persons], ids.dtype)
             target["masks"] = torch.from_numpy(ids == shown[:, None, None])
-        return torch.from_numpy(picture).permute(2, 0, 1), target
+        return torch.from_numpy(picture).permute(2, 0, 1).float() / 255, target
 
     def _target(self, persons: list[PersonLabel]) -> Target:
         count, joints = len(persons), len(self.skeleton)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dmae.cli import compose
+from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
 from dmae.data.rng import Stream, generator
 from dmae.data.store import clip_folders, load_clip
@@ -70,7 +71,7 @@ def preset(group: str, name: str, **changes: object) -> Any:
 
 def _configured(command: str, config: Any, given: dict[str, Any]) -> Any:
     """Return a configuration, by default that of a command, with changes. Presets are given by their names."""
-    given = {name: value for name, value in given.items() if value is not None}
+    given = {name: _group(command, name, value) for name, value in given.items() if value is not None}
     presets = {name: given.pop(name) for name in _GROUPS if isinstance(given.get(name), str)}
     expected = SYNTH.commands[command].configuration
     if config is None:
@@ -94,6 +95,23 @@ def _configured(command: str, config: Any, given: dict[str, Any]) -> Any:
     return replace(config, scene=replace(config.scene, **of_scene)) if of_scene else config
 
 
+def _group(command: str, name: str, value: Any) -> Any:
+    """Return what was given for a group of options: a configuration or the name of a preset; `rig` also as cameras."""
+    if name not in _GROUPS:
+        return value
+    if name == "rig":
+        from synth.rigs.config import RigConfig, listed_rig
+
+        if isinstance(value, CameraRig):
+            return listed_rig(value)
+        if isinstance(value, Path) or (isinstance(value, str) and Path(value).suffix):
+            return RigConfig(path=str(value))
+    expected = type(getattr(SYNTH.commands[command].configuration(), name, None))
+    if not isinstance(value, str | expected):
+        raise TypeError(f"{name}: expected a synth.{expected.__name__} or the name of a preset, found {value!r:.80}")
+    return value
+
+
 def generate(
     config: GenerateConfig | None = None,
     *,
@@ -102,7 +120,7 @@ def generate(
     seconds: float | None = None,
     persons: Sequence[int] | None = None,
     scene: SceneConfig | str | None = None,
-    rig: RigConfig | str | None = None,
+    rig: RigConfig | CameraRig | str | Path | None = None,
     motion: MotionConfig | str | None = None,
     interaction: InteractionConfig | str | None = None,
     detector: DetectorConfig | str | None = None,
@@ -123,7 +141,8 @@ def generate(
         seconds: Length of each clip, s.
         persons: Least and greatest number of people.
         scene: Room, props, people: a configuration, or the name of a preset, by default `office`.
-        rig: Cameras: a configuration, or the name of a preset, by default `shelf`.
+        rig: Cameras: a configuration, a `dmae.CameraRig`, a calibration file, or the name of a preset, by default
+            `shelf`.
         motion: How people move: a configuration, or the name of a preset, by default `procedural`.
         interaction: What people do together: a configuration, or the name of a preset, by default `none`.
         detector: Errors of the 2D detector: a configuration, or the name of a preset, by default `shelf_openpose`.
@@ -219,7 +238,7 @@ def render(
     images: Sequence[str] | None = None,
     quality: str | None = None,
     rgb: str | None = None,
-    rig: RigConfig | str | None = None,
+    rig: RigConfig | CameraRig | str | Path | None = None,
     workers: int | None = None,
 ) -> Iterator[Clip]:
     """Render clips again: as other images, at another quality, or with other cameras. Nothing is simulated.
@@ -234,7 +253,7 @@ def render(
         images: Kinds of images, or `all`.
         quality: `draft`, `standard` or `high`.
         rgb: Files of colour images: `h264`, `png` or `jpeg`.
-        rig: Other cameras: a configuration, or the name of a preset. Visibility and detections are then made for these
+        rig: Other cameras, as for `generate`. Visibility and detections are then made for these
             cameras as well.
         workers: Processes; -1 for one per core.
 

@@ -12,6 +12,7 @@ import pytest
 
 import dmae
 import synth
+from dmae.formats.calibrations import write_calibration
 from dmae.formats.reading import recognise
 
 VERBS = sorted(
@@ -112,6 +113,58 @@ def test_triangulate_takes_pixels_as_detected():
     xyz = np.random.default_rng(0).uniform((-1, -1, 0), (1, 1, 2), (20, 3))
     points = dmae.triangulate(bent, bent.project(xyz)[0], np.ones((20, len(rig))))
     np.testing.assert_allclose(points.xyz, xyz, atol=1e-5)
+
+
+def test_triangulate_takes_axes_as_a_rig_projects_them():
+    rig = next(synth.generate(seconds=0.4, clips=1)).rig
+    xyz = np.random.default_rng(0).uniform((-1, -1, 0), (1, 1, 2), (4, 3, 7, 3))
+    points = dmae.triangulate(rig, rig.project(xyz)[0])
+    np.testing.assert_allclose(points.xyz, xyz, atol=1e-5)
+    assert points.used.shape == (4, 3, 7, len(rig)) and points.residual.shape == (4, 3, 7)
+    with pytest.raises(ValueError, match=r"expected xy \(F, 5, \.\.\., 2\) px, found shape \(4, 3, 7, 5, 2\)"):
+        dmae.triangulate(rig, np.moveaxis(rig.project(xyz)[0], 1, -2))
+    with pytest.raises(ValueError, match=r"confidence: expected shape \(4, 5, 3, 7\)"):
+        dmae.triangulate(rig, rig.project(xyz)[0], np.ones(4))
+
+
+def test_people_are_simulated_with_cameras_that_exist(tmp_path: Path):
+    rig = next(synth.generate(seconds=0.2, clips=1)).rig
+    rig = dmae.CameraRig([f"cam_{name}" for name in rig.names], rig.K, rig.dist, rig.cam_from_world, rig.size)
+    clip = next(synth.generate(seconds=0.2, clips=1, rig=rig))
+    assert clip.rig.names == rig.names
+    np.testing.assert_allclose(clip.rig.projections, rig.projections)
+    write_calibration(rig, tmp_path / "rig.toml", "pose2sim")
+    again = next(synth.generate(seconds=0.2, clips=1, rig=tmp_path / "rig.toml")).rig
+    np.testing.assert_allclose(again.projections, rig.projections, rtol=1e-6, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda clip: synth.generate(scene={"arena": "office"}), "scene: expected a synth.SceneConfig or the name"),
+        (lambda clip: synth.generate(rig=clip), "rig: expected a synth.RigConfig or the name of a preset"),
+        (lambda clip: dmae.capture(clip, {"th_v": 2}), "config: expected a dmae.CaptureConfig or the name of a preset"),
+        (lambda clip: dmae.train([clip], "model", 3), "config: expected a dmae.TrainConfig or the name of a preset"),
+    ],
+)
+def test_a_configuration_of_another_type_is_refused(call, message):
+    with pytest.raises(TypeError, match=message):
+        call(next(synth.generate(seconds=0.2, clips=1)))
+
+
+def test_a_preset_is_given_by_its_name():
+    clip = next(synth.generate(seconds=0.4, clips=1, seed=7))
+    tight = dmae.capture(clip, dmae.preset("capture", "tight"))
+    np.testing.assert_array_equal(dmae.capture(clip, "tight").xyz, tight.xyz)
+
+
+def test_poses_are_converted_to_another_skeleton():
+    truth = next(synth.generate(seconds=0.2, clips=1)).truth
+    found = dmae.to_skeleton(truth, "coco17")
+    nose = dmae.get_skeleton("body25").joints.index("nose")
+    np.testing.assert_array_equal(found.xyz[:, :, found.skeleton.joints.index("nose")], truth.xyz[:, :, nose])
+    with pytest.raises(KeyError, match="did you mean 'coco17'"):
+        dmae.to_skeleton(truth, "coco7")
 
 
 def test_presets_are_those_of_the_command():

@@ -23,8 +23,8 @@ class CameraRig:
     Attributes:
         names: V camera names, unique.
         K: (V, 3, 3) intrinsics, px.
-        dist: (V, 5..8) OpenCV distortion k1 k2 p1 p2 k3 [k4 k5 k6]; zeros for a pinhole camera. For a fisheye, its
-            coefficients k1 k2 k3 k4, then zeros.
+        dist: (V, 4..8) OpenCV distortion k1 k2 p1 p2 [k3 [k4 k5 k6]]; zeros for a pinhole camera. For a fisheye, its
+            coefficients k1 k2 k3 k4. Stored with zeros after four coefficients, as (V, 5..8).
         cam_from_world: (V, 4, 4) rigid transforms, m.
         size: (V, 2) image width and height, px.
         fisheye: (V,) True for lenses of OpenCV's fisheye model (Kannala & Brandt, PAMI 2006); by default all False.
@@ -43,6 +43,8 @@ class CameraRig:
         object.__setattr__(self, "names", tuple(str(name) for name in self.names))
         for field in ("K", "dist", "cam_from_world"):
             object.__setattr__(self, field, np.asarray(getattr(self, field), np.float64))
+        if self.dist.ndim == 2 and self.dist.shape[1] == 4:
+            object.__setattr__(self, "dist", np.pad(self.dist, ((0, 0), (0, 1))))
         object.__setattr__(self, "size", np.asarray(self.size, np.int64))
         fisheye = np.zeros(len(self.names), bool) if self.fisheye is None else np.asarray(self.fisheye, bool)
         object.__setattr__(self, "fisheye", fisheye)
@@ -58,7 +60,7 @@ class CameraRig:
             if found != (views, *shape):
                 raise ValueError(f"rig of {views} cameras: expected {field} of shape {(views, *shape)}, found {found}")
         if self.dist.ndim != 2 or len(self.dist) != views or not 5 <= self.dist.shape[1] <= 8:
-            raise ValueError(f"rig of {views} cameras: expected dist of shape ({views}, 5..8), found {self.dist.shape}")
+            raise ValueError(f"rig of {views} cameras: expected dist of shape ({views}, 4..8), found {self.dist.shape}")
 
     def _check_values(self):
         for view, name in enumerate(self.names):

@@ -21,7 +21,7 @@ from dmae.numerics import filling
 from dmae.reconstruction import pipeline, triangulation
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.triangulation import Points
-from dmae.verbs.recordings import detect
+from dmae.verbs.recordings import configuration, detect
 
 if TYPE_CHECKING:
     from dmae.calibration.config import RefineConfig
@@ -30,12 +30,14 @@ if TYPE_CHECKING:
     from dmae.completion.complete import Completer
 
 
-def capture(clip: Clip, config: CaptureConfig | None = None, *, fill: str = "none", smooth: float = 0.0) -> Poses3D:
+def capture(
+    clip: Clip, config: CaptureConfig | str | None = None, *, fill: str = "none", smooth: float = 0.0
+) -> Poses3D:
     """Reconstruct the people of a clip in 3D from its 2D detections (Adaptive Triangulation).
 
     Args:
         clip: V views, at least 2.
-        config: Thresholds and steps; `dmae.preset("capture", "tight")` is a preset of `dmae capture`.
+        config: Thresholds and steps, or the name of a preset of `dmae capture`, as `tight`.
         fill: How joints that no camera measured are filled: a completion method of `dmae capture`, or `none`.
         smooth: Length of a light smoothing after that, s; 0 for none.
 
@@ -61,7 +63,7 @@ def capture(clip: Clip, config: CaptureConfig | None = None, *, fill: str = "non
         raise TypeError(
             f"clip: expected a dmae.Clip, found {clip!r:.80}; dmae.load reads a clip, dmae.read a recording"
         )
-    poses = pipeline.capture(clip, config or CaptureConfig())
+    poses = pipeline.capture(clip, configuration("capture", config, CaptureConfig))
     if fill != "none":
         poses = METHODS[fill](poses, clip.fps)
     return filling.smooth(poses, clip.fps, smooth)
@@ -160,7 +162,7 @@ def _loaded(weights: str | None, denoise: bool | None, reject: bool, smooth: flo
 def train(
     clips: Iterable[Clip],
     out: str | Path,
-    config: TrainConfig | None = None,
+    config: TrainConfig | str | None = None,
     *,
     validation_data: Iterable[Clip] = (),
     extra_data: Iterable[Clip] = (),
@@ -170,8 +172,8 @@ def train(
     Args:
         clips: Clips with truth. If a clip also has `poses`, the model learns to complete those captured poses.
         out: Folder of the model.
-        config: Network, examples and steps, as `dmae.TrainConfig(max_minutes=10)`; `dmae.preset("train", "paper")` is
-            that of the paper. The fields `data` and `out` are not used.
+        config: Network, examples and steps, as `dmae.TrainConfig(max_minutes=10)`, or the name of a preset, as `paper`.
+            The fields `data` and `out` are not used.
         validation_data: Clips to validate and calibrate on; by default some of `clips` are held back.
         extra_data: Further clips; `examples.replay` is the share of examples that are drawn from them.
 
@@ -190,7 +192,7 @@ def train(
     """
     from dmae.completion.training import train as run
 
-    return run(config or TrainConfig(), clips, Path(out), validation_data, extra_data)
+    return run(configuration("train", config, TrainConfig), clips, Path(out), validation_data, extra_data)
 
 
 def pretrain(out: str | Path, config: PretrainCommand | None = None) -> Path:
@@ -246,32 +248,38 @@ def card(weights: str | Path, *, command: str, scores: Iterable[str | Path] = ()
     return model_card(Path(weights), [Path(folder) for folder in scores], command)
 
 
-def triangulate(rig: CameraRig, xy: np.ndarray, confidence: np.ndarray) -> Points:
+def triangulate(rig: CameraRig, xy: np.ndarray, confidence: np.ndarray | None = None) -> Points:
     """Triangulate points robustly from pixels of several cameras.
 
     Args:
         rig: V cameras.
-        xy: (..., V, 2) px as detected, lens distortion included; NaN where a view does not see the point.
-        confidence: (..., V) from 0 to 1.
+        xy: (F, V, ..., 2) px as detected and as `rig.project` returns them, lens distortion included; NaN where a view
+            does not see the point. F is the number of frames, or of any points.
+        confidence: (F, V, ...) from 0 to 1; by default 1.
 
     Returns:
-        `xyz` (..., 3) m, world, NaN where fewer than two views agree; `cov` (..., 3, 3) m^2; `used` (..., V) True for
-        the views that agree; `residual` (...) px.
+        `xyz` (F, ..., 3) m, world, NaN where fewer than two views agree; `cov` (F, ..., 3, 3) m^2; `used` (F, ..., V)
+        True for the views that agree; `residual` (F, ...) px.
 
     Raises:
         ValueError: the arrays do not fit the rig.
 
     Examples:
-        >>> rig = next(synth.generate(seconds=1, clips=1, seed=7)).rig
-        >>> xy, _ = rig.project(np.array([[0.3, 0.2, 1.1]]))
-        >>> points = dmae.triangulate(rig, xy, np.ones((1, len(rig))))
-        >>> points.xyz.round(4)
-        array([[0.3, 0.2, 1.1]])
+        >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
+        >>> xy, _ = clip.rig.project(clip.truth.xyz)  # (F, V, P, J, 2)
+        >>> points = dmae.triangulate(clip.rig, xy)
+        >>> points.xyz.shape == clip.truth.xyz.shape
+        True
+        >>> bool(np.nanmax(np.abs(points.xyz - clip.truth.xyz)) < 1e-4)
+        True
     """
     xy = np.asarray(xy, np.float64)
-    if xy.shape[-2:] != (len(rig), 2):
-        raise ValueError(f"rig of {len(rig)} cameras: expected xy (..., {len(rig)}, 2) px, found shape {xy.shape}")
-    return triangulation.triangulate(rig, rig.undistort(xy), confidence)
+    if xy.ndim < 3 or xy.shape[1] != len(rig) or xy.shape[-1] != 2:
+        raise ValueError(f"rig of {len(rig)} cameras: expected xy (F, {len(rig)}, ..., 2) px, found shape {xy.shape}")
+    confidence = np.ones(xy.shape[:-1]) if confidence is None else np.asarray(confidence, np.float64)
+    if confidence.shape != xy.shape[:-1]:
+        raise ValueError(f"confidence: expected shape {xy.shape[:-1]}, one for each pixel, found {confidence.shape}")
+    return triangulation.triangulate(rig, np.moveaxis(rig.undistort(xy), 1, -2), np.moveaxis(confidence, 1, -1))
 
 
 def doctor(clip: Clip, *, max_offset: int = 50) -> Diagnosis:
@@ -328,7 +336,7 @@ def run(
     calibration: str | Path | None = None,
     *,
     detector: str = "blazepose",
-    capture: CaptureConfig | None = None,
+    capture: CaptureConfig | str | None = None,
     weights: str | Path | None = None,
     fps: float | None = None,
     offsets: Sequence[int] | None = None,
@@ -345,7 +353,7 @@ def run(
             colour images, or its folder.
         calibration: Calibration file, or folder of them; None for a clip, which has its own.
         detector: `blazepose`, or `package.module:function`.
-        capture: How people are reconstructed; `dmae.preset("capture", "tight")` is a preset of `dmae capture`.
+        capture: How people are reconstructed, or the name of a preset of `dmae capture`, as `tight`.
         weights: Folder that `train`, or `dmae train`, wrote; by default the weights that come with the package.
         fps: Frames per second of the videos, where they do not say.
         offsets: Frames by which each camera started late; by default what the videos say.
@@ -376,7 +384,8 @@ def run(
         if calibration is None and not isinstance(source, Clip):
             source = load_clip(Path(source))
         clip = detect(source, calibration, detector=detector, fps=fps, offsets=offsets, workers=workers)
-        poses = complete(pipeline.capture(clip, capture or CaptureConfig()), clip.fps, weights=weights)
+        captured = pipeline.capture(clip, configuration("capture", capture, CaptureConfig))
+        poses = complete(captured, clip.fps, weights=weights)
         return replace(clip, poses=poses)
     if isinstance(source, Clip):
         raise ValueError("out=...: save the clip first with dmae.save, and give its folder as the source")
@@ -385,7 +394,7 @@ def run(
         clip=str(source) if calibration is None else None,
         calibration=None if calibration is None else str(calibration),
         detector=PoseDetectorConfig(name=detector),
-        capture=capture or CaptureConfig(),
+        capture=configuration("capture", capture, CaptureConfig),
         weights=None if weights is None else str(weights),
         fps=fps,
         offsets=None if offsets is None else list(offsets),

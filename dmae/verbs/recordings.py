@@ -10,6 +10,8 @@ from typing import Any
 
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D
+from dmae.data.conversion import convert as convert_poses
+from dmae.data.skeleton import Skeleton, get_skeleton
 from dmae.data.store import load_clip, save_clip
 from dmae.detection.recording import detect_clip, detect_recording, make_clip, open_recording
 from dmae.detection.registry import PoseDetectorConfig
@@ -241,6 +243,41 @@ def convert(clip: Clip, out: str | Path, format: str = "clip") -> None:
         True
     """
     write_recording(clip, Path(out), format)
+
+
+def to_skeleton(poses: Poses3D, skeleton: str | Skeleton) -> Poses3D:
+    """Return the same poses on another skeleton, as exports and scores convert them.
+
+    Joints with the same name are copied, with source and covariance. `neck`, `mid_hip` and the ends of the head are
+    derived if they are missing; all others are absent.
+
+    Args:
+        poses: (F, P, J) poses.
+        skeleton: A skeleton, its name, or a skeleton file.
+
+    Raises:
+        KeyError: there is no such skeleton, or it has no joint that can be derived.
+
+    Examples:
+        >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
+        >>> dmae.to_skeleton(clip.truth, "coco17").xyz.shape[2]
+        17
+    """
+    return convert_poses(poses, get_skeleton(skeleton) if isinstance(skeleton, str) else skeleton)
+
+
+def configuration(group: str, given: Any, expected: type) -> Any:
+    """Return the configuration that was given, by its preset's name or as it is; by default that without a preset.
+
+    Raises:
+        TypeError: something else was given.
+        ValueError: there is no such preset.
+    """
+    if isinstance(given, str):
+        return preset(group, given)
+    if given is not None and not isinstance(given, expected):
+        raise TypeError(f"config: expected a dmae.{expected.__name__} or the name of a preset, found {given!r:.80}")
+    return given or expected()
 
 
 def preset(group: str, name: str, **changes: Any) -> Any:

@@ -23,10 +23,11 @@ def commands_page(name: str, *, options: bool = False) -> str:
 
 def functions(module: str) -> str:
     """Return a table of the functions of a module: name, linked to the source, and first sentence."""
-    found = [each for each in vars(import_module(module)).values()
-             if inspect.isfunction(each) and each.__module__ == module and not each.__name__.startswith("_")]  # fmt: skip
     package = module.partition(".")[0]
-    return _index([(f"{package}.{each.__name__}", module, each) for each in found])
+    names = import_module(package).__all__
+    public = [each for each in vars(import_module(module)).values()
+              if inspect.isfunction(each) and each.__module__ == module and each.__name__ in names]  # fmt: skip
+    return _index([(f"{package}.{each.__name__}", module, each) for each in public])
 
 
 def types(*names: str) -> str:
@@ -65,7 +66,7 @@ def _overview(program: Program) -> str:
     shared = (
         "Every command takes `key=value` options in any order, `--help`, `--help GROUP` and `--help all`. "
         "`-m key=a,b` runs every combination, in `out/0`, `out/1`, ...; `--config-dir DIR` finds presets of yours. "
-        f"`{program.name} <command> --help all` prints every option, and the site that `make docs` builds lists them here."
+        f"`{program.name} <command> --help all` prints every option; the site that `make docs` builds lists them here."
     )
     return "\n".join(["| command | what it does |", "| --- | --- |", *rows, "", shared])
 

@@ -250,12 +250,12 @@ def types(*names: str) -> str:
 
 
 _FUNCTIONS = {
-    "value": value, "values_table": values_table, "memory_table": memory_table, "printed": printed, "pcp_table": pcp_table, "gaps_table": gaps_table, "kept_table": kept_table, "origin": origin,
-    "realism_table": realism_table, "errors_table": errors_table, "reliability_table": reliability_table,
-    "distances_table": distances_table,
-    "contacts_table": contacts_table, "motion_table": motion_table,
-    "paper_table": paper_table, "benchmark_table": benchmark_table, "protocols": protocols,
-    "stress_table": stress_table, "functions": functions, "types": types,
+    each.__name__: each
+    for each in (
+        value, values_table, memory_table, printed, pcp_table, gaps_table, kept_table, origin, realism_table,
+        errors_table, reliability_table, distances_table, contacts_table, motion_table, paper_table, benchmark_table,
+        protocols, stress_table, functions, types,
+    )
 }  # fmt: skip
 
 

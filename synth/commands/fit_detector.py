@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
 from dmae.data.json_values import json_text
 from dmae.files.checks import child
@@ -22,7 +21,7 @@ from synth.detector.config import ErrorReference, Limits
 from synth.detector.fitting import Fit, fit, preset_yaml
 from synth.detector.statistics import measure, read_recording
 from synth.recognition import truth_fit
-from synth.rigs.config import CameraConfig, RigConfig
+from synth.rigs.config import listed_rig
 
 
 def run(config: FitDetectorCommand, out: Path) -> None:
@@ -106,7 +105,7 @@ def _clips(config: FitDetectorCommand, recording: Clip, out: Path) -> list[Clip]
     if folder is None:
         folder = str(out / "clips")
         scene = replace(config.scene, fps=recording.fps)
-        rig = RigConfig(name=recording.id, cameras=_cameras(recording.rig), origin=config.origin)
+        rig = replace(listed_rig(recording.rig), name=recording.id, origin=config.origin)
         generate(
             GenerateConfig(
                 out=folder,
@@ -122,14 +121,3 @@ def _clips(config: FitDetectorCommand, recording: Clip, out: Path) -> list[Clip]
             )
         )
     return list(load(DataConfig("clip", folder)))
-
-
-def _cameras(rig: CameraRig) -> list[CameraConfig]:
-    return [
-        CameraConfig(
-            name, size.tolist(), K.ravel().tolist(), pose[:3].ravel().tolist(), dist.tolist(), fisheye=bool(fisheye)
-        )
-        for name, size, K, pose, dist, fisheye in zip(
-            rig.names, rig.size, rig.K, rig.cam_from_world, rig.dist, rig.fisheye, strict=True
-        )
-    ]

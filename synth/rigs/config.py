@@ -2,10 +2,14 @@
 
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dmae.formats.config import LengthUnit, UpDirection
+
+if TYPE_CHECKING:
+    from dmae.data.cameras import CameraRig
 
 
 def check_pairs(group: str, config, names: tuple[str, ...]) -> None:
@@ -43,7 +47,7 @@ class CameraConfig:
     cam_from_world: list[float] = field(default_factory=list)
     """Pose [R | t]: 12 numbers, row major, t in m; or give `position` and `target`."""
     dist: list[float] = field(default_factory=lambda: [0.0] * 5)
-    """OpenCV distortion: 5 to 8 coefficients; for a fisheye its four, and zeros."""
+    """OpenCV distortion: 4 to 8 coefficients; for a fisheye its four, and zeros."""
     fisheye: bool = False
     """Whether the lens follows OpenCV's fisheye model."""
     focal: float | None = None
@@ -249,3 +253,16 @@ class RigConfig:
     def source(self) -> str:
         """Name of the rig or its file, for messages."""
         return f"rig {self.path or self.name!r}"
+
+
+def listed_rig(rig: "CameraRig") -> RigConfig:
+    """Return the configuration that lists the cameras of a rig."""
+    cameras = [
+        CameraConfig(
+            name, size.tolist(), K.ravel().tolist(), pose[:3].ravel().tolist(), dist.tolist(), fisheye=bool(fisheye)
+        )
+        for name, size, K, pose, dist, fisheye in zip(
+            rig.names, rig.size, rig.K, rig.cam_from_world, rig.dist, rig.fisheye, strict=True
+        )
+    ]
+    return RigConfig(name="listed", cameras=cameras)

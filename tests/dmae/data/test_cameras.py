@@ -58,6 +58,11 @@ def test_projection_agrees_with_opencv(dist):
         np.testing.assert_allclose(depth[:, view], (xyz @ T[:3, :3].T + T[:3, 3])[..., 2])
 
 
+def test_four_coefficients_are_five_with_a_zero():
+    four = np.tile([-0.2, 0.1, 0.001, -0.002], (3, 1))
+    np.testing.assert_array_equal(replace(make_rig(), dist=four).dist, np.pad(four, ((0, 0), (0, 1))))
+
+
 def fisheye(k=(0.05, -0.01, 0.003, -0.001), views=3) -> CameraRig:
     rig = make_rig(views=views)
     return replace(rig, dist=np.tile([*k, 0], (views, 1)), fisheye=np.ones(views, bool))
@@ -196,7 +201,7 @@ def test_inside_reaches_half_a_pixel_beyond_the_first_and_last_centre():
     [
         ({"names": ("a", "a", "b")}, "unique"),
         ({"K": np.eye(3)}, r"expected K of shape \(3, 3, 3\), found \(3, 3\)"),
-        ({"dist": np.zeros((3, 4))}, r"dist of shape \(3, 5..8\)"),
+        ({"dist": np.zeros((3, 3))}, r"dist of shape \(3, 4..8\)"),
         ({"cam_from_world": np.tile(np.diag([1, 1, -1, 1.0]), (3, 1, 1))}, "'c0'.*no rotation"),
         ({"cam_from_world": np.tile(2 * np.eye(4), (3, 1, 1))}, "'c0'.*last rows"),
         ({"K": np.tile(np.diag([-900, 900, 1.0]), (3, 1, 1))}, "focal lengths"),
