@@ -9,7 +9,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 export PIP_BUILD_CONSTRAINT := $(CURDIR)/constraints.txt
 
-.PHONY: demo demo-video measure twin weights weights-first weights-sets weights-elsewhere kernels gains ablations features test check lint format bench fuzz endurance setup docs \
+.PHONY: demo demo-video measure twin weights weights-first weights-sets weights-elsewhere gains ablations features test check lint format bench fuzz endurance setup docs \
   figures
 
 # The whole loop on simulated people it has never seen; with DMAE_DATA set, on the Shelf recording as well.
@@ -127,38 +127,17 @@ weights: weights-first weights-sets
 weights-elsewhere: weights-sets
 	$(TRAIN_SECOND) extra_data=[$(call join_sets,$(filter-out made_1,$(SETS)))] learning.steps=9000 out=$(WEIGHTS)/elsewhere
 
-# The kernels of gaussian_process_learned, of recorded and procedural motion; 25 CPU minutes. Subjects 5, 13, 86 and 135 of the CMU
-# database are in none of it: they are to choose and to score on.
-KERNELS := runs/kernels
-KERNEL_CMU = $(abspath $(DMAE_DATA))/cmu
-KERNEL_MORE = $(abspath $(KERNELS))/more
-KERNEL_CLIPS := scene.fps=25 rig=ring scene.persons=[2,2]
-kernels: setup
-	@test -x "$(DMAE_DATA)/cmu_more/unpack" || { echo "error: make kernels DMAE_DATA=<the folder that holds cmu/ and cmu_more/>"; exit 1; }
-	mkdir -p $(KERNELS)/salsa $(KERNELS)/bvh $(KERNELS)/amc
-	$(DMAE_DATA)/cmu_more/unpack $(KERNEL_MORE) --set train
-	ln -sft $(KERNELS)/salsa $(KERNEL_MORE)/bvh_daz/* $(KERNEL_CMU)/bvh_daz/salsa*
-	ln -sft $(KERNELS)/bvh $(KERNEL_MORE)/bvh_cc/007* $(KERNEL_CMU)/bvh_cc/00[27]* $(KERNEL_CMU)/bvh_mb/*
-	ln -sft $(KERNELS)/amc $(KERNEL_MORE)/asf_amc/01_0[23]* $(KERNEL_CMU)/asf_amc/*
-	$(GENERATE) $(KERNEL_CLIPS) out=$(KERNELS)/clips_salsa seed=12 clips=20 scene.seconds=14 motion=bvh motion.path=$(KERNELS)/salsa
-	$(GENERATE) $(KERNEL_CLIPS) out=$(KERNELS)/clips_amc seed=13 clips=14 scene.seconds=10 motion=amc motion.path=$(KERNELS)/amc
-	$(GENERATE) $(KERNEL_CLIPS) out=$(KERNELS)/clips_made seed=11 clips=12 scene.seconds=12
-	$(GENERATE) $(KERNEL_CLIPS) out=$(KERNELS)/clips_bvh seed=14 clips=10 scene.seconds=4 motion=bvh motion.path=$(KERNELS)/bvh
-	for set in salsa amc made bvh; do \
-	  $(BIN)/dmae capture data=$(KERNELS)/clips_$$set 'draw=[2,3,4,5]' out=$(KERNELS)/captured_$$set || exit 1; done
-	$(BIN)/python docs/tools/kernels.py $(foreach set,salsa amc made bvh,$(KERNELS)/captured_$(set)) --out $(KERNELS)/kernels.json
-	@echo "To ship them: cp $(KERNELS)/kernels.json dmae/models/gaussian_process/"
-
-# What completion gains beside the Gaussian process of one kernel, by length of gap and body part, on subjects that neither kernels nor
-# the network learned from, with three seeds: docs/results/completion_gains.json.
+# What completion gains beside the Gaussian process of one kernel, by length of gap and body part, on subjects that the network did
+# not learn from, with three seeds: docs/results/completion_gains.json.
 GAINS := runs/gains
+GAIN_CLIPS := scene.fps=25 rig=ring scene.persons=[2,2]
 gains: setup
 	@test -x "$(DMAE_DATA)/cmu_more/unpack" || { echo "error: make gains DMAE_DATA=<the folder that holds cmu_more/>"; exit 1; }
 	$(DMAE_DATA)/cmu_more/unpack $(abspath $(GAINS))/takes --set score
 	for seed in 41 43 45; do \
-	  $(GENERATE) $(KERNEL_CLIPS) out=$(GAINS)/clips/amc_$$seed seed=$$seed clips=6 scene.seconds=12 \
+	  $(GENERATE) $(GAIN_CLIPS) out=$(GAINS)/clips/amc_$$seed seed=$$seed clips=6 scene.seconds=12 \
 	    motion=amc motion.path=$(GAINS)/takes/asf_amc && \
-	  $(GENERATE) $(KERNEL_CLIPS) out=$(GAINS)/clips/bvh_$$seed seed=$$((seed + 1)) clips=8 scene.seconds=7 \
+	  $(GENERATE) $(GAIN_CLIPS) out=$(GAINS)/clips/bvh_$$seed seed=$$((seed + 1)) clips=8 scene.seconds=7 \
 	    motion=bvh motion.path=$(GAINS)/takes/bvh_cc || exit 1; done
 	for set in $(GAINS)/clips/*; do \
 	  $(BIN)/dmae capture data=$$set 'draw=[2,3,4,5]' out=$(GAINS)/captured/$$(basename $$set) || exit 1; done

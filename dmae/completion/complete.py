@@ -17,8 +17,6 @@ import torch
 from dmae.completion import fusion
 from dmae.completion.features import correction_weight, near_measurement, noisiness, smooth_by_noise
 from dmae.completion.fillings import contradicted
-from dmae.completion.gaussian_process import Steps, finished
-from dmae.completion.learned_kernels import fill_both
 from dmae.completion.methods import Fill, completion_method
 from dmae.completion.network import DMAE
 from dmae.completion.uncertainty import Factors, calibrated
@@ -96,9 +94,7 @@ def _parts(count: int, fps: float, asked: range) -> Iterator[tuple[slice, slice]
 # Prediction: a network's corrections of a whole recording, blended over overlapping windows.
 
 _BATCH = 4
-_FEW = 1
-_ROWS_COST, _WINDOW_COST = 6.0, 5.0
-"""Of laying out the rows of two people, and of a window, see `Steps`."""
+"""Windows that the network is given together."""
 _SAME_RATE = 0.01
 """Rates within this share of each other are taken as equal."""
 
@@ -131,15 +127,13 @@ def predict(
     frames: slice,
     wanted: np.ndarray,
     target: Skeleton | None = None,
-    small_steps: bool = False,
-) -> Steps[tuple[np.ndarray, np.ndarray]]:
-    """Predict joints in some frames of a recording, by all of its frames, step by step.
+) -> tuple[np.ndarray, np.ndarray]:
+    """Predict joints in some frames of a recording, by all of its frames.
 
     Args:
         wanted: (F, P, J) of those frames, True for the joints to be predicted while their person is present; of the
             target if there is one.
         target: Skeleton that the model turns poses into, if any; its joints follow those of the poses.
-        small_steps: Whether steps are short, rather than fast altogether.
 
     Returns:
         (F, P, J, 3) m, world, meaningful where wanted; and the scale of the error, (F, P, J) m, NaN where the model was
@@ -150,15 +144,10 @@ def predict(
     count, persons = poses.xyz.shape[:2]
     needed = np.zeros((count, persons, len(rest)), bool)
     needed[frames, :, -wanted.shape[2] :] = wanted
-    filled = None
-    if not target:
-        _, filled = yield from fill_both(poses, fps, frames)
-    rows = make_rows(poses, fps, rest, config.frames, target=target, filled=filled)
+    rows = make_rows(poses, fps, rest, config.frames, target=target)
     base = _by_frame(rows.base, persons)[:count]
-    yield _ROWS_COST
     if has_rate(model, fps):
-        found = yield from _corrections(model, rows, needed, small_steps)
-        correction = _by_frame(found, persons)[:count]
+        correction = _by_frame(_corrections(model, rows, needed), persons)[:count]
     else:
         rows = make_rows(resample(poses, fps, config.fps), config.fps, rest, config.frames, target=target)
         time, last = np.arange(count) * (config.fps / fps), len(rows.base) // persons - 1
@@ -167,8 +156,7 @@ def predict(
         around = np.zeros((last + 1, *needed.shape[1:]), bool)
         for index in (first, second):
             np.logical_or.at(around, index, needed)
-        found = yield from _corrections(model, rows, around, small_steps)
-        resampled = _by_frame(found, persons)
+        resampled = _by_frame(_corrections(model, rows, around), persons)
         weight = (time - first).clip(0, 1)[:, None, None, None]
         correction = resampled[first] * (1 - weight) + resampled[second] * weight
     # The target's joints lie elsewhere than what they are derived from, however short a gap is.
@@ -176,7 +164,7 @@ def predict(
     return (base + np.nan_to_num(correction[..., :3]) * weight)[frames], np.exp(correction[..., 3])[frames]
 
 
-def _corrections(model: DMAE, rows: Rows, needed: np.ndarray, small_steps: bool) -> Steps[np.ndarray]:
+def _corrections(model: DMAE, rows: Rows, needed: np.ndarray) -> np.ndarray:
     """Return what the model adds to the interpolation, m, world, and the logarithm of its error scale, (S, J, 4).
 
     Windows overlap by two thirds and are weighted by a triangle; NaN where there is no window, or a joint is not
@@ -194,9 +182,8 @@ def _corrections(model: DMAE, rows: Rows, needed: np.ndarray, small_steps: bool)
     triangle = np.minimum(np.arange(1, frames + 1), np.arange(frames, 0, -1)).astype(float)
 
     total, weights = np.zeros((*rows.observed.shape, 4)), np.zeros(rows.observed.shape)
-    size = _FEW if small_steps else _BATCH
-    for begin in range(0, len(starts), size):
-        batch = starts[begin : begin + size]
+    for begin in range(0, len(starts), _BATCH):
+        batch = starts[begin : begin + _BATCH]
         windows, _, frame = rows.cut(batch, frames, config.align_heading)
         wanted = needed[batch[:, None] + np.arange(frames)]
         with torch.inference_mode():
@@ -208,7 +195,6 @@ def _corrections(model: DMAE, rows: Rows, needed: np.ndarray, small_steps: bool)
         for t in range(frames):
             total[batch + t] += weight[:, t, :, None] * added[:, t]
             weights[batch + t] += weight[:, t]
-        yield _WINDOW_COST * len(batch)
     return total / np.where(weights > 0, weights, np.nan)[..., None]
 
 
@@ -224,8 +210,6 @@ _ACCELERATION = 40.0
 _AGREEING_VIEWS = 3
 """Three in four joints on which this many views agree and that the frames around contradict were right. Denoised, they
 came no nearer to annotations."""
-_EVIDENCE_COST = 5.0
-"""Of rejection, see `dmae.completion.gaussian_process.Steps`."""
 
 
 @dataclass(frozen=True)
@@ -284,39 +268,30 @@ class Completer:
         """Return some frames of poses that are completed in one piece."""
         with one_thread():
             if not self.smooth:
-                return finished(self._complete(poses, fps, frames))
+                return self._complete(poses, fps, frames)
             # Neighbours of the requested frames take part in smoothing.
             asked, reach = range(len(poses.xyz))[frames], ceil(3 * self.smooth * fps)
             first = max(asked.start - reach, 0)
-            done = finished(self._complete(poses, fps, slice(first, asked.stop + reach)))
+            done = self._complete(poses, fps, slice(first, asked.stop + reach))
             noisy = noisiness(poses.without(poses.source == Source.COMPLETED))[first : asked.stop + reach]
             done = smooth_by_noise(done, noisy, fps, self.smooth)
             return done.select(slice(asked.start - first, asked.stop - first))
 
-    def in_steps(self, poses: Poses3D, fps: float, frames: slice, small_steps: bool) -> Steps[Poses3D]:
-        """Complete some frames of the poses, without smoothing, in steps that can be spread over time.
-
-        Args:
-            small_steps: Whether steps are short, rather than fast altogether.
-        """
-        return self._complete(poses, fps, frames, small_steps)
-
-    def _complete(self, poses: Poses3D, fps: float, frames: slice, small_steps: bool = False) -> Steps[Poses3D]:
-        """Return some frames of the poses, completed and not yet smoothed, step by step."""
+    def _complete(self, poses: Poses3D, fps: float, frames: slice) -> Poses3D:
+        """Return some frames of the poses, completed and not yet smoothed."""
         poses = poses.without(np.isinf(poses.xyz).any(-1))
         if poses.skeleton != self.skeleton.parts[0]:
             if not self.target:
-                return (yield from self._by_common_joints(poses, fps, frames, small_steps))
+                return self._by_common_joints(poses, fps, frames)
             poses = self._as_source(poses)
         poses = self._evidence(poses, fps)
-        yield _EVIDENCE_COST
         if self.target:
-            return (yield from self._fuse(poses, fps, frames, small_steps))
+            return self._fuse(poses, fps, frames)
         absent = ((poses.source == Source.ABSENT) & present(poses, fps)[..., None])[frames]
         moved = _of_few_views(poses)[frames] & self.denoise
         if not (absent | moved).any():
             return poses.select(frames)
-        predicted, scale = yield from predict(self.model, poses, fps, frames, absent | moved, None, small_steps)
+        predicted, scale = predict(self.model, poses, fps, frames, absent | moved)
         given = poses.select(frames)
         xyz = np.where((absent | moved)[..., None], predicted, given.xyz)
         source = np.where(absent, Source.COMPLETED, np.where(moved, Source.DENOISED, given.source))
@@ -366,13 +341,13 @@ class Completer:
             )
         return convert(poses, wanted)
 
-    def _fuse(self, poses: Poses3D, fps: float, frames: slice, small_steps: bool) -> Steps[Poses3D]:
+    def _fuse(self, poses: Poses3D, fps: float, frames: slice) -> Poses3D:
         """Return the poses of the source turned into those of the target."""
         there, count = present(poses, fps)[frames], len(self.target)
         if not there.any():
             return fusion.absent(self.target, *there.shape)
         wanted = np.repeat(there[..., None], count, -1)
-        predicted = yield from predict(self.model, poses, fps, frames, wanted, self.target, small_steps)
+        predicted = predict(self.model, poses, fps, frames, wanted, self.target)
         xyz, scale = (part[:, :, -count:] for part in predicted)
         done = fusion.fused(poses.select(frames), self.target, xyz, there)
         return _with_covariances(done, there[..., None], self._deviation(poses, fps, scale, frames))
@@ -384,12 +359,12 @@ class Completer:
             return poses
         return poses.without(_of_few_views(poses) & contradicted(poses.xyz, fps, _ACCELERATION))
 
-    def _by_common_joints(self, poses: Poses3D, fps: float, frames: slice, small_steps: bool) -> Steps[Poses3D]:
+    def _by_common_joints(self, poses: Poses3D, fps: float, frames: slice) -> Poses3D:
         """Complete poses of another skeleton through the joints that it has in common with the model's."""
         try:
             converted = convert(poses, self.skeleton)
             common = np.isin(poses.skeleton.joints, self.skeleton.joints)
-            done = convert((yield from self._complete(converted, fps, frames, small_steps)), poses.skeleton)
+            done = convert(self._complete(converted, fps, frames), poses.skeleton)
         except KeyError as error:
             raise ValueError(
                 f"the weights are for skeleton {self.skeleton.name!r}, the poses are {poses.skeleton.name!r}, and "

@@ -1,35 +1,24 @@
-"""Gaussian process: where a person had a joint in other frames, when the rest of the body was posed as it is now.
+"""A Gaussian process over a person's own poses: where it had a joint when the body was posed as it is now.
+
+Limbs come first, by a kernel for noisy poses. Where poses are exact, as of motion capture with markers, a second
+process corrects limbs and hidden hips and shoulders.
 
 Motion-capture markers are completed in a similar way by the principal components of complete frames (Federolf 2013;
 Gløersen & Federolf 2016); a kernel represents what a plane cannot. The equation is (2.25) of Rasmussen & Williams 2006.
 """
 
-from collections.abc import Generator
-from typing import TypeVar
+from collections.abc import Iterator
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+from dmae.completion.features import noisiness
 from dmae.completion.fillings import reject
 from dmae.completion.methods import completion_method
 from dmae.data.clip import Poses3D
 from dmae.numerics.body import Bodies, interpolate_bodies
 from dmae.numerics.filling import take_estimate, without_infinite
 from dmae.numerics.paths import gap_lengths, pchip
-
-T = TypeVar("T")
-Steps = Generator[float, None, T]
-"""Work in steps, and its result. A step ends with what it cost, about: 1 is a millisecond of one core."""
-
-
-def finished(steps: Steps[T]) -> T:
-    """Return the result of all steps."""
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            return end.value
-
 
 SHORT_GAP = 0.2
 """s; in gaps shorter than this interpolation is better than the Gaussian process."""
@@ -45,37 +34,43 @@ _FEWEST = 20
 """Training poses; with fewer the process predicts nothing."""
 _BLOCK = 5.0
 """s of frames that share training poses."""
-_COST = 0.75
-"""Of a joint of a person, see `Steps`."""
 
 
 @completion_method("gaussian_process")
 def fill_gaussian_process(poses: Poses3D, fps: float) -> Poses3D:
-    """As rays, and limbs from the person's own poses in other frames.
+    """As rays, and limbs from the person's own poses in other frames; of exact poses the torso too.
 
-    Limbs are placed by a Gaussian process over those poses. The longer a joint is hidden, the more weight it has.
+    Gaussian processes over those poses place them. The longer a limb is hidden, the more weight its process has.
     """
     poses = without_infinite(poses, fps)
     bodies = interpolate_bodies(poses.xyz.astype(np.float64), poses.skeleton, fps, pchip, poses.rays)
-    finished(place_limbs(bodies, fps))
+    # Rays of single cameras say more than other frames do.
+    exact = np.where(np.isnan(poses.rays[..., 0, 0]), (1 - noisiness(poses)) ** 2, 0)
+    place_torso(bodies, exact, fps)
+    place_limbs(bodies, fps)
+    correct_limbs(bodies, exact, fps)
     return take_estimate(poses, fps, bodies.filled)
 
 
-def place_limbs(bodies: Bodies, fps: float) -> Steps[None]:
+def limbs_of(bodies: Bodies) -> list[int]:
+    """Return the joints that hang from the torso, parents first."""
+    return [joint for joint in bodies.attached if joint not in bodies.torso]
+
+
+def place_limbs(bodies: Bodies, fps: float) -> None:
     """Replace the interpolated estimates of limbs by those of the process, joint by joint."""
-    for joint in (joint for joint in bodies.attached if joint not in bodies.torso):
+    for joint in limbs_of(bodies):
         others = [other for other in bodies.attached if not _below(other, joint, bodies.parents, bodies.torso)]
-        if _place(bodies, joint, others, fps):
-            yield _COST * bodies.xyz.shape[1]
+        _place(bodies, joint, others, fps)
 
 
-def _place(bodies: Bodies, joint: int, others: list[int], fps: float) -> bool:
-    """Replace the estimate of a limb's joint, given other joints, which are placed; return whether it was hidden."""
+def _place(bodies: Bodies, joint: int, others: list[int], fps: float) -> None:
+    """Replace the estimate of a limb's joint where it is hidden, given other joints, which are placed."""
     parent, first = bodies.parents[joint], bodies.filled[:, :, joint].copy()
     known = ~np.isnan(bodies.xyz[:, :, [joint, parent], 0]).any(-1)
     hidden = np.isnan(bodies.xyz[:, :, joint, 0])
     if not (hidden & ~np.isnan(first[..., 0])).any():
-        return False
+        return
     offsets = bodies.in_body(bodies.filled - bodies.filled[:, :, bodies.parents])
     predicted = [
         predict_offset(offsets[:, i], joint, others, known[:, i], hidden[:, i], fps) for i in range(first.shape[1])
@@ -86,7 +81,6 @@ def _place(bodies: Bodies, joint: int, others: list[int], fps: float) -> bool:
     squared = gap_lengths(~hidden)[..., None] ** 2
     change = squared / (squared + (SHORT_GAP * fps) ** 2) * (bodies.filled[:, :, joint] - first)
     bodies.filled[:, :, joint] = np.where(hidden[..., None], first + np.nan_to_num(change), first)
-    return True
 
 
 def _below(joint: int, ancestor: int, parents: list[int], torso: list[int]) -> bool:
@@ -142,6 +136,146 @@ def _kernel(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Return the squared-exponential kernel (n, m) of poses (n, C) and (m, C); 1 where they are equal."""
     squared = (one**2).sum(1)[:, None] + (other**2).sum(1) - 2 * one @ other.T
     return np.exp(-np.maximum(squared, 0) / 2)
+
+
+# Exact poses: what a hidden joint was relative to the nearest joint that is measured throughout its gap.
+
+_DENSE, _REACH = 0.8, 12.0
+"""s; all training poses within the first of a gap, and within the second evenly spaced ones, at most `_MOST_OF_GAP`."""
+_MOST_OF_GAP = 160
+_CLOSENESS, _SPREAD = 1.67, 0.05
+"""How fast correlation falls with the distance between poses, and m, the spread below which joints count alike."""
+_POSE, _POSE_NOW, _NOW = 10.0, 3.0, 1.0
+"""Variances, relative to each other: of poses at any time, of poses within seconds, and of instants."""
+_SECONDS, _INSTANT = 2.0, 0.3
+"""s; their length scales in time."""
+_EXACT_NOISE = 1.3e-3
+"""Variance of the noise of exact poses, in the same unit."""
+_SHARE = 0.5
+"""Weight in limbs, against the process of all joints: their errors differ."""
+
+
+def place_torso(bodies: Bodies, exact: np.ndarray, fps: float) -> None:
+    """Correct hidden joints of the torso; hidden limbs that hang from them move along.
+
+    Args:
+        exact: (F, P, J) weight of the correction, from 0 where poses are noisy to 1 where they are exact.
+    """
+    before = bodies.filled.copy()
+    for joint in bodies.torso:
+        _correct(bodies, joint, exact[:, :, joint], fps)
+    for joint in limbs_of(bodies):
+        parent = bodies.parents[joint]
+        moved = np.nan_to_num(bodies.filled[:, :, parent] - before[:, :, parent])
+        free = np.isnan(bodies.xyz[:, :, joint, :1]) & (exact[:, :, joint, None] > 0)
+        bodies.filled[:, :, joint] += np.where(free, moved, 0)
+
+
+def correct_limbs(bodies: Bodies, exact: np.ndarray, fps: float) -> None:
+    """Correct hidden joints of limbs, which are placed, where poses are exact (F, P, J)."""
+    for joint in limbs_of(bodies):
+        squared = gap_lengths(~np.isnan(bodies.xyz[:, :, joint, 0])) ** 2
+        weight = _SHARE * squared / (squared + (SHORT_GAP * fps) ** 2)
+        _correct(bodies, joint, weight * exact[:, :, joint], fps)
+
+
+def _correct(bodies: Bodies, joint: int, weight: np.ndarray, fps: float) -> None:
+    """Move a hidden joint, by weights (F, P), towards where the process expects it."""
+    measured = ~np.isnan(bodies.xyz[..., 0])
+    hidden = ~measured[:, :, joint] & ~np.isnan(bodies.filled[:, :, joint, 0])
+    for person in np.flatnonzero((hidden & (weight > 0)).any(0)):
+        filled, xyz, turn = bodies.filled[:, person], bodies.xyz[:, person], bodies.world_from_body[:, person]
+        for first, end in _runs(hidden[:, person]):
+            seen = measured[first:end, person].all(0)
+            anchor, inputs, origins = _inputs(bodies, joint, seen)
+            if anchor is None or not weight[first:end, person].any():
+                continue
+            offsets = (filled[:, inputs] - filled[:, origins]) @ turn
+            wanted = np.einsum("fji,fj->fi", turn, xyz[:, joint] - xyz[:, anchor])
+            found = predict_gap(offsets, wanted, first, end, fps)
+            expected = filled[first:end, anchor] + np.einsum("fij,fj->fi", turn[first:end], found)
+            change = np.nan_to_num(expected - filled[first:end, joint])
+            filled[first:end, joint] += weight[first:end, person, None] * change
+
+
+def _inputs(bodies: Bodies, joint: int, seen: np.ndarray) -> tuple[int | None, list[int], list[int]]:
+    """Return what a joint is placed from, in a gap throughout which the joints `seen` (J,) are measured.
+
+    Returns:
+        The anchor, the nearest joint above it, or beside it in the torso, that is seen (None in a torso of which none
+        is), joints to predict from, and the joints that their offsets are taken from. What hangs from a joint that is
+        hidden with this one is taken from the anchor.
+    """
+    parents, torso = bodies.parents, bodies.torso
+    if joint in torso:
+        part = torso
+        there = [other for other in torso if seen[other]]
+        beside = [other for other in there if other == parents[joint] or parents[other] == joint]
+        anchor = next(iter(beside + there), None)
+    else:
+        part, anchor = [joint], parents[joint]
+        while anchor not in torso and not seen[anchor] and parents[anchor] >= 0:
+            part.append(anchor)
+            anchor = parents[anchor]
+    lost = {other for other in part if not seen[other]}
+    inputs, origins = [], []
+    for other in bodies.attached:
+        hangs = parents[other] in lost
+        if other not in lost and (seen[other] or not hangs):
+            inputs.append(other)
+            origins.append(anchor if hangs else parents[other])
+    return anchor, inputs, origins
+
+
+def _runs(flags: np.ndarray) -> Iterator[tuple[int, int]]:
+    """Yield the first frames and the ends of runs of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(np.int8), [0]])))
+    return zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
+
+
+def predict_gap(offsets: np.ndarray, wanted: np.ndarray, first: int, end: int, fps: float) -> np.ndarray:
+    """Predict the offset of a joint in a gap from offsets of others, (end - first, 3) m; NaN where too little is known.
+
+    The kernel is k = exp(-d^2 / 2) (10 + 3 m(t / 2 s)) + m(t / 0.3 s), with the Matern kernel m (nu = 5/2). In the
+    distance d between poses each joint counts by its correlation with the wanted one, and the less the more it moves.
+
+    Args:
+        offsets: (F, C, 3) m, in a frame that turns with the body.
+        wanted: (F, 3) m, NaN in the gap and where unknown.
+        first, end: Frames of the gap.
+    """
+    nothing = np.full((end - first, 3), np.nan)
+    usable = ~np.isnan(offsets).any((1, 2))
+    known = np.flatnonzero(usable & ~np.isnan(wanted).any(-1))
+    away = np.maximum(first - known, known - end + 1) / fps
+    close = known[away <= _DENSE][:: max(round(fps / 25), 1)]
+    far = known[(away > _DENSE) & (away <= _REACH)]
+    count = min(len(far), max(_MOST_OF_GAP - len(close), 0))
+    frames = np.sort(np.concatenate([close, far[np.linspace(0, len(far) - 1, count).round().astype(int)]]))
+    if len(frames) < _FEWEST or not usable[first:end].all():
+        return nothing
+    mean = wanted[frames].mean(0)
+    targets, others = wanted[frames] - mean, offsets[frames] - offsets[frames].mean(0)
+    spread, size = (np.sqrt((each**2).sum(-1).mean(0)) + 1e-9 for each in (others, targets))
+    correlation = np.linalg.norm(np.einsum("nci,nj->cij", others, targets), axis=(1, 2)) / (len(frames) * spread * size)
+    weights = _CLOSENESS * correlation / ((spread + _SPREAD) * np.sqrt(len(spread)))
+    poses = (offsets * weights[:, None]).reshape(len(offsets), -1)
+    gap = np.arange(first, end)
+    factor = cho_factor(_exact_kernel(poses, frames, frames, fps) + _EXACT_NOISE * np.eye(len(frames)))
+    return mean + _exact_kernel(poses, gap, frames, fps) @ cho_solve(factor, targets)
+
+
+def _exact_kernel(poses: np.ndarray, some: np.ndarray, others: np.ndarray, fps: float) -> np.ndarray:
+    """Return the covariance of the poses (F, C) of some frames (n,) and others (m,), see `predict_gap`."""
+    seconds = np.abs(some[:, None] - others) / fps
+    alike = _kernel(poses[some], poses[others])
+    return alike * (_POSE + _POSE_NOW * _matern(seconds / _SECONDS)) + _NOW * _matern(seconds / _INSTANT)
+
+
+def _matern(distance: np.ndarray) -> np.ndarray:
+    """Return the Matern kernel with nu = 5/2; Rasmussen & Williams 2006, (4.17)."""
+    scaled = 5**0.5 * distance
+    return (1 + scaled + scaled**2 / 3) * np.exp(-scaled)
 
 
 @completion_method("reject_gaussian_process")

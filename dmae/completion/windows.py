@@ -14,7 +14,6 @@ from torch import Tensor
 from dmae.completion.features import bone_length_offsets, bone_stretch, held_offsets, jitter
 from dmae.completion.fusion import derive
 from dmae.completion.gaussian_process import fill_gaussian_process
-from dmae.completion.learned_kernels import fill_gaussian_process_learned
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import Skeleton
 from dmae.numerics.body import body_heading, rotate_z
@@ -157,7 +156,6 @@ def make_rows(
     frames: int,
     truth: np.ndarray | None = None,
     target: Skeleton | None = None,
-    filled: Poses3D | None = None,
 ) -> Rows:
     """Interpolate absent joints over the whole recording and lay the persons out as rows.
 
@@ -171,16 +169,13 @@ def make_rows(
         truth: (F, P, J, 3) m, world.
         target: Skeleton with joints that follow those of the poses in all of these and in the rows, never observed.
             They are derived from the other joints; their gaps are those of the joints that they are derived from.
-        filled: The interpolated poses, where known; by default those of `fill_gaussian_process_learned`, and with a
-            target those of `fill_gaussian_process`.
     """
     skeleton, target_rest = poses.skeleton, rest[len(poses.skeleton) :]
     rest = rest[: len(skeleton)]
     count, persons = poses.xyz.shape[:2]
     observed = ~np.isnan(poses.xyz).any(-1)
     gap = _gap(observed)
-    fill = fill_gaussian_process if target is not None else fill_gaussian_process_learned
-    filled = filled or fill(poses, fps)
+    filled = fill_gaussian_process(poses, fps)
     base = filled.xyz.astype(np.float64)
     ray = np.where((filled.source == Source.COMPLETED)[..., None], np.nan_to_num(poses.rays[..., 1, :]), 0)
     origin, heading = _place_and_heading(base, skeleton, rest)

@@ -96,7 +96,7 @@ class OnlineCapture:
         self._completing = None
         if complete:
             delay = DELAY if look_ahead is None else min(look_ahead, DELAY)
-            self._completing = OnlineCompleter(complete, fps, delay, turns=max(round(TURN * fps), 1))
+            self._completing = OnlineCompleter(complete, fps, delay, max(round(TURN * fps), 1))
         # If frames are processed in batches, rays are found one frame later.
         self.delay = self._ahead + min(self._batch - 1, 1) + (self._completing.delay if self._completing else 0)
         self._memory = ceil(max(_MIN_MEMORY, 2 * config.tracking.reentry_s) * fps)

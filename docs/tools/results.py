@@ -19,7 +19,6 @@ METHODS = {
     "reject_pchip": "contradicted joints rejected, then `pchip_body` (`reject_pchip`)",
     "rays": "`pchip_body`, on the ray where one camera saw the joint (`rays`)",
     "gaussian_process": "`rays`, then a Gaussian process over similar poses (`gaussian_process`)",
-    "gaussian_process_learned": "the same with learned kernels (`gaussian_process_learned`)",
     "reject_gaussian_process": "contradicted joints rejected, then `gaussian_process` (`reject_gaussian_process`)",
     "dmae": "D-MAE (`dmae`): shipped weights; measured joints are not changed",
     "dmae_reject": "D-MAE, contradicted joints rejected (`dmae_reject`)",

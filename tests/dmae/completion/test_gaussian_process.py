@@ -5,10 +5,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from dmae.completion.fillings import fill_pchip_body
-from dmae.completion.gaussian_process import fill_gaussian_process, predict_offset
+from dmae.completion.gaussian_process import fill_gaussian_process, place_limbs, predict_gap, predict_offset
 from dmae.completion.methods import METHODS
 from dmae.data.clip import Poses3D
 from dmae.data.skeleton import BODY25, SKELETONS, get_skeleton
+from dmae.numerics.body import interpolate_bodies, rotate_z
+from dmae.numerics.paths import pchip
 from tests.support.circling_people import circling_people
 from tests.support.gaps import without
 
@@ -99,3 +101,78 @@ def test_rejection_precedes_the_gaussian_process():
     xyz = holed.xyz.copy()
     xyz[20, 0, WRIST] += (0, 0, 0.6)
     assert off(METHODS["reject_gaussian_process"](Poses3D(BODY25, xyz), FPS), truth)[[20, 75]].max() < 100
+
+
+# Exact poses: limbs by a second process, and the torso by the joints around it.
+
+GAP = slice(60, 90)
+HIPS = BODY25.index("mid_hip", "l_hip", "r_hip")
+LEFT, RIGHT, MIDDLE, KNEE = BODY25.index("l_hip", "r_hip", "mid_hip", "l_knee")
+LOWER = ("hip", "knee", "ankle", "toe", "heel")
+
+
+def leaning(joints: list[int]) -> tuple[Poses3D, np.ndarray]:
+    """Return a person with an upper body that leans to and fro, joints of it hidden for a while; and the truth."""
+    xyz = circling_people(200, 1, rng=np.random.default_rng(0)).xyz.astype(np.float64)
+    # All bones keep their lengths, as those of motion capture do.
+    turned = rotate_z(np.broadcast_to(xyz[0, 0] - xyz[0, 0, MIDDLE], xyz[:, 0].shape), np.arange(200)[:, None] / 40)
+    xyz[:, 0] = xyz[:1, 0, [MIDDLE]] + turned
+    across = xyz[:, 0, LEFT] - xyz[:, 0, RIGHT]
+    axis = across / np.linalg.norm(across, axis=-1, keepdims=True)
+    lean = Rotation.from_rotvec(axis * 0.4 * np.sin(np.arange(200) / 7.0)[:, None]).as_matrix()
+    above = [i for i, joint in enumerate(BODY25.joints) if not any(part in joint for part in LOWER)]
+    hip = xyz[:, :, [MIDDLE]]
+    xyz[:, :, above] = hip + np.einsum("fij,fpkj->fpki", lean, xyz[:, :, above] - hip)
+    return without(Poses3D(BODY25, xyz), GAP, 0, joints), xyz
+
+
+def error(xyz: np.ndarray, truth: np.ndarray, joints: list[int]) -> float:
+    return 1000 * float(np.linalg.norm(xyz - truth, axis=-1)[GAP, 0][:, joints].mean())
+
+
+def by_one_kernel(poses: Poses3D) -> np.ndarray:
+    bodies = interpolate_bodies(poses.xyz.astype(np.float64), BODY25, FPS, pchip, poses.rays)
+    place_limbs(bodies, FPS)
+    return bodies.filled
+
+
+def test_knees_say_where_hips_are():
+    given, truth = leaning(HIPS)
+    assert error(fill_gaussian_process(given, FPS).xyz, truth, HIPS) < 0.2 * error(by_one_kernel(given), truth, HIPS)
+
+
+def test_a_torso_of_which_nothing_is_seen_is_left_to_interpolation():
+    given, _ = leaning([joint for joint in range(25) if joint != KNEE])
+    filled = fill_gaussian_process(given, FPS).xyz
+    np.testing.assert_allclose(filled[:, :, HIPS], by_one_kernel(given)[:, :, HIPS], atol=1e-6)
+
+
+def test_single_cameras_that_see_a_joint_say_more():
+    given, truth = leaning(HIPS)
+    rays = np.full((*given.xyz.shape[:3], 2, 3), np.nan)
+    for hip in HIPS:
+        rays[GAP, :, hip, 0] = truth[GAP, :, hip] - [1, 0, 0]
+        rays[GAP, :, hip, 1] = [1, 0, 0]
+    seen = Poses3D(BODY25, given.xyz, rays=rays)
+    filled = fill_gaussian_process(seen, FPS).xyz
+    np.testing.assert_allclose(filled[GAP, :, HIPS], by_one_kernel(seen)[GAP, :, HIPS], atol=1e-6)
+
+
+def test_noisy_poses_are_filled_by_one_kernel():
+    given, _ = leaning(HIPS)
+    noisy = Poses3D(BODY25, given.xyz + np.random.default_rng(0).normal(0, 0.03, given.xyz.shape))
+    filled = fill_gaussian_process(noisy, FPS)
+    np.testing.assert_array_equal(filled.xyz, np.float32(by_one_kernel(noisy)))
+
+
+def test_a_joint_is_predicted_from_those_that_it_moves_with():
+    """Of two that move, one alone says where the wanted joint is; that one tells two poses apart at any time."""
+    rng = np.random.default_rng(0)
+    told, other = rng.uniform(-0.2, 0.2, (2, 150, 3)).cumsum(1).clip(-0.3, 0.3)
+    wanted = 0.5 * told[:, [1, 2, 0]]
+    unseen = wanted.copy()
+    unseen[70:90] = np.nan
+    found = predict_gap(np.stack([told, other], 1), unseen, 70, 90, FPS)
+    assert np.linalg.norm(found - wanted[70:90], axis=-1).mean() < 0.2 * np.linalg.norm(wanted[70:90], axis=-1).mean()
+    nothing = predict_gap(np.stack([told, other], 1)[61:99], unseen[61:99], 9, 29, FPS)
+    assert nothing.shape == (20, 3) and np.isnan(nothing).all()

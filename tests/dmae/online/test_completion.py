@@ -3,12 +3,14 @@
 import gc
 import tracemalloc
 from dataclasses import replace
+from threading import Event
 
 import numpy as np
 import pytest
 
 from dmae.commands import complete as command
 from dmae.commands.config import CompleteCommand
+from dmae.completion.complete import Completer
 from dmae.completion.uncertainty import CLASSES
 from dmae.completion.weights import save_model
 from dmae.data.clip import Poses3D, Source
@@ -53,14 +55,14 @@ def test_each_frame_equals_offline_completion_of_the_last_seconds(fps, step, del
         expected += len(finished)
 
 
-def test_people_completed_in_turn_are_completed_alike():
-    """Each is completed by what is known up to seven frames later than where all are completed with each frame."""
+def test_frames_completed_in_the_background_are_completed_alike():
+    """Each is completed by what is known up to four frames later than where frames are completed one by one."""
     poses, completer = with_holes(circling(1, frames=90), 1), untrained()
-    together, in_turn = OnlineCompleter(completer, FPS), OnlineCompleter(completer, FPS, turns=5)
-    # A turn of five frames, and three pushes in which the steps for two of the people are done.
-    assert in_turn.delay == together.delay + 4 + 2
+    one_by_one, in_turns = OnlineCompleter(completer, FPS), OnlineCompleter(completer, FPS, turn=5)
+    # Five frames come in until a turn begins, and five until it is over.
+    assert in_turns.delay == one_by_one.delay + 9
     people, done = np.arange(3), []
-    for online in (together, in_turn):
+    for online in (one_by_one, in_turns):
         returned = [frame for frames in pushed(online, poses) for frame in frames]
         assert len(returned) == 90 - online.delay
         returned += online.flush()
@@ -72,24 +74,28 @@ def test_people_completed_in_turn_are_completed_alike():
     assert np.median(np.linalg.norm(done[0].xyz - done[1].xyz, axis=-1)[filled]) < 0.01
 
 
-@pytest.mark.parametrize("persons", [1, 3, 6])
-def test_pushes_take_alike(persons, monkeypatch):
-    """By what steps cost: with people in all of whom joints are missing, one push could do all the steps of a turn."""
-    poses, completer = with_holes(circling(1, frames=120, persons=persons), 1), untrained()
-    online, costs, step = OnlineCompleter(completer, FPS, turns=10), [], OnlineCompleter._step_on
+class Slow(Completer):
+    """Completes when it is let."""
 
-    def counted(self, job):
-        before = job.cost
-        step(self, job)
-        costs[-1] += job.cost - before
+    let = Event()
 
-    monkeypatch.setattr(OnlineCompleter, "_step_on", counted)
-    for frame in split_frames(poses, np.arange(persons)):
-        costs.append(0.0)
-        online.push([frame])
-    turn = np.convolve(costs, np.ones(10), "valid").max()
-    assert turn > 50 * persons**0.5
-    assert max(costs[50:]) < 0.4 * turn
+    def __call__(self, *given) -> Poses3D:
+        assert self.let.wait(20)
+        return super().__call__(*given)
+
+
+def test_pushes_do_not_wait_before_frames_are_due():
+    poses, fast = with_holes(circling(1, frames=40), 1), untrained()
+    quick, slow = (OnlineCompleter(kind(fast.model, fast.skeleton), FPS, turn=8) for kind in (Completer, Slow))
+    frames = split_frames(poses, np.arange(3))
+    # The first turn begins when eight frames are known for 0.28 s, the second eight frames later.
+    early = [frame for frame in frames[:22] for frame in slow.push([frame])]
+    assert not early and slow.delay == 22
+    Slow.let.set()
+    late = [frame for frame in frames[22:] for frame in slow.push([frame])] + slow.flush()
+    expected = [frame for frame in frames for frame in quick.push([frame])] + quick.flush()
+    people = np.arange(3)
+    assert join_frames(late, people).xyz.tobytes() == join_frames(expected, people).xyz.tobytes()
 
 
 def test_flush_returns_all_frames_that_wait():
@@ -157,8 +163,8 @@ def test_online_capture_completes_what_it_captures():
     plain, complete = (
         OnlineCapture(clip.rig, BODY25, clip.fps, CaptureConfig(), complete=given) for given in (None, completer)
     )
-    # 0.28 s, until each person has had a turn, and until the steps for half of the people are done.
-    assert complete.delay == plain.delay + 7 + 11 + 5
+    # 0.28 s, until a turn begins, and until it is over.
+    assert complete.delay == plain.delay + 7 + 7 + 8
     captured, finished = [], []
     for frame in range(len(clip)):
         captured += plain.push(clip.select(frames=[frame]).detections)
