@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from dmae.data.cameras import CameraRig
 from dmae.data.skeleton import Skeleton
+from dmae.numerics.filling import are_stills
 
 _FINE = ("eye", "ear", "toe", "heel")
 """Joints that are too near to other joints to add information."""
@@ -244,6 +245,8 @@ class Observations:
         half way between them, so that any camera would seem to be half a frame late.
         """
         middle = self._sample(self.tracks.xy, shift, view)
+        if are_stills(self.tracks.fps):
+            return middle, np.zeros_like(middle)
         n = k1 = k2 = x = kx = 0
         for k in range(-_LINE_FRAMES, _LINE_FRAMES + 1):
             off = self._sample(self.tracks.xy, shift + k, view) - middle

@@ -24,6 +24,7 @@ from dmae.calibration.matching import initial_rig, match_tracks
 from dmae.calibration.world import Floor, find_floor, place_rig, place_world, upright_world
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
+from dmae.numerics.filling import are_stills
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
 
@@ -102,6 +103,11 @@ def refine(clip: Clip, config: RefineConfig | None = None) -> Refined:
     config = config or RefineConfig()
     if len(clip.rig) < 2:
         raise ValueError(f"clip {clip.id!r}: calibrating needs at least 2 cameras, found {len(clip.rig)}")
+    if are_stills(clip.fps):
+        if config.offsets or config.drift:
+            raise ValueError(f"clip {clip.id!r}: stills have no clock; leave out refine.offsets and refine.drift")
+        # A row of people is another person in each still.
+        config = replace(config, bones=False)
     if not config.known:
         clip = replace(clip, rig=initial_rig(clip))
         config = replace(config, known=True, cameras=[ALL], extrinsics=True, level=True)
@@ -121,7 +127,13 @@ def refine(clip: Clip, config: RefineConfig | None = None) -> Refined:
         before = before or adjust(observations, origin, iterations=10, tolerance=1e-4)
         freedom = _freedom(len(clip.rig), views, config)
         adjusted = adjust(
-            observations, calibration, freedom, bones=config.bones, offsets=True, tolerance=1e-6, iterations=30
+            observations,
+            calibration,
+            freedom,
+            bones=config.bones,
+            offsets=not are_stills(clip.fps),
+            tolerance=1e-6,
+            iterations=30,
         )
         calibration = adjusted.calibration
         if not views:

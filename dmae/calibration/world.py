@@ -21,6 +21,7 @@ from dmae.data.skeleton import Skeleton
 from dmae.files.checks import MOST_METRES
 from dmae.files.mapped import by_frames, in_steps
 from dmae.numerics.body import body_heading
+from dmae.numerics.filling import are_stills
 from dmae.numerics.statistics import mean_known
 
 _ADULT = {("shoulder", "hip"): 0.50, ("hip", "knee"): 0.42, ("knee", "ankle"): 0.41}
@@ -323,7 +324,8 @@ def find_floor(poses: Poses3D, fps: float) -> Floor:
     measured = poses.without(~poses.measured | far)
     people = measured.xyz.reshape(-1, *measured.xyz.shape[2:])
     mean = upright_direction(people, poses.skeleton)
-    if mean is None or mean[1] < UPRIGHT:
+    # In stills nobody is known to rest.
+    if mean is None or mean[1] < UPRIGHT or are_stills(fps):
         return _NOTHING
     up, found = mean[0], _NOTHING
     for _ in range(2):

@@ -27,7 +27,7 @@ from dmae.data.conversion import convert
 from dmae.data.skeleton import Skeleton
 from dmae.files.mapped import empty, in_steps
 from dmae.numerics.body import rotate_z
-from dmae.numerics.filling import present, resample
+from dmae.numerics.filling import are_stills, fill_stills, present, resample
 from dmae.numerics.paths import gap_lengths
 from dmae.progress import progress
 
@@ -35,6 +35,8 @@ from dmae.progress import progress
 
 WHOLE, _PIECE = 4000, 3000
 """Frames; shorter recordings are completed whole, and pieces, with their sides, are about as long as the second."""
+_RATE = 25.0
+"""1/s; both are as many times shorter as a rate is lower, as a model sees more frames there."""
 _UNIT = 5.0
 """s; pieces begin at multiples of it, as blocks of `dmae.completion.gaussian_process` do, and every window of a
 network that is a whole number of times shorter."""
@@ -76,11 +78,12 @@ def in_pieces(
 
 def _parts(count: int, fps: float, asked: range) -> Iterator[tuple[slice, slice]]:
     """Yield pieces of the frames asked for, of a recording of `count`, and the frames to give with each."""
+    whole, piece = (frames * min(fps / _RATE, 1) for frames in (WHOLE, _PIECE))
     unit = max(_UNIT * fps, 1)
     margin = ceil(_MARGIN * unit)
     # Units at a time: as many frames as their margins have, or more where a unit is short.
-    step = max(round((_PIECE - 2 * margin) / unit), _MARGIN)
-    if count <= max(WHOLE, 2 * margin + step * unit):
+    step = max(round((piece - 2 * margin) / unit), _MARGIN)
+    if count <= max(whole, 2 * margin + step * unit):
         yield slice(asked.start, asked.stop), slice(0, count)
         return
     bounds = [round(number * unit) for number in range(0, ceil(count / unit), step)] + [count]
@@ -233,7 +236,8 @@ class Completer:
       completed like others.
     - Joints that are already `COMPLETED` are no evidence: the model does not see them, and they are completed again.
       Neither are joints that are not finite, which become absent.
-    - Poses at another rate than the model's are resampled, and the corrections are resampled back.
+    - Poses at another rate than the model's are resampled, and the corrections are resampled back. At less than one
+      frame a second (`dmae.numerics.filling.STILLS`) each frame is completed by itself.
     - Poses of another skeleton are completed through the joints that it has in common with the model's
       (`dmae.data.conversion.convert`); other joints stay as they are. `notes` says where either happens.
     - Weights of two skeletons side by side (`dmae.completion.fusion`) take poses of the first, or of one that has
@@ -262,6 +266,8 @@ class Completer:
     def __call__(self, poses: Poses3D, fps: float, frames: slice = slice(None)) -> Poses3D:
         if not (np.isfinite(fps) and fps > 0):
             raise ValueError(f"fps must be positive, found {fps}")
+        if are_stills(fps):
+            return fill_stills(lambda stills, rate: self._whole(stills, rate, slice(None)), poses.select(frames))
         return in_pieces(lambda poses, frames: self._whole(poses, fps, frames), poses, fps, frames)
 
     def _whole(self, poses: Poses3D, fps: float, frames: slice) -> Poses3D:
@@ -311,7 +317,9 @@ class Completer:
     def notes(self, poses: Poses3D, fps: float) -> list[str]:
         """Return what users of the result should know about how poses like these are completed."""
         notes = []
-        if not has_rate(self.model, fps):
+        if are_stills(fps):
+            notes.append(f"{fps:g} frames/s: stills, each completed by itself")
+        elif not has_rate(self.model, fps):
             notes.append(f"{fps:g} frames/s, resampled to the {self.model.config.fps:g} of the weights and back")
         if self.target:
             notes.append(f"poses are {poses.skeleton.name}, returned as {self.target.name}")

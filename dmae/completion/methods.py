@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -51,10 +51,17 @@ find_method = completion_method.find
 
 @cache
 def _of_any_size(function: Fill) -> Fill:
-    """Return the function for bodies of any size, the same one each time."""
+    """Return the function for bodies of any size and for stills, the same one each time."""
     from dmae.data.conversion import for_any_size
+    from dmae.numerics.filling import are_stills, fill_stills
 
-    return for_any_size(function)
+    fill = for_any_size(function)
+
+    @wraps(function)
+    def at_any_rate(poses: Poses3D, fps: float) -> Poses3D:
+        return fill_stills(fill, poses) if are_stills(fps) else fill(poses, fps)
+
+    return at_any_rate
 
 
 class _Untrained(Mapping):

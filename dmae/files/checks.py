@@ -58,8 +58,8 @@ MOST_PIXELS, MOST_METRES, MOST_SCORE, MOST_VARIANCE = 1e7, 1e7, 1e6, 1e30
 """Largest coordinate, px and m, largest confidence, and largest covariance, m^2."""
 LEAST_FOCAL, MOST_FOCAL, MOST_DISTORTION, MOST_SIZE = 0.1, 1e6, 1e4, 100_000
 """Largest focal length and principal point, px, and largest coefficient of distortion."""
-LEAST_RATE, MOST_RATE = 0.01, 100_000.0
-"""Largest number of frames per second."""
+LEAST_RATE, MOST_RATE = 1e-4, 100_000.0
+"""Smallest and largest number of frames per second."""
 
 
 def check_numbers(what: str, values, most: float | np.ndarray, least: float | None = None) -> None:

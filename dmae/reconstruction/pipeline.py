@@ -9,8 +9,9 @@ import numpy as np
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.skeleton import Skeleton
 from dmae.files.mapped import empty, in_steps
-from dmae.numerics.filling import fill_body_frame
+from dmae.numerics.filling import STILLS, are_stills, fill_body_frame
 from dmae.numerics.paths import pchip
+from dmae.progress import progress
 from dmae.reconstruction.appearance import appearance_differs, has_appearance
 from dmae.reconstruction.body_size import in_units_of_people
 from dmae.reconstruction.config import CaptureConfig
@@ -24,6 +25,8 @@ from dmae.reconstruction.triangulation import Points
 
 _EXPECTED_BY, _EXPECTED_IN_CLIPS = 2.0, 10.0
 """s; time around a window, online or in a block of a long clip, from which hidden joints in it are predicted."""
+_STILLS = 4000
+"""Frames of stills whose people are kept in memory."""
 
 
 def capture(clip: Clip, config: CaptureConfig) -> Poses3D:
@@ -52,9 +55,10 @@ def capture(clip: Clip, config: CaptureConfig) -> Poses3D:
         config: Thresholds.
 
     Returns:
-        Tracks (F, P) in the order of their birth, one per person. A joint on which fewer than `th_v` views agree is NaN
-        and `Source.ABSENT`; the others are `MEASURED`, with covariance and number of views. `rays` contains the ray of
-        the most confident camera to each joint.
+        Tracks (F, P) in the order of their birth, one per person; of stills (`dmae.numerics.filling.STILLS`) the people
+        of each frame, a column for another person in each. A joint on which fewer than `th_v` views agree is NaN and
+        `Source.ABSENT`; the others are `MEASURED`, with covariance and number of views. `rays` contains the ray of the
+        most confident camera to each joint.
 
         Raises:
         ValueError: the clip has a single camera, or the requested subject cannot be found.
@@ -66,6 +70,8 @@ def capture(clip: Clip, config: CaptureConfig) -> Poses3D:
 
 def _capture(clip: Clip, config: CaptureConfig) -> Poses3D:
     """Reconstruct bodies as large as people."""
+    if are_stills(clip.fps) and len(clip) > 1:
+        return _captured_stills(clip, config)
     skeleton, fps, tracking = clip.detections.skeleton, clip.fps, config.tracking
     tracks = track(clip, config)
     differs = None
@@ -77,6 +83,38 @@ def _capture(clip: Clip, config: CaptureConfig) -> Poses3D:
     tracks = tracks.select(~false_positives(tracks, measured, len(clip), fps, config))
     tracks = wanted_people(tracks, clip.rig, skeleton, fps, config)
     return _measured_people(clip, tracks, config)
+
+
+def _captured_stills(clip: Clip, config: CaptureConfig) -> Poses3D:
+    """Reconstruct the people of each frame by themselves."""
+    if config.subject.at is not None:
+        raise ValueError(
+            f"subject.at={config.subject.at}: clip {clip.id!r} has {clip.fps:g} frames/s; below {STILLS:g} each frame "
+            "is captured by itself, and nobody is followed from one to the next"
+        )
+    blocks = [range(start, min(start + _STILLS, len(clip))) for start in range(0, len(clip), _STILLS)]
+    return _joined(
+        [
+            _joined([_capture(clip.select(frames=slice(each, each + 1)), config) for each in block])
+            for block in in_steps(progress(blocks, "capturing stills"))
+        ]
+    )
+
+
+def _joined(parts: list[Poses3D]) -> Poses3D:
+    """Return poses one after the other, with places for the people of the part that has most."""
+    count, people = sum(len(part.xyz) for part in parts), max(part.xyz.shape[1] for part in parts)
+    nobody = {"xyz": np.nan, "source": Source.ABSENT, "cov": np.nan, "views": 0, "rays": np.nan}
+    arrays = {}
+    for name, absent in nobody.items():
+        first = getattr(parts[0], name)
+        arrays[name], row = empty((count, people, *first.shape[2:]), first.dtype), 0
+        for part in parts:
+            array = getattr(part, name)
+            arrays[name][row : row + len(array), : array.shape[1]] = array
+            arrays[name][row : row + len(array), array.shape[1] :] = absent
+            row += len(array)
+    return Poses3D(parts[0].skeleton, **arrays)
 
 
 def _measured_people(clip: Clip, tracks: Tracks, config: CaptureConfig) -> Poses3D:

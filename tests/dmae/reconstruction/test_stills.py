@@ -1,0 +1,73 @@
+"""Stills: below one frame a second, each frame is captured and completed by itself."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dmae.calibration.config import RefineConfig
+from dmae.calibration.refinement import refine
+from dmae.completion.methods import METHODS
+from dmae.data.clip import Poses3D, Source
+from dmae.numerics.filling import smooth
+from dmae.reconstruction.config import CaptureConfig, SubjectConfig
+from dmae.reconstruction.pipeline import capture
+from tests.support.completers import circling, untrained, with_holes
+from tests.support.detected_people import crossing, detected_clip, errors
+
+RATE = 1 / 75
+
+
+@pytest.fixture(scope="module")
+def stills():
+    """Three people, 75 s apart: nobody is near where the frame before had them."""
+    order = np.random.default_rng(0).permutation(len(crossing()))[:12]
+    people = crossing()[order]
+    return replace(detected_clip(people, 3), fps=RATE), people
+
+
+def test_each_still_has_the_people_that_it_has_alone(stills):
+    clip, people = stills
+    poses = capture(clip, CaptureConfig())
+    assert np.nanmedian(errors(poses, people)) < 0.03
+    for frame in (0, 7):
+        alone = capture(clip.select(frames=[frame]), CaptureConfig())
+        np.testing.assert_array_equal(poses.xyz[frame, : alone.xyz.shape[1]], alone.xyz[0])
+        assert np.isnan(poses.xyz[frame, alone.xyz.shape[1] :]).all()
+
+
+def test_nobody_is_followed_through_stills(stills):
+    with pytest.raises(ValueError, match=r"subject\.at=.*each frame is captured by itself"):
+        capture(stills[0], CaptureConfig(subject=SubjectConfig(at=[0, 0.0, 0.0])))
+    with pytest.raises(ValueError, match="stills have no clock"):
+        refine(stills[0], RefineConfig(offsets=True))
+
+
+@pytest.mark.parametrize("method", ["hold", "linear", "pchip_body", "gaussian_process", "kalman"])
+def test_no_method_bridges_stills(method):
+    poses = with_holes(circling(0, 20), 1)
+    filled = METHODS[method](poses, RATE)
+    for frame in (3, 11):
+        alone = METHODS[method](poses.select([frame]), 25.0)
+        np.testing.assert_array_equal(filled.source[frame], alone.source[0])
+    assert not (METHODS["linear"](poses, RATE).source == Source.COMPLETED).any()
+
+
+def test_the_network_completes_a_still_by_its_own_joints():
+    complete, poses = untrained(), with_holes(circling(0, 20), 1)
+    whole, alone = complete(poses, RATE), complete(poses.select([5]), 25.0)
+    np.testing.assert_allclose(whole.xyz[5], alone.xyz[0], atol=1e-5)
+    assert (whole.source[poses.measured.any(-1)] != Source.ABSENT).all()
+    assert "stills" in complete.notes(poses, RATE)[0]
+    np.testing.assert_allclose(complete(poses, RATE, slice(5, 6)).xyz[0], whole.xyz[5], atol=1e-5)
+
+
+def test_stills_are_not_smoothed():
+    poses = circling(0, 5)
+    assert smooth(poses, RATE, 0.1) is poses
+
+
+def test_an_impossible_rate_is_no_still():
+    for fps in (0.0, -1.0, np.nan):
+        with pytest.raises(ValueError, match="fps must be positive"):
+            METHODS["linear"](Poses3D(circling(0, 2).skeleton, circling(0, 2).xyz), fps)
