@@ -10,6 +10,7 @@ from dmae.formats.config import DataConfig
 from dmae.metrics.registry import protocol
 from dmae.parallel import Backend
 from dmae.reconstruction.config import CaptureConfig
+from dmae.reconstruction.registry import capture_method
 
 
 @dataclass(frozen=True)
@@ -132,9 +133,10 @@ class StressConfig:
     """Levels of an axis, as levels.jitter=[1,2,4]; others have those of the size."""
     methods: list[str] = field(
         default_factory=lambda: ["measured", "linear", "linear_body", "kalman", "gaussian_process", "dmae", "paper"],
-        metadata={"choices": (*completion_method, "paper")},
+        metadata={"choices": (*completion_method, "paper", *capture_method)},
     )
-    """Completion methods, or module:function of your own; `paper` captures with the thresholds of the paper."""
+    """Completion methods, or module:function of your own; `paper` captures with the thresholds of the paper, and
+    published systems as `mvpose` capture in their own way and fill nothing."""
     weights: str | None = None
     """Folder that `dmae train` wrote, for learned methods; by default the weights that come with the package."""
     paper_weights: str | None = None
@@ -156,7 +158,7 @@ class StressConfig:
 
     def __post_init__(self):
         if not self.methods:
-            raise ValueError(f"methods=[]: expected some of {', '.join([*completion_method, PAPER])}")
+            raise ValueError(f"methods=[]: expected some of {', '.join([*completion_method, PAPER, *capture_method])}")
         if self.paper_weights and PAPER not in self.methods:
             raise ValueError(f"paper_weights={self.paper_weights}: expected {PAPER} among the methods")
 
@@ -185,8 +187,8 @@ class BenchmarkConfig:
     """Methods that fill holes: completion methods, module:function of poses and their frame rate, or folders of
     poses."""
     captures: list[str] = field(default_factory=lambda: [OURS])
-    """Methods that make poses from detections: `capture` (this package), module:function of a clip, or folders of
-    poses."""
+    """Methods that make poses from detections: `capture` (this package), published systems as `mvpose`,
+    module:function of a clip, or folders of poses."""
     weights: str | None = None
     """Folder that `dmae train` wrote, for learned methods; by default the weights that come with the package."""
     against: str | None = None
@@ -241,6 +243,9 @@ class TableConfig:
     """How limbs are counted in the rows measured here; the others are for comparison with rows published under them."""
     size: TableSize = TableSize.full
     """Amount of computation: all methods and full trainings, or a table in a minute or two."""
+    systems: list[str] | None = field(default=None, metadata={"choices": capture_method})
+    """Published systems that capture the same detections in rows of their own in tables 1 to 3; by default all, or
+    with size=small none."""
     paper: PaperSize = PaperSize.small
     """Size of the paper's own network in tables 1 and 2: small enough for a CPU, or full."""
     weights: str | None = None
@@ -255,6 +260,8 @@ class TableConfig:
             tables = "; ".join(f"{number}, {title}" for number, title in NUMBERS.items())
             raise ValueError(f"number={self.number}: the paper's tables are {tables}")
         protocol.find(self.protocol)
+        for name in self.systems or ():
+            capture_method.check(name)
         if self.number == 5 and (self.protocol != "strict" or self.weights):
             raise ValueError(
                 "table 5 counts joints, not limbs, and trains its own networks; leave out protocol and weights"

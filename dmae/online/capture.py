@@ -20,6 +20,7 @@ from dmae.reconstruction.people import false_positives, inside_volume, merge, sa
 from dmae.reconstruction.pipeline import MeasuredJoints, measure
 from dmae.reconstruction.pruning import LONGEST_JUMP
 from dmae.reconstruction.reassignment import LONGEST_GAP
+from dmae.reconstruction.registry import ADAPTIVE
 from dmae.reconstruction.tracking import TrackedFrame, Tracker, Tracks
 
 if TYPE_CHECKING:
@@ -65,13 +66,15 @@ class OnlineCapture:
                 0.28 of completion costs accuracy, and people appear later. By default as much as steps use.
 
         Raises:
-            ValueError: fewer than two cameras, a skeleton without a size, a negative time, or people are asked for that
-                only a whole recording tells.
+            ValueError: fewer than two cameras, a skeleton without a size, a negative time, another method of capture,
+                or people are asked for that only a whole recording tells.
         """
         if look_ahead is not None and not 0 <= look_ahead < np.inf:
             raise ValueError(f"look_ahead={look_ahead}: expected seconds, 0 or more")
         if len(rig) < 2:
             raise ValueError(f"capture needs at least 2 cameras, found {len(rig)}")
+        if config.method != ADAPTIVE:
+            raise ValueError(f"capture.method={config.method} captures whole recordings, not frames as they come")
         if config.persons is not None or config.subject != SubjectConfig():
             raise ValueError(
                 "capture.persons and capture.subject are decided over a whole recording, which is not known while "

@@ -1,9 +1,11 @@
 """Configuration of capture: thresholds of the paper, association, tracking, reassignment, noise."""
 
-from dataclasses import dataclass, field
+from dataclasses import MISSING, dataclass, field, fields
 from enum import StrEnum
 
 import numpy as np
+
+from dmae.reconstruction.registry import ADAPTIVE, capture_method
 
 
 class DistanceUnit(StrEnum):
@@ -122,6 +124,9 @@ class SubjectConfig:
 class CaptureConfig:
     """How people are reconstructed. Lengths are on the person and durations in seconds: nothing depends on the rig."""
 
+    method: str = field(default=ADAPTIVE, metadata={"choices": (ADAPTIVE, *capture_method)})
+    """The capture of this package, adaptive, or a published system for comparison, which takes no other option than
+    `th_p`, or module:function of a clip and this configuration."""
     th_p: float = 0.2
     """Smallest confidence of a 2D joint that is used (joint-level filtering)."""
     th_v: int = 2
@@ -143,6 +148,12 @@ class CaptureConfig:
     subject: SubjectConfig = field(default_factory=SubjectConfig)
 
     def __post_init__(self):
+        capture_method.check(self.method, ADAPTIVE)
+        if self.method in capture_method:
+            others = [each for each in fields(self) if each.name not in ("method", "th_p")]
+            usual = {each.name: each.default_factory() if each.default is MISSING else each.default for each in others}
+            if changed := [name for name, value in usual.items() if getattr(self, name) != value]:
+                raise ValueError(f"method={self.method} takes th_p and no other option; leave out {', '.join(changed)}")
         if self.persons is not None and self.persons < 1:
             raise ValueError(f"persons={self.persons}: expected 1 or more; leave it out for all people")
         if self.persons is not None and self.persons > 1 and self.subject.at is not None:

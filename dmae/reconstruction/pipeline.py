@@ -19,6 +19,7 @@ from dmae.reconstruction.evidence import Evidence, evidence_blocks
 from dmae.reconstruction.people import false_positives, inside_volume, merge, same_person, wanted_people, well_measured
 from dmae.reconstruction.pruning import prune
 from dmae.reconstruction.reassignment import expected_paths, most_confident_rays, reassign, settle_disagreement
+from dmae.reconstruction.registry import ADAPTIVE, capture_method
 from dmae.reconstruction.sides import Sides, exchange, find_exchanged
 from dmae.reconstruction.tracking import Tracks, track
 from dmae.reconstruction.triangulation import Points
@@ -31,6 +32,8 @@ _STILLS = 4000
 
 def capture(clip: Clip, config: CaptureConfig) -> Poses3D:
     """Reconstruct the people of a clip from its detections, offline.
+
+    With `config.method` a published system does this, see `dmae.reconstruction.systems`. By default:
 
     1. Frame by frame, detections near the reprojection of a tracked person are assigned to that person (identity
        propagation). The others are matched between views by rays and clothes; they start a track or re-enter one
@@ -60,12 +63,21 @@ def capture(clip: Clip, config: CaptureConfig) -> Poses3D:
         `Source.ABSENT`; the others are `MEASURED`, with covariance and number of views. `rays` contains the ray of the
         most confident camera to each joint.
 
-        Raises:
-        ValueError: the clip has a single camera, or the requested subject cannot be found.
+    Raises:
+        ValueError: the clip has a single camera, the requested subject cannot be found, or a method of your own
+            returns something else than poses of the clip.
     """
     if len(clip.rig) < 2:
         raise ValueError(f"clip {clip.id!r}: capture needs at least 2 cameras, found {len(clip.rig)}")
-    return in_units_of_people(_capture, clip, config)
+    if config.method == ADAPTIVE:
+        return in_units_of_people(_capture, clip, config)
+    poses = in_units_of_people(capture_method.find(config.method).function, clip, config)
+    if not isinstance(poses, Poses3D) or len(poses.xyz) != len(clip):
+        found = f"Poses3D of {len(poses.xyz)} frames" if isinstance(poses, Poses3D) else type(poses).__name__
+        raise ValueError(
+            f"clip {clip.id!r}: method={config.method}: expected Poses3D of {len(clip)} frames, found {found}"
+        )
+    return poses
 
 
 def _capture(clip: Clip, config: CaptureConfig) -> Poses3D:

@@ -7,7 +7,7 @@ sums by cause, length and body part of the holes; `completion_summary` and `capt
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +31,9 @@ from dmae.metrics.table import Score, ratios, score_of
 from dmae.parallel import in_parallel, running_on
 from dmae.plugins import load_function
 from dmae.progress import progress
+from dmae.reconstruction.config import CaptureConfig
+from dmae.reconstruction.pipeline import capture
+from dmae.reconstruction.registry import capture_method
 
 
 class Task(StrEnum):
@@ -61,7 +64,7 @@ class HandIn:
     @property
     def folder(self) -> Path | None:
         """The folder of poses; None if the name is not a folder. Write `./NAME` if a method has the same name."""
-        known = self.own or self.name in completion_method or self.name == OURS
+        known = self.own or self.name in completion_method or self.name in capture_method or self.name == OURS
         return Path(self.name) if not known and Path(self.name).is_dir() else None
 
     def check(self, clips: list[str]) -> None:
@@ -93,8 +96,11 @@ class HandIn:
             return find_method(self.name).load(Path(self.weights) if self.weights else None)
         if self.name == OURS:
             return lambda clip: clip.poses
+        if self.name in capture_method:
+            return partial(capture, config=CaptureConfig(method=self.name))
         if ":" not in self.name:
-            raise ValueError(f"captures={self.name}: expected {OURS}, package.module:function, or a folder of poses")
+            known = ", ".join([OURS, *capture_method])
+            raise ValueError(f"captures={self.name}: expected {known}, package.module:function, or a folder of poses")
         return load_function("captures", self.name)
 
     def poses(self, name: str, given: Clip) -> Poses3D:

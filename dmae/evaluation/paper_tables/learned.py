@@ -44,6 +44,8 @@ from dmae.evaluation.paper_tables.recording import (
     halves,
     load_recording,
     load_sets,
+    remark_on_system,
+    system_scores,
     tally_trials,
 )
 from dmae.evaluation.paper_tables.table import MeasuredRow, TableColumn, limb_table, mean_score, paper_table
@@ -196,6 +198,7 @@ def interaction_table(config: TableConfig, out: Path) -> dict:
             runs[name].append({"clip": trial.clip.id, "cameras": trial.cameras} | scores)
             limbs[name].append(found[name])
     rows = [_row(name, runs[name], pd.concat(limbs[name])) for name in methods]
+    rows += [_row(name, *found) for name, found in system_scores(scored, config, []).items()]
     return paper_table(
         config, _TRANSFER_COLUMNS, rows, against=AGAINST, comparable=None, recording=f"{len(scored)} simulated clips",
         frames={"persons times frames": frames}, footnotes=[*_TRANSFER_NOTES, PROTOCOL_NOTE, NOISE_NOTE],
@@ -206,7 +209,7 @@ def _row(name: str, runs: list[dict], limbs: pd.DataFrame) -> MeasuredRow:
     mean, table = summary(runs)["mean"], run_table(runs)
     cells = {"pcp": mean_score(limbs), "mpjpe": figure_score(table, "mpjpe"), "hidden": figure_score(table, "hidden")}
     cells |= {"recall": mean["pck"]["recall"], "precision": mean["pck"]["precision"]}
-    return MeasuredRow(name, cells | {"hidden_recall": figure_score(table, "recall")})
+    return MeasuredRow(name, cells | {"hidden_recall": figure_score(table, "recall")}, **remark_on_system(name))
 
 
 def _transfer_models(config: TableConfig, learned: NamedClips, out: Path) -> dict[str, Path]:

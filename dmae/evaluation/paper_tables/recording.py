@@ -29,10 +29,13 @@ from dmae.evaluation.paper_tables.table import (
     mean_score,
     paper_table,
 )
+from dmae.evaluation.scores import score
 from dmae.formats.reading import Clips, DataConfig, camera_subsets, load
 from dmae.metrics.pcp import correct_limbs, count_limbs
 from dmae.metrics.registry import protocol
+from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
+from dmae.reconstruction.registry import capture_method
 
 
 class NamedClips(Sequence):
@@ -175,6 +178,7 @@ def _captured(config: TableConfig, clip: Clip, wanted: PaperConfig):
         yield pose_pair(part, get_skeleton(SKELETON), wanted.network.fps)
 
 
+_MEASURED = "measured"
 METHODS = {
     TableSize.small: ("measured", "linear", "dmae"),
     TableSize.full: ("measured", "linear", "pchip_body", "gaussian_process", "dmae", "dmae_denoise"),
@@ -218,11 +222,14 @@ def actor_table(config: TableConfig, out: Path) -> dict:
     columns = [
         TableColumn(f"actor_{number}", f"actor {number} ({count} frames)") for number, count in enumerate(frames, 1)
     ]
-    columns.append(TableColumn("average", f"average ({'+'.join(map(str, frames))} frames)", lead=True))
     rows = []
     for name, table in tables.items():
-        cells = {column.key: mean_score(table[table["person"] == n]) for n, column in enumerate(columns[:-1])}
-        rows.append(MeasuredRow(name, cells | {"average": mean_score(table)}, **_remarks(name, config)))
+        cells = {column.key: mean_score(table[table["person"] == n]) for n, column in enumerate(columns)}
+        cells |= {"average": mean_score(table), "without_2": mean_score(table[table["person"] != 1])}
+        rows.append(MeasuredRow(name, cells, **_remarks(name, config)))
+    columns.append(TableColumn("average", f"average ({'+'.join(map(str, frames))} frames)", lead=True))
+    if len(frames) > 2:
+        columns.append(TableColumn("without_2", "average without actor 2"))
     return _table(config, clip, columns, rows, frames, [])
 
 
@@ -241,9 +248,12 @@ def camera_table(config: TableConfig, out: Path) -> dict:
         columns.append(TableColumn(f"views_{count}", f"{count} cameras ({beside} frames)", lead=True))
         if count < len(clip.rig):
             columns.append(TableColumn(f"worst_{count}", f"worst {count}"))
+        actors = [f"views_{count}_actor_{number}" for number in range(1, len(frames) + 1)]
+        columns += [TableColumn(key, f"actor {number}") for number, key in enumerate(actors, 1)]
         for name, row in rows.items():
             table = tables[name][tables[name]["views"] == count]
             row.cells[f"views_{count}"] = mean_score(table)
+            row.cells.update({key: mean_score(table[table["person"] == n]) for n, key in enumerate(actors)})
             if count < len(clip.rig):
                 means = [mean_score(subset).value for _, subset in table.groupby("cameras")]
                 row.cells[f"worst_{count}"] = float(np.fmin.reduce(means))
@@ -291,6 +301,30 @@ def tally_trials(
         )
 
 
+def system_scores(
+    clips: Sequence[Clip], config: TableConfig, views: list[int]
+) -> dict[str, tuple[list[dict], pd.DataFrame]]:
+    """Return the scores of each published system on its own capture, as measured: runs, and the table of limbs."""
+    default = () if config.size is TableSize.small else capture_method
+    found = {}
+    for name in default if config.systems is None else config.systems:
+        chosen, runs, tables = replace(config, capture=CaptureConfig(method=name)), [], []
+        for trial, filled, limbs in tally_trials(clips, chosen, load_methods([_MEASURED]), views):
+            scores = score(filled[_MEASURED], trial.given, trial.truth, trial.actors, fps=trial.clip.fps)
+            runs.append({"clip": trial.clip.id, "cameras": trial.cameras} | scores)
+            tables.append(limbs[_MEASURED].assign(views=len(trial.cameras)))
+        found[name] = runs, pd.concat(tables)
+    return found
+
+
+def remark_on_system(name: str) -> dict[str, str]:
+    """Return what has to be known about the row of a published system; nothing for other rows."""
+    if name not in capture_method:
+        return {}
+    system = capture_method[name]
+    return {"note": f"after {system.paper}, from these detections and as it measured them (capture.method={name})"}
+
+
 def annotated_frames(trial: Trial) -> list[int]:
     """Return in how many frames each actor of a trial is annotated."""
     known = (~np.isnan(trial.truth.xyz).any(-1)).any(-1)
@@ -311,11 +345,12 @@ def _measure(config: TableConfig, views: list[int], out: Path) -> tuple[Clip, di
         frames = annotated_frames(trial)
         for name, table in found.items():
             tables[name].append(table.assign(views=len(trial.cameras)))
-    return clip, {name: pd.concat(parts) for name, parts in tables.items()}, frames
+    systems = {name: table for name, (_, table) in system_scores([clip], config, views).items()}
+    return clip, {name: pd.concat(parts) for name, parts in tables.items()} | systems, frames
 
 
 def _remarks(name: str, config: TableConfig) -> dict[str, str]:
-    return note(config) if name in (PRETRAINED, TUNED) else {}
+    return note(config) if name in (PRETRAINED, TUNED) else remark_on_system(name)
 
 
 def _table(

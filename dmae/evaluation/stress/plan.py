@@ -17,6 +17,7 @@ from dmae.data.resources import resource_folder
 from dmae.evaluation.config import PAPER, StressConfig, StressSize
 from dmae.evaluation.corruption.registry import corruptions, find_corruption
 from dmae.reconstruction.config import CaptureConfig
+from dmae.reconstruction.registry import capture_method
 
 _PAIRS = {
     StressSize.small: ("cameras+objects",),
@@ -184,6 +185,10 @@ def contenders(config: StressConfig) -> list[Contender]:
         if name == PAPER:
             found.append(_paper(config))
             continue
+        if name in capture_method:
+            own = CaptureConfig(method=name)
+            found.append(Contender(name, f"{capture_method[name].help} As measured.", own, "measured", None))
+            continue
         method = find_method(name)
         weights = config.weights if method.learned else None
         found.append(Contender(name, method.help, config.capture, name, weights))
@@ -218,7 +223,8 @@ def _filling(method: str, weights: str | None) -> Callable[[Poses3D, float], Pos
 def settings_of(contender: Contender) -> dict:
     """Return all settings on which the results of a contender depend, JSON-able."""
     method = contender.method
-    settings = {"capture": asdict(contender.capture), "method": method, "file": source_hash(method)}
+    files = [source_hash(name) for name in (method, contender.capture.method)]
+    settings = {"capture": asdict(contender.capture), "method": method, "files": files}
     if find_method(method).learned:
         # The descriptions of weights contain their checksums.
         folder = contender.weights

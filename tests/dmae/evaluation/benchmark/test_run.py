@@ -28,6 +28,8 @@ from dmae.evaluation.benchmark.page import benchmark_tables
 from dmae.evaluation.benchmark.run import HandIn, Task, benchmark, check_poses, check_same, differences
 from dmae.evaluation.config import BenchmarkConfig, BenchmarkSize
 from dmae.formats.own import export_npz
+from dmae.reconstruction.config import CaptureConfig
+from dmae.reconstruction.pipeline import capture
 from tests.support.benchmarks import IDS
 from tests.support.clips import full_clip, walkers
 from tests.support.commands import dmae
@@ -102,7 +104,7 @@ def test_a_clip_without_poses_is_named(tmp_path: Path):
     [
         ("linar", Task.completion, "did you mean 'linear'"),
         ("no_such_module:fill", Task.completion, "cannot import no_such_module"),
-        ("triangulate", Task.capture, "captures=triangulate: expected capture, package.module:function, or a folder"),
+        ("triangulate", Task.capture, "captures=triangulate: expected capture, 4d_association, mvpose, "),
         ("tests.support.clips:nothing", Task.capture, "has no function 'nothing'"),
     ],
 )
@@ -116,6 +118,12 @@ def test_a_folder_called_as_a_method_does_not_hide_it(tmp_path: Path, monkeypatc
     (tmp_path / "linear").mkdir()
     assert HandIn("linear", Task.completion).folder is None
     assert HandIn("./linear", Task.completion).folder is not None
+
+
+def test_a_published_system_is_a_capture():
+    clip = full_clip()
+    poses = HandIn("mvpose", Task.capture).poses(NAME, replace(clip, poses=CAPTURED))
+    np.testing.assert_array_equal(poses.xyz, capture(clip, CaptureConfig(method="mvpose")).xyz)
 
 
 def test_what_a_function_raises_is_told_with_the_function_and_the_clip(tmp_path: Path, monkeypatch):

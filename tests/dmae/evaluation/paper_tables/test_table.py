@@ -11,11 +11,12 @@ from dmae.evaluation.paper_tables.table import published_rows
 from dmae.metrics.registry import protocol
 
 ROWS = tomllib.loads((Path(published.__file__).parent / "published.toml").read_text())["row"]
+LIMBS = ("upper arm", "lower arm", "upper leg", "lower leg")
 KEYS = {
-    1: {"actor_1", "actor_2", "actor_3", "average"},
-    2: {"views_5", "views_4", "views_3"},
+    1: {"actor_1", "actor_2", "actor_3", "average", "without_2"},
+    2: {f"views_{count}{actor}" for count in (5, 4, 3) for actor in ("", "_actor_1", "_actor_2", "_actor_3")},
     3: {"pcp", "recall", "precision", "mpjpe", "hidden_recall", "hidden"},
-    4: {"head", "torso", "upper arms", "lower arms", "upper legs", "lower legs", "average", "mpjpe"},
+    4: {"head", "torso", "average", "mpjpe", *(f"{side} {limb}" for side in ("left", "right") for limb in LIMBS)},
     5: {"recall", "mpjpe"},
 }
 """Keys of the columns of each table."""
@@ -34,9 +35,24 @@ def test_every_row_says_where_its_figures_are_from(row):
 
 
 @pytest.mark.parametrize("row", [row for row in ROWS if "actor_1" in row["values"]], ids=lambda row: row["name"])
-def test_averages_are_of_the_three_actors(row):
+def test_averages_are_of_the_actors(row):
     actors = [row["values"][f"actor_{number}"] for number in (1, 2, 3)]
-    assert sum(actors) / 3 == pytest.approx(row["values"]["average"], abs=0.1)
+    # The average that is printed for TesseTrack is not that of its actors, and the row says so.
+    assert abs(sum(actors) / 3 - row["values"]["average"]) < 0.1 or "not the mean" in row["note"]
+    if "without_2" in row["values"]:
+        assert (actors[0] + actors[2]) / 2 == pytest.approx(row["values"]["without_2"], abs=0.06)
+
+
+def test_averages_by_number_of_cameras_are_of_the_actors():
+    for row in (row for row in ROWS if row["table"] == 2):
+        for count in (5, 4, 3):
+            actors = [row["values"][f"views_{count}_actor_{number}"] for number in (1, 2, 3)]
+            assert sum(actors) / 3 == pytest.approx(row["values"][f"views_{count}"], abs=0.1)
+
+
+def test_the_paper_has_as_many_rows_as_its_source():
+    ours = [row for row in ROWS if "Jiang, Chen and Guo" in row["source"]]
+    assert [sum(row["table"] == number for row in ours) for number in NUMBERS] == [10, 3, 6, 2, 4]
 
 
 def test_the_paper_is_in_every_table_and_its_successors_in_the_first():

@@ -213,6 +213,14 @@ def test_predictions_of_another_length_are_named():
         compute(prepare(CLIPS[:1], config(methods=[name], axes=["misses"])))
 
 
+def test_a_published_system_captures_in_its_own_way():
+    result = compute(prepare(CLIPS[:1], config(methods=["measured", "mvpose"], axes=["cameras"])))
+    assert "As measured" in result["methods"]["mvpose"]
+    first = {name: method["points"][0] for name, method in result["axes"][0]["methods"].items()}
+    assert first["mvpose"]["pcp"][0] > 80
+    assert first["mvpose"]["pcp"] != first["measured"]["pcp"]
+
+
 def test_paper_is_captured_with_its_thresholds():
     result = compute(prepare(CLIPS[:1], config(methods=["linear", "paper"], axes=["cameras"])))
     assert "no weights of its network given" in result["methods"]["paper"]

@@ -1,0 +1,1 @@
+"""Published systems of multi-view capture, one a file, for comparison on the same detections."""

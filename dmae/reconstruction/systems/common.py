@@ -1,0 +1,180 @@
+"""What the systems share: detections of a frame, points of two views, lengths of bones, and people as tracks.
+
+n detections of all views of a frame in a row; V views; J joints.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from dmae.data.clip import Clip, Poses3D
+from dmae.data.skeleton import Skeleton
+from dmae.reconstruction.config import CaptureConfig
+from dmae.reconstruction.evidence import Evidence, evidence_blocks
+from dmae.reconstruction.triangulation import closest_approach
+
+_NEAR_M, _SHARED = 0.05, 0.5
+"""Two detections are taken for one body, to measure bones, if the median distance of their rays is below `_NEAR_M` and
+they share this part of the joints."""
+_MEASURED_FRAMES = 60
+"""Frames of a clip in which bones are measured."""
+_LEAST_SPREAD = 0.02
+"""m; least standard deviation of the length of a bone."""
+_TRACK_M, _TRACK_SPEED, _TRACK_S = 0.5, 2.0, 1.0
+"""A pose continues a track within this distance, m, plus this speed, m/s, for an absence of at most these seconds."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Detections of one frame, by view.
+
+    Attributes:
+        view: (n,) view of each detection, ascending.
+        xy: (n, J, 2) undistorted px; NaN where a joint is absent.
+        score: (n, J) confidence from 0 to 1; NaN where absent.
+        rays: (n, J, 3) unit directions, world; NaN where absent.
+    """
+
+    view: np.ndarray
+    xy: np.ndarray
+    score: np.ndarray
+    rays: np.ndarray
+
+
+def frames_of(clip: Clip, config: CaptureConfig) -> Iterator[Frame]:
+    """Yield the detections of each frame, without joints below `config.th_p`."""
+    for part in evidence_blocks(clip):
+        evidence = Evidence.of(clip, config.th_p, config, part)
+        for frame in range(len(evidence.xy)):
+            view, row = np.nonzero(np.isfinite(evidence.confidence[frame]).any(-1))
+            score = evidence.confidence[frame, view, row]
+            yield Frame(view, evidence.xy[frame, view, row], score, evidence.rays(frame, view, row))
+
+
+def meet(frame: Frame, centers: np.ndarray, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return where the rays of pairs of detections (m,) pass closest: points (m, J, 3), m, and distances (m, J), m.
+
+    Both are NaN where a joint is absent, or the rays pass closest behind a camera.
+    """
+    start, end = centers[frame.view[a]][:, None], centers[frame.view[b]][:, None]
+    along_a, along_b, _ = closest_approach(end - start, frame.rays[a], frame.rays[b])
+    on_a, on_b = start + along_a[..., None] * frame.rays[a], end + along_b[..., None] * frame.rays[b]
+    ahead = (along_a > 0) & (along_b > 0)
+    points = np.where(ahead[..., None], (on_a + on_b) / 2, np.nan)
+    return points, np.where(ahead, np.linalg.norm(on_a - on_b, axis=-1), np.nan)
+
+
+def project(projections: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return points (..., 3) in the images of cameras (..., 3, 4): (..., 2) px, NaN behind, and depths (...), m."""
+    image = (projections[..., :3] @ points[..., None])[..., 0] + projections[..., 3]
+    depth = image[..., 2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(depth[..., None] > 0, image[..., :2] / depth[..., None], np.nan), depth
+
+
+def bone_lengths(clip: Clip, config: CaptureConfig) -> tuple[np.ndarray, np.ndarray]:
+    """Return the mean and the standard deviation, m, of the bone of each joint (J,) to its parent; NaN if never seen.
+
+    The publications learn them from annotations. Here they are measured on pairs of detections whose rays meet.
+    """
+    skeleton, centers = clip.detections.skeleton, clip.rig.centers
+    chosen = np.unique(np.linspace(0, max(len(clip) - 1, 0), _MEASURED_FRAMES).astype(int)) if len(clip) else []
+    parents, found = np.array(skeleton.parents), [np.empty((0, len(skeleton)))]
+    for frame in frames_of(clip.select(frames=chosen), config):
+        a, b = np.nonzero(frame.view[:, None] < frame.view)
+        points, gaps = meet(frame, centers, a, b)
+        met = np.isfinite(gaps)
+        close = np.nanmedian(np.where(met.any(1)[:, None], gaps, np.inf), 1) < _NEAR_M
+        points = points[close & (met.mean(1) >= _SHARED)]
+        found.append(np.where(parents >= 0, np.linalg.norm(points - points[:, parents], axis=-1), np.nan))
+    lengths = np.concatenate(found)
+    known = np.isfinite(lengths).any(0)
+    mean, spread = np.full((2, len(skeleton)), np.nan)
+    mean[known] = np.nanmedian(lengths[:, known], 0)
+    spread[known] = 1.4826 * np.nanmedian(np.abs(lengths[:, known] - mean[known]), 0)
+    return mean, np.where(known, np.maximum(spread, _LEAST_SPREAD), np.nan)
+
+
+def max_product(
+    scores: Sequence[np.ndarray],
+    points: Sequence[np.ndarray],
+    skeleton: Skeleton,
+    prior: Callable[[np.ndarray, int], np.ndarray],
+) -> tuple[np.ndarray, float]:
+    """Return the best candidate of each joint by max-product on the tree of a skeleton, exactly, and the best sum.
+
+    The sum is of the scores of the chosen candidates and of the priors of the bones between them. A joint without
+    candidates, and the tie across it, count nothing.
+
+    Args:
+        scores: J arrays (C_j,).
+        points: J arrays (C_j, 3), m.
+        skeleton: Its parents are the tree.
+        prior: Takes the lengths (C_parent, C_j) of the bone of a joint, m, and the joint; returns their scores.
+
+    Returns:
+        (J,) index of the candidate of each joint, -1 where there is none; and the sum.
+    """
+    order, children = _leaves_first(skeleton), [list(score) for score in scores]
+    totals, best = [np.array(score, float) for score in children], {}
+    for joint in order:
+        parent = skeleton.parents[joint]
+        if parent < 0 or not len(totals[joint]) or not len(totals[parent]):
+            continue
+        lengths = np.linalg.norm(points[parent][:, None] - points[joint], axis=-1)
+        both = prior(lengths, joint) + totals[joint]
+        best[joint] = both.argmax(1)
+        totals[parent] = totals[parent] + both.max(1)
+    chosen, sum_of_roots = np.full(len(skeleton), -1), 0.0
+    for joint in reversed(order):
+        if joint in best:
+            chosen[joint] = best[joint][chosen[skeleton.parents[joint]]]
+        elif len(totals[joint]):
+            chosen[joint] = totals[joint].argmax()
+            sum_of_roots += totals[joint].max()
+    return chosen, float(sum_of_roots)
+
+
+def _leaves_first(skeleton: Skeleton) -> list[int]:
+    depth = [0] * len(skeleton)
+    for joint in range(len(skeleton)):
+        above = skeleton.parents[joint]
+        while above >= 0:
+            depth[joint], above = depth[joint] + 1, skeleton.parents[above]
+    return sorted(range(len(skeleton)), key=lambda joint: -depth[joint])
+
+
+def as_tracks(clip: Clip, found: Sequence[np.ndarray], views: Sequence[np.ndarray]) -> Poses3D:
+    """Return the people of each frame as tracks: a pose continues the track that was last nearest to it.
+
+    These systems, but for 4D association, find people frame by frame. Tracks only number them: no joint moves.
+
+    Args:
+        clip: F frames.
+        found: F arrays (P, J, 3), m; NaN where a joint is absent.
+        views: F arrays (P, J), number of views that a joint was measured from.
+    """
+    skeleton = clip.detections.skeleton
+    last, seen, place = np.empty((0, len(skeleton), 3)), np.empty(0, int), []
+    for number, poses in enumerate(found):
+        absence = (number - seen) / clip.fps
+        distance = np.linalg.norm(poses[:, None] - last, axis=-1)
+        shared = np.isfinite(distance)
+        distance = np.where(shared, distance, 0).sum(-1) / np.maximum(shared.sum(-1), 1)
+        near = shared.any(-1) & (distance < _TRACK_M + _TRACK_SPEED * absence) & (absence <= _TRACK_S)
+        rows, columns = linear_sum_assignment(np.where(near, distance, 1e3))
+        track = np.full(len(poses), -1)
+        track[rows[near[rows, columns]]] = columns[near[rows, columns]]
+        born = np.flatnonzero(track < 0)
+        track[born] = len(last) + np.arange(len(born))
+        last = np.concatenate([last, np.full((len(born), len(skeleton), 3), np.nan)])
+        seen = np.concatenate([seen, np.full(len(born), number)])
+        last[track], seen[track] = np.where(np.isfinite(poses), poses, last[track]), number
+        place.append(track)
+    xyz = np.full((len(clip), len(last), len(skeleton), 3), np.nan, np.float32)
+    used = np.zeros(xyz.shape[:-1], np.uint8)
+    for number, track in enumerate(place):
+        xyz[number, track], used[number, track] = found[number], views[number]
+    return Poses3D(skeleton, xyz, views=np.where(np.isnan(xyz[..., 0]), 0, used))
