@@ -1,7 +1,7 @@
 """A real recording to completed 3D: Pose2Sim's demo session, four cameras, one person balancing on a beam.
 
-The folder is read as Pose2Sim wrote it. Two of its cameras disagree with the others by centimetres, so
-it is captured with the preset `tight`: a view that the others contradict is left out.
+The folder is read as Pose2Sim wrote it. Its cameras disagree by centimetres; what a pixel of each camera is
+worth is learned from the recording.
 """
 
 import os
@@ -21,7 +21,7 @@ if not session.is_dir():
 clip = dmae.read(session / "S00_P00_T01_BalancingTrial")
 print(f"{len(clip)} frames at {clip.fps:g}/s, {len(clip.rig)} cameras, {clip.detections.skeleton.name}")
 
-captured = dmae.capture(clip, dmae.preset("capture", "tight"))
+captured = dmae.capture(clip)
 full = dmae.complete(captured, fps=clip.fps)
 for name, poses in ("captured", captured), ("completed", full):
     known = (poses.source != dmae.Source.ABSENT).mean()

@@ -169,10 +169,10 @@ def test_poses_are_converted_to_another_skeleton():
 
 def test_presets_are_those_of_the_command():
     assert dmae.preset("capture", "default") == dmae.CaptureConfig()
-    assert dmae.preset("capture", "tight").noise.gate_sigmas == 2
+    assert dmae.preset("capture", "paper").th_v == 3
     assert dmae.preset("train", "paper", seed=3).learning.loss == "mse"
-    with pytest.raises(ValueError, match="capture=tigt: no such choice; did you mean tight"):
-        dmae.preset("capture", "tigt")
+    with pytest.raises(ValueError, match="capture=papr: no such choice; did you mean paper"):
+        dmae.preset("capture", "papr")
 
 
 def test_the_wrong_type_is_named_with_what_to_do():

@@ -29,7 +29,7 @@ from dmae.parallel import in_parallel, process_count, running_on
 from dmae.progress import duration, progress
 from dmae.reconstruction.config import CaptureConfig, SubjectConfig
 from dmae.reconstruction.diagnosis import explain_capture
-from dmae.reconstruction.pipeline import capture
+from dmae.reconstruction.pipeline import capture, learn_noise
 from dmae.reporting.tables import counted, print_tables
 
 _TRIED = 50
@@ -72,6 +72,7 @@ def run(config: CaptureCommand, out: Path) -> None:
                 made.write(captured, folder.name, persons=poses.xyz.shape[1])
             size = f"{counted(len(captured), 'frame')}, {counted(poses.xyz.shape[1], 'person', 'people')}"
             print(f"{captured.id}: {size}, {describe_joints(poses)}")
+            print(f"{captured.id}: {captured.provenance['noise']['found']}")
             print(f"{captured.id}: {_world(captured)}")
             persons += poses.xyz.shape[1]
             errors = reprojection(captured)
@@ -112,7 +113,8 @@ def _capture(config: CaptureCommand, clips: Clips, frames: int | None = None) ->
     if config.draw:
         clip = clip.select(views=_drawn(config, len(clip.rig), number))
     start = time.perf_counter()
-    poses = measured = capture(clip, config.capture)
+    noise = learn_noise(clip, config.capture)
+    poses = measured = capture(clip, config.capture, noise)
     spent = time.perf_counter() - start
     if config.fill != "none":
         poses = METHODS[config.fill](poses, clip.fps)
@@ -122,7 +124,7 @@ def _capture(config: CaptureCommand, clips: Clips, frames: int | None = None) ->
     world = upright_world(floor) if config.level else None
     levelled = world is not None
     clip = place_clip(clip, world) if levelled else clip
-    known = clip.provenance | {"floor": asdict(floor) | {"levelled": levelled}}
+    known = clip.provenance | {"noise": noise.summary(clip.rig.names), "floor": asdict(floor) | {"levelled": levelled}}
     return replace(clip, provenance=known), exchanges, spent
 
 

@@ -16,6 +16,7 @@ from dmae.online.completion import TURN, FinishedFrame, OnlineCompleter, split_f
 from dmae.reconstruction.body_size import resized_config
 from dmae.reconstruction.config import CaptureConfig, SubjectConfig
 from dmae.reconstruction.evidence import Evidence
+from dmae.reconstruction.noise import DetectionNoise
 from dmae.reconstruction.people import false_positives, inside_volume, merge, same_person, well_measured
 from dmae.reconstruction.pipeline import MeasuredJoints, measure
 from dmae.reconstruction.pruning import LONGEST_JUMP
@@ -54,6 +55,7 @@ class OnlineCapture:
         config: CaptureConfig,
         complete: Completer | None = None,
         look_ahead: float | None = None,
+        noise: DetectionNoise | None = None,
     ):
         """
         Args:
@@ -64,6 +66,8 @@ class OnlineCapture:
             complete: Completes captured poses, see `dmae.completion.complete.completers`; None for none.
             look_ahead: s; most that any step waits for what comes after a frame: less than the 0.4 of capture and the
                 0.28 of completion costs accuracy, and people appear later. By default as much as steps use.
+            noise: How far detections scatter, as `dmae.reconstruction.pipeline.learn_noise` finds it in a recording by
+                the same cameras and detector. By default as `config.noise` says: nothing is learned online.
 
         Raises:
             ValueError: fewer than two cameras, a skeleton without a size, a negative time, another method of capture,
@@ -88,6 +92,7 @@ class OnlineCapture:
             rig, config = resized_rig(rig, 1 / skeleton.scale), resized_config(config, 1 / skeleton.scale)
         self._rig, self._skeleton, self._fps, self._config = rig, skeleton, fps, config
         self._tracker = Tracker(skeleton, fps, config)
+        self._noise = noise
         self._batch = max(round(BATCH * fps), 1)
         self._jump = ceil(LONGEST_JUMP * fps) if config.prune else 0
         gap = LONGEST_GAP if config.reassignment.distance_m > 0 else 0
@@ -149,7 +154,7 @@ class OnlineCapture:
                 raise ValueError(f"{len(self._rig)} cameras but detections in {frame.xy.shape[1]} views")
             xy[i, :, : frame.xy.shape[2]], score[i, :, : frame.xy.shape[2]] = frame.xy[0], frame.score[0]
         clip = Clip("", self._fps, self._rig, Detections2D(self._skeleton, xy, score))
-        return Evidence.of(clip, th_p, self._config)
+        return Evidence.of(clip, th_p, self._config, noise=self._noise)
 
     def _measure(self, count: int) -> None:
         """Measure the joints of the first `count` waiting frames, as `capture` would with all that are remembered."""

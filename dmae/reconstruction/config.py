@@ -1,6 +1,6 @@
 """Configuration of capture: thresholds of the paper, association, tracking, reassignment, noise."""
 
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import MISSING, dataclass, field, fields, replace
 from enum import StrEnum
 
 import numpy as np
@@ -31,9 +31,12 @@ class NoiseModel:
 
     Detectors err in proportion to the size of the person in the image. Sigma, the standard deviation along one axis,
     is therefore a length at the person's depth. It is linear in the confidence. The defaults fit the errors of
-    OpenPose on adults, measured by leaving one view out (median by confidence).
+    OpenPose on adults, measured by leaving one view out (median by confidence). They are what is assumed before
+    the noise is learned from the recording (`dmae.reconstruction.noise`).
     """
 
+    learn: bool = True
+    """Learn from the recording how far detections scatter, and what their confidences say."""
     sigma_unsure_m: float = 0.065
     """Sigma of a joint of confidence 0, m."""
     sigma_sure_m: float = 0.012
@@ -42,7 +45,7 @@ class NoiseModel:
     """Smallest sigma in the image, px."""
     gate_sigmas: float = 5.0
     """Largest standardised residual of a view, in sigmas and corrected for redundancy; views beyond it are not used."""
-    max_error_m: float = 0.25
+    max_error_m: float = 0.2
     """Largest standard error of a point along its worst direction, m; points beyond it are absent."""
 
     def sigma(self, confidence: np.ndarray) -> np.ndarray:
@@ -167,6 +170,17 @@ class CaptureConfig:
         if self.th_v < 2:
             raise ValueError(f"th_v={self.th_v}: expected 2 or more, as a point needs at least 2 views")
         _check_positive("", self, "th_d")
+
+    def widened(self, factor: float) -> "CaptureConfig":
+        """Return the configuration for detections that scatter by `factor` more than usual."""
+        if factor == 1:
+            return self
+        return replace(
+            self,
+            th_d=factor * self.th_d,
+            association=replace(self.association, ray_distance_m=factor * self.association.ray_distance_m),
+            reassignment=replace(self.reassignment, distance_m=factor * self.reassignment.distance_m),
+        )
 
 
 def fewer_of_few(joints: int) -> int:

@@ -155,7 +155,7 @@ def _bodies(evidence: Evidence, rig: CameraRig, skeleton: Skeleton, frames: np.n
     """Compare the detections of some frames, as seen by the cameras of another rig in images zoomed."""
     config = evidence.config
     pairs = agreeing = bodies = joints = 0
-    part = Evidence(rig, evidence.xy[frames] * zoom, evidence.confidence[frames], config)
+    part = Evidence(rig, evidence.xy[frames] * zoom, evidence.confidence[frames], config, evidence.noise)
     start, end = np.array(skeleton.bones, int).reshape(-1, 2).T
     all_rays = rig.rays(part.xy)
     for frame in range(len(frames)):

@@ -10,7 +10,8 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
 from dmae.numerics.compiled import compiled
 from dmae.reconstruction.config import CaptureConfig, DistanceUnit
-from dmae.reconstruction.triangulation import Points, triangulate
+from dmae.reconstruction.noise import DetectionNoise
+from dmae.reconstruction.triangulation import Points, triangulate_by_sigma
 
 _BLOCK = 1 << 18
 """Number of joints of detections, or of people, in all cameras that are processed together: some hundred MB."""
@@ -37,40 +38,51 @@ class Evidence:
         rig: V pinhole cameras; `xy` is in their undistorted pixels.
         xy: (F, V, D, J, 2) undistorted px; NaN where absent.
         confidence: (F, V, D, J) in [0, 1]; NaN where absent.
-        config: How detections are compared and triangulated.
+        config: How detections are compared and triangulated, with distances for detections of this noise.
+        noise: How far detections scatter.
     """
 
     rig: CameraRig
     xy: np.ndarray
     confidence: np.ndarray
     config: CaptureConfig
+    noise: DetectionNoise
 
     @classmethod
-    def of(cls, clip: Clip, th_p: float, config: CaptureConfig, frames: slice = slice(None)) -> Evidence:
+    def of(
+        cls,
+        clip: Clip,
+        th_p: float,
+        config: CaptureConfig,
+        frames: slice | np.ndarray = slice(None),
+        noise: DetectionNoise | None = None,
+    ) -> Evidence:
         """Return the detections of a clip with confidence `th_p` or more (joint-level filtering of the paper).
 
         Args:
             frames: Of the clip.
+            noise: How far its detections scatter; by default as `config.noise` says.
         """
         xy, score = clip.detections.xy[frames], clip.detections.score[frames].astype(np.float64)
-        confident = (score >= th_p) & np.isfinite(xy).all(-1)
+        noise = noise or DetectionNoise.prior(config.noise, score.shape[1], score.shape[-1])
+        confidence = noise.trusted(score)
+        confident = (np.fmax(score, confidence) >= th_p) & np.isfinite(xy).all(-1)
         xy = clip.rig.undistort(np.where(confident[..., None], xy, np.nan))
-        return cls(clip.rig.undistorted, xy, np.where(confident, np.clip(score, 0, 1), np.nan), config)
+        confidence = np.where(confident, confidence, np.nan)
+        return cls(clip.rig.undistorted, xy, confidence, config.widened(noise.widening), noise)
 
     def at(self, frame: int) -> Evidence:
         """Return the evidence of one frame."""
         one = slice(frame, frame + 1)
         return replace(self, xy=self.xy[one], confidence=self.confidence[one])
 
-    def triangulate(
-        self, frame: int | np.ndarray, assigned: np.ndarray, iterations: int = 8, selective: bool = False
-    ) -> Points:
+    def triangulate(self, frame: int | np.ndarray, assigned: np.ndarray, iterations: int = 8) -> Points:
         """Triangulate joints (..., J) from the detections assigned to them.
 
         Args:
             frame: Index of the frame, or indices (..., 1, 1).
             assigned: (..., V, J) index of the detection that shows the joint in each view, or `NONE`.
-            iterations, selective: See `dmae.reconstruction.triangulation.triangulate`.
+            iterations: See `dmae.reconstruction.triangulation.triangulate`.
 
         Returns:
             Points (..., J), with xyz NaN where fewer than `th_v` views agree.
@@ -80,7 +92,8 @@ class Evidence:
         xy, confidence = np.empty((*shape, joints, views, 2)), np.empty((*shape, joints, views))
         gather(self.xy, self.confidence, frames.ravel(), assigned.reshape(-1, views, joints),
                xy.reshape(-1, joints, views, 2), confidence.reshape(-1, joints, views))  # fmt: skip
-        points = triangulate(self.rig, xy, confidence, self.config.noise, iterations, selective=selective)
+        sigma, floor = self.noise.sigma(confidence), self.noise.floor_px
+        points = triangulate_by_sigma(self.rig, xy, sigma, floor, self.config.noise, iterations)
         points.xyz[points.views < self.config.th_v] = np.nan
         return points
 

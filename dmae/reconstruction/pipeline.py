@@ -1,6 +1,6 @@
 """Adaptive Triangulation (Algorithm 1 of the paper): from the detections of a clip to its people in 3D."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from math import ceil
 
@@ -13,35 +13,41 @@ from dmae.numerics.filling import STILLS, are_stills, fill_body_frame
 from dmae.numerics.paths import pchip
 from dmae.progress import progress
 from dmae.reconstruction.appearance import appearance_differs, has_appearance
-from dmae.reconstruction.body_size import in_units_of_people
-from dmae.reconstruction.config import CaptureConfig
+from dmae.reconstruction.association import NONE
+from dmae.reconstruction.body_size import in_units_of_people, resized_clip, resized_config, sized
+from dmae.reconstruction.config import AssociationConfig, CaptureConfig
 from dmae.reconstruction.evidence import Evidence, evidence_blocks
+from dmae.reconstruction.noise import DetectionNoise, fit, residuals
 from dmae.reconstruction.people import false_positives, inside_volume, merge, same_person, wanted_people, well_measured
 from dmae.reconstruction.pruning import prune
-from dmae.reconstruction.reassignment import expected_paths, most_confident_rays, reassign, settle_disagreement
+from dmae.reconstruction.reassignment import expected_paths, most_confident_rays, reassign
 from dmae.reconstruction.registry import ADAPTIVE, capture_method
 from dmae.reconstruction.sides import Sides, exchange, find_exchanged
-from dmae.reconstruction.tracking import Tracks, track
+from dmae.reconstruction.tracking import Tracker, Tracks, track
 from dmae.reconstruction.triangulation import Points
 
+_WIDE_PX, _WIDE_M = 0.006, 0.06
+"""Noise that is assumed before anything is known: share of the width of the image, and m on the person."""
+_ALTERNATIONS = 3
+"""Number of times that people are found and their residuals measured."""
 _EXPECTED_BY, _EXPECTED_IN_CLIPS = 2.0, 10.0
 """s; time around a window, online or in a block of a long clip, from which hidden joints in it are predicted."""
 _STILLS = 4000
 """Frames of stills whose people are kept in memory."""
 
 
-def capture(clip: Clip, config: CaptureConfig) -> Poses3D:
+def capture(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None = None) -> Poses3D:
     """Reconstruct the people of a clip from its detections, offline.
 
     With `config.method` a published system does this, see `dmae.reconstruction.systems`. By default:
 
+    0. How far detections scatter, and what their confidences say, is learned from frames of the clip (`learn_noise`).
     1. Frame by frame, detections near the reprojection of a tracked person are assigned to that person (identity
        propagation). The others are matched between views by rays and clothes; they start a track or re-enter one
        (identity matching). Joints are triangulated from the views that agree.
     2. Tracks of one person are merged, false positives are dropped, and the requested people are selected.
     3. With the whole path of each person known, joints with left and right exchanged are corrected, and each joint is
-       assigned to detections again, triangulated and pruned. If cameras disagree on a person by a constant offset, as
-       after an inexact calibration, joints that four or more cameras see are triangulated from the agreeing cameras.
+       assigned to detections again, triangulated and pruned.
 
     `dmae.online.capture` runs the same steps on frames as they come.
 
@@ -56,6 +62,7 @@ def capture(clip: Clip, config: CaptureConfig) -> Poses3D:
     Args:
         clip: F frames of V cameras; only its rig, detections, frame rate and images are read.
         config: Thresholds.
+        noise: How far detections scatter, as `learn_noise` returns it; by default it is learned.
 
     Returns:
         Tracks (F, P) in the order of their birth, one per person; of stills (`dmae.numerics.filling.STILLS`) the people
@@ -70,7 +77,7 @@ def capture(clip: Clip, config: CaptureConfig) -> Poses3D:
     if len(clip.rig) < 2:
         raise ValueError(f"clip {clip.id!r}: capture needs at least 2 cameras, found {len(clip.rig)}")
     if config.method == ADAPTIVE:
-        return in_units_of_people(_capture, clip, config)
+        return in_units_of_people(partial(_capture, noise=noise), clip, config)
     poses = in_units_of_people(capture_method.find(config.method).function, clip, config)
     if not isinstance(poses, Poses3D) or len(poses.xyz) != len(clip):
         found = f"Poses3D of {len(poses.xyz)} frames" if isinstance(poses, Poses3D) else type(poses).__name__
@@ -80,12 +87,13 @@ def capture(clip: Clip, config: CaptureConfig) -> Poses3D:
     return poses
 
 
-def _capture(clip: Clip, config: CaptureConfig) -> Poses3D:
+def _capture(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None) -> Poses3D:
     """Reconstruct bodies as large as people."""
+    noise = noise or _learned(clip, config)
     if are_stills(clip.fps) and len(clip) > 1:
-        return _captured_stills(clip, config)
+        return _captured_stills(clip, config, noise)
     skeleton, fps, tracking = clip.detections.skeleton, clip.fps, config.tracking
-    tracks = track(clip, config)
+    tracks = track(clip, config, noise)
     differs = None
     if has_appearance(clip, config):
         differs = partial(appearance_differs, clip, tracks.assigned)
@@ -94,10 +102,10 @@ def _capture(clip: Clip, config: CaptureConfig) -> Poses3D:
     measured = well_measured(tracks, tracking.births(len(skeleton))).sum(0)
     tracks = tracks.select(~false_positives(tracks, measured, len(clip), fps, config))
     tracks = wanted_people(tracks, clip.rig, skeleton, fps, config)
-    return _measured_people(clip, tracks, config)
+    return _measured_people(clip, tracks, config, noise)
 
 
-def _captured_stills(clip: Clip, config: CaptureConfig) -> Poses3D:
+def _captured_stills(clip: Clip, config: CaptureConfig, noise: DetectionNoise) -> Poses3D:
     """Reconstruct the people of each frame by themselves."""
     if config.subject.at is not None:
         raise ValueError(
@@ -107,7 +115,7 @@ def _captured_stills(clip: Clip, config: CaptureConfig) -> Poses3D:
     blocks = [range(start, min(start + _STILLS, len(clip))) for start in range(0, len(clip), _STILLS)]
     return _joined(
         [
-            _joined([_capture(clip.select(frames=slice(each, each + 1)), config) for each in block])
+            _joined([_capture(clip.select(frames=slice(each, each + 1)), config, noise) for each in block])
             for block in in_steps(progress(blocks, "capturing stills"))
         ]
     )
@@ -129,19 +137,72 @@ def _joined(parts: list[Poses3D]) -> Poses3D:
     return Poses3D(parts[0].skeleton, **arrays)
 
 
-def _measured_people(clip: Clip, tracks: Tracks, config: CaptureConfig) -> Poses3D:
+_SAMPLED, _SAMPLED_DETECTIONS = (8, 100), 600
+"""Numbers of frames from which noise is learned, least and greatest, and of detections in all cameras in them."""
+
+
+def learn_noise(clip: Clip, config: CaptureConfig) -> DetectionNoise:
+    """Learn from frames of a recording how far its detections scatter, see `dmae.reconstruction.noise`.
+
+    Raises:
+        ValueError: the skeleton states no size, and the detections do not determine it.
+    """
+    skeleton = sized(clip, config)
+    if skeleton.scale == 1:
+        return _learned(clip, config)
+    return _learned(resized_clip(clip, skeleton), resized_config(config, 1 / skeleton.scale))
+
+
+def _learned(clip: Clip, config: CaptureConfig) -> DetectionNoise:
+    """Learn the noise of a clip of bodies as large as people.
+
+    People are found in each frame alone, so that stills serve as well as videos; first with distances that are wide and
+    all confidences alike, then with those that were learned.
+    """
+    skeleton, (views, joints) = clip.detections.skeleton, clip.detections.score.shape[1::2]
+    prior = DetectionNoise.prior(config.noise, views, joints)
+    if not config.noise.learn:
+        return prior
+    config = replace(config, association=AssociationConfig())
+    noise = replace(
+        prior,
+        floor_px=_WIDE_PX * clip.rig.size[:, 0].astype(float),
+        spread_m=np.full(joints, _WIDE_M),
+        constant=np.ones(views, bool),
+        usual_m=_WIDE_M,
+    )
+    present = np.isfinite(clip.detections.score).any(-1)
+    frames = np.flatnonzero(present.any(-1).sum(1) >= 2)
+    if not len(frames):
+        return prior
+    crowd = present[frames].sum((1, 2)).mean()
+    number = min(len(frames), int(np.clip(_SAMPLED_DETECTIONS / crowd, *_SAMPLED)))
+    frames = frames[np.linspace(0, len(frames) - 1, number).astype(int)]
+    for _ in range(_ALTERNATIONS):
+        evidence = Evidence.of(clip, 0.0, config, frames, noise)
+        steps = [Tracker(skeleton, clip.fps, config).step(evidence, frame) for frame in range(len(frames))]
+        persons = max(len(step.track) for step in steps)
+        assigned = np.full((len(frames), persons, views, joints), NONE)
+        for row, step in zip(assigned, steps, strict=True):
+            row[: len(step.track)] = step.assigned
+        points = evidence.triangulate(np.arange(len(frames))[:, None, None, None], assigned)
+        noise = fit(residuals(evidence, clip.detections.score[frames], assigned, points), prior, noise, skeleton)
+    return noise
+
+
+def _measured_people(clip: Clip, tracks: Tracks, config: CaptureConfig, noise: DetectionNoise) -> Poses3D:
     """Measure the joints of the people of a whole clip, as `measure` does, in blocks of frames that fit in memory."""
     skeleton, fps, reassignment = clip.detections.skeleton, clip.fps, config.reassignment
     (frames, persons, views, joints), sides = tracks.assigned.shape, Sides.of(skeleton)
     th_p = reassignment.th_p if reassignment.distance_m > 0 else config.th_p
-    paths = expected_paths(tracks.xyz, skeleton, fps)
+    paths = expected_paths(tracks.xyz, skeleton, fps, noise.usual_m)
     blocks = evidence_blocks(clip, persons)
 
     # If there is a single block, its evidence is computed only once.
     @lru_cache(maxsize=1)
     def evidence_between(start: int, stop: int) -> Evidence:
         part = slice(start, stop)
-        evidence = Evidence.of(clip, th_p, config, part)
+        evidence = Evidence.of(clip, th_p, config, part, noise)
         wrong = find_exchanged(evidence, slice(0, stop - start), tracks.assigned[part], paths[part], sides)
         return exchange(evidence, 0, *wrong, sides)
 
@@ -155,13 +216,12 @@ def _measured_people(clip: Clip, tracks: Tracks, config: CaptureConfig) -> Poses
     for part in in_steps(blocks):
         evidence, first_pass = evidence_of(part), tracks.assigned[part]
         if reassignment.distance_m > 0:
-            first_pass = reassign(evidence, first_pass, paths[part], reassignment.distance_m)
+            first_pass = reassign(evidence, first_pass, paths[part], evidence.config.reassignment.distance_m)
         assigned[part] = first_pass
         found = evidence.triangulate(np.arange(len(first_pass))[:, None, None, None], first_pass)
         for array, values in zip(vars(points).values(), vars(found).values(), strict=True):
             array[part] = values
-    settle_disagreement(evidence_of, blocks, assigned, points)
-    xyz = prune(points.xyz, skeleton, fps) if config.prune else points.xyz
+    xyz = prune(points.xyz, skeleton, fps, noise.usual_m) if config.prune else points.xyz
     arrays = {"xyz": np.float32, "source": np.uint8, "cov": np.float32, "views": np.uint8, "rays": np.float32}
     inner = {"xyz": (3,), "cov": (3, 3), "rays": (2, 3)}
     made = {name: empty((*shape, *inner.get(name, ())), kind) for name, kind in arrays.items()}
@@ -256,7 +316,7 @@ def measure(
     """
     config, first_pass = evidence.config, tracks.assigned[window]
     assigned, sides = first_pass, Sides.of(skeleton)
-    paths = expected_paths(tracks.xyz, skeleton, fps)[window]
+    paths = expected_paths(tracks.xyz, skeleton, fps, evidence.noise.usual_m)[window]
     wrong = find_exchanged(evidence, slice(0, len(assigned)), assigned, paths, sides)
     evidence = exchange(evidence, 0, *wrong, sides)
     if config.reassignment.distance_m > 0:
@@ -264,5 +324,5 @@ def measure(
     points = evidence.triangulate(np.arange(len(assigned))[:, None, None, None], assigned)
     xyz = np.concatenate([before, points.xyz])
     if config.prune:
-        xyz = prune(xyz, skeleton, fps)
+        xyz = prune(xyz, skeleton, fps, evidence.noise.usual_m)
     return MeasuredJoints(evidence, tracks, window, assigned, points, xyz)

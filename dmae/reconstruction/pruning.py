@@ -12,26 +12,33 @@ from dmae.numerics.compiled import compiled
 LONGEST_JUMP = 0.2
 """s"""
 _NOISE = 0.10
-"""m; a deviation that noise explains."""
+"""m; a deviation that noise explains, of joints measured well."""
+_DEVIATIONS, _BONE_DEVIATIONS = 4.0, 4.0
+"""Usual standard deviations of a joint that noise explains, in its place and in the length of a bone to it."""
 _ACCELERATION = 60.0
 """m/s^2; hands in vigorous motion reach it."""
 
 
-def prune(xyz: np.ndarray, skeleton: Skeleton, fps: float) -> np.ndarray:
-    """Return joints (F, P, J, 3) with NaN in place of those that break bones or jump."""
+def prune(xyz: np.ndarray, skeleton: Skeleton, fps: float, deviation: float = 0.0) -> np.ndarray:
+    """Return joints (F, P, J, 3) with NaN in place of those that break bones or jump.
+
+    Args:
+        deviation: Usual standard deviation of a joint along one axis, m. More than usual is not excused by it: where
+            the others of a recording are well measured, a joint that breaks bones is best left to completion.
+    """
     pruned, usual = empty(xyz.shape, np.float64), symmetric_bone_lengths(xyz, skeleton)
     for part in frame_blocks(xyz, pruned):
-        pruned[part] = np.where(broken(xyz[part], skeleton, usual)[..., None], np.nan, xyz[part])
+        pruned[part] = np.where(broken(xyz[part], skeleton, usual, deviation)[..., None], np.nan, xyz[part])
     paths = pruned.reshape(len(pruned), prod(pruned.shape[1:-1]), 3)
     for columns, unbroken in column_blocks(paths):
-        dropped = jumps(unbroken, fps, _ACCELERATION / skeleton.scale)
+        dropped = jumps(unbroken, fps, _ACCELERATION / skeleton.scale, deviation)
         if dropped.any():
             for part in frame_blocks(paths):
                 paths[part, columns][dropped[part]] = np.nan
     return pruned
 
 
-def broken(xyz: np.ndarray, skeleton: Skeleton, usual: np.ndarray | None = None) -> np.ndarray:
+def broken(xyz: np.ndarray, skeleton: Skeleton, usual: np.ndarray | None = None, deviation: float = 0.0) -> np.ndarray:
     """Find joints at the ends of bones that do not have their usual length.
 
     Of the two ends of such a bone, the one with more wrong bones is chosen; of equals, the one with the larger share of
@@ -40,20 +47,19 @@ def broken(xyz: np.ndarray, skeleton: Skeleton, usual: np.ndarray | None = None)
     Args:
         xyz: (F, P, J, 3) m, NaN where absent.
         usual: (P, B) m, usual lengths of the rigid bones; by default those in these frames.
+        deviation: As for `prune`.
 
     Returns:
         (F, P, J) True for the joints to drop.
     """
     usual = symmetric_bone_lengths(xyz, skeleton) if usual is None else usual
     dropped = np.zeros(xyz.shape[:3], bool)
-    bones = skeleton.rigid_bones
-    drop_broken(
-        bone_lengths(xyz, bones), usual, np.array(bones, np.int64).reshape(-1, 2), BONE_STRETCH, BONE_SLACK, dropped
-    )
+    bones, slack = skeleton.rigid_bones, max(BONE_SLACK, _BONE_DEVIATIONS * deviation)
+    drop_broken(bone_lengths(xyz, bones), usual, np.array(bones, np.int64).reshape(-1, 2), BONE_STRETCH, slack, dropped)
     return dropped
 
 
-def jumps(xyz: np.ndarray, fps: float, acceleration: float = _ACCELERATION) -> np.ndarray:
+def jumps(xyz: np.ndarray, fps: float, acceleration: float = _ACCELERATION, deviation: float = 0.0) -> np.ndarray:
     """Find samples of joints that leave their path and return to it faster than a body can.
 
     A run of samples is a jump when each of them is off the sample before the run, the sample after it and the chord
@@ -62,16 +68,18 @@ def jumps(xyz: np.ndarray, fps: float, acceleration: float = _ACCELERATION) -> n
     Args:
         xyz: (F, ..., 3) m, NaN where absent.
         acceleration: m/s^2, the greatest that motion explains.
+        deviation: As for `prune`.
 
     Returns:
         (F, ...) True for the samples to drop.
     """
     flat = np.ascontiguousarray(xyz, np.float64).reshape(len(xyz), prod(xyz.shape[1:-1]), 3)
+    noise = max(_NOISE, _DEVIATIONS * deviation)
     known, widest = ~np.isnan(flat[..., 0]), max(round(LONGEST_JUMP * fps), 1)
     before, wanted = known.copy(), np.ones(flat.shape[1], bool)
     while wanted.any():
         # Of runs near each other only the worst is dropped: a jump makes the samples around it look impossible.
-        runs = impossible_runs(flat, known, wanted, float(fps), widest, _NOISE, acceleration)
+        runs = impossible_runs(flat, known, wanted, float(fps), widest, noise, acceleration)
         drop_runs(runs[np.lexsort((-runs[:, 0], runs[:, 1]))], known, widest)
         wanted[:] = False
         wanted[runs[:, 1].astype(int)] = True

@@ -22,6 +22,7 @@ from dmae.reconstruction.appearance import TorsoColours, has_appearance
 from dmae.reconstruction.association import NONE, Candidates, find_groups, highest_affinity, propagate
 from dmae.reconstruction.config import CaptureConfig, ComparedJoints, DistanceUnit, fewer_of_few
 from dmae.reconstruction.evidence import Evidence, evidence_blocks
+from dmae.reconstruction.noise import DetectionNoise
 from dmae.reconstruction.sides import Sides, exchange, find_exchanged, nearer_side
 
 _VELOCITY_FADE = 0.5
@@ -214,7 +215,7 @@ class Tracker:
         Args:
             colours: Returns the colours (V, D, 3) of the detections of this frame; None without images.
         """
-        config, bones = self._config, self._bones
+        config, bones = evidence.config, self._bones
         state = self._state.predicted(self._dt)
         assigned, owner = _propagate(evidence, frame, state, self._sides, self._mirror)
         wrong = find_exchanged(evidence, slice(frame, frame + 1), assigned[None], state.xyz[None], self._sides)
@@ -251,19 +252,23 @@ class Tracker:
         return TrackedFrame(state.track, np.where(absent[:, None, None], NONE, assigned), xyz, supported & ~absent)
 
 
-def track(clip: Clip, config: CaptureConfig) -> Tracks:
-    """Assign the detections of a clip to people, in the order of the births of their tracks."""
+def track(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None = None) -> Tracks:
+    """Assign the detections of a clip to people, in the order of the births of their tracks.
+
+    Args:
+        noise: How far detections scatter; by default as `config.noise` says.
+    """
     frames, views, _, joints = clip.detections.score.shape
-    return Tracks.of_blocks(_tracked(clip, config), frames, views, joints)
+    return Tracks.of_blocks(_tracked(clip, config, noise), frames, views, joints)
 
 
-def _tracked(clip: Clip, config: CaptureConfig) -> Iterator[list[TrackedFrame]]:
+def _tracked(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None) -> Iterator[list[TrackedFrame]]:
     """Yield the tracked frames of a clip, in blocks."""
     colours = TorsoColours(clip) if has_appearance(clip, config) else None
     tracker = Tracker(clip.detections.skeleton, clip.fps, config)
     numbers = iter(progress(range(len(clip)), "tracking people"))
     for part in in_steps(evidence_blocks(clip)):
-        evidence = Evidence.of(clip, config.th_p, config, part)
+        evidence = Evidence.of(clip, config.th_p, config, part, noise)
         yield [
             tracker.step(evidence, frame - part.start, colours and partial(colours, frame))
             for frame in islice(numbers, part.stop - part.start)

@@ -16,10 +16,8 @@ _CONVERGED = 1e-6
 """m; shorter steps end the refinement of a point."""
 _HUBER = 2.0
 """Sigmas; residuals beyond them count linearly."""
-_CONTRADICTING, _CONTRADICTED = 1.0, 3.0
-"""Sigmas; with `selective`, the weight of a view falls above the first value and is 0 above the second."""
-_SELECTED_VIEWS = 4
-"""Smallest number of views of a point from which some can be left out. With three, the wrong one is ambiguous."""
+_PRIOR_FREEDOM = 4.0
+"""Degrees of freedom for which the sigmas count when residuals of a point contradict them."""
 _AGREEING = 3
 """A point is triangulated from this number of agreeing views, even if two views agree more closely."""
 
@@ -52,8 +50,6 @@ def triangulate(
     confidence: np.ndarray,
     noise: NoiseModel = DEFAULT_NOISE,
     iterations: int = 8,
-    *,
-    selective: bool = False,
 ) -> Points:
     """Triangulate points robustly, weighted by confidence.
 
@@ -73,8 +69,6 @@ def triangulate(
         confidence: (..., V) in [0, 1]; NaN where a view does not see the point.
         noise: Expected error of detections.
         iterations: Largest number of Gauss-Newton steps; two leave an error of some millimetres. Steps end below 1 um.
-        selective: Leave out views that contradict the others by sigmas, where at least four see the point, instead of
-            averaging them: for cameras that are centimetres off (`dmae.reconstruction.reassignment`).
 
     Returns:
         Points (...) in the world of the rig, m, with covariance (J^T W J)^-1, which is scaled up where residuals exceed
@@ -90,9 +84,29 @@ def triangulate(
             f"rig of {views} cameras: expected xy (..., {views}, 2) and confidence (..., {views}), "
             f"found {xy.shape} and {confidence.shape}"
         )
-    shape = xy.shape[:-2]
-    xy, confidence = xy.reshape(prod(shape), views, 2), confidence.reshape(prod(shape), views)
-    observed = np.isfinite(xy).all(-1) & np.isfinite(confidence)
+    floor = np.full(views, float(noise.min_sigma_px))
+    sigma = noise.sigma(np.where(np.isfinite(confidence), confidence, np.nan))
+    return triangulate_by_sigma(rig, xy, sigma, floor, noise, iterations)
+
+
+def triangulate_by_sigma(
+    rig: CameraRig,
+    xy: np.ndarray,
+    sigma: np.ndarray,
+    floor: np.ndarray,
+    noise: NoiseModel = DEFAULT_NOISE,
+    iterations: int = 8,
+) -> Points:
+    """Triangulate points as `triangulate` does, with detections of known noise, sigma_v = hypot(floor_v, ...) px.
+
+    Args:
+        sigma: (..., V) m at the depth of the point; NaN where a view does not see it.
+        floor: (V,) px.
+        noise: Gate, and largest error of a point.
+    """
+    views, shape = len(rig), xy.shape[:-2]
+    xy, sigma = xy.reshape(prod(shape), views, 2), sigma.reshape(prod(shape), views)
+    observed = np.isfinite(xy).all(-1) & np.isfinite(sigma)
     points = Points(
         np.full((len(xy), 3), np.nan),
         np.full((len(xy), 3, 3), np.nan),
@@ -105,12 +119,11 @@ def triangulate(
         rig.centers,
         rig.focal,
         xy,
-        np.where(observed, noise.sigma(confidence), np.nan),
-        noise.min_sigma_px,
+        np.where(observed, sigma, np.nan),
+        floor,
         noise.gate_sigmas,
-        np.array([_MIN_DEPTH, _CONVERGED, _HUBER, noise.max_error_m, _CONTRADICTING, _CONTRADICTED]),
+        np.array([_MIN_DEPTH, _CONVERGED, _HUBER, noise.max_error_m]),
         _AGREEING,
-        _SELECTED_VIEWS if selective else views + 1,
         iterations,
         points.xyz,
         points.cov,
@@ -137,11 +150,10 @@ def triangulate_points(
     focal,
     xy,
     sigma,
-    min_sigma_px,
+    floor,
     gate,
     limits,
     agreeing,
-    selected,
     iterations,
     xyz,
     cov,
@@ -157,12 +169,11 @@ def triangulate_points(
         focal: (V,) px.
         xy: (n, V, 2) px.
         sigma: (n, V) m at the depth of the point; NaN where a view does not see it.
-        min_sigma_px: Smallest sigma in the image, px.
+        floor: (V,) px, smallest sigma in the image of each view.
         gate: Sigmas; residuals beyond them are not used.
-        limits: (6,) least depth, m; length of the last step, m; sigmas up to which errors are squared; largest standard
-            error, m; sigmas from which a view counts less, and from which not at all, where views are selected.
+        limits: (4,) least depth, m; length of the last step, m; sigmas up to which errors are squared; largest standard
+            error, m.
         agreeing: Points on which this number of views agree are preferred.
-        selected: Smallest number of views of a point for which contradicting views are left out.
         iterations: Largest number of Gauss-Newton steps.
         xyz: (n, 3) m, filled with NaN by the caller.
         cov: (n, 3, 3) m^2, filled with NaN by the caller.
@@ -200,7 +211,7 @@ def triangulate_points(
                         error += gate**2
                         continue
                     near = focal[v] * sigma[i, v] / depth
-                    square = ((x - xy[i, v, 0]) ** 2 + (y - xy[i, v, 1]) ** 2) / (min_sigma_px**2 + near**2)
+                    square = ((x - xy[i, v, 0]) ** 2 + (y - xy[i, v, 1]) ** 2) / (floor[v] ** 2 + near**2)
                     error += min(square, gate**2)
                     near_views += square < gate**2
                     if error >= least:
@@ -214,7 +225,7 @@ def triangulate_points(
             continue
         for _ in range(iterations):
             _normal_equations(
-                projections, focal, xy[i], sigma[i], seen, count, point, min_sigma_px, gate, limits, selected,
+                projections, focal, xy[i], sigma[i], seen, count, point, floor, gate, limits,
                 information, gradient, errors, scales, kept, pixels,
             )  # fmt: skip
             cholesky(information, factor)
@@ -224,7 +235,7 @@ def triangulate_points(
             if max(abs(gradient[0]), abs(gradient[1]), abs(gradient[2])) < converged:
                 break
         _normal_equations(
-            projections, focal, xy[i], sigma[i], seen, count, point, min_sigma_px, gate, limits, selected,
+            projections, focal, xy[i], sigma[i], seen, count, point, floor, gate, limits,
             information, gradient, errors, scales, kept, pixels,
         )  # fmt: skip
         number, weighted, square = 0, 0.0, 0.0
@@ -237,8 +248,8 @@ def triangulate_points(
         if number < 2:
             continue
         cholesky(information, factor)
-        # Residuals larger than their sigmas show that the sigmas are too small, so the covariance is increased.
-        excess = max(weighted / max(2 * number - 3, 1), 1.0)
+        # Residuals larger than their sigmas show that the sigmas are too small here, so the covariance is increased.
+        excess = max((weighted + _PRIOR_FREEDOM) / (2 * number - 3 + _PRIOR_FREEDOM), 1.0)
         for column in range(3):
             for row in range(3):
                 gradient[row] = excess if row == column else 0.0
@@ -316,11 +327,11 @@ def _project(projection, point):
 
 @compiled()
 def _normal_equations(
-    projections, focal, xy, sigma, seen, count, point, min_sigma_px, gate, limits, selected,
+    projections, focal, xy, sigma, seen, count, point, floor, gate, limits,
     information, gradient, errors, scales, kept, pixels,
 ):  # fmt: skip
     """Write J^T W J and J^T W r at a point; for each view its error in sigmas, 1 / sigma in 1/px, use, pixel, depth."""
-    min_depth, huber, contradicting, contradicted = limits[0], limits[2], limits[4], limits[5]
+    min_depth, huber = limits[0], limits[2]
     for row in range(3):
         gradient[row] = 0.0
         for column in range(3):
@@ -332,28 +343,18 @@ def _normal_equations(
         kept[v] = pixels[v, 2] > min_depth
         ahead += kept[v]
     # With few views the point follows each of them: with two, a residual shows half the disagreement.
-    limit, within = gate * np.sqrt(1 - 1.5 / max(ahead, 2)), 0
+    limit = gate * np.sqrt(1 - 1.5 / max(ahead, 2))
     for k in range(count):
         v = seen[k]
         if not kept[v]:
             continue
         dx, dy = pixels[v, 0] - xy[v, 0], pixels[v, 1] - xy[v, 1]
-        scales[v] = 1 / np.sqrt(min_sigma_px**2 + (focal[v] * sigma[v] / pixels[v, 2]) ** 2)
+        scales[v] = 1 / np.sqrt(floor[v] ** 2 + (focal[v] * sigma[v] / pixels[v, 2]) ** 2)
         errors[v] = np.sqrt(dx * dx + dy * dy) * scales[v]
         kept[v] = errors[v] <= limit
-        within += kept[v]
-    for k in range(count):
-        v = seen[k]
         if not kept[v]:
             continue
         down = min(1.0, huber / max(errors[v], 1e-9))
-        if within >= selected:
-            # Redescending weights (Huber & Ronchetti, Robust Statistics, 2nd ed., 4.8).
-            fading = (contradicted - errors[v]) / (contradicted - contradicting)
-            down = min(1.0, contradicting / max(errors[v], 1e-9)) * min(max(fading, 0.0), 1.0)
-        if down <= 0:
-            kept[v] = False
-            continue
         x, y, depth = pixels[v, 0], pixels[v, 1], pixels[v, 2]
         dx, dy = x - xy[v, 0], y - xy[v, 1]
         weight = scales[v] ** 2 * down

@@ -37,7 +37,7 @@ def capture(
 
     Args:
         clip: V views, at least 2.
-        config: Thresholds and steps, or the name of a preset of `dmae capture`, as `tight`.
+        config: Thresholds and steps, or the name of a preset of `dmae capture`, as `paper`.
         fill: How joints that no camera measured are filled: a completion method of `dmae capture`, or `none`.
         smooth: Length of a light smoothing after that, s; 0 for none.
 
@@ -353,7 +353,7 @@ def run(
             colour images, or its folder.
         calibration: Calibration file, or folder of them; None for a clip, which has its own.
         detector: `blazepose`, or `package.module:function`.
-        capture: How people are reconstructed, or the name of a preset of `dmae capture`, as `tight`.
+        capture: How people are reconstructed, or the name of a preset of `dmae capture`, as `paper`.
         weights: Folder that `train`, or `dmae train`, wrote; by default the weights that come with the package.
         fps: Frames per second of the videos, where they do not say.
         offsets: Frames by which each camera started late; by default what the videos say.

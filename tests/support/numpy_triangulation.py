@@ -15,10 +15,8 @@ _CONVERGED = 1e-6
 """m; shorter steps end the refinement of a point."""
 _HUBER = 2.0
 """Sigmas; residuals beyond them count linearly."""
-_CONTRADICTING, _CONTRADICTED = 1.0, 3.0
-"""Sigmas; with `selective`, a view counts less from the first on, and from the second on not at all."""
-_SELECTED_VIEWS = 4
-"""Fewest views of a point of which some can be left out: with three, the one that errs cannot be told."""
+_PRIOR_FREEDOM = 4.0
+"""Degrees of freedom that the sigmas count as."""
 _AGREEING = 3
 """Views that a point is made of where as many agree, before it is made of two that agree more closely."""
 _PAIRED_VIEWS = 4
@@ -33,8 +31,6 @@ def triangulate(
     confidence: np.ndarray,
     noise: NoiseModel = DEFAULT_NOISE,
     iterations: int = 8,
-    *,
-    selective: bool = False,
 ) -> Points:
     """Triangulate points as `dmae.reconstruction.triangulation.triangulate`."""
     xy, confidence = np.asarray(xy, np.float64), np.asarray(confidence, np.float64)
@@ -51,7 +47,7 @@ def triangulate(
     enough = np.flatnonzero(observed.sum(-1) >= 2)
     pairs = min(views, _PAIRED_VIEWS) * (min(views, _PAIRED_VIEWS) - 1) // 2
     for chunk in np.array_split(enough, len(enough) * pairs * views // _CHUNK + 1):
-        observations = _Observations(rig, xy[chunk], observed[chunk], noise.sigma(confidence[chunk]), noise, selective)
+        observations = _Observations(rig, xy[chunk], observed[chunk], noise.sigma(confidence[chunk]), noise)
         start = observations.best_midpoints()
         known = np.isfinite(start[:, 0])
         xyz, cov, used, residual = observations[known].refine(start[known], iterations)
@@ -77,9 +73,8 @@ class _Observations:
         observed: np.ndarray,
         sigma: np.ndarray,
         noise: NoiseModel,
-        selective: bool = False,
     ):
-        self.pinhole, self.selective = rig.undistorted, selective
+        self.pinhole = rig.undistorted
         self.noise, self.observed = noise, observed
         self.xy, self.sigma = np.where(observed[..., None], xy, 0), np.where(observed, sigma, 1)
         self.projections, self.focal = rig.projections, np.sqrt(rig.K[:, 0, 0] * rig.K[:, 1, 1])
@@ -144,7 +139,8 @@ class _Observations:
         information, _, used, error, scale = self._normal_equations(xyz)
         square, count = np.where(used, error**2, 0), used.sum(-1)
         # Residuals larger than their sigmas show that the sigmas are too small: the covariance grows with them.
-        excess = square.sum(-1) / np.maximum(2 * count - 3, 1)
+        freedom = np.maximum(2 * count - 3, 1)
+        excess = (square.sum(-1) + _PRIOR_FREEDOM) / (freedom + _PRIOR_FREEDOM)
         cov = np.linalg.inv(information) * np.maximum(excess, 1)[:, None, None]
         return xyz, cov, used, np.sqrt((square / scale**2).sum(-1) / np.maximum(count, 1))
 
@@ -165,12 +161,6 @@ class _Observations:
         count = np.maximum(used.sum(-1, keepdims=True), 2)
         used &= error <= self.noise.gate_sigmas * np.sqrt(1 - 1.5 / count)
         down = np.minimum(1, _HUBER / np.maximum(error, 1e-9))
-        if self.selective:
-            # Redescending weights (Huber & Ronchetti, Robust Statistics, 2nd ed., 4.8).
-            fading = (_CONTRADICTED - error) / (_CONTRADICTED - _CONTRADICTING)
-            fallen = np.minimum(1, _CONTRADICTING / np.maximum(error, 1e-9)) * np.clip(fading, 0, 1)
-            down = np.where(used.sum(-1, keepdims=True) >= _SELECTED_VIEWS, fallen, down)
-            used &= down > 0
         weight = np.where(used, down * scale**2, 0)
         pixels = offset + self.xy
         M = self.projections[:, :, :3]

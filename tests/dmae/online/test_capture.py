@@ -10,16 +10,17 @@ from dmae.data.skeleton import BODY25
 from dmae.metrics.comparison import match, take_matched
 from dmae.online.capture import FinishedFrame, OnlineCapture
 from dmae.reconstruction.config import CaptureConfig, ReassignmentConfig, TrackingConfig
-from dmae.reconstruction.pipeline import capture
+from dmae.reconstruction.noise import DetectionNoise
+from dmae.reconstruction.pipeline import capture, learn_noise
 from tests.support.clips import looking_at_origin
 from tests.support.detected_people import FPS, FRAMES, crossing, detected_clip, rows_of, walk
 
 DEFAULT = CaptureConfig()
 
 
-def feed(clip: Clip, config: CaptureConfig = DEFAULT) -> list[FinishedFrame]:
+def feed(clip: Clip, config: CaptureConfig = DEFAULT, noise: DetectionNoise | None = None) -> list[FinishedFrame]:
     """Push all frames of a clip one by one; no result may be later than the delay."""
-    online = OnlineCapture(clip.rig, clip.detections.skeleton, clip.fps, config)
+    online = OnlineCapture(clip.rig, clip.detections.skeleton, clip.fps, config, noise=noise)
     finished = []
     for frame in range(len(clip)):
         finished += online.push(clip.select(frames=[frame]).detections)
@@ -52,7 +53,8 @@ def agreement(online: np.ndarray, offline: np.ndarray) -> float:
 @pytest.mark.parametrize("views", [3, 5])
 def test_people_who_cross_are_captured_as_offline(views):
     clip = detected_clip(crossing(), views)
-    assert agreement(together(feed(clip)), capture(clip, DEFAULT).xyz) > 0.99
+    noise = learn_noise(clip, DEFAULT)
+    assert agreement(together(feed(clip, noise=noise)), capture(clip, DEFAULT, noise).xyz) > 0.99
 
 
 def test_finished_frames_state_the_source_of_joints():

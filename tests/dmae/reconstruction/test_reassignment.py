@@ -16,12 +16,11 @@ from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25, SHELF14
 from dmae.metrics.comparison import match, take_matched
 from dmae.numerics.filling import resample
-from dmae.reconstruction import pipeline
 from dmae.reconstruction.association import NONE
 from dmae.reconstruction.config import CaptureConfig, DistanceUnit, NoiseModel
 from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.pipeline import capture
-from dmae.reconstruction.reassignment import cameras_disagree, reassign, standardised_offsets
+from dmae.reconstruction.reassignment import reassign
 from dmae.reconstruction.triangulation import triangulate
 from tests.support.clips import looking_at_origin, walkers
 from tests.support.detected_people import crossing, detected_clip, errors, standing
@@ -76,7 +75,7 @@ def test_joints_take_the_detection_that_is_nearest_both_ways(evidence, people):
 
 def evidence_of(evidence: Evidence) -> Evidence:
     """Return that of the frames of the people."""
-    return Evidence(evidence.rig, evidence.xy[FRAMES], evidence.confidence[FRAMES], evidence.config)
+    return Evidence(evidence.rig, evidence.xy[FRAMES], evidence.confidence[FRAMES], evidence.config, evidence.noise)
 
 
 ELBOW, WRIST = BODY25.index("l_elbow", "l_wrist")
@@ -232,31 +231,19 @@ def displaced(clip, view: int, metres: float):
     return replace(clip, rig=replace(clip.rig, cam_from_world=poses))
 
 
-def judged(clip) -> bool:
-    evidence = Evidence.of(clip, 0.2, CaptureConfig())
-    assigned = np.zeros((len(clip), 1, len(clip.rig), 25), int)
-    assigned[np.isnan(evidence.confidence[:, :, 0])[:, None]] = NONE
-    points = evidence.triangulate(np.arange(len(clip))[:, None, None, None], assigned)
-    return bool(cameras_disagree(standardised_offsets(evidence, assigned, points.xyz))[0])
-
-
-def test_noise_is_no_disagreement_and_a_displaced_camera_is():
-    clip = detected_clip(standing(), views=5, noise=6.0)
-    assert not judged(clip)
-    assert judged(displaced(clip, 2, 0.15))
-    assert not judged(displaced(clip, 2, 0.15).select(slice(0, 10)))
-
-
 @pytest.mark.parametrize("view", [0, 3])
-def test_a_displaced_camera_is_left_out_instead_of_averaged(view, monkeypatch):
-    """Its price: where the chosen cameras change from frame to frame, 1.7 % of the joints jump and are pruned."""
+def test_a_displaced_camera_counts_little(view):
+    """Its residuals are as large as those of noise in its pixels would be, so the others decide."""
     people = standing(60)
-    clip = displaced(detected_clip(people, views=5, noise=2.0), view, 0.12)
-    off = errors(capture(clip, CaptureConfig()), people)
-    monkeypatch.setattr(pipeline, "settle_disagreement", lambda *_: None)
-    averaged = errors(capture(clip, CaptureConfig()), people)
-    assert np.nanmedian(off) < 0.8 * np.nanmedian(averaged)
-    assert np.isfinite(off).mean() > 0.98 * np.isfinite(averaged).mean()
+    clip = detected_clip(people, views=5, noise=2.0)
+    wrong = displaced(clip, view, 0.12)
+    others = [each for each in range(5) if each != view]
+    found, without = (
+        np.nanmedian(errors(capture(each, CaptureConfig()), people)) for each in (wrong, clip.select(views=others))
+    )
+    assert found < 1.05 * without
+    unaware = capture(wrong, CaptureConfig(noise=NoiseModel(learn=False)))
+    assert found < 0.8 * np.nanmedian(errors(unaware, people))
 
 
 def test_three_views_that_agree_come_before_two_that_agree_more_closely():

@@ -1,0 +1,284 @@
+"""What a detection is worth: the noise of a detector and of a calibration, learned from the recording itself.
+
+Joints that several cameras see have residuals. They show how far detections scatter: by camera, which includes the
+errors of its calibration and of the grid that a detector rounds to; by kind of joint; by size of the person; and by
+confidence, whatever its scale. F frames, P people, V views, J joints.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dmae.data.skeleton import Skeleton
+from dmae.reconstruction.config import NoiseModel
+
+if TYPE_CHECKING:
+    from dmae.reconstruction.evidence import Evidence
+    from dmae.reconstruction.triangulation import Points
+
+USUAL = 0.73
+"""Confidence of a usual joint; all joints have it if confidences say nothing."""
+_BINS = np.array([0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 1])
+"""Quantiles of the scores in a recording between which one sigma is estimated."""
+_PRIOR = 10.0
+"""Number of observations that the prior of each parameter counts as."""
+_CLIPPED = 2.5
+"""Squared standardised residuals, relative to their expected value, count at most this: detections of others, swaps."""
+_EXPECTED = 0.809, 0.918
+"""Mean of clipped squares of Gaussian residuals, of joints that two views measured (1 degree of freedom) and others."""
+_ROUNDS = 30
+"""Number of updates of the parameters."""
+_LEAST_PX, _LEAST_M = 0.2, 0.001
+"""px and m; smallest sigmas."""
+_SAYS = 0.15
+"""Relative difference of sigma between confidences below which confidences say nothing."""
+
+
+@dataclass(frozen=True)
+class DetectionNoise:
+    """Standard deviation of detected joints along one axis, in pixels:
+
+        sigma^2 = floor_v^2 + (focal_v / depth * spread_j * shape(c))^2,
+
+    with shape(c) = 1 at a usual confidence. Confidences are those that residuals bear out: `trusted(score)`.
+
+    Attributes:
+        model: Prior, and how sigma depends on trusted confidences.
+        floor_px: (V,) px of each camera, for people of any size.
+        spread_m: (J,) m on the person, by joint.
+        knots: (K,) scores of the detector, ascending.
+        confidences: (K,) trusted confidences at the knots; between them they are interpolated.
+        constant: (V,) True for cameras whose scores say nothing.
+        count: Number of observations that it was learned from.
+        usual_px: Median sigma of the observations, px.
+        usual_m: The same on the person, m.
+    """
+
+    model: NoiseModel
+    floor_px: np.ndarray
+    spread_m: np.ndarray
+    knots: np.ndarray
+    confidences: np.ndarray
+    constant: np.ndarray
+    count: int = 0
+    usual_px: float = np.nan
+    usual_m: float = np.nan
+
+    @classmethod
+    def prior(cls, model: NoiseModel, views: int, joints: int) -> DetectionNoise:
+        """Return what is assumed of a detector before anything is learned: scores are confidences."""
+        usual, ends = float(model.sigma(np.array(USUAL))), np.array([0.0, 1.0])
+        floor, spread = np.full(views, model.min_sigma_px), np.full(joints, usual)
+        return cls(model, floor, spread, ends, ends, np.zeros(views, bool), usual_m=usual)
+
+    @property
+    def widening(self) -> float:
+        """Factor of distances within which detections are compared, 1 or more: noisy detections are farther apart."""
+        return max(1.0, self.usual_m / _USUAL_M)
+
+    def trusted(self, score: np.ndarray) -> np.ndarray:
+        """Return confidences in [0, 1] of scores (..., V, D, J); NaN stays NaN."""
+        found = np.interp(score, self.knots, self.confidences)
+        return np.where(np.isnan(score), np.nan, np.where(self.constant[:, None, None], USUAL, found))
+
+    def sigma(self, confidence: np.ndarray) -> np.ndarray:
+        """Return sigma without the floor at the person's depth, m, for trusted confidences (..., J, V)."""
+        return self.spread_m[:, None] * self.shape(confidence)
+
+    def shape(self, confidence: np.ndarray) -> np.ndarray:
+        """Return sigma relative to that at a usual confidence."""
+        return self.model.sigma(confidence) / self.model.sigma(np.array(USUAL))
+
+    def describe(self, names: tuple[str, ...]) -> str:
+        """Return the estimate in a line.
+
+        Args:
+            names: Of the V cameras.
+        """
+        if not self.count:
+            return (
+                "too few joints are seen by several cameras to learn how far detections scatter; usual values are used"
+            )
+        text = f"detected joints scatter by {self.usual_px:.1f} px, {1000 * self.usual_m:.0f} mm on the person"
+        far = self.floor_px > 2 * np.median(self.floor_px) + 1
+        if far.any():
+            each = (f"camera {name} by {floor:.0f} px more" for name, floor in zip(names, self.floor_px, strict=True))
+            text += f"; {', '.join(one for one, off in zip(each, far, strict=True) if off)}"
+        if self.constant.all():
+            return f"{text}; confidences say nothing, so they are not used"
+        if self.constant.any():
+            silent = ", ".join(name for name, one in zip(names, self.constant, strict=True) if one)
+            text += f"; confidences of camera {silent} say nothing"
+        if self.confidences[-1] < self.confidences[0]:
+            return f"{text}; greater confidences mean greater errors, and are used so"
+        return text
+
+    def summary(self, names: tuple[str, ...]) -> dict:
+        """Return the estimate as JSON values, for the provenance of a clip with cameras `names`."""
+        rounded = {
+            "floor_px": self.floor_px, "spread_mm": 1000 * self.spread_m, "scores": self.knots,
+            "confidences": self.confidences,
+        }  # fmt: skip
+        return (
+            {"found": self.describe(names), "observations": self.count}
+            | {name: np.round(values, 3).tolist() for name, values in rounded.items()}
+            | {"scores_say_nothing": self.constant.tolist()}
+        )
+
+
+_USUAL_M = 0.05
+"""m; sigma of a usual joint for which the distances of the configuration are made."""
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """n detections that were compared with the points that they and others were triangulated to.
+
+    Attributes:
+        view, joint: (n,) index.
+        score: (n,) of the detector.
+        square: (n,) squared distance from the reprojected point, px^2.
+        scale: (n,) px per m at the person.
+        freedom: (n,) expected square relative to 2 sigma^2: less than 1 where the point follows the detection.
+        pair: (n,) True where only two views measured the point.
+    """
+
+    view: np.ndarray
+    joint: np.ndarray
+    score: np.ndarray
+    square: np.ndarray
+    scale: np.ndarray
+    freedom: np.ndarray
+    pair: np.ndarray
+
+    def __add__(self, other: Residuals) -> Residuals:
+        return Residuals(
+            *(np.concatenate(both) for both in zip(vars(self).values(), vars(other).values(), strict=True))
+        )
+
+
+def residuals(evidence: Evidence, score: np.ndarray, assigned: np.ndarray, points: Points) -> Residuals:
+    """Return the residuals of all assigned detections, also of those that triangulation left out.
+
+    Args:
+        evidence: Detections of F frames.
+        score: (F, V, D, J) of the detector.
+        assigned: (F, P, V, J) detections of the joints, negative for none.
+        points: (F, P, J) triangulated from these.
+    """
+    rig, noise = evidence.rig, evidence.noise
+    frame, person, view, joint = np.nonzero((assigned >= 0) & ~np.isnan(points.xyz[:, :, None, :, 0]))
+    detection = assigned[frame, person, view, joint]
+    place = frame, view, detection, joint
+    xyz, used = points.xyz[frame, person, joint], points.used[frame, person, joint, view]
+    P = rig.projections[view]
+    homogeneous = (P[:, :, :3] @ xyz[..., None])[..., 0] + P[:, :, 3]
+    depth = homogeneous[:, 2]
+    pixel = homogeneous[:, :2] / depth[:, None]
+    slope = (P[:, :2, :3] - pixel[..., None] * P[:, 2:, :3]) / depth[:, None, None]
+    scale = rig.focal[view] / depth
+    spread = noise.spread_m[joint] * noise.shape(evidence.confidence[place])
+    weight = 1 / (noise.floor_px[view] ** 2 + (scale * spread) ** 2)
+    shape = points.xyz.shape[:3]
+    group = np.ravel_multi_index((frame, person, joint), shape)
+    count = np.bincount(group, used, minlength=np.prod(shape))
+    information = np.zeros((len(count), 3, 3))
+    np.add.at(information, group[used], weight[used, None, None] * (slope[used].swapaxes(1, 2) @ slope[used]))
+    known = count >= 2
+    information[~known] = np.eye(3)
+    cov = np.linalg.inv(information + 1e-9 * np.trace(information, axis1=1, axis2=2)[:, None, None] * np.eye(3))
+    follows = weight * np.einsum("nij,njk,nik->n", slope, cov[group], slope) / 2
+    freedom = np.where(used, 1 - follows, 1 + follows)
+    square = ((pixel - evidence.xy[place]) ** 2).sum(-1)
+    kept = known[group] & (depth > 0) & (freedom > 0.02) & np.isfinite(square) & np.isfinite(score[place])
+    parts = view, joint, score[place], square, scale, freedom, used & (count[group] == 2)
+    return Residuals(*(part[kept] for part in parts))
+
+
+def fit(found: Residuals, prior: DetectionNoise, start: DetectionNoise, skeleton: Skeleton) -> DetectionNoise:
+    """Estimate the noise of detections from residuals, robustly.
+
+    The expected square of a residual is the sum of two variances, one of the camera in pixels and one of the joint on
+    the person. Each is scaled by the ratio of squares to what is expected, weighted by its share, until they agree
+    (variance components, as by expectation maximisation: Searle, Casella & McCulloch, Variance Components, ch. 8).
+    Large squares are clipped, and a prior counts as some observations, so that few residuals change little.
+
+    Args:
+        found: Residuals.
+        prior: What is assumed without residuals.
+        start: An earlier estimate, from which this one starts.
+        skeleton: Of the detections; left and right joints are of one kind.
+    """
+    if not len(found.view):
+        return prior
+    views, joints = len(prior.floor_px), len(prior.spread_m)
+    kinds, kind = np.unique(np.minimum(np.arange(joints), skeleton.mirror), return_inverse=True)
+    constant = np.array([_constant(found.score[found.view == v]) for v in range(views)])
+    constant |= all(constant[np.bincount(found.view, minlength=views) > 0])
+    told = ~constant[found.view]
+    knots = prior.knots
+    if told.any():
+        # Scores below the least one are as prior confidences are.
+        middles = np.quantile(found.score[told], (_BINS[:-1] + _BINS[1:]) / 2)
+        knots = np.unique(np.append(min(0.0, middles[0]), middles))
+    bin_ = np.where(told, np.abs(found.score[:, None] - knots).argmin(1), len(knots))
+    usual_shape = prior.shape(prior.trusted(np.broadcast_to(knots, (views, 1, len(knots))))[0, 0])
+    shape_prior2 = np.append(np.clip(usual_shape, 0.4, 2.5), 1.0) ** 2
+    of = kind[found.joint]
+    # Variances that start too small change slowly.
+    middle = np.median(found.square / found.freedom) / 4
+    floor2, level2 = np.maximum(start.floor_px**2, middle), np.mean(start.spread_m**2)
+    level_prior2 = np.mean(prior.spread_m**2)
+    kind2, shape2 = np.ones(len(kinds)), shape_prior2.copy()
+    expected = np.where(found.pair, *_EXPECTED)
+    half = found.square / (2 * found.freedom * expected)
+    everything = np.zeros(len(of), int)
+
+    def factor(group: np.ndarray, on_person: bool, before: np.ndarray) -> np.ndarray:
+        """Return the factor of the variance of each group, for a prior by which it is `before` times as large."""
+        spread2 = found.scale**2 * level2 * kind2[of] * shape2[bin_]
+        sigma2 = floor2[found.view] + spread2
+        share = found.freedom * (spread2 if on_person else floor2[found.view]) / sigma2
+        square = np.minimum(half / sigma2, _CLIPPED / expected)
+        size, total = (np.bincount(group, weight, minlength=len(before)) for weight in (share, share * square))
+        told = np.log(np.maximum(total, 1e-12) / np.maximum(size, 1e-12))
+        return np.exp((size * told + _PRIOR * np.log(before)) / (size + _PRIOR))
+
+    for _ in range(_ROUNDS):
+        floor2 = np.maximum(floor2 * factor(found.view, False, prior.floor_px**2 / floor2), _LEAST_PX**2)
+        level2 = level2 * factor(everything, True, np.array([level_prior2 / level2]))[0]
+        kind2 = kind2 * factor(of, True, 1 / kind2)
+        shape2 = shape2 * factor(bin_, True, shape_prior2 / shape2)
+        # Kinds and confidences differ from each other only; the level is that of all joints.
+        for each, group in ((kind2, of), (shape2, bin_)):
+            mean = each[group].mean()
+            each /= mean
+            level2 = max(level2 * mean, _LEAST_M**2)
+    shape = np.sqrt(shape2[:-1])
+    if told.any() and shape.max(initial=1) < (1 + _SAYS) * shape.min(initial=1):
+        constant[:] = True
+    model = prior.model
+    usual = float(model.sigma(np.array(USUAL)))
+    confidences = (model.sigma_unsure_m - usual * shape) / (model.sigma_unsure_m - model.sigma_sure_m)
+    if told.any() and confidences[1] > confidences[-1]:
+        confidences[0] = confidences[1]
+    sigma = np.sqrt(floor2[found.view] + found.scale**2 * level2 * kind2[of] * shape2[bin_])
+    return replace(
+        prior,
+        floor_px=np.sqrt(floor2),
+        spread_m=np.sqrt(level2 * kind2[kind]),
+        knots=knots,
+        confidences=np.clip(confidences, 0, 1) if told.any() else prior.confidences,
+        constant=constant,
+        count=len(of),
+        usual_px=float(np.median(sigma)),
+        usual_m=float(np.median(sigma / found.scale)),
+    )
+
+
+def _constant(score: np.ndarray) -> bool:
+    """Return whether nearly all scores are equal, as of detectors without confidences."""
+    return not len(score) or np.mean(np.abs(score - np.median(score)) < 1e-3) > 0.99
