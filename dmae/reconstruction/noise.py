@@ -8,16 +8,13 @@ confidence, whatever its scale. F frames, P people, V views, J joints.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dmae.data.cameras import CameraRig
 from dmae.data.skeleton import Skeleton
 from dmae.reconstruction.config import NoiseModel
-
-if TYPE_CHECKING:
-    from dmae.reconstruction.evidence import Evidence
-    from dmae.reconstruction.triangulation import Points
+from dmae.reconstruction.triangulation import Points
 
 USUAL = 0.73
 """Confidence of a usual joint; all joints have it if confidences say nothing."""
@@ -160,16 +157,25 @@ class Residuals:
         )
 
 
-def residuals(evidence: Evidence, score: np.ndarray, assigned: np.ndarray, points: Points) -> Residuals:
+def residuals(
+    rig: CameraRig,
+    noise: DetectionNoise,
+    xy: np.ndarray,
+    score: np.ndarray,
+    assigned: np.ndarray,
+    points: Points,
+) -> Residuals:
     """Return the residuals of all assigned detections, also of those that triangulation left out.
 
     Args:
-        evidence: Detections of F frames.
+        rig: V pinhole cameras.
+        noise: With which the points were triangulated.
+        xy: (F, V, D, J, 2) undistorted px.
         score: (F, V, D, J) of the detector.
         assigned: (F, P, V, J) detections of the joints, negative for none.
         points: (F, P, J) triangulated from these.
     """
-    rig, noise = evidence.rig, evidence.noise
+    confidence = noise.trusted(score)
     frame, person, view, joint = np.nonzero((assigned >= 0) & ~np.isnan(points.xyz[:, :, None, :, 0]))
     detection = assigned[frame, person, view, joint]
     place = frame, view, detection, joint
@@ -180,7 +186,7 @@ def residuals(evidence: Evidence, score: np.ndarray, assigned: np.ndarray, point
     pixel = homogeneous[:, :2] / depth[:, None]
     slope = (P[:, :2, :3] - pixel[..., None] * P[:, 2:, :3]) / depth[:, None, None]
     scale = rig.focal[view] / depth
-    spread = noise.spread_m[joint] * noise.shape(evidence.confidence[place])
+    spread = noise.spread_m[joint] * noise.shape(confidence[place])
     weight = 1 / (noise.floor_px[view] ** 2 + (scale * spread) ** 2)
     shape = points.xyz.shape[:3]
     group = np.ravel_multi_index((frame, person, joint), shape)
@@ -192,7 +198,7 @@ def residuals(evidence: Evidence, score: np.ndarray, assigned: np.ndarray, point
     cov = np.linalg.inv(information + 1e-9 * np.trace(information, axis1=1, axis2=2)[:, None, None] * np.eye(3))
     follows = weight * np.einsum("nij,njk,nik->n", slope, cov[group], slope) / 2
     freedom = np.where(used, 1 - follows, 1 + follows)
-    square = ((pixel - evidence.xy[place]) ** 2).sum(-1)
+    square = ((pixel - xy[place]) ** 2).sum(-1)
     kept = known[group] & (depth > 0) & (freedom > 0.02) & np.isfinite(square) & np.isfinite(score[place])
     parts = view, joint, score[place], square, scale, freedom, used & (count[group] == 2)
     return Residuals(*(part[kept] for part in parts))

@@ -186,7 +186,8 @@ def _learned(clip: Clip, config: CaptureConfig) -> DetectionNoise:
         for row, step in zip(assigned, steps, strict=True):
             row[: len(step.track)] = step.assigned
         points = evidence.triangulate(np.arange(len(frames))[:, None, None, None], assigned)
-        noise = fit(residuals(evidence, clip.detections.score[frames], assigned, points), prior, noise, skeleton)
+        found = residuals(evidence.rig, noise, evidence.xy, clip.detections.score[frames], assigned, points)
+        noise = fit(found, prior, noise, skeleton)
     return noise
 
 
