@@ -96,9 +96,7 @@ class DetectionNoise:
             names: Of the V cameras.
         """
         if not self.count:
-            return (
-                "too few joints are seen by several cameras to learn how far detections scatter; usual values are used"
-            )
+            return "how far detections scatter was not learned, so usual values are used"
         text = f"detected joints scatter by {self.usual_px:.1f} px, {1000 * self.usual_m:.0f} mm on the person"
         far = self.floor_px > 2 * np.median(self.floor_px) + 1
         if far.any():

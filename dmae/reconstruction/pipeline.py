@@ -147,6 +147,8 @@ def learn_noise(clip: Clip, config: CaptureConfig) -> DetectionNoise:
     Raises:
         ValueError: the skeleton states no size, and the detections do not determine it.
     """
+    if not config.noise.learn or config.method != ADAPTIVE:
+        return DetectionNoise.prior(config.noise, *clip.detections.score.shape[1::2])
     skeleton = sized(clip, config)
     if skeleton.scale == 1:
         return _learned(clip, config)
