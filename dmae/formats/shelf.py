@@ -21,6 +21,12 @@ FIRST_FRAME = 300
 """Number in the published recording of the first frame of the release."""
 FLOOR_M = -0.08
 """m; z of the floor, estimated from the feet in the images and from the annotated ankles."""
+ANNOTATION_ERROR = {
+    "ankle": 0.015, "knee": 0.019, "hip": 0.044, "wrist": 0.028, "elbow": 0.017, "shoulder": 0.024,
+    "bottom_head": 0.021, "top_head": 0.072,
+}  # fmt: skip
+"""m along each axis; how far the annotators' joints lie from those that at least three cameras agree on (the median
+distance, less the stated error of the latter). Hips and heads were annotated where OpenPose does not see them."""
 _BODY25_TYPE = 4
 _TRUTH_JOINTS = 15
 _ACTORS = 4
@@ -70,7 +76,7 @@ def read_shelf(path: Path) -> Clip:
     """The Shelf recording as 4DAssociation releases it: calibration.json, detection/<camera>.txt, maybe gt.txt.
 
     Detections are assembled from joint candidates and part affinities. The truth contains the actors 0 to 3, with NaN
-    where an actor is not annotated.
+    where an actor is not annotated, and the covariance of `ANNOTATION_ERROR`.
 
     Raises:
         FileNotFoundError: the calibration, or the detections of one of its cameras, are missing.
@@ -217,7 +223,10 @@ def _read_truth(path: Path, frames: int) -> Poses3D:
             xyz[frame, actor] = np.where(rows[3, :, None] > 0, rows[:3].T, np.nan)
     numbers.place = f"after frame {frames - 1}"
     numbers.end()
-    return Poses3D(SHELF14, xyz)
+    error = [ANNOTATION_ERROR[joint.removeprefix("l_").removeprefix("r_")] for joint in SHELF14.joints]
+    known = ~np.isnan(xyz).any(-1)
+    variance = np.where(known, np.square(error), np.nan)
+    return Poses3D(SHELF14, xyz, cov=variance[..., None, None] * np.eye(3))
 
 
 BODY25_LINKS = (

@@ -145,7 +145,7 @@ class Comparison:
 
     @cached_property
     def cov(self) -> np.ndarray:
-        """(F, T, J, 3, 3) covariance of matched predictions, plus that of the truth if it was itself measured, m^2."""
+        """(F, T, J, 3, 3) covariance of matched predictions, plus the one that the truth states, if any, m^2."""
         return take_matched(self.pred.cov, self.matches) + np.nan_to_num(self.truth.cov)
 
     @cached_property

@@ -154,7 +154,7 @@ def rank_scores(error: np.ndarray, stated: np.ndarray) -> dict[str, float]:
 def _ranking(comparison: Comparison) -> dict[str, float]:
     """Of hidden joints with a stated uncertainty: Spearman, AUC over 50 mm, and mm at each coverage."""
     error = 1000 * np.linalg.norm(comparison.matched - comparison.truth.xyz.astype(np.float64), axis=-1)
-    stated = likely_error(comparison.cov)
+    stated = likely_error(take_matched(comparison.pred.cov, comparison.matches))
     counted = comparison.hidden & ~np.isnan(error) & ~np.isnan(stated)
     return rank_scores(error[counted], stated[counted])
 

@@ -40,7 +40,10 @@ def score_tables(scores: dict) -> list[Table]:
         if any(gap["stated"] for gap in mean["gaps"])
     ]
     if regions:
-        caption = "True joints within the 90 % regions that methods state, %, by how long they were hidden"
+        caption = (
+            "True joints within the 90 % regions that methods state, widened by the error of a measured or annotated "
+            "truth, %, by how long they were hidden"
+        )
         tables.append(Table(caption, ("method", "views", *lengths), regions))
     ranked = [(first, mean["ranking"]) for first, mean in rows if (mean.get("ranking") or {}).get("risk_100")]
     if ranked:

@@ -12,7 +12,7 @@ from dmae.data.labels import Visibility
 from dmae.evaluation.report.joints import Groups, JointGroup, Joints, Reprojection, joints_of, reprojection, tally
 from dmae.evaluation.review import Doubt, checksum, rank_doubts
 from dmae.metrics.position import GAPS
-from dmae.numerics.statistics import mean_known
+from dmae.numerics.statistics import likely_error, mean_known
 
 BY_GAP, BY_JOINT, BY_CAUSE = "length of the gap", "joint", "cause of occlusion"
 BY_SEEING, BY_MEASURING = "cameras that see the joint", "cameras that measured the joint"
@@ -81,6 +81,7 @@ class Findings:
         against_truth: "all", "measured" and "completed" joints with their errors, mm.
         breakdowns: Joints by gap, joint, cause and number of cameras, with their errors, mm, if there is a truth.
         regions: Counts of joints in confidence regions of stated probability, see `counts_in_regions`.
+        truth_error: Median error that the truth states of its joints, mm; None where it states none.
         residuals: Measured joints by camera, person and joint, with their reprojection errors, px.
         residuals_completed: The same for completed joints.
         moments: The worst moments.
@@ -102,6 +103,7 @@ class Findings:
     against_truth: dict[str, JointGroup] = field(default_factory=dict)
     breakdowns: Groups = field(default_factory=dict)
     regions: dict[str, np.ndarray] = field(default_factory=dict)
+    truth_error: float | None = None
     residuals: Groups = field(default_factory=dict)
     residuals_completed: Groups = field(default_factory=dict)
     moments: list[WorstMoment] = field(default_factory=list)
@@ -133,8 +135,10 @@ def examine(clip: Clip) -> Findings:
     joints, reprojected = joints_of(clip), reprojection(clip)
     there = (clip.poses.source != Source.ABSENT).any(-1)
     error = np.where(joints.counted, joints.error, np.nan)
-    against_truth = {}
+    against_truth, truth_error = {}, None
     if facts["has_truth"]:
+        stated = likely_error(clip.truth.cov[np.isfinite(clip.truth.cov).all((-1, -2))])
+        truth_error = 1000 * float(np.median(stated)) if len(stated) else None
         completed = joints.source == Source.COMPLETED
         measured = (joints.source == Source.MEASURED) | (joints.source == Source.DENOISED)
         kinds = {"all": joints.counted, "measured": joints.counted & measured, "completed": joints.counted & completed}
@@ -146,6 +150,7 @@ def examine(clip: Clip) -> Findings:
         against_truth=against_truth,
         breakdowns=breakdowns(clip, joints),
         regions=counts_in_regions(joints),
+        truth_error=truth_error,
         residuals=reprojected.measured,
         residuals_completed=reprojected.completed,
         moments=worst_moments(clip, joints, reprojected),

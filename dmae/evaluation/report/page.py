@@ -33,6 +33,8 @@ MOST_CLIPS = 6
 """Greatest number of clips in the player."""
 MOST_FRAMES = 4500
 """Frames of all clips in the player together: three minutes at 25 frames/s."""
+_FEW = 100
+"""Joints; of fewer a page states the number, not the share."""
 _KINDS = {
     "error": "Largest errors of a joint",
     "missed": "True people without a captured one",
@@ -205,9 +207,13 @@ def _errors(findings: Sequence[Findings]) -> list[str]:
             said.append(f"{share(absent, everything.joints).capitalize()} of the true joints were not found.")
     at = 1 + PROBABILITIES.index(0.9)
     regions = added(*(each.regions for each in findings))
-    if within := " and ".join(f"{share(counts[at], counts[0])} of the {name}" for name, counts in regions.items()):
-        within = within[0].upper() + within[1:]
-        said.append(f"{within} lie within their stated 90\N{NO-BREAK SPACE}% regions.")
+    within = [
+        f"{share(counts[at], counts[0])} of the {name}" if counts[0] >= _FEW else f"{counts[at]} of {counts[0]} {name}"
+        for name, counts in regions.items()
+    ]
+    if within:
+        sentence = f"{' and '.join(within)} lie within their stated 90\N{NO-BREAK SPACE}% regions{_widened(findings)}."
+        said.append(sentence[0].upper() + sentence[1:])
     residual = added_groups(*(each.residuals for each in findings)).get("all", {}).get("all")
     if residual is not None and residual.mean is not None:
         said.append(
@@ -216,6 +222,17 @@ def _errors(findings: Sequence[Findings]) -> list[str]:
     if len(findings) == 1 and findings[0].floor is not None:
         said.append(f"Estimated from feet and bodies: {findings[0].floor.describe()}.")
     return said
+
+
+def _widened(findings: Sequence[Findings]) -> str:
+    """Return what regions allow for besides the stated error; empty where the truth is exact."""
+    errors = [each.truth_error for each in findings if each.truth_error is not None]
+    if not errors:
+        return ""
+    return (
+        f", widened by the error of the truth itself, {np.mean(errors):.0f}\N{NO-BREAK SPACE}mm in the median, "
+        "which a person or another system placed"
+    )
 
 
 def number(count: int, one: str, several: str | None = None) -> str:
@@ -358,6 +375,8 @@ def uncertainty_section(findings: Sequence[Findings]) -> list[Section]:
     words = (
         f"{counted} have a stated uncertainty and a truth. Above the diagonal it is too cautious, below overconfident."
     )
+    if widened := _widened(findings):
+        words += f" Regions are those stated{widened}."
     caption = "Stated against measured probability; on the diagonal the uncertainty is correct."
     return [Section("Is the uncertainty right?", words, [table], [CaptionedFigure(caption, _regions_figure(regions))])]
 

@@ -7,9 +7,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import chi2
 
+from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25, SHELF14
-from dmae.formats.shelf import BODY25_LINKS, assemble, read_shelf
+from dmae.formats.shelf import ANNOTATION_ERROR, BODY25_LINKS, assemble, read_shelf
+from dmae.metrics.comparison import match, take_matched
+from dmae.reconstruction.config import CaptureConfig
+from dmae.reconstruction.pipeline import capture
 
 SIZE = (101, 51)
 
@@ -261,3 +266,18 @@ def test_each_candidate_is_in_one_skeleton_whatever_the_affinities():
         found = assemble(number, matrices)
         for joint in range(25):
             assert sorted(found[found[:, joint] >= 0, joint]) == list(range(number[joint]))
+
+
+def test_the_error_of_annotations_is_that_of_joints_on_which_cameras_agree(data_folder):
+    """By the median of squared distances, less the stated variance of measured joints; left and right together."""
+    clip = read_shelf(data_folder / "shelf")
+    poses = convert(capture(clip, CaptureConfig()), SHELF14)
+    matches = match(poses.xyz, clip.truth.xyz)
+    xyz, cov, views = (take_matched(each, matches) for each in (poses.xyz, poses.cov, poses.views.astype(float)))
+    squared = ((clip.truth.xyz.astype(np.float64) - xyz) ** 2).sum(-1)
+    agreed = (views >= 3) & ~np.isnan(squared)
+    for name, error in ANNOTATION_ERROR.items():
+        at = [i for i, joint in enumerate(SHELF14.joints) if joint.endswith(name)]
+        stated = np.trace(cov[:, :, at], axis1=-2, axis2=-1)[agreed[:, :, at]] / 3
+        variance = np.median(squared[:, :, at][agreed[:, :, at]]) / chi2.ppf(0.5, 3) - np.nan_to_num(np.median(stated))
+        assert error == pytest.approx(variance**0.5, rel=0.15), (name, variance**0.5)

@@ -217,3 +217,18 @@ def test_groups_of_the_same_name_add_up():
     one = tally(np.array([1.0]), np.array([Source.MEASURED]))
     both = added({"a": one, "b": one}, {"b": one, "c": one})
     assert {name: each.joints for name, each in both.items()} == {"a": 1, "b": 2, "c": 1}
+
+
+def test_regions_are_widened_by_the_error_that_the_truth_states():
+    """100 mm off, with a stated error of 20 mm: outside, unless the truth was placed as badly."""
+    clip = completed_clip()
+    cov = np.where(clip.poses.source[..., None, None] == Source.COMPLETED, 0.02**2 * np.eye(3), np.nan)
+    clip = replace(clip, poses=replace(clip.poses, cov=cov))
+    rough = np.full((*clip.truth.source.shape, 3, 3), 0.05**2) * np.eye(3)
+    said = [
+        " ".join(summary([examine(replace(clip, truth=truth))]))
+        for truth in (clip.truth, replace(clip.truth, cov=rough))
+    ]
+    assert "0 of 20 completed joints lie within their stated 90\N{NO-BREAK SPACE}% regions." in said[0]
+    assert "20 of 20 completed joints" in said[1]
+    assert "widened by the error of the truth itself, 77\N{NO-BREAK SPACE}mm" in said[1]
