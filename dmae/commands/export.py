@@ -20,8 +20,12 @@ def run(config: ExportCommand, out: Path) -> None:
     kept = with_decisions(clip, folder)
     options = {"skeleton": config.skeleton, "unit": config.unit, "keep_mm": config.keep_mm}
     written = write_poses(kept, out, config.format, **options)
-    frames, persons = written.xyz.shape[:2]
-    print(f"{out}: {counted(frames, 'frame')}, {counted(persons, 'person', 'people')}, {written.skeleton.name}")
+    frames, persons = written.poses.xyz.shape[:2]
+    files, size = (
+        ", ".join(map(str, written.files)),
+        f"{counted(frames, 'frame')}, {counted(persons, 'person', 'people')}",
+    )
+    print(f"{files}: {size}, {written.poses.skeleton.name}")
     if kept is not clip:
         left_out = int((kept.poses.source != clip.poses.source).sum())
         print(f"{left_out} joints are left out by the decisions of dmae review")

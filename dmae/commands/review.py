@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from dmae.commands.config import ReviewCommand
+from dmae.data.clip import person_name
 from dmae.data.store import load_clip
 from dmae.evaluation.review import (
     DECISIONS,
@@ -70,7 +71,7 @@ def _table(ranking: Sequence[Doubt]) -> str:
     writer.writerow(_COLUMNS)
     for entry, doubt in enumerate(ranking, 1):
         writer.writerow(
-            (entry, doubt.person, doubt.joint, doubt.first, doubt.last, doubt.worst, f"{1000 * doubt.doubt:.0f}",
-             doubt.reason, doubt.source.name.lower(), doubt.views)
+            (entry, person_name(doubt.person), doubt.joint, doubt.first, doubt.last, doubt.worst,
+             f"{1000 * doubt.doubt:.0f}", doubt.reason, doubt.source.name.lower(), doubt.views)
         )  # fmt: skip
     return text.getvalue()

@@ -25,6 +25,11 @@ class Source(IntEnum):
     """Not measured: interpolated, or predicted by a model."""
 
 
+def person_name(person: int) -> str:
+    """Return the name of a person, P1 for index 0: in files, tables, pictures and messages alike."""
+    return f"P{person + 1}"
+
+
 _BY_NAME = "; get_skeleton(name) returns one"
 
 

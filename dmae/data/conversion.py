@@ -18,6 +18,8 @@ from dmae.files.mapped import by_frames
 
 _MIDPOINTS = {"neck": ("l_shoulder", "r_shoulder"), "mid_hip": ("l_hip", "r_hip")}
 _HEAD = ("bottom_head", "top_head")
+DERIVED = (*_MIDPOINTS, *_HEAD)
+"""Joints that `convert` derives from others."""
 
 # m; top of the annotated heads of Shelf and Campus, from the conversion in the 4DAssociation release (Zhang et al.
 # 2020).

@@ -17,11 +17,11 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from dmae.data.clip import Clip, Poses3D, Source
+from dmae.data.clip import Clip, Poses3D, Source, person_name
 from dmae.files.contents import write_atomic, written
 from dmae.files.mapped import by_frames, column_blocks, empty, frame_blocks
 from dmae.formats.config import METRES, LengthUnit
-from dmae.formats.poses import person_paths, write_source_table
+from dmae.formats.poses import person_paths
 from dmae.formats.registry import pose_writer
 from dmae.numerics.body import bone_lengths, rotate_z, smooth_heading
 from dmae.numerics.filling import fill_body_frame
@@ -86,8 +86,8 @@ def joint_rotations(poses: Poses3D, fps: float, person: int) -> JointRotations:
     root = skeleton.parents.index(-1)
     if not known[root]:
         raise ValueError(
-            f"person {person}: joint {skeleton.joints[root]!r}, the root of {skeleton.name}, is never known; without "
-            "it there is no tree of joints"
+            f"{person_name(person)}: joint {skeleton.joints[root]!r}, the root of {skeleton.name}, is never known; "
+            "without it there is no tree of joints"
         )
     order, parents = _tree(skeleton.parents, known, root)
     xyz, heading = empty((len(one.xyz), len(order), 3), np.float64), np.empty(len(one.xyz))
@@ -194,13 +194,14 @@ _END_LENGTH = 0.05
 _ORDER = "ZXY"
 
 
-@pose_writer("bvh")
-def write_bvh(poses: Poses3D, clip: Clip, path: Path, *, unit: LengthUnit = LengthUnit.m) -> None:
-    """Biovision BVH: joint angles on a T-pose, a file for each person, with the sources of joints in a second file."""
-    for person, file in enumerate(person_paths(path, poses.xyz.shape[1])):
+@pose_writer("bvh", table=True)
+def write_bvh(poses: Poses3D, clip: Clip, path: Path, *, unit: LengthUnit = LengthUnit.m) -> list[Path]:
+    """Biovision BVH: joint angles on a T-pose, a file for each person."""
+    files = person_paths(path, poses.xyz.shape[1])
+    for person, file in enumerate(files):
         motion = joint_rotations(poses, clip.fps, person)
         write_atomic(file, written(chain(_hierarchy(motion, METRES[unit]), _motion(motion, clip.fps, METRES[unit]))))
-        write_source_table(file, motion.joints, poses.source[:, person][:, motion.order])
+    return files
 
 
 def _hierarchy(motion: JointRotations, metre: float) -> list[str]:

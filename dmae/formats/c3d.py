@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from dmae.data.clip import Clip, Poses3D, Source
+from dmae.data.clip import Clip, Poses3D, Source, person_name
 from dmae.files.contents import write_atomic
 from dmae.files.mapped import by_frames, frame_blocks, in_steps
 from dmae.formats.registry import pose_writer
-from dmae.formats.trc import marker
+from dmae.formats.trc import opensim_marker
 
 _ABSENT, _MODELLED = -1.0, 0.0
 """Residuals that the format reserves for a point that is not valid, and for a point that was not measured."""
@@ -19,8 +19,8 @@ _MOST_FRAMES, _PART_FRAMES = 65535, 50_000
 """Largest number of frames in a file, which the format stores in 16 bits, and number of frames per file above it."""
 
 
-@pose_writer("c3d")
-def write_c3d(poses: Poses3D, clip: Clip, path: Path) -> None:
+@pose_writer("c3d", table=True)
+def write_c3d(poses: Poses3D, clip: Clip, path: Path) -> list[Path]:
     """C3D of biomechanics: all persons in one file, with the standard error of each joint as its residual.
 
     The residual of a measured joint is its standard error, rounded up to whole mm from 1 to 127; it is 1 if the error
@@ -40,10 +40,13 @@ def write_c3d(poses: Poses3D, clip: Clip, path: Path) -> None:
     path, frames = Path(path), len(poses.xyz)
     if frames <= _MOST_FRAMES:
         _write(poses, clip.fps, path)
-        return
+        return [path]
+    parts = []
     for start in in_steps(range(0, frames, _PART_FRAMES)):
         part = path.with_name(f"{path.stem}_{start:06d}{path.suffix}")
         _write(poses.select(slice(start, start + _PART_FRAMES)), clip.fps, part)
+        parts.append(part)
+    return parts
 
 
 def _write(poses: Poses3D, fps: float, path: Path) -> None:
@@ -51,8 +54,8 @@ def _write(poses: Poses3D, fps: float, path: Path) -> None:
     import ezc3d
 
     frames, persons, joints = poses.source.shape
-    names = [marker(joint) for joint in poses.skeleton.joints]
-    labels = names if persons == 1 else [f"P{person + 1}:{name}" for person in range(persons) for name in names]
+    names = [opensim_marker(joint, poses.skeleton) for joint in poses.skeleton.joints]
+    labels = names if persons == 1 else [f"{person_name(person)}:{name}" for person in range(persons) for name in names]
     points = np.ones((4, persons * joints, frames))
     for part in frame_blocks(poses.xyz):
         points[:3, :, part] = 1000 * poses.xyz[part].reshape(-1, persons * joints, 3).transpose(2, 1, 0)

@@ -11,10 +11,9 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from dmae.data.clip import Clip, Poses3D, Source
+from dmae.data.clip import Clip, Poses3D, Source, person_name
 from dmae.files.contents import write_atomic
 from dmae.formats.bvh import Y_UP, JointRotations, joint_rotations
-from dmae.formats.poses import person_paths, write_source_table
 from dmae.formats.registry import pose_writer
 
 _COLOURS = ((0.12, 0.47, 0.71), (0.20, 0.63, 0.17), (0.42, 0.24, 0.60), (0.55, 0.34, 0.29), (0.09, 0.75, 0.81))
@@ -28,17 +27,16 @@ _CORNERS = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0
 _FACES = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]])
 
 
-@pose_writer("glb")
+@pose_writer("glb", table=True)
 def write_glb(poses: Poses3D, clip: Clip, path: Path) -> None:
-    """glTF animated skeletons, all persons in one file, with the sources of joints in a second file for each."""
+    """glTF animated skeletons, all persons in one file."""
     path, persons = Path(path), poses.xyz.shape[1]
     file = _File(np.arange(len(poses.xyz)) / clip.fps)
     red = file.mesh("not measured", _MARKER * _CORNERS, _FACES, _RED)
-    for person, table in enumerate(person_paths(path, persons)):
+    for person in range(persons):
         motion = joint_rotations(poses, clip.fps, person)
         source = poses.source[:, person][:, motion.order]
-        _add_person(file, motion, source, f"person {person}", _COLOURS[person % len(_COLOURS)], red)
-        write_source_table(table, motion.joints, source)
+        _add_person(file, motion, source, person_name(person), _COLOURS[person % len(_COLOURS)], red)
     write_atomic(path, file.data())
 
 

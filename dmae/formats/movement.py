@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dmae.data.clip import Clip, Poses3D, Source
+from dmae.data.clip import Clip, Poses3D, Source, person_name
 from dmae.data.skeleton import Skeleton, decode_skeleton, encode
 from dmae.files.checks import MOST_METRES, check_numbers, check_rate
 from dmae.files.contents import write_atomic
@@ -128,7 +128,7 @@ def movement_data_set(poses: Poses3D, fps: float):
             "time": np.arange(frames) / fps,
             "space": ["x", "y", "z"],
             "keypoints": list(poses.skeleton.joints),
-            "individuals": [f"individual_{number}" for number in range(persons)],
+            "individuals": [person_name(number) for number in range(persons)],
         },
         {
             "fps": float(fps),

@@ -1,10 +1,10 @@
 """What formats of poses share: the reading of any of them, and tables of what a format cannot store.
 
-The tables next to a pose file have the source and the covariance of each joint.
+Tables next to pose files have the source and the covariance of each joint.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatch
 from itertools import chain
@@ -13,7 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from dmae.data.cameras import CameraRig
-from dmae.data.clip import Poses3D, Source
+from dmae.data.clip import Poses3D, Source, person_name
+from dmae.data.conversion import DERIVED, convert
+from dmae.data.skeleton import Skeleton
 from dmae.data.store import MANIFEST, clip_folders
 from dmae.files.contents import read_text, write_atomic, written
 from dmae.files.mapped import frame_blocks
@@ -105,27 +107,99 @@ def _expected() -> str:
     return " or ".join(each.file or f"a folder of {each.signs[0]}" for each in pose_reader.values())
 
 
+SOURCE_WORDS = {
+    Source.ABSENT: "absent",
+    Source.MEASURED: "measured",
+    Source.DENOISED: "measured (smoothed)",
+    Source.COMPLETED: "completed",
+}
+"""How the table of provenance calls the source of a joint."""
+_NOT_ITS = "delete it if it is not its"
 _AXES = ("xx", "xy", "xz", "yy", "yz", "zz")
 _ROWS, _COLUMNS = np.triu_indices(3)
 
 
-def write_source_table(path: Path, names: Sequence[str], source: np.ndarray, first: int = 1) -> None:
-    """Write `<name>.source.csv`: measured, denoised, completed or absent, one row per frame, one column per joint.
+def write_provenance(path: Path, poses: Poses3D, fps: float, first: int) -> None:
+    """Write `<name>.provenance.csv`: which joint of which person was measured when; one row per run of equal sources.
+
+    It also has the joints that `convert` derives, so that all files of one run share it, whatever their skeleton.
+    Frames are numbered as in the recording; times count from the first frame of the file, as in all formats.
 
     Args:
-        path: The pose file that the table belongs to.
-        names: J names of joints, as in the pose file.
-        source: (F, J) `Source`.
-        first: Number of the first frame.
+        path: Any pose file of the run.
+        poses: All persons, on the skeleton they were captured on.
+        first: Number of the first frame in the recording.
     """
-    words = [kind.name.lower() for kind in Source]
-    rows = (",".join([str(frame), *(words[kind] for kind in row.tolist())]) for frame, row in enumerate(source, first))
-    write_atomic(source_table(path), written(chain([",".join(["Frame#", *names])], rows)))
+    skeleton = poses.skeleton
+    if not skeleton.defined and len(skeleton.parts) == 1:
+        joints = (*skeleton.joints, *(joint for joint in DERIVED if joint not in skeleton.joints))
+        skeleton = Skeleton("all", joints, (-1,) * len(joints))
+    source = _sources_on(poses, skeleton)
+    names = [SOURCE_WORDS[kind] for kind in Source]
+
+    def rows() -> Iterator[str]:
+        yield "person,joint,first_frame,last_frame,first_s,last_s,source"
+        for person in range(source.shape[1]):
+            for number, joint in enumerate(skeleton.joints):
+                kinds = source[:, person, number]
+                if number >= len(poses.skeleton) and not kinds.any():
+                    continue
+                starts = np.r_[0, np.flatnonzero(np.diff(kinds)) + 1] if len(kinds) else []
+                for start, end in zip(starts, [*starts[1:], len(kinds)], strict=True):
+                    at, last = int(start), int(end) - 1
+                    frames = f"{at + first},{last + first},{at / fps:.6f},{last / fps:.6f}"
+                    yield f"{person_name(person)},{joint},{frames},{names[kinds[at]]}"
+
+    write_atomic(provenance_table(path), written(rows()))
 
 
-def source_table(path: Path) -> Path:
-    """Return the path of the table of sources of a pose file."""
-    return Path(path).with_suffix(".source.csv")
+def _sources_on(poses: Poses3D, skeleton: Skeleton) -> np.ndarray:
+    """Return the sources (F, P, J) of poses on another skeleton, in little memory."""
+    parts = [convert(poses.select(part), skeleton).source for part in frame_blocks(poses.xyz)]
+    return np.concatenate(parts) if parts else np.zeros((*poses.source.shape[:2], len(skeleton)), np.uint8)
+
+
+def read_provenance(path: Path, joints: Sequence[str], frames: int) -> np.ndarray | None:
+    """Return the sources (F, J) of the joints in a file of one person; None if there is no table beside it.
+
+    Args:
+        path: A file of `person_paths`.
+        joints: Names of its J joints.
+        frames: F, number of frames in the file.
+
+    Raises:
+        ValueError: the table is malformed, or has other frames or joints.
+    """
+    table, person = provenance_table(path), "P1"
+    if _PERSON.search(path.stem):
+        person = path.stem.rpartition("_")[2]
+    if not table.is_file():
+        return None
+    source, first = np.full((frames, len(joints)), -1), None
+    kinds = {word: kind for kind, word in SOURCE_WORDS.items()}
+    place = {joint: number for number, joint in enumerate(joints)}
+    for number, line in enumerate(read_text(table).splitlines()[1:], 2):
+        cells = line.split(",")
+        try:
+            start, end, kind = int(cells[2]), int(cells[3]), kinds[cells[6]]
+        except (ValueError, IndexError, KeyError):
+            raise ValueError(
+                f"{table}, line {number}: expected {', '.join(kinds)} in some frames, found {line!r:.80}"
+            ) from None
+        first = start if first is None else first
+        if cells[0] == person and cells[1] in place:
+            if not first <= start <= end < first + frames:
+                raise ValueError(f"{table}, line {number}: expected frames of the {frames} in {path.name}; {_NOT_ITS}")
+            source[start - first : end + 1 - first, place[cells[1]]] = kind
+    if (source < 0).any():
+        raise ValueError(f"{table}: expected all {frames} frames and joints of {path.name}; {_NOT_ITS}")
+    return source
+
+
+def provenance_table(path: Path) -> Path:
+    """Return the path of the table of sources that the pose files of one run share."""
+    path = Path(path)
+    return path.with_name(f"{_PERSON.sub('', path.stem)}.provenance.csv")
 
 
 def write_covariance_table(path: Path, names: Sequence[str], cov: np.ndarray, first: int = 1) -> None:
@@ -135,7 +209,9 @@ def write_covariance_table(path: Path, names: Sequence[str], cov: np.ndarray, fi
 
     Args:
         cov: (F, J, 3, 3); NaN where unknown, which becomes an empty cell.
-        path, names, first: As in `write_source_table`.
+        path: The pose file that the table belongs to.
+        names: J names of joints, as in the pose file.
+        first: Number of the first frame.
     """
     if all(np.isnan(cov[part]).all() for part in frame_blocks(cov)):
         covariance_table(path).unlink(missing_ok=True)
@@ -189,7 +265,7 @@ def person_paths(path: Path, persons: int) -> list[Path]:
     path = Path(path)
     if persons == 1:
         return [path]
-    return [path.with_name(f"{path.stem}_P{person + 1}{path.suffix}") for person in range(persons)]
+    return [path.with_name(f"{path.stem}_{person_name(person)}{path.suffix}") for person in range(persons)]
 
 
 _STEP_M = 1e-4

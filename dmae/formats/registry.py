@@ -52,15 +52,19 @@ class PoseReader(Entry):
 class PoseWriter(Entry):
     """A writer of poses: a function that takes poses, their clip, and the path to write.
 
+    It returns the files that it wrote, or None if that is the path alone.
+
     Attributes:
         folder: The writer writes a folder, not a file.
         skeleton: Name of the only skeleton that the format supports; None if it supports any.
+        table: The format cannot say how each joint is known, so `<name>.provenance.csv` says it.
         fused: If the skeleton is fused from several, all joints are written by default. Otherwise only the joints of
             the first skeleton are written.
     """
 
     folder: bool = False
     skeleton: str | None = None
+    table: bool = False
     fused: bool = False
 
 

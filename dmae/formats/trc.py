@@ -1,4 +1,8 @@
-"""TRC, OpenSim's text format for markers: y up, separated by tabs, an empty cell where a marker is absent."""
+"""TRC, OpenSim's text format for markers: y up, separated by tabs, `NaN` where a marker is absent.
+
+OpenSim 4.6 drops an empty cell at the end of a line and then refuses the file, so absence is written as `NaN`, which
+OpenSim and Pose2Sim both read.
+"""
 
 import re
 from collections.abc import Iterator
@@ -9,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from dmae.data.clip import Clip, Poses3D, Source
+from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import SKELETONS, Skeleton, encode, read_skeleton
 from dmae.files.checks import MOST_METRES, check_numbers, check_rate
 from dmae.files.contents import read_text, write_atomic, written
@@ -19,9 +23,8 @@ from dmae.formats.poses import (
     PoseFile,
     person_paths,
     read_covariance_table,
-    source_table,
+    read_provenance,
     write_covariance_table,
-    write_source_table,
 )
 from dmae.formats.registry import pose_reader, pose_writer
 
@@ -29,11 +32,15 @@ from dmae.formats.registry import pose_reader, pose_writer
 _WORLD = (2, 0, 1)
 _TRC = (1, 2, 0)
 _SIDES = {"l_": "L", "r_": "R"}
-_ALIASES = {"Head": "head_top", "CHip": "mid_hip", "Hip": "mid_hip"}
-"""Joints by the name of the marker, for Pose2Sim's markers with other names than `marker` gives."""
-_OPENSIM = {"head_top": "Head", "mid_hip": "CHip"}
+_OPENSIM = {"head_top": "Head", "mid_hip": "CHip"} | {
+    f"{side}_{finger}_finger": f"{letter}{name}"
+    for side, letter in (("l", "L"), ("r", "R"))
+    for finger, name in (("little", "Pinky"), ("index", "Index"))
+}
 _OPENSIM_HALPE26 = _OPENSIM | {"mid_hip": "Hip"}
 """Markers by joint, if Pose2Sim's OpenSim models use another name than `marker`. Halpe's models differ in the hip."""
+_ALIASES = {name: joint for joint, name in _OPENSIM.items()} | {"Hip": "mid_hip"}
+"""Joints by the name of the marker."""
 _FIRST_ROW = 5
 """Number of lines of the header. OpenSim's own files have an empty line after it."""
 
@@ -60,7 +67,7 @@ def opensim_marker(joint: str, skeleton: Skeleton) -> str:
 def read_trc(path: Path, skeleton: Skeleton | None = None) -> tuple[Poses3D, float]:
     """Return the poses of one person from a TRC, in m and world axes, and the frame rate in frames/s.
 
-    `source` and `cov` come from the files that `write_trc` writes next to the TRC. Without these files, all markers
+    `source` and `cov` come from the tables that an export writes next to the TRC. Without these tables, all markers
     count as measured, although some programs write interpolated markers.
 
     Args:
@@ -83,7 +90,7 @@ def read_trc(path: Path, skeleton: Skeleton | None = None) -> tuple[Poses3D, flo
     xyz[:, 0, joints] = rows[:, :, _WORLD] * METRES[header["Units"]]
     xyz[np.isnan(xyz).any(-1)] = np.nan
     try:
-        source = _read_source(path, xyz, names, joints)
+        source = _read_source(path, xyz, skeleton, joints)
         poses = Poses3D(skeleton, xyz, source, _read_cov(path, xyz, joints, METRES[header["Units"]]))
         poses.check_numbers()
         return poses, check_rate("DataRate", header["DataRate"])
@@ -197,44 +204,38 @@ def _person_files(path: Path) -> list[Path]:
     return [numbered[number] for number in sorted(numbered)]
 
 
-@pose_writer("trc")
-def write_trc_poses(poses: Poses3D, clip: Clip, path: Path, *, unit: LengthUnit = LengthUnit.m) -> None:
-    """OpenSim's markers, a file for each person, with the sources and covariances of joints in further files."""
-    write_trc(poses, clip.fps, path, unit, clip.provenance.get("first_frame"))
+@pose_writer("trc", table=True)
+def write_trc_poses(poses: Poses3D, clip: Clip, path: Path, *, unit: LengthUnit = LengthUnit.m) -> list[Path]:
+    """OpenSim's markers, a file for each person, with the covariances of joints in further files."""
+    return write_trc(poses, clip.fps, path, unit, clip.provenance.get("first_frame", 0))
 
 
-def write_trc(
-    poses: Poses3D, fps: float, path: Path, unit: LengthUnit = LengthUnit.m, first: int | None = None
-) -> list[Path]:
+def write_trc(poses: Poses3D, fps: float, path: Path, unit: LengthUnit = LengthUnit.m, first: int = 0) -> list[Path]:
     """Write one TRC file per person, to a micrometre. `person_paths` gives their names.
 
-    A TRC cannot state that a joint was not measured. A second file, `<name>.source.csv`, states it: measured, denoised,
-    completed or absent for each frame and marker. A third file, `<name>.covariance.csv`, contains the known covariances
-    of the joints, in the axes and the unit of the TRC. A fourth file, `<name>.skeleton.yaml`, defines the skeleton if
-    it is not one of this package.
+    `<name>.covariance.csv` contains the known covariances of the joints, in the axes and the unit of the TRC, and
+    `<name>.skeleton.yaml` defines the skeleton if it is not one of this package. A TRC cannot state that a joint was
+    not measured: see `write_provenance`.
 
     Args:
-        first: Number of the first frame in the recording; frame 0 is at time 0 s. By default the first frame has
-            number 1 and time 0 s.
+        first: Number of the first frame in the recording. Its time is 0 s.
 
     Returns:
         The TRC files.
     """
     names = [opensim_marker(joint, poses.skeleton) for joint in poses.skeleton.joints]
-    number, start = (1, 0) if first is None else (first, first)
     paths = person_paths(path, poses.xyz.shape[1])
     digits = {LengthUnit.m: 6, LengthUnit.cm: 4, LengthUnit.mm: 3}[unit]
     for person, file in enumerate(paths):
-        header = _written_header(file, names, len(poses.xyz), fps, unit, number)
-        rows = _rows_of(poses.xyz[:, person], METRES[unit], fps, digits, number, start)
+        header = _written_header(file, names, len(poses.xyz), fps, unit, first)
+        rows = _rows_of(poses.xyz[:, person], METRES[unit], fps, digits, first)
         write_atomic(file, written(chain(header, rows)))
-        write_source_table(file, names, poses.source[:, person], number)
         if poses.skeleton.defined:
             write_atomic(_skeleton_file(file), yaml.safe_dump(encode(poses.skeleton), sort_keys=False))
         else:
             _skeleton_file(file).unlink(missing_ok=True)
         turned = partial(_turned, person=person, metre=METRES[unit])
-        write_covariance_table(file, names, by_frames(turned, poses.cov), number)
+        write_covariance_table(file, names, by_frames(turned, poses.cov), first)
     return paths
 
 
@@ -253,32 +254,19 @@ def _written_header(path: Path, names: list[str], frames: int, fps: float, unit:
     ]
 
 
-def _rows_of(xyz: np.ndarray, metre: float, fps: float, digits: int, number: int, start: int) -> Iterator[str]:
+def _rows_of(xyz: np.ndarray, metre: float, fps: float, digits: int, first: int) -> Iterator[str]:
     for frame, row in enumerate(xyz):
         values = (row[:, _TRC].astype(np.float64) / metre).ravel().tolist()
-        cells = ("" if v != v else f"{v:.{digits}f}" for v in values)
-        yield "\t".join([str(frame + number), f"{(frame + start) / fps:.6f}", *cells])
+        cells = ("NaN" if v != v else f"{v:.{digits}f}" for v in values)
+        yield "\t".join([str(frame + first), f"{frame / fps:.6f}", *cells])
 
 
-def _read_source(path: Path, xyz: np.ndarray, names: list[str], joints: list[int]) -> np.ndarray | None:
-    table = source_table(path)
-    if not table.is_file():
+def _read_source(path: Path, xyz: np.ndarray, skeleton: Skeleton, joints: list[int]) -> np.ndarray | None:
+    found = read_provenance(path, [skeleton.joints[joint] for joint in joints], len(xyz))
+    if found is None:
         return None
-    lines = [line.split(",") for line in read_text(table).splitlines()]
-    wrong = [
-        len(lines) != len(xyz) + 1,
-        not lines or lines[0][1:] != names,
-        any(len(line) != len(names) + 1 for line in lines),
-    ]
-    if any(wrong):
-        raise ValueError(
-            f"{table}: expected {len(xyz)} frames of the markers of {path.name}; delete it if it is not its"
-        )
     source = np.zeros(xyz.shape[:-1], np.uint8)
-    try:
-        source[:, 0, joints] = [[Source[kind.upper()] for kind in line[1:]] for line in lines[1:]]
-    except KeyError as error:
-        raise ValueError(f"{table}: expected {[s.name.lower() for s in Source]}, found {error}") from None
+    source[:, 0, joints] = found
     return source
 
 

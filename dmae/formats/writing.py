@@ -1,6 +1,6 @@
 """Write poses and recordings in any format."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from dmae.data.clip import Clip, Poses3D
@@ -9,10 +9,24 @@ from dmae.data.skeleton import Skeleton, get_skeleton
 from dmae.files.checks import child
 from dmae.files.contents import check_vacant
 from dmae.formats.config import LengthUnit
+from dmae.formats.poses import provenance_table, write_provenance
 from dmae.formats.registry import PoseWriter, pose_writer, recording_writer
 
 _SUFFIXES = {"coco": ".json", "movement": ".nc"}
 """Suffixes of files by format, where the suffix differs from the name of the format."""
+
+
+@dataclass(frozen=True)
+class Written:
+    """What an export wrote.
+
+    Attributes:
+        poses: The poses, on the skeleton that was written.
+        files: The files or folders of poses, and the table of their sources if the format needs one.
+    """
+
+    poses: Poses3D
+    files: tuple[Path, ...]
 
 
 def export_path(path: Path, format: str) -> Path:
@@ -44,7 +58,7 @@ def write_poses(
     skeleton: str | None = None,
     unit: LengthUnit = LengthUnit.m,
     keep_mm: float | None = None,
-) -> Poses3D:
+) -> Written:
     """Write the captured or completed poses of a clip, or its truth if it has no poses.
 
     Args:
@@ -58,7 +72,7 @@ def write_poses(
             `dmae.numerics.statistics.without_unlikely`. By default all joints are written.
 
     Returns:
-        The poses on the skeleton that was written.
+        The poses on the skeleton that was written, and the files.
 
     Raises:
         ValueError: the clip has neither poses nor truth, the format is unknown or does not support the skeleton or
@@ -88,8 +102,12 @@ def write_poses(
     if poses is clip.poses:
         # Some writers project the poses that the clip contains.
         clip = replace(clip, poses=kept)
-    writer.function(written, clip, path, **options)
-    return written
+    files = writer.function(written, clip, path, **options) or [path]
+    if writer.table:
+        captured = kept if writer.fused else convert(kept, kept.skeleton.parts[0])
+        write_provenance(path, captured, clip.fps, clip.provenance.get("first_frame", 0))
+        files = [*files, provenance_table(path)]
+    return Written(written, tuple(files))
 
 
 def write_recording(clip: Clip, path: Path, format: str = "clip") -> str:

@@ -1,5 +1,6 @@
 """Scores as tables: PCP, the columns of all metrics, errors by length of gap, and regions."""
 
+from dmae.data.clip import person_name
 from dmae.metrics.position import COVERAGES, LARGE
 from dmae.metrics.registry import metrics
 from dmae.reporting.tables import Table
@@ -70,7 +71,7 @@ def _ranking_table(ranked: list[tuple[tuple[str, str], dict]]) -> Table:
 
 def _pcp_table(scores: dict, firsts: list[tuple[str, str]]) -> Table:
     results = scores["results"]
-    persons = [f"person {person}" for person in range(len(results[0]["mean"].get("pcp_persons", ())))]
+    persons = [person_name(person) for person in range(len(results[0]["mean"].get("pcp_persons", ())))]
     cells = [
         (result["mean"]["pcp"], result["worst"]["pcp"], *result["mean"].get("pcp_persons", ())) for result in results
     ]

@@ -10,7 +10,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from dmae.data.cameras import CameraRig
-from dmae.data.clip import Clip, Poses3D, Source
+from dmae.data.clip import Clip, Poses3D, Source, person_name
 from dmae.data.labels import Visibility
 from dmae.viewing.canvas import (
     FAINT,
@@ -55,7 +55,7 @@ def occluder_name(clip: Clip, frame: int, view: int, person: int, joint: int) ->
         case Visibility.HIDDEN_BY_SELF:
             return "itself"
         case Visibility.HIDDEN_BY_PERSON:
-            return f"person {by}"
+            return person_name(by)
         case Visibility.HIDDEN_BY_OBJECT:
             return clip.occlusion.objects[by]
     return ""
@@ -347,14 +347,14 @@ class Overlay:
                 # A person's colour could be mistaken for the colour of an occluder.
                 edge = INK if self.layers.occlusion else person_colour(person)
                 draw.ellipse((x - half, y - half, x + half, y + half), (*PAPER, 225), edge, width=2)
-                draw.text((x, y), str(person), INK, font(self._line - 3, bold=True), anchor="mm")
+                draw.text((x, y), person_name(person), INK, font(self._line - 3, bold=True), anchor="mm")
 
     def _write_below(self, draw: ImageDraw.ImageDraw, frame: int, view: int, top: int) -> None:
         letters = font(self._line - 3)
         if self.layers.occlusion:
             joints = first_joints(self.clip.truth)
             rows = [
-                [(f"person {person}", INK), *occlusion_summary(self.clip, frame, view, person, joints)]
+                [(person_name(person), INK), *occlusion_summary(self.clip, frame, view, person, joints)]
                 for person in range(self.clip.truth.xyz.shape[1])
             ]
         else:

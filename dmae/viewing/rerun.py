@@ -7,7 +7,7 @@ import numpy as np
 import rerun as rr
 
 from dmae.data.cameras import CameraRig
-from dmae.data.clip import Clip, Poses3D, Source
+from dmae.data.clip import Clip, Poses3D, Source, person_name
 from dmae.data.labels import Visibility
 from dmae.progress import progress
 from dmae.viewing.canvas import RED, person_colour
@@ -76,13 +76,13 @@ def _log_poses(recording: rr.RecordingStream, clip: Clip, frame: int, layers: La
             known |= here
             colour = RED if kind == "completed" else person_colour(person)
             points = rr.Points3D(xyz[here], colors=[colour], radii=0.02)
-            recording.log(f"world/person_{person}/{kind}", points)
-        _log_bones(recording, f"world/person_{person}/bones", poses, xyz, known, person_colour(person))
+            recording.log(f"world/{person_name(person)}/{kind}", points)
+        _log_bones(recording, f"world/{person_name(person)}/bones", poses, xyz, known, person_colour(person))
     for kind in (kind for kind in kinds if wanted[kind]):
         for view, name in enumerate(clip.rig.names):
             person, joint = np.nonzero(kinds[kind] & np.isfinite(pixels[view]).all(-1))
             colours = [RED if kind == "completed" else person_colour(p) for p in person]
-            labels = [f"person {p} {_joint(poses, joints[j])}" for p, j in zip(person, joint, strict=True)]
+            labels = [f"{person_name(p)} {_joint(poses, joints[j])}" for p, j in zip(person, joint, strict=True)]
             _log_marks(recording, name, kind, pixels[view][person, joint], colours, labels)
 
 
@@ -96,8 +96,8 @@ def _log_truth(recording: rr.RecordingStream, clip: Clip, rig: CameraRig, frame:
         known = np.isfinite(xyz).all(-1)
         colour = TRUE if layers.poses else person_colour(person)
         points = rr.Points3D(xyz[known], colors=[colour], radii=radii[person, known])
-        recording.log(f"world/truth/person_{person}/joints", points)
-        _log_bones(recording, f"world/truth/person_{person}/bones", truth, xyz, known, colour)
+        recording.log(f"world/truth/{person_name(person)}/joints", points)
+        _log_bones(recording, f"world/truth/{person_name(person)}/bones", truth, xyz, known, colour)
     pixels = rig.project(truth.xyz[frame : frame + 1][:, :, joints])[0][0]
     for view, name in enumerate(rig.names):
         shown = np.isfinite(pixels[view]).all(-1)
@@ -106,7 +106,7 @@ def _log_truth(recording: rr.RecordingStream, clip: Clip, rig: CameraRig, frame:
             shown &= codes <= Visibility.HIDDEN_BY_OBJECT
         colours, labels = [], []
         for person, joint in zip(*np.nonzero(shown), strict=True):
-            label, colour = f"person {person} {_joint(truth, joints[joint])}", TRUE
+            label, colour = f"{person_name(person)} {_joint(truth, joints[joint])}", TRUE
             if layers.occlusion:
                 occluder = occluder_name(clip, frame, view, person, joints[joint])
                 label += f", behind {occluder}" if occluder else ""

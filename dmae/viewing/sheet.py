@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from PIL import Image, ImageDraw
 
-from dmae.data.clip import Clip, Source
+from dmae.data.clip import Clip, Source, person_name
 from dmae.data.images import write_video
 from dmae.files.contents import write_atomic
 from dmae.progress import progress
@@ -161,7 +161,7 @@ def _legend(overlay: Overlay) -> list[list[Item]]:
     items: list[Item] = [("detected", (Mark.CROSS, DETECTED))] if layers.detections else []
     if not layers.poses:
         there = [] if overlay.shown is None else np.isfinite(overlay.shown.xyz).any((0, 2, 3))
-        items += [(f"true person {p}", (Mark.RING, person_colour(p))) for p in np.flatnonzero(there)]
+        items += [(f"true {person_name(p)}", (Mark.RING, person_colour(p))) for p in np.flatnonzero(there)]
         return [items] if items else []
     items += [("true", (Mark.RING, TRUE))] if layers.truth else []
     source = clip.poses.source[:, :, first_joints(clip.poses)]
@@ -170,7 +170,7 @@ def _legend(overlay: Overlay) -> list[list[Item]]:
     completed = (source == Source.COMPLETED).sum() / total
     measured = clip.poses.measured[:, :, first_joints(clip.poses)].sum() / total
     if layers.measured:
-        items += [(f"person {p}", (Mark.DISC, person_colour(p))) for p in range(source.shape[1]) if there[:, p].any()]
+        items += [(person_name(p), (Mark.DISC, person_colour(p))) for p in range(source.shape[1]) if there[:, p].any()]
     if layers.completed and completed:
         items += [("completed: no camera measured it", (Mark.SQUARE, RED))]
     shares = f"joints of people who are present: {measured:.0%} measured, {completed:.0%} completed"

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from dmae.calibration.world import Floor, find_floor
-from dmae.data.clip import Clip, Source
+from dmae.data.clip import Clip, Source, person_name
 from dmae.data.labels import Visibility
 from dmae.evaluation.report.joints import Groups, JointGroup, Joints, Reprojection, joints_of, reprojection, tally
 from dmae.evaluation.review import Doubt, checksum, rank_doubts
@@ -252,7 +252,7 @@ def worst_moments(clip: Clip, joints: Joints, reprojected: Reprojection) -> list
         runs = sorted(((end - start, start, number) for number, start, end in runs_of(missed)), reverse=True)
         for length, start, number in runs[:_OF_A_KIND]:
             seconds = length / clip.fps
-            found.append(WorstMoment(start, None, "missed", f"true person {number}", seconds, f"{seconds:.2f} s"))
+            found.append(WorstMoment(start, None, "missed", f"true {person_name(number)}", seconds, f"{seconds:.2f} s"))
     there = (clip.poses.source != Source.ABSENT).any(-1)
     count = len(clip.poses.skeleton)
     lacking = np.where(there, count - clip.poses.measured.sum(-1), 0).astype(float)

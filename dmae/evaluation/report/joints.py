@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dmae.data.clip import Clip, Poses3D, Source
+from dmae.data.clip import Clip, Poses3D, Source, person_name
 from dmae.data.conversion import convert, scale_of
 from dmae.data.skeleton import Skeleton
 from dmae.files.mapped import in_steps
@@ -185,7 +185,7 @@ def reprojection(clip: Clip) -> Reprojection:
     worst, where = np.full((frames, persons), np.nan), np.zeros((frames, persons, 2), int)
     cuts = {
         "camera": {name: np.s_[:, view] for view, name in enumerate(clip.rig.names)},
-        "person": {f"person {person}": np.s_[:, :, person] for person in range(persons)},
+        "person": {person_name(person): np.s_[:, :, person] for person in range(persons)},
         "joint": {name: np.s_[..., joint] for joint, name in enumerate(poses.skeleton.joints)},
         "all": {"all": np.s_[:]},
     }

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from dmae.data.clip import Clip, Source
+from dmae.data.clip import Clip, Source, person_name
 from dmae.evaluation.config import TITLE
 from dmae.evaluation.report.findings import (
     BY_CAUSE,
@@ -300,7 +300,7 @@ def moments_section(findings: Sequence[Findings], played: dict[str, range]) -> l
         found = sorted(((e, m) for e, m in shown if m.kind == kind), key=lambda pair: -pair[1].size)[:_MOST_MOMENTS]
         rows, places = [], []
         for each, moment in found:
-            person = "-" if moment.person is None else str(moment.person)
+            person = "-" if moment.person is None else person_name(moment.person)
             row = (str(moment.frame), moment.amount, person, moment.what, f"{moment.frame / each.fps:.2f}")
             rows.append((each.id, *row) if several else row)
             inside = moment.frame in played[each.id]

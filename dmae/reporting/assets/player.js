@@ -34,7 +34,7 @@ async function player() {
     byId("clip").value = number;
     byId("camera").replaceChildren(...clip.cameras.map((each, i) => option(each.name, i)));
     const people = clip.poses ? clip.poses.persons : 0;
-    byId("follow").replaceChildren(option("no one", ""), ...Array.from({ length: people }, (_, i) => option(`person ${i}`, i)));
+    byId("follow").replaceChildren(option("no one", ""), ...Array.from({ length: people }, (_, i) => option(`P${i + 1}`, i)));
     byId("frame").max = Math.max(0, clip.frames - 1);
     const has = { truth: clip.truth, measured: clip.poses, completed: clip.poses, uncertainty: clip.poses, picture: clip.cameras.some((each) => each.video) };
     for (const name of Object.keys(toggleTitles)) byId(`show-${name}`).parentElement.hidden = name in has && !has[name];
@@ -345,8 +345,8 @@ async function player() {
       const names = (wanted) => clip.poses.joints.filter((_, joint) => clip.poses.source(frame, person, joint) === wanted);
       const completed = names(COMPLETED), missing = names(0);
       const list = (found) => (found.length > 4 ? `${found.length} joints` : found.join(", "));
-      if (completed.length) parts.push(`person ${person}: completed ${list(completed)}`);
-      if (missing.length) parts.push(`person ${person}: missing ${list(missing)}`);
+      if (completed.length) parts.push(`P${person + 1}: completed ${list(completed)}`);
+      if (missing.length) parts.push(`P${person + 1}: missing ${list(missing)}`);
     }
     const error = clip.error && clip.error[frame];
     if (error !== null && error !== undefined && error !== false) parts.unshift(`mean error ${Math.round(error)} mm`);
@@ -365,7 +365,7 @@ async function player() {
     const own = clip.colours[0];
     if (clip.poses) {
       for (let person = 0; person < Math.min(clip.poses.persons, 12); person++) {
-        shape(`<circle cx="8" cy="8" r="5" fill="${colourOf(person)}"/>`, `person ${person}`);
+        shape(`<circle cx="8" cy="8" r="5" fill="${colourOf(person)}"/>`, `P${person + 1}`);
       }
       shape(`<path d="M8 2 14 8 8 14 2 8z" fill="${own}" stroke="var(--red)" stroke-width="2.2"/>`, "completed: no camera measured it");
     }

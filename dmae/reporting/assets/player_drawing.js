@@ -138,9 +138,9 @@ function drawNames(context, project, clip, frame, colours) {
     if (!at) continue;
     context.lineWidth = 3;
     context.strokeStyle = colours.page;
-    context.strokeText(String(person), at[0], at[1]);
+    context.strokeText(`P${person + 1}`, at[0], at[1]);
     context.fillStyle = clip.colours[person % clip.colours.length];
-    context.fillText(String(person), at[0], at[1]);
+    context.fillText(`P${person + 1}`, at[0], at[1]);
   }
 }
 

@@ -53,7 +53,9 @@ def test_npz_and_trc(captured, tmp_path, capsys):
     assert fps == 25
     np.testing.assert_allclose(found.xyz[:, 0], captured.poses.xyz[:, 0], atol=1e-6)
     np.testing.assert_array_equal(found.source[:, 0], captured.poses.source[:, 0])
-    assert "b.trc: 12 frames, 2 people, body25" in capsys.readouterr().out
+    said = capsys.readouterr().out.splitlines()[-1].removesuffix(": 12 frames, 2 people, body25").split(", ")
+    assert [Path(file).name for file in said] == ["b_P1.trc", "b_P2.trc", "b.provenance.csv"]
+    assert all(Path(file).is_file() for file in said)
 
 
 def test_panoptic(captured, tmp_path):

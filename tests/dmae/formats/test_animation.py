@@ -71,7 +71,7 @@ def test_joints_that_are_never_known_are_left_out_and_a_missing_root_is_refused(
     assert "l_elbow" not in motion.joints
     assert motion.joints[motion.parents[motion.joints.index("l_wrist")]] == "l_shoulder"
     gone[:, :, BODY25.index("mid_hip")] = True
-    with pytest.raises(ValueError, match="person 0: joint 'mid_hip', the root of body25, is never known"):
+    with pytest.raises(ValueError, match="P1: joint 'mid_hip', the root of body25, is never known"):
         joint_rotations(poses.without(gone), 25.0, 0)
 
 
@@ -85,9 +85,6 @@ def test_a_bvh_holds_the_motion(clip, tmp_path, unit, metre):
         xyz = found.forward()[0][:, [found.joints.index(joint) for joint in ours]] / metre @ Y_UP
         expected = clip.poses.xyz[:, person][:, BODY25.index(*ours)]
         assert np.nanmax(np.linalg.norm(xyz - expected, axis=-1)[:frames]) < 0.002
-        header, *rows = (tmp_path / f"walk_P{person + 1}.source.csv").read_text().splitlines()
-        assert header.split(",")[1:] == list(joint_rotations(clip.poses, clip.fps, person).joints)
-        assert len(rows) == 30 and (rows[25].split(",")[1] == "absent") == bool(person)
 
 
 def test_a_glb_holds_the_motion_and_marks_what_was_not_measured(clip, tmp_path):
@@ -125,11 +122,11 @@ def test_a_glb_holds_the_motion_and_marks_what_was_not_measured(clip, tmp_path):
             place(skin.joints[0], frame, np.zeros(3), np.eye(3), found)
             for number, joint in enumerate(BODY25.joints):
                 expected = Y_UP @ clip.poses.xyz[frame, person, number]
-                np.testing.assert_allclose(found[f"person {person}: {joint}"], expected, atol=0.002)
+                np.testing.assert_allclose(found[f"P{person + 1}: {joint}"], expected, atol=0.002)
     names = [node.name for node in file.nodes]
-    red = tracks[names.index("person 0: r_wrist not measured"), "scale"][:, 0]
+    red = tracks[names.index("P1: r_wrist not measured"), "scale"][:, 0]
     np.testing.assert_array_equal(np.flatnonzero(red), np.arange(4, 9))
-    there = tracks[names.index("person 1: mid_hip"), "scale"][:, 0]
+    there = tracks[names.index("P2: mid_hip"), "scale"][:, 0]
     np.testing.assert_array_equal(np.flatnonzero(there), np.arange(20))
 
 
@@ -138,8 +135,8 @@ def test_a_glb_is_a_scene_of_upright_people_to_trimesh(clip, tmp_path):
 
     write_poses(clip, tmp_path / "walk.glb", "glb")
     scene = trimesh.load(tmp_path / "walk.glb")
-    assert {"person 0", "person 1"} <= set(scene.geometry)
-    height = np.ptp(scene.geometry["person 0"].bounds[:, 1])
+    assert {"P1", "P2"} <= set(scene.geometry)
+    height = np.ptp(scene.geometry["P1"].bounds[:, 1])
     assert height == pytest.approx(np.nanmax(np.ptp(clip.poses.xyz[:, 0, :, 2], axis=-1)), abs=0.1)
 
 
@@ -164,8 +161,8 @@ def test_more_frames_than_a_c3d_counts_go_into_several(clip, tmp_path, monkeypat
     monkeypatch.setattr(c3d, "_MOST_FRAMES", 20)
     monkeypatch.setattr(c3d, "_PART_FRAMES", 12)
     write_poses(clip, tmp_path / "parts" / "walk.c3d", "c3d")
-    parts = [ezc3d.c3d(str(path))["data"] for path in sorted((tmp_path / "parts").iterdir())]
-    assert [path.name for path in sorted((tmp_path / "parts").iterdir())] == [
+    parts = [ezc3d.c3d(str(path))["data"] for path in sorted((tmp_path / "parts").glob("*.c3d"))]
+    assert [path.name for path in sorted((tmp_path / "parts").glob("*.c3d"))] == [
         f"walk_{start:06d}.c3d" for start in (0, 12, 24)
     ]
     whole = ezc3d.c3d(str(tmp_path / "walk.c3d"))["data"]

@@ -61,7 +61,7 @@ def test_persons_of_different_lengths_are_refused(tmp_path: Path):
     write_poses(captured(), tmp_path / "a.trc", "trc")
     second = tmp_path / "a_P2.trc"
     second.write_text("\n".join(second.read_text().splitlines()[:-1]) + "\n")
-    (tmp_path / "a_P2.source.csv").unlink()
+    (tmp_path / "a.provenance.csv").unlink()
     with pytest.raises(ValueError, match=r"a_P2.trc: expected 6 frames at 25/s of body25 as in a_P1.trc, found 5"):
         read_poses(tmp_path / "a.trc")
 

@@ -97,7 +97,7 @@ def test_recordings_survive_being_written_and_read(name, tmp_path):
 
 @pytest.mark.parametrize("name", pose_writer)
 def test_poses_are_written_as_declared_and_twice_alike(name, captured, tmp_path):
-    written = [write_poses(captured, tmp_path / each, name) for each in ("a", "b")]
+    written = [write_poses(captured, tmp_path / each, name).poses for each in ("a", "b")]
     np.testing.assert_array_equal(written[0].xyz, written[1].xyz)
     assert written[0].skeleton == (PANOPTIC19 if name == "panoptic" else BODY25)
     folder = pose_writer.find(name).folder

@@ -1,15 +1,20 @@
 """TRC written and read: by ourselves, by a reader that shares nothing with ours, and the authors' own files."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from dmae.data.clip import Poses3D, Source
-from dmae.data.skeleton import BODY25, BODY25B, HALPE26, SHELF14
+from dmae.data.skeleton import BLAZEPOSE33, BODY25, BODY25B, HALPE26, SHELF14, SKELETONS
 from dmae.formats.config import LengthUnit
 from dmae.formats.poses import person_paths, read_poses
 from dmae.formats.trc import marker, opensim_marker, read_trc, write_trc
+from dmae.formats.writing import write_poses
 from tests.support.animals import DOG, dog
 from tests.support.clips import walkers
+from tests.support.recordings import recording
 from tests.support.trc_files import read_independently
 
 
@@ -21,6 +26,11 @@ def holed(persons: int = 1) -> Poses3D:
     xyz[5], source[5] = np.nan, Source.ABSENT
     source[3, :, 4], source[4, :, 7] = Source.COMPLETED, Source.DENOISED
     return Poses3D(BODY25, xyz, source)
+
+
+def export(poses: Poses3D, path: Path, fps: float = 25.0, unit: LengthUnit = LengthUnit.m, first: int = 0) -> None:
+    clip = replace(recording(BODY25, len(poses.xyz)), fps=fps, poses=poses, provenance={"first_frame": first})
+    write_poses(clip, path, "trc", unit=unit)
 
 
 @pytest.mark.parametrize(("unit", "metre"), [(LengthUnit.m, 1), (LengthUnit.mm, 1000)])
@@ -36,13 +46,13 @@ def test_an_independent_reader_finds_the_same_y_up(tmp_path, unit, metre):
     assert np.nanmean(xyz[:, 0, 1] - xyz[:, 11, 1]) > 1.4 * metre
     lines = (tmp_path / "walk.trc").read_text().splitlines()
     assert lines[2].split("\t")[:5] == ["25", "25", "12", "25", unit]
-    assert [line.split("\t")[:2] for line in lines[5:8]] == [["1", "0.000000"], ["2", "0.040000"], ["3", "0.080000"]]
+    assert [line.split("\t")[:2] for line in lines[5:8]] == [["0", "0.000000"], ["1", "0.040000"], ["2", "0.080000"]]
 
 
 @pytest.mark.parametrize("unit", list(LengthUnit))
 def test_read_after_write_is_equal(tmp_path, unit):
     poses = holed()
-    write_trc(poses, 29.97, tmp_path / "walk.trc", unit)
+    export(poses, tmp_path / "walk.trc", 29.97, unit)
     found, fps = read_trc(tmp_path / "walk.trc", BODY25)
     assert fps == 29.97
     np.testing.assert_allclose(found.xyz, poses.xyz, atol=1e-6)
@@ -54,7 +64,7 @@ def test_covariances_are_kept_in_a_file_beside_it_in_the_axes_of_the_trc(tmp_pat
     poses = holed(2)
     root = np.random.default_rng(0).normal(0, 0.02, (*poses.xyz.shape, 3))
     cov = np.where((poses.source == Source.ABSENT)[..., None, None], np.nan, root @ root.swapaxes(-1, -2))
-    write_trc(Poses3D(BODY25, poses.xyz, poses.source, cov), 25.0, tmp_path / "walk.trc", unit)
+    export(Poses3D(BODY25, poses.xyz, poses.source, cov), tmp_path / "walk.trc", unit=unit)
     read = read_poses(tmp_path / "walk.trc").poses
     np.testing.assert_allclose(read.cov, cov, rtol=1e-4, atol=1e-9)
     np.testing.assert_array_equal(read.source, poses.source)
@@ -68,27 +78,37 @@ def test_covariances_are_kept_in_a_file_beside_it_in_the_axes_of_the_trc(tmp_pat
         read_poses(tmp_path / "walk.trc")
 
 
-def test_frames_have_the_numbers_of_the_recording(tmp_path):
-    write_trc(holed(), 25.0, tmp_path / "walk.trc", first=100)
+def test_frames_have_the_numbers_of_the_recording_and_times_count_from_the_first(tmp_path):
+    export(holed(), tmp_path / "walk.trc", first=100)
     lines = [line.split("\t") for line in (tmp_path / "walk.trc").read_text().splitlines()]
     assert lines[2][6] == "100"
-    assert [line[:2] for line in lines[5:7]] == [["100", "4.000000"], ["101", "4.040000"]]
-    assert (tmp_path / "walk.source.csv").read_text().splitlines()[1].startswith("100,")
+    assert [line[:2] for line in lines[5:7]] == [["100", "0.000000"], ["101", "0.040000"]]
+    assert "P1,nose,100,104,0.000000,0.160000,measured" in (tmp_path / "walk.provenance.csv").read_text().splitlines()
 
 
 def test_markers_are_called_as_in_the_models_for_opensim():
     assert opensim_marker("mid_hip", BODY25) == "CHip" and opensim_marker("mid_hip", HALPE26) == "Hip"
     assert opensim_marker("head_top", BODY25B) == "Head" and opensim_marker("l_big_toe", BODY25) == "LBigToe"
+    fingers = ["r_little_finger", "l_index_finger", "l_thumb"]
+    assert [opensim_marker(joint, BLAZEPOSE33) for joint in fingers] == ["RPinky", "LIndex", "LThumb"]
 
 
-def test_completed_joints_are_listed_in_a_file_beside_it(tmp_path):
-    write_trc(holed(), 25.0, tmp_path / "walk.trc")
-    lines = [line.split(",") for line in (tmp_path / "walk.source.csv").read_text().splitlines()]
-    assert lines[0][:2] == ["Frame#", "Nose"]
-    assert lines[4][1 + 4] == "completed"
-    assert lines[5][1 + 7] == "denoised"
-    assert lines[3][1 + 3] == "absent"
-    (tmp_path / "walk.source.csv").unlink()
+def test_how_joints_are_known_is_listed_in_a_table_beside_it(tmp_path):
+    """One row per run, on the skeleton of the poses, whatever skeleton the file has; derived joints too."""
+    export(holed(), tmp_path / "walk.trc")
+    table = (tmp_path / "walk.provenance.csv").read_text()
+    lines = table.splitlines()
+    assert lines[0] == "person,joint,first_frame,last_frame,first_s,last_s,source"
+    assert "P1,r_wrist,3,3,0.120000,0.120000,completed" in lines
+    assert "P1,l_wrist,4,4,0.160000,0.160000,measured (smoothed)" in lines
+    assert "P1,r_elbow,2,2,0.080000,0.080000,absent" in lines
+    assert any(line.startswith("P1,bottom_head") for line in lines)
+    clip = replace(recording(BODY25, 12), poses=holed())
+    write_poses(clip, tmp_path / "walk.trc", "trc", skeleton="coco17")
+    assert (tmp_path / "walk.provenance.csv").read_text() == table
+    found, _ = read_trc(tmp_path / "walk.trc", BODY25)
+    assert found.source[3, 0, 4] == Source.COMPLETED and found.source[4, 0, 7] == Source.DENOISED
+    (tmp_path / "walk.provenance.csv").unlink()
     found, _ = read_trc(tmp_path / "walk.trc")
     assert set(np.unique(found.source)) == {Source.ABSENT, Source.MEASURED}
 
@@ -170,14 +190,36 @@ def test_malformed_files_are_refused_by_name(tmp_path, content, error, message):
     assert "bad.trc" in str(caught.value)
 
 
-def test_a_source_file_of_another_trc_is_refused(tmp_path):
-    write_trc(holed(), 25.0, tmp_path / "a.trc")
-    write_trc(walkers(5, 1), 25.0, tmp_path / "b.trc")
-    (tmp_path / "b.source.csv").replace(tmp_path / "a.source.csv")
-    with pytest.raises(ValueError, match=r"a\.source\.csv: expected 12 frames"):
+def test_a_table_of_another_trc_is_refused(tmp_path):
+    export(holed(), tmp_path / "a.trc")
+    export(walkers(5, 1), tmp_path / "b.trc")
+    (tmp_path / "b.provenance.csv").replace(tmp_path / "a.provenance.csv")
+    with pytest.raises(ValueError, match=r"a\.provenance\.csv: expected all 12 frames and joints of a\.trc; delete it"):
         read_trc(tmp_path / "a.trc")
     with pytest.raises(FileNotFoundError, match=r"c\.trc: no such file"):
         read_trc(tmp_path / "c.trc")
+
+
+@pytest.mark.parametrize("skeleton", list(SKELETONS.values()), ids=lambda s: s.name)
+def test_opensim_reads_what_is_absent_as_absent(tmp_path, skeleton):
+    """Whichever marker is absent, the last on its line too."""
+    opensim = pytest.importorskip("opensim")
+    poses = walkers(6, 1, skeleton)
+    xyz = poses.xyz.copy()
+    xyz[1, 0, -1], xyz[2, 0, 0], xyz[3] = np.nan, np.nan, np.nan
+    write_trc(Poses3D(skeleton, xyz), 25.0, tmp_path / "a.trc", LengthUnit.mm)
+    table = opensim.TimeSeriesTableVec3(str(tmp_path / "a.trc"))
+    assert list(table.getColumnLabels()) == [opensim_marker(joint, skeleton) for joint in skeleton.joints]
+    found = np.array(
+        [
+            [
+                [cell[axis] for axis in range(3)]
+                for cell in (table.getRowAtIndex(frame)[column] for column in range(len(skeleton)))
+            ]
+            for frame in range(6)
+        ]
+    )
+    np.testing.assert_allclose(found[..., [2, 0, 1]] / 1000, xyz[:, 0], atol=1e-6)
 
 
 def test_the_files_of_pose2sim_s_authors(data_folder):

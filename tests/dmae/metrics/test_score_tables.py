@@ -26,7 +26,7 @@ def test_numbers_stand_under_their_headings():
     pcp, errors, identities, gaps = score_tables(scores())
     assert dict(zip(pcp.header, pcp.rows[0], strict=True)) == {
         "method": "measured", "views": "2", "mean": "99.5", "worst": "99.5",
-        "person 0": "98.0", "person 1": "100.0", "person 2": "100.0", "person 3": "100.0",
+        "P1": "98.0", "P2": "100.0", "P3": "100.0", "P4": "100.0",
     }  # fmt: skip
     assert dict(zip(errors.header, errors.rows[1], strict=True)) == {
         "method": "linear", "views": "2", "recall": "100.0", "precision": "100.0", "filled": "0.4",

@@ -56,11 +56,11 @@ def test_true_joints_are_drawn_in_the_colour_of_their_occlusion():
 
 def test_occluders_are_named():
     clip = occluded_clip()
-    assert [occluder_name(clip, 0, 0, 1, joint) for joint in range(3)] == ["itself", "person 0", "shelf"]
+    assert [occluder_name(clip, 0, 0, 1, joint) for joint in range(3)] == ["itself", "P1", "shelf"]
     assert occluder_name(clip, 0, 0, 0, 0) == ""
     joints = list(range(25))
     assert sorted(occlusion_summary(clip, 0, 0, 1, joints)) == sorted(
-        [("0 seen", COLOURS[VISIBLE]), ("9 behind itself", COLOURS[SELF]), ("8 behind person 0", COLOURS[PERSON]),
+        [("0 seen", COLOURS[VISIBLE]), ("9 behind itself", COLOURS[SELF]), ("8 behind P1", COLOURS[PERSON]),
          ("8 behind shelf", COLOURS[OBJECT])]
     )  # fmt: skip
     assert occlusion_summary(clip, 2, 0, 1, joints)[0][0] == "absent"

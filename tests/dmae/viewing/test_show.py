@@ -209,7 +209,7 @@ def test_true_joints_are_logged_with_their_occluders(tmp_path: Path, logged):
     assert len(found["world/truth/person_0/bones", 2].first[0]) == 24
     marks = found["world/camera_c0/image/truth", 1]
     assert marks.first[0].shape == (50, 2)
-    assert marks.labels[27] == "person 1 r_shoulder, behind shelf"
+    assert marks.labels[27] == "P2 r_shoulder, behind shelf"
     assert marks.colors[27] == COLOURS[OBJECT]
     assert found["world/camera_c0/image", 1].contents[:2] == b"\xff\xd8"
 

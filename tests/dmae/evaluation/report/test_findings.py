@@ -103,7 +103,7 @@ def test_a_camera_that_is_off_stands_out_in_reprojection(clip):
     assert means["cam1"] == pytest.approx(5, abs=1e-3)
     assert max(means[camera] for camera in ("cam0", "cam2", "cam3")) < 1e-3
     assert found.residuals["all"]["all"].mean == pytest.approx(5 / 4, rel=0.05)
-    assert {"person 0", "person 1"} == set(found.residuals["person"])
+    assert {"P1", "P2"} == set(found.residuals["person"])
     moment = next(each for each in found.moments if each.kind == "reprojection")
     assert "camera cam1" in moment.what and moment.amount == "5 px"
 
@@ -128,7 +128,7 @@ def test_a_person_that_is_missed_is_a_moment(clip):
     gone[5:10, 0] = True
     found = examine(replace(clip, poses=clip.poses.without(gone)))
     (moment,) = (each for each in found.moments if each.kind == "missed")
-    assert (moment.frame, moment.person, moment.what, moment.amount) == (5, None, "true person 0", "0.20 s")
+    assert (moment.frame, moment.person, moment.what, moment.amount) == (5, None, "true P1", "0.20 s")
     assert found.breakdowns[BY_GAP]["whole person missed"].joints == 5 * 25
     assert "8.3\N{NO-BREAK SPACE}% of the true joints were not found." in " ".join(summary([found]))
 

@@ -160,7 +160,7 @@ def test_a_moment_opens_in_the_player(browser, path):
         page.keyboard.press("Enter")
         at_frame(page, 10)
         assert page.input_value("#follow") == "1"
-        assert "person 1: completed r_elbow, r_wrist" in page.inner_text("#status")
+        assert "P2: completed r_elbow, r_wrist" in page.inner_text("#status")
 
 
 def test_tables_sort_by_click_and_by_keyboard(browser, path):
