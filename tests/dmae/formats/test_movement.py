@@ -54,7 +54,7 @@ def test_what_is_written(tmp_path):
         assert found.attrs["fps"] == clip.fps
         assert found.attrs["ds_type"] == "poses"
         np.testing.assert_allclose(found.time, np.arange(6) / clip.fps)
-        nose = found.position.sel(keypoints="nose", individuals="individual_0", space="z")
+        nose = found.position.sel(keypoints="nose", individuals="P1", space="z")
         np.testing.assert_array_equal(nose, poses.xyz[:, 0, DOG.index("nose")[0], 2].astype(float))
         confidence = found.confidence.transpose("time", "individuals", "keypoints").values
         np.testing.assert_array_equal(confidence == 1, poses.measured)
