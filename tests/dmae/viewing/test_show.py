@@ -149,7 +149,7 @@ def test_the_viewer_s_recording_holds_people_and_cameras(tmp_path: Path):
     files = verbs.show(with_images(captured_clip(), tmp_path), tmp_path, rerun=True, frames=1)
     data = files[-1].read_bytes()
     assert data.startswith(b"RRF")
-    for entity in (b"person_1", b"camera_c1"):
+    for entity in (b"P2", b"camera_c1"):
         assert entity in data
 
 
@@ -204,9 +204,9 @@ def test_true_joints_are_logged_with_their_occluders(tmp_path: Path, logged):
     np.testing.assert_allclose(found["world/camera_c1", "static"].translation, clip.rig.centers[1])
     np.testing.assert_allclose(found["world/camera_c1", "static"].mat3x3 @ (0, 0, 1), (1, 0, 0), atol=1e-12)
     assert found["world/camera_c1/image", "static"].resolution == [640, 480]
-    np.testing.assert_allclose(found["world/truth/person_1/joints", 0].first[0], clip.truth.xyz[0, 1, :25])
-    assert len(found["world/truth/person_1/joints", 2].first[0]) == 0
-    assert len(found["world/truth/person_0/bones", 2].first[0]) == 24
+    np.testing.assert_allclose(found["world/truth/P2/joints", 0].first[0], clip.truth.xyz[0, 1, :25])
+    assert len(found["world/truth/P2/joints", 2].first[0]) == 0
+    assert len(found["world/truth/P1/bones", 2].first[0]) == 24
     marks = found["world/camera_c0/image/truth", 1]
     assert marks.first[0].shape == (50, 2)
     assert marks.labels[27] == "P2 r_shoulder, behind shelf"
@@ -218,9 +218,9 @@ def test_poses_and_detections_are_logged_as_layers(logged):
     clip = captured_clip()
     completed = clip.poses.source[0, 0] == Source.COMPLETED
     found = logged(clip)
-    assert found["world/person_0/completed", 0].colors == [RED]
-    np.testing.assert_allclose(found["world/person_0/completed", 0].first[0], clip.poses.xyz[0, 0, completed])
-    assert found["world/person_1/measured", 2].colors == [person_colour(1)]
+    assert found["world/P1/completed", 0].colors == [RED]
+    np.testing.assert_allclose(found["world/P1/completed", 0].first[0], clip.poses.xyz[0, 0, completed])
+    assert found["world/P2/measured", 2].colors == [person_colour(1)]
     assert len(found["world/camera_c1/image/measured", 0].first[0]) == 2 * (~completed).sum()
     assert found["world/camera_c1/image/detections", 0].first[0].shape == (50, 2)
     assert not any("truth" in path for path, _ in found)

@@ -1,0 +1,562 @@
+"""The body as rigid segments of constant size: inverse kinematics, joint angles and their standard deviations.
+
+A person has 16 segments. Their axes are those of the ISB and of OpenSim: x forward, y up, z to the right while the person
+stands upright with hanging arms, thumbs forward. That pose is neutral: all rotations are the identity.
+
+The rotations of one frame minimise the squared distances of the joints to the landmarks of the body, weighted by the
+covariances of the joints, plus squared deviations of the rotations from neutral in units of a prior standard deviation
+(Gauss-Newton on rotations, as in Sola et al., "A micro Lie theory", 2018; Huber weights on joints). The inverse of the
+normal matrix is the covariance of the rotations. An angle that the joints determine little better than the prior is
+NaN.
+
+Joint angles are Cardan angles in the order z, x, y of a segment in its parent: flexion, adduction, rotation (Wu et al.,
+J. Biomech. 2002 and 2005; Grood and Suntay, J. Biomech. Eng. 1983). Names, signs and units are those of OpenSim.
+
+Hips, shoulders and neck do not show how a lean is shared between the lumbar spine and the hips. The prior says it: the
+lumbar spine bends by 42 % of the angle between trunk and thighs, with a standard deviation of 8.5 degrees, as in 30
+takes of CMU, whose subjects had markers on the pelvis.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from dmae.data.clip import Poses3D, Source, person_name
+from dmae.data.skeleton import Skeleton
+from dmae.numerics.paths import hold
+
+ISB = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+"""Axes of a segment, as columns, of a person who faces x and stands upright in our world."""
+
+
+class _Segment(NamedTuple):
+    """A segment.
+
+    Attributes:
+        name: Name; segments on a side have a twin, `l_` and `r_`.
+        parent: Name of the parent, with `l_` or `r_` left out.
+        origin: Joint with the parent, in the parent's axes, fractions of stature; of the right side.
+        prior: Standard deviations of the rotation about x, y and z from neutral, degrees.
+        joint: The joint of a skeleton at the origin; empty if there is none.
+    """
+
+    name: str
+    parent: str
+    origin: tuple[float, float, float]
+    prior: tuple[float, float, float]
+    joint: str = ""
+
+
+# Lengths after Drillis and Contini (1966), as in Winter, Biomechanics and Motor Control (4th ed., fig. 4.1); lumbar joint
+# after Delp et al., IEEE Trans. Biomed. Eng. 1990. They are scaled to each person.
+_MIDDLE = (
+    _Segment("pelvis", "", (0, 0, 0), (np.inf, np.inf, np.inf)),
+    _Segment("torso", "pelvis", (-0.017, 0.082, 0), (10, 15, 8.5)),
+    _Segment("head", "torso", (0.017, 0.234, 0), (25, 40, 30)),
+)
+_SIDES = (
+    _Segment("clavicle", "torso", (0.017, 0.206, 0.015), (12, 12, 3)),
+    _Segment("upper_arm", "clavicle", (0, 0, 0.095), (60, 60, 60), "shoulder"),
+    _Segment("forearm", "upper_arm", (0, -0.186, 0), (4, 45, 70), "elbow"),
+    _Segment("hand", "forearm", (0, -0.146, 0), (25, 5, 30), "wrist"),
+    _Segment("thigh", "pelvis", (0, 0, 0.052), (30, 25, 50), "hip"),
+    _Segment("shank", "thigh", (0, -0.245, 0), (2, 6, 60), "knee"),
+    _Segment("foot", "shank", (0, -0.246, 0), (10, 8, 30), "ankle"),
+)
+_LUMBAR_SHARE = 0.42
+"""Lumbar flexion as a share of the angle between trunk and thighs."""
+
+_LANDMARKS = {
+    "mid_hip": ("pelvis", (0, 0, 0)),
+    "neck": ("torso", (0.017, 0.206, 0)),
+    "nose": ("head", (0.072, 0.066, 0)),
+    "mouth": ("head", (0.066, 0.044, 0.014)),
+    "eye": ("head", (0.058, 0.090, 0.018)),
+    "eye_inner": ("head", (0.060, 0.090, 0.009)),
+    "eye_outer": ("head", (0.054, 0.090, 0.027)),
+    "ear": ("head", (0.006, 0.081, 0.045)),
+    "head_top": ("head", (0.005, 0.155, 0)),
+    "top_head": ("head", (0.072, 0.110, 0)),
+    "bottom_head": ("head", (0, 0.027, 0)),
+    "index_finger": ("hand", (0.018, -0.053, 0)),
+    "little_finger": ("hand", (-0.018, -0.047, 0)),
+    "thumb": ("hand", (0.030, -0.033, 0)),
+    "heel": ("foot", (-0.037, -0.030, 0)),
+    "big_toe": ("foot", (0.108, -0.030, -0.013)),
+    "small_toe": ("foot", (0.085, -0.031, 0.026)),
+}
+"""Segment and place of joints that are no origins of segments, fractions of stature; of the right side."""
+_ON_SKULL = {"body25b"}
+"""Skeletons whose neck is where the neck meets the skull."""
+
+_MODEL_ERROR = 0.012
+"""m; standard deviation of a joint from its landmark on a rigid body, besides its covariance: soft tissue, and what
+detectors call a joint."""
+_UNKNOWN_ERROR = {Source.MEASURED: 0.01, Source.DENOISED: 0.01, Source.COMPLETED: 0.06}
+"""m; standard deviation of a joint without a covariance."""
+_HUBER = 3.0
+"""Distance in standard deviations from which a joint pulls no stronger."""
+_STEPS, _MOST_STEP, _CONVERGED = 12, 0.6, 1e-4
+"""Gauss-Newton steps, the largest rotation of one, and the largest change that ends them, rad or m."""
+_FRAMES, _FITTED = 256, 400
+"""Frames that are solved together, and frames from which the size of a body is measured."""
+_DETERMINED, _LARGEST_SD = 0.6, 20.0
+"""An angle is determined if its standard deviation is below this share of that of the prior, and below this, degrees."""
+
+
+@dataclass(frozen=True)
+class Body:
+    """The segments of one person: S segments, parents first, and J landmarks.
+
+    Attributes:
+        segments: Names.
+        parents: (S,) index of the parent; -1 for the pelvis.
+        origins: (S, 3) m, joint with the parent, in its axes; zero for the pelvis.
+        prior: (S, 3) rad, prior standard deviations of the rotation about x, y and z.
+        joints: Names of the landmarks.
+        on: (J,) segment of each landmark.
+        landmarks: (J, 3) m, in the axes of their segment.
+    """
+
+    segments: tuple[str, ...]
+    parents: tuple[int, ...]
+    origins: np.ndarray
+    prior: np.ndarray
+    joints: tuple[str, ...]
+    on: tuple[int, ...]
+    landmarks: np.ndarray
+
+    def place(self, root: np.ndarray, local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return origins (F, S, 3) and rotations (F, S, 3, 3) of the segments in the world.
+
+        Args:
+            root: (F, 3) mid point of the hips, m.
+            local: (F, S, 3, 3) rotations to the axes of the parent.
+        """
+        at, turned = np.empty((*local.shape[:2], 3)), np.empty_like(local)
+        for number, parent in enumerate(self.parents):
+            if parent < 0:
+                at[:, number], turned[:, number] = root, local[:, number]
+            else:
+                at[:, number] = at[:, parent] + turned[:, parent] @ self.origins[number]
+                turned[:, number] = turned[:, parent] @ local[:, number]
+        return at, turned
+
+
+@dataclass(frozen=True)
+class BodyMotion:
+    """The motion of one person in F frames.
+
+    Attributes:
+        body: Sizes.
+        root: (F, 3) mid point of the hips, m, world.
+        local: (F, S, 3, 3) rotation of each segment to the axes of its parent; of the pelvis to the world.
+        cov: (F, S, 3, 3) covariance of a small rotation of each segment in its own axes, rad^2.
+        root_cov: (F, 3, 3) m^2.
+    """
+
+    body: Body
+    root: np.ndarray
+    local: np.ndarray
+    cov: np.ndarray
+    root_cov: np.ndarray
+
+    @property
+    def xyz(self) -> np.ndarray:
+        """(F, J, 3) landmarks, m, world."""
+        at, turned = self.body.place(self.root, self.local)
+        on = list(self.body.on)
+        return at[:, on] + (turned[:, on] @ self.body.landmarks[..., None])[..., 0]
+
+
+def can_move(skeleton: Skeleton) -> bool:
+    """Return whether a skeleton is a person's: with hips and shoulders."""
+    return {f"{side}_{joint}" for side in "lr" for joint in ("hip", "shoulder")} <= set(skeleton.joints)
+
+
+def body_motion(poses: Poses3D, person: int) -> BodyMotion:
+    """Return the motion of one person by inverse kinematics.
+
+    Segments whose joints are never known stay neutral. Absent joints have no weight.
+
+    Args:
+        poses: Any poses of a skeleton with hips and shoulders.
+        person: Index of the person.
+
+    Raises:
+        ValueError: the skeleton has no hips or shoulders, or the person's are never known.
+    """
+    skeleton = poses.skeleton
+    if not can_move(skeleton):
+        raise ValueError(f"joint angles need hips and shoulders, and {skeleton.name} has none")
+    xyz = poses.xyz[:, person].astype(np.float64)
+    body = _template(skeleton)
+    given = list(skeleton.index(*body.joints))
+    points = xyz[:, given]
+    measured = np.where(poses.measured[:, person][:, given, None], points, np.nan)
+    start = _starting_frames(points, body, person)
+    body = _scaled(body, np.where(np.isnan(measured).all(0), points, measured))
+    precision = _precision(poses, person, given)
+    some = np.unique(np.linspace(0, len(points) - 1, _FITTED).astype(int))
+    first = _solve(body, points[some], precision[some], (start[0][some], start[1][some]))
+    body = _refined(first, points[some])
+    return _solve(body, points, precision, start)
+
+
+def _template(skeleton: Skeleton) -> Body:
+    """Return a body of stature 1 with the joints of a skeleton that are landmarks."""
+    names, parents, origins, prior = [], [], [], []
+    for segment, side in [(each, "") for each in _MIDDLE] + [(each, side) for side in "rl" for each in _SIDES]:
+        sided = f"{side}_{segment.parent}"
+        parents.append(names.index(sided if sided in names else segment.parent) if segment.parent else -1)
+        names.append(f"{side}_{segment.name}" if side else segment.name)
+        origins.append(_mirrored(segment.origin, side))
+        prior.append(np.radians(segment.prior))
+    places = {segment.joint: (segment.name, (0, 0, 0)) for segment in _SIDES} | _LANDMARKS
+    if skeleton.name in _ON_SKULL:
+        places["neck"] = ("head", (0.006, 0.022, 0))
+    joints, on, landmarks = [], [], []
+    for joint in skeleton.joints:
+        side, part = (joint[0], joint[2:]) if joint[:2] in ("l_", "r_") else ("", joint)
+        if part in places:
+            segment, place = places[part]
+            joints.append(joint)
+            on.append(names.index(f"{side}_{segment}" if f"{side}_{segment}" in names else segment))
+            landmarks.append(_mirrored(place, side))
+    return Body(tuple(names), tuple(parents), np.array(origins, float), np.array(prior), tuple(joints), tuple(on),
+                np.array(landmarks, float))  # fmt: skip
+
+
+def _mirrored(place: tuple[float, float, float], side: str) -> tuple[float, float, float]:
+    return (place[0], place[1], -place[2]) if side == "l" else place
+
+
+def _scaled(body: Body, xyz: np.ndarray) -> Body:
+    """Return the body with bones of median length over frames (F, J, 3) and both sides; the rest in proportion."""
+    place = {joint: xyz[:, number] for number, joint in enumerate(body.joints)}
+
+    def length(*pairs: tuple[str, str]) -> float:
+        found = [np.linalg.norm(place[a] - place[b], axis=-1) for a, b in pairs if a in place and b in place]
+        found = np.concatenate(found) if found else np.empty(0)
+        return float(np.median(found[~np.isnan(found)])) if np.isfinite(found).any() else np.nan
+
+    origins, number = body.origins.copy(), {name: i for i, name in enumerate(body.segments)}
+    bones = {"forearm": ("shoulder", "elbow"), "hand": ("elbow", "wrist"), "shank": ("hip", "knee"),
+             "foot": ("knee", "ankle")}  # fmt: skip
+    factors = {name: length(*[(f"{s}_{a}", f"{s}_{b}") for s in "lr"]) / abs(origins[number[f"r_{name}"], 1])
+               for name, (a, b) in bones.items()}  # fmt: skip
+    factors["thigh"] = length(("l_hip", "r_hip")) / (2 * origins[number["r_thigh"], 2])
+    wide = origins[number["r_clavicle"], 2] + origins[number["r_upper_arm"], 2]
+    factors["upper_arm"] = length(("l_shoulder", "r_shoulder")) / (2 * wide)
+    hips, shoulders = ((place[f"l_{part}"] + place[f"r_{part}"]) / 2 for part in ("hip", "shoulder"))
+    tall = origins[number["torso"], 1] + origins[number["r_clavicle"], 1]
+    place |= {"hips": hips, "shoulders": shoulders}
+    factors["torso"] = length(("hips", "shoulders")) / tall
+    known = [factor for factor in factors.values() if np.isfinite(factor)]
+    stature = float(np.median(known))
+    factors = {name: factor if np.isfinite(factor) else stature for name, factor in factors.items()}
+    factors |= {"head": factors["torso"], "clavicle": factors["torso"]}
+    for name, i in number.items():
+        origins[i] *= factors.get(name.removeprefix("l_").removeprefix("r_"), stature)
+    for side in "lr":
+        origins[number[f"{side}_clavicle"], 2] *= factors["upper_arm"] / factors["torso"]
+    torso = np.array([body.segments[on] == "torso" for on in body.on])
+    landmarks = body.landmarks * np.where(torso, factors["torso"], stature)[:, None]
+    return replace(body, origins=origins, landmarks=landmarks)
+
+
+def _refined(motion: BodyMotion, xyz: np.ndarray) -> Body:
+    """Return the body with the landmarks of head, hands and feet where they usually are, alike on both sides.
+
+    What they are as a whole stays: a rotation of them would be a rotation of the segment. The segment with a single
+    landmark keeps its direction.
+    """
+    body = motion.body
+    at, turned = body.place(motion.root, motion.local)
+    on = list(body.on)
+    local = (turned[:, on].swapaxes(-1, -2) @ (xyz - at[:, on])[..., None])[..., 0]
+    order = {joint: i for i, joint in enumerate(body.joints)}
+    twin = [order.get({"l_": "r_", "r_": "l_"}.get(j[:2], j[:2]) + j[2:], i) for i, j in enumerate(body.joints)]
+    both = np.concatenate([local, np.where(np.arange(len(on))[:, None] == np.array(twin)[:, None], local * (1, 1, -1),
+                                           local[:, twin] * (1, 1, -1))])  # fmt: skip
+    known = ~np.isnan(both).any(-1)
+    usual = body.landmarks.copy()
+    for joint in np.flatnonzero(known.sum(0) >= 10):
+        usual[joint] = np.median(both[known[:, joint], joint], 0)
+    landmarks = body.landmarks.copy()
+    for segment, name in enumerate(body.segments):
+        inside = [i for i, each in enumerate(on) if each == segment and np.linalg.norm(body.landmarks[i]) > 1e-9]
+        if name in ("pelvis", "torso") or not inside:
+            continue
+        if len(inside) == 1:
+            landmarks[inside] *= np.linalg.norm(usual[inside]) / np.linalg.norm(landmarks[inside])
+        else:
+            turn = Rotation.align_vectors(landmarks[inside], usual[inside])[0]
+            landmarks[inside] = turn.apply(usual[inside])
+    return replace(body, landmarks=landmarks)
+
+
+def _precision(poses: Poses3D, person: int, given: list[int]) -> np.ndarray:
+    """Return the square roots (F, J, 3, 3) of the inverse covariances of joints, 1/m; zero where absent."""
+    cov = poses.cov[:, person][:, given].astype(np.float64)
+    source = poses.source[:, person][:, given]
+    unknown = np.isnan(cov).any((-1, -2))
+    default = np.zeros(source.shape)
+    for kind, error in _UNKNOWN_ERROR.items():
+        default[source == kind] = error**2
+    cov = np.where(unknown[..., None, None], default[..., None, None] * np.eye(3), cov) + _MODEL_ERROR**2 * np.eye(3)
+    root = np.linalg.inv(np.linalg.cholesky(cov))
+    return np.where((source == Source.ABSENT)[..., None, None], 0, root)
+
+
+def _starting_frames(xyz: np.ndarray, body: Body, person: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return mid points of the hips (F, 3) and axes of the pelvis (F, 3, 3) from hips and shoulders; nearest in time.
+
+    Raises:
+        ValueError: they are never known.
+    """
+    at = {joint: xyz[:, body.joints.index(joint)] for joint in ("l_hip", "r_hip", "l_shoulder", "r_shoulder")}
+    hips, shoulders = (at["l_hip"] + at["r_hip"]) / 2, (at["l_shoulder"] + at["r_shoulder"]) / 2
+    if "mid_hip" in body.joints:
+        hips = np.where(np.isnan(hips), xyz[:, body.joints.index("mid_hip")], hips)
+    hip, shoulder = at["r_hip"] - at["l_hip"], at["r_shoulder"] - at["l_shoulder"]
+    right = np.where(np.isnan(hip), shoulder, hip)
+    up = shoulders - hips
+    if np.isnan(right).any(-1).all() or np.isnan(up).any(-1).all():
+        raise ValueError(f"{person_name(person)}: hips and shoulders are never known together; without them there is no body")
+    root, right, up = (hold(part[:, None])[:, 0] for part in (hips, right, up))
+    return root, _axes(up, right)
+
+
+def _axes(up: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Return axes (F, 3, 3): y along `up` (F, 3), z near `right` (F, 3)."""
+    y = up / np.maximum(np.linalg.norm(up, axis=-1, keepdims=True), 1e-9)
+    x = np.cross(y, right)
+    x /= np.maximum(np.linalg.norm(x, axis=-1, keepdims=True), 1e-9)
+    return np.stack([x, y, np.cross(x, y)], -1)
+
+
+def _start(body: Body, xyz: np.ndarray, root: np.ndarray, pelvis: np.ndarray) -> np.ndarray:
+    """Return rotations (F, S, 3, 3) near the solution: limbs point along their bones and bend in their plane."""
+    local = np.tile(np.eye(3), (len(xyz), len(body.segments), 1, 1))
+    local[:, 0] = pelvis
+    place = {joint: xyz[:, number] for number, joint in enumerate(body.joints)}
+    segment = {name: number for number, name in enumerate(body.segments)}
+    for side in "rl":
+        for upper, lower, ends, bends in (("thigh", "shank", ("hip", "knee", "ankle"), -1),
+                                          ("upper_arm", "forearm", ("shoulder", "elbow", "wrist"), 1)):  # fmt: skip
+            a, b, c = (place.get(f"{side}_{end}", np.full_like(root, np.nan)) for end in ends)
+            first, second = a - b, c - b
+            plane = bends * np.cross(second, first) / np.maximum(
+                np.linalg.norm(first, axis=-1) * np.linalg.norm(second, axis=-1), 1e-9
+            )[:, None]  # fmt: skip
+            right = np.nan_to_num(plane) + 0.2 * pelvis[..., 2]
+            axes = _axes(first, right)
+            known = ~np.isnan(first).any(-1)
+            above = segment[f"{side}_{upper}"]
+            local[known, above] = (pelvis.swapaxes(-1, -2) @ axes)[known]
+            cosine = -(first * second).sum(-1) / np.maximum(
+                np.linalg.norm(first, axis=-1) * np.linalg.norm(second, axis=-1), 1e-9
+            )
+            angle = np.nan_to_num(bends * np.arccos(np.clip(cosine, -1, 1)))
+            turn = np.zeros((len(xyz), 3))
+            turn[:, 2] = angle
+            local[:, segment[f"{side}_{lower}"]] = Rotation.from_rotvec(turn).as_matrix()
+    return local
+
+
+def _solve(body: Body, xyz: np.ndarray, precision: np.ndarray, start: tuple[np.ndarray, np.ndarray]) -> BodyMotion:
+    frames, count = len(xyz), len(body.segments)
+    # A segment turns only where a landmark shows it.
+    levers = {on for on, place in zip(body.on, body.landmarks, strict=True) if np.linalg.norm(place) > 1e-9}
+    levers |= {body.parents[on] for on in body.on}
+    moving = sorted({above for segment in levers for above in _upwards(body.parents, segment)})
+    root, local = np.empty((frames, 3)), np.empty((frames, count, 3, 3))
+    cov, root_cov = np.empty((frames, count, 3, 3)), np.empty((frames, 3, 3))
+    cov[:] = [np.diag(sd**2) for sd in body.prior]
+    for first in range(0, frames, _FRAMES):
+        part = slice(first, first + _FRAMES)
+        begin = (start[0][part], _start(body, xyz[part], start[0][part], start[1][part]))
+        root[part], local[part], full = _solve_part(body, moving, xyz[part], precision[part], *begin)
+        root_cov[part] = full[:, :3, :3]
+        for number, segment in enumerate(moving):
+            own = slice(3 + 3 * number, 6 + 3 * number)
+            cov[part, segment] = full[:, own, own]
+    return BodyMotion(body, root, local, cov, root_cov)
+
+
+def _solve_part(
+    body: Body, moving: list[int], xyz: np.ndarray, precision: np.ndarray, root: np.ndarray, local: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return root (F, 3), rotations (F, S, 3, 3) and the covariance (F, N, N) of shift and small rotations.
+
+    N is 3 plus 3 for each of the `moving` segments.
+    """
+    frames, joints, on = len(xyz), len(body.joints), list(body.on)
+    column = {segment: 3 + 3 * number for number, segment in enumerate(moving)}
+    size, known = 3 + 3 * len(moving), np.nan_to_num(xyz)
+    lumbar, hips = body.segments.index("torso"), [body.segments.index(f"{side}_thigh") for side in "rl"]
+    weight = 1 / body.prior**2
+    weight[lumbar, 2] = 0  # the coupling of lumbar spine and hips takes its place
+    share = {lumbar: 1 - _LUMBAR_SHARE} | {hip: _LUMBAR_SHARE / 2 for hip in hips if hip in column}
+    for step in range(_STEPS + 1):
+        at, turned = body.place(root, local)
+        points = at[:, on] + (turned[:, on] @ body.landmarks[..., None])[..., 0]
+        J = np.zeros((frames, joints, 3, size))
+        J[..., :3] = np.eye(3)
+        for joint, segment in enumerate(on):
+            for above in _upwards(body.parents, segment):
+                if above in column:
+                    arm = (points[:, joint] - at[:, above])[:, :, None]
+                    J[:, joint, :, column[above] : column[above] + 3] = np.cross(turned[:, above], arm, axis=1)
+        residual = (precision @ (known - points)[..., None])[..., 0]
+        distance = np.linalg.norm(residual, axis=-1)
+        robust = np.sqrt(np.minimum(1, _HUBER / np.maximum(distance, 1e-9))) if step > 2 else np.ones_like(distance)
+        J = ((robust[..., None, None] * precision) @ J).reshape(frames, -1, size)
+        residual = (robust[..., None] * residual).reshape(frames, -1)
+        H = J.swapaxes(-1, -2) @ J
+        gradient = (J.swapaxes(-1, -2) @ residual[..., None])[..., 0]
+        # A body that is not seen at all in a frame stays where it was.
+        H[:, range(size), range(size)] += 1e-3
+        flexion, row = np.zeros(frames), np.zeros((frames, size))
+        for segment in moving[1:]:
+            turn = Rotation.from_matrix(local[:, segment]).as_rotvec()
+            by_turn, own = _inverse_right_jacobian(turn), slice(column[segment], column[segment] + 3)
+            weighted = by_turn.swapaxes(-1, -2) * weight[segment]
+            H[:, own, own] += weighted @ by_turn
+            gradient[:, own] -= (weighted @ turn[..., None])[..., 0]
+            if segment in share:
+                flexion += share[segment] * turn[:, 2]
+                row[:, own] = share[segment] * by_turn[:, 2]
+        # Lumbar flexion is a share of the flexion of trunk against thighs.
+        H += row[:, :, None] * row[:, None] / body.prior[lumbar, 2] ** 2
+        gradient -= row * flexion[:, None] / body.prior[lumbar, 2] ** 2
+        change = np.linalg.solve(H, gradient[..., None])[..., 0]
+        if step == _STEPS or np.abs(change).max(initial=0) < _CONVERGED:
+            break
+        turn = change[:, 3:].reshape(-1, 3)
+        turn *= np.minimum(1, _MOST_STEP / np.maximum(np.linalg.norm(turn, axis=-1, keepdims=True), 1e-9))
+        root = root + change[:, :3]
+        local[:, moving] = local[:, moving] @ Rotation.from_rotvec(turn).as_matrix().reshape(frames, -1, 3, 3)
+    return root, local, np.linalg.inv(H)
+
+
+def _upwards(parents: tuple[int, ...], segment: int) -> Iterator[int]:
+    """Yield a segment and its ancestors."""
+    while segment >= 0:
+        yield segment
+        segment = parents[segment]
+
+
+def _inverse_right_jacobian(turns: np.ndarray) -> np.ndarray:
+    """Return d log(R exp(d)) / d d for rotation vectors (..., 3): (..., 3, 3) (Sola et al. 2018, eq. 144)."""
+    angle = np.maximum(np.linalg.norm(turns, axis=-1), 1e-6)
+    K = np.zeros((*turns.shape, 3))
+    K[..., [2, 0, 1], [1, 2, 0]], K[..., [1, 2, 0], [2, 0, 1]] = turns, -turns
+    # (1 + cos) / (2 angle sin) = 1 / (2 angle tan(angle / 2)); the series avoids 0 - 0.
+    small = angle < 1e-2
+    factor = np.where(small, 1 / 12, 1 / angle**2 - 1 / (2 * angle * np.tan(np.minimum(angle, 3.1) / 2)))
+    return np.eye(3) + K / 2 + factor[..., None, None] * (K @ K)
+
+
+# Joint angles
+
+
+class Angle(NamedTuple):
+    """A joint angle.
+
+    Attributes:
+        name: Name in OpenSim.
+        segment: Segment that turns in its parent.
+        axis: 0 flexion, about z; 1 adduction, about x; 2 rotation, about y.
+        sign: Sign of the Cardan angle.
+    """
+
+    name: str
+    segment: str
+    axis: int
+    sign: int = 1
+
+
+def _angles() -> tuple[Angle, ...]:
+    found = [Angle(f"pelvis_{name}", "pelvis", axis) for axis, name in enumerate(("tilt", "list", "rotation"))]
+    for side, sign in (("r", 1), ("l", -1)):
+        found += [
+            Angle(f"hip_flexion_{side}", f"{side}_thigh", 0),
+            Angle(f"hip_adduction_{side}", f"{side}_thigh", 1, sign),
+            Angle(f"hip_rotation_{side}", f"{side}_thigh", 2, sign),
+            Angle(f"knee_angle_{side}", f"{side}_shank", 0, -1),
+            Angle(f"ankle_angle_{side}", f"{side}_foot", 0),
+            Angle(f"subtalar_angle_{side}", f"{side}_foot", 1, sign),
+        ]
+    found += [Angle(f"L5_S1_{name}", "torso", axis) for axis, name in
+              enumerate(("Flex_Ext", "Lat_Bending", "axial_rotation"))]  # fmt: skip
+    found += [Angle(f"neck_{name}", "head", axis) for axis, name in enumerate(("flexion", "bending", "rotation"))]
+    for side, sign in (("r", 1), ("l", -1)):
+        found += [
+            Angle(f"arm_flex_{side}", f"{side}_upper_arm", 0),
+            Angle(f"arm_add_{side}", f"{side}_upper_arm", 1, sign),
+            Angle(f"arm_rot_{side}", f"{side}_upper_arm", 2, sign),
+            Angle(f"elbow_flex_{side}", f"{side}_forearm", 0),
+        ]
+    return tuple(found)
+
+
+ANGLES = _angles()
+"""All angles, in the order of OpenSim's coordinates."""
+
+
+def cardan(local: np.ndarray) -> np.ndarray:
+    """Return Cardan angles (..., 3) of rotations (..., 3, 3) about z, x and y, in this order, rad."""
+    x = np.arcsin(np.clip(local[..., 2, 1], -1, 1))
+    return np.stack(
+        [np.arctan2(-local[..., 0, 1], local[..., 1, 1]), x, np.arctan2(-local[..., 2, 0], local[..., 2, 2])], -1
+    )
+
+
+def joint_angles(motion: BodyMotion, up: np.ndarray = ISB.T) -> tuple[np.ndarray, np.ndarray]:
+    """Return `ANGLES` (F, A) and their standard deviations (F, A), degrees; NaN where the joints do not determine them.
+
+    Angles continue from frame to frame without jumps of a full turn.
+
+    Args:
+        motion: F frames.
+        up: Rotation from our world to a world with y up, in which the pelvis has its angles.
+    """
+    names = {name: number for number, name in enumerate(motion.body.segments)}
+    values, spread = np.empty((len(motion.root), len(ANGLES))), np.empty((len(motion.root), len(ANGLES)))
+    done: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    for column, angle in enumerate(ANGLES):
+        number = names[angle.segment]
+        if angle.segment not in done:
+            local = up @ motion.local[:, number] if number == 0 else motion.local[:, number]
+            turned = cardan(local)
+            done[angle.segment] = turned, _spread(turned, motion.cov[:, number])
+        turned, sd = done[angle.segment]
+        prior = np.degrees(motion.body.prior[number, (2, 0, 1)[angle.axis]])
+        deviation = np.degrees(sd[:, angle.axis])
+        known = deviation < np.minimum(_DETERMINED * prior, _LARGEST_SD)
+        degrees = angle.sign * np.degrees(turned[:, angle.axis])
+        values[:, column] = np.where(known, degrees, np.nan)
+        values[known, column] = np.unwrap(degrees[known], period=360)
+        spread[:, column] = np.where(known, deviation, np.nan)
+    return values, spread
+
+
+def _spread(turned: np.ndarray, cov: np.ndarray) -> np.ndarray:
+    """Return standard deviations (F, 3), rad, of Cardan angles (F, 3) with covariances of small rotations (F, 3, 3)."""
+    x, y = turned[:, 1], turned[:, 2]
+    # Columns: the axes about which each angle turns, in the axes of the segment.
+    axes = np.zeros((len(turned), 3, 3))
+    axes[:, :, 0] = np.stack([-np.cos(x) * np.sin(y), np.sin(x), np.cos(x) * np.cos(y)], -1)
+    axes[:, :, 1] = np.stack([np.cos(y), np.zeros_like(y), np.sin(y)], -1)
+    axes[:, 1, 2] = 1
+    singular = np.abs(np.cos(x)) < 0.05
+    axes[singular] = np.eye(3)
+    inverse = np.linalg.inv(axes)
+    found = np.sqrt(np.einsum("fij,fjk,fik->fi", inverse, cov, inverse))
+    found[singular] = np.inf
+    return found
