@@ -1,8 +1,8 @@
 """GLB, the binary file of glTF 2.0: animated skeletons that Blender, game engines and browsers open.
 
-Each person is a skin with a T-pose that faces z, y up, and a mesh of bones. A red octahedron marks each joint that no
-camera measured in the frame. A person that is absent has scale 0. This module assembles the file itself, because no
-known library writes animated skins.
+Each person is a skin with a T-pose that faces z, y up, and a simple body; your own skeletons have a mesh of bones. A
+red octahedron marks each joint that no camera measured in the frame. A person that is absent has scale 0. This module
+assembles the file itself, because no known library writes animated skins.
 """
 
 import json
@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from dmae.data.clip import Clip, Poses3D, Source, person_name
 from dmae.files.contents import write_atomic
-from dmae.formats.bvh import Y_UP, JointRotations, joint_rotations
+from dmae.formats.animation import Y_UP, JointRotations, joint_rotations
 from dmae.formats.registry import pose_writer
 
 _COLOURS = ((0.12, 0.47, 0.71), (0.20, 0.63, 0.17), (0.42, 0.24, 0.60), (0.55, 0.34, 0.29), (0.09, 0.75, 0.81))
@@ -21,6 +21,8 @@ _COLOURS = ((0.12, 0.47, 0.71), (0.20, 0.63, 0.17), (0.42, 0.24, 0.60), (0.55, 0
 _RED = (0.84, 0.15, 0.16)
 _THICKNESS, _MARKER = 0.12, 0.045
 """Thickness of a bone as a share of its length, and size of a red marker in m."""
+_SIDES = 12
+"""Number of sides of a limb of the body."""
 _FLOAT, _BYTE, _SHORT = 5126, 5121, 5123
 _VERTICES, _INDICES = 34962, 34963
 _CORNERS = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
@@ -35,8 +37,12 @@ def write_glb(poses: Poses3D, clip: Clip, path: Path) -> None:
     red = file.mesh("not measured", _MARKER * _CORNERS, _FACES, _RED)
     for person in range(persons):
         motion = joint_rotations(poses, clip.fps, person)
-        source = poses.source[:, person][:, motion.order]
-        _add_person(file, motion, source, person_name(person), _COLOURS[person % len(_COLOURS)], red)
+        source = np.full((len(poses.source), len(motion.joints)), Source.MEASURED)
+        for node, joint in enumerate(motion.joints):
+            if joint in poses.skeleton.joints:
+                source[:, node] = poses.source[:, person, poses.skeleton.index(joint)[0]]
+        there = (poses.source[:, person] != Source.ABSENT).any(-1)
+        _add_person(file, motion, source, there, person_name(person), _COLOURS[person % len(_COLOURS)], red)
     write_atomic(path, file.data())
 
 
@@ -111,7 +117,9 @@ class _File:
         return b"glTF" + (2).to_bytes(4, "little") + (12 + len(body)).to_bytes(4, "little") + body
 
 
-def _add_person(file: _File, motion: JointRotations, source: np.ndarray, name: str, colour, red: int) -> None:
+def _add_person(
+    file: _File, motion: JointRotations, source: np.ndarray, there: np.ndarray, name: str, colour, red: int
+) -> None:
     offsets = motion.offsets @ Y_UP.T
     turned = Y_UP @ motion.rotations @ Y_UP.T
     quaternions = Rotation.from_matrix(turned.reshape(-1, 3, 3)).as_quat().reshape(len(turned), -1, 4)
@@ -124,7 +132,6 @@ def _add_person(file: _File, motion: JointRotations, source: np.ndarray, name: s
         children = [nodes[child] for child, parent in enumerate(motion.parents) if parent == joint]
         file.json["nodes"][node]["children"] = [*children, marker]
         file.animate(node, "rotation", _continuous(quaternions[:, joint]))
-        there = (source != Source.ABSENT).any(-1)
         unmeasured = (source[:, joint] == Source.COMPLETED) | ((source[:, joint] == Source.ABSENT) & there)
         file.animate(marker, "scale", np.repeat(unmeasured[:, None].astype(float), 3, 1), step=True)
     file.animate(nodes[0], "translation", motion.root @ Y_UP.T)
@@ -135,7 +142,7 @@ def _add_person(file: _File, motion: JointRotations, source: np.ndarray, name: s
     # Matrices are stored column by column.
     matrices = file.accessor(bind.swapaxes(1, 2).reshape(-1, 16), "MAT4")
     skin = file.add("skins", name=name, joints=nodes, skeleton=nodes[0], inverseBindMatrices=matrices)
-    points, faces, bound = _bones(rest, motion.parents)
+    points, faces, bound = _body(rest, motion.joints) if "l_hip" in motion.joints else _bones(rest, motion.parents)
     mesh = file.mesh(name, points, faces, colour, bound)
     body = file.add("nodes", name=name, mesh=mesh, skin=skin)
     file.json["scenes"][0]["nodes"] += [nodes[0], body]
@@ -170,3 +177,67 @@ def _bones(rest: np.ndarray, parents: tuple[int, ...]) -> tuple[np.ndarray, np.n
         points = np.concatenate([points, corners, [rest[joint], rest[parent]]])
         joints = np.concatenate([joints, np.full(6, parent)])
     return points, faces, joints
+
+
+_LIMBS = (
+    ("shoulder", "elbow", (0.0, 0.16, 0.17, 0.13, 0.12)),
+    ("elbow", "wrist", (0.0, 0.14, 0.15, 0.11, 0.09)),
+    ("hip", "knee", (0.0, 0.19, 0.20, 0.15, 0.13)),
+    ("knee", "ankle", (0.0, 0.13, 0.15, 0.11, 0.09)),
+)
+"""Bones of limbs and their radius along them as shares of their length."""
+_TRUNK = ((-0.16, 0.0, 0.0), (-0.14, 0.75, 0.55), (0.02, 1.0, 0.62), (0.35, 0.82, 0.52), (0.75, 1.02, 0.62),
+          (0.97, 0.90, 0.45), (1.06, 0.35, 0.33), (1.22, 0.30, 0.32))  # fmt: skip
+"""Rings of the trunk and neck: height between hips and shoulders, half breadth and half depth, as shares of the height
+and of half of the mean breadth of hips and shoulders."""
+
+
+def _body(rest: np.ndarray, joints: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return a simple body around rest positions (N, 3), as `_bones` does; parts without joints are left out."""
+    at = dict(zip(joints, rest, strict=True))
+    node = {joint: number for number, joint in enumerate(joints)}
+    tubes = []
+    for side in ("l_", "r_"):
+        for start, end, radii in _LIMBS:
+            if {side + start, side + end} <= at.keys():
+                along = at[side + end] - at[side + start]
+                round_ = np.array(radii) * np.linalg.norm(along)
+                places = at[side + start] + np.array([-0.08, 0.0, 0.3, 0.8, 1.05])[:, None] * along
+                tubes.append((places, round_, round_, along, [node[side + start]] * 5))
+        if {side + "ankle", side + "big_toe"} <= at.keys():
+            ankle, toe = at[side + "ankle"], at[side + "big_toe"]
+            flat = np.array([ankle[0], toe[1], toe[2]])
+            places = np.stack([flat * (1, 1, 0) + (0, 0, ankle[2] + share * (toe[2] - ankle[2]))
+                               for share in (-0.35, -0.3, 0.0, 0.6, 1.0, 1.05)])  # fmt: skip
+            places[:, 1] += 0.015
+            long = abs(toe[2] - ankle[2])
+            wide, high = long * np.array([0, 0.18, 0.22, 0.26, 0.2, 0]), long * np.array([0, 0.12, 0.2, 0.14, 0.1, 0])
+            tubes.append((places, wide, high, np.array([0, 0, 1.0]), [node[side + "ankle"]] * 6))
+    if {"l_hip", "r_hip", "l_shoulder", "r_shoulder", "spine"} <= at.keys():
+        hips, shoulders = ((at[f"l_{part}"] + at[f"r_{part}"]) / 2 for part in ("hip", "shoulder"))
+        half = np.mean([np.linalg.norm(at[f"l_{part}"] - at[f"r_{part}"]) / 2 for part in ("hip", "shoulder")])
+        height, wide, deep = np.array(_TRUNK).T
+        places = hips + height[:, None] * (shoulders - hips)
+        bound = np.where(height < 0.2, node["mid_hip"], node["spine"])
+        tubes.append((places, half * 1.15 * wide, half * 1.15 * deep, shoulders - hips, bound))
+        if "head" in at:
+            tall = np.linalg.norm(shoulders - hips)
+            turn = np.linspace(0, np.pi, 8)
+            places = at["head"] + tall * np.stack([0 * turn, 0.19 - 0.24 * np.cos(turn), 0.05 + 0 * turn], -1)
+            tubes.append((places, 0.155 * tall * np.sin(turn), 0.19 * tall * np.sin(turn), np.array([0, 1.0, 0]),
+                          [node["head"]] * 8))  # fmt: skip
+    points, faces, bound = [], [], []
+    for places, wide, deep, along, on in tubes:
+        ring, start = np.linspace(0, 2 * np.pi, _SIDES, endpoint=False), sum(map(len, points))
+        across = np.array([1.0, 0, 0]) if abs(along[0]) < 0.7 * np.linalg.norm(along) else np.array([0, 0, 1.0])
+        other = np.cross(along, across) / np.linalg.norm(np.cross(along, across))
+        points.append((places[:, None] + wide[:, None, None] * np.cos(ring)[:, None] * across
+                       + deep[:, None, None] * np.sin(ring)[:, None] * other).reshape(-1, 3))  # fmt: skip
+        for row in range(len(places) - 1):
+            a = start + row * _SIDES + np.arange(_SIDES)
+            b = start + row * _SIDES + (np.arange(_SIDES) + 1) % _SIDES
+            quads = [np.stack([a, b, b + _SIDES], -1), np.stack([a, b + _SIDES, a + _SIDES], -1)]
+            # Faces look outwards.
+            faces += [face if np.dot(np.cross(across, other), along) > 0 else face[:, ::-1] for face in quads]
+        bound.append(np.repeat(on, _SIDES))
+    return np.concatenate(points), np.concatenate(faces), np.concatenate(bound)

@@ -1,7 +1,7 @@
 """The body as rigid segments of constant size: inverse kinematics, joint angles and their standard deviations.
 
-A person has 16 segments. Their axes are those of the ISB and of OpenSim: x forward, y up, z to the right while the person
-stands upright with hanging arms, thumbs forward. That pose is neutral: all rotations are the identity.
+A person has 17 segments. Their axes are those of the ISB and of OpenSim: x forward, y up, z to the right while the
+person stands upright with hanging arms, thumbs forward. That pose is neutral: all rotations are the identity.
 
 The rotations of one frame minimise the squared distances of the joints to the landmarks of the body, weighted by the
 covariances of the joints, plus squared deviations of the rotations from neutral in units of a prior standard deviation
@@ -50,8 +50,8 @@ class _Segment(NamedTuple):
     joint: str = ""
 
 
-# Lengths after Drillis and Contini (1966), as in Winter, Biomechanics and Motor Control (4th ed., fig. 4.1); lumbar joint
-# after Delp et al., IEEE Trans. Biomed. Eng. 1990. They are scaled to each person.
+# Lengths after Drillis and Contini (1966), as in Winter, Biomechanics and Motor Control (4th ed., fig. 4.1); lumbar
+# joint after Delp et al., IEEE Trans. Biomed. Eng. 1990. They are scaled to each person.
 _MIDDLE = (
     _Segment("pelvis", "", (0, 0, 0), (np.inf, np.inf, np.inf)),
     _Segment("torso", "pelvis", (-0.017, 0.082, 0), (10, 15, 8.5)),
@@ -104,7 +104,7 @@ _STEPS, _MOST_STEP, _CONVERGED = 12, 0.6, 1e-4
 _FRAMES, _FITTED = 256, 400
 """Frames that are solved together, and frames from which the size of a body is measured."""
 _DETERMINED, _LARGEST_SD = 0.6, 20.0
-"""An angle is determined if its standard deviation is below this share of that of the prior, and below this, degrees."""
+"""An angle is determined if its standard deviation is below this share of the prior's, and below this, degrees."""
 
 
 @dataclass(frozen=True)
@@ -326,7 +326,9 @@ def _starting_frames(xyz: np.ndarray, body: Body, person: int) -> tuple[np.ndarr
     right = np.where(np.isnan(hip), shoulder, hip)
     up = shoulders - hips
     if np.isnan(right).any(-1).all() or np.isnan(up).any(-1).all():
-        raise ValueError(f"{person_name(person)}: hips and shoulders are never known together; without them there is no body")
+        raise ValueError(
+            f"{person_name(person)}: hips and shoulders are never known together; without them there is no body"
+        )
     root, right, up = (hold(part[:, None])[:, 0] for part in (hips, right, up))
     return root, _axes(up, right)
 
@@ -335,6 +337,9 @@ def _axes(up: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Return axes (F, 3, 3): y along `up` (F, 3), z near `right` (F, 3)."""
     y = up / np.maximum(np.linalg.norm(up, axis=-1, keepdims=True), 1e-9)
     x = np.cross(y, right)
+    # `right` along `up` determines no axes; any across do.
+    across = np.cross(y, np.eye(3)[np.abs(y).argmin(-1)])
+    x = np.where(np.linalg.norm(x, axis=-1, keepdims=True) < 1e-6, across, x)
     x /= np.maximum(np.linalg.norm(x, axis=-1, keepdims=True), 1e-9)
     return np.stack([x, y, np.cross(x, y)], -1)
 
@@ -560,3 +565,16 @@ def _spread(turned: np.ndarray, cov: np.ndarray) -> np.ndarray:
     found = np.sqrt(np.einsum("fij,fjk,fik->fi", inverse, cov, inverse))
     found[singular] = np.inf
     return found
+
+
+def defining_joints(body: Body, segment: str) -> list[str]:
+    """Return the landmarks that show how a segment turns in its parent: on both, and at the end of the segment."""
+    number = body.segments.index(segment)
+    both = {number, body.parents[number]}
+    ends = {child for child, parent in enumerate(body.parents) if parent == number}
+    at_origin = np.linalg.norm(body.landmarks, axis=-1) < 1e-9
+    return [
+        joint
+        for joint, on, end in zip(body.joints, body.on, at_origin, strict=True)
+        if on in both or (end and on in ends)
+    ]

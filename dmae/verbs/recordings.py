@@ -203,8 +203,8 @@ def export(
     Args:
         clip: Its captured or completed poses are exported; its truth if it has no poses.
         out: The file; for `panoptic` and `openpose` a folder.
-        format: `npz`, `trc`, `c3d`, `bvh`, `glb`, `movement`, `coco`, `panoptic` or `openpose`. Each marks completed
-            joints in its own way.
+        format: `npz`, `trc`, `mot`, `c3d`, `bvh`, `glb`, `movement`, `coco`, `panoptic` or `openpose`. Each marks
+            completed joints in its own way.
         poses: Export these instead.
         skeleton: Convert to this skeleton first.
         unit: `m`, `cm` or `mm`, for TRC files.

@@ -36,7 +36,7 @@ def joints(folder, *entries: dict) -> tuple:
     found = np.zeros(poses.source.shape, bool)
     for each in entries:
         frames = slice(int(each["first"]), int(each["last"]) + 1)
-        found[frames, int(each["person"]), poses.skeleton.joints.index(each["joint"])] = True
+        found[frames, int(each["person"][1:]) - 1, poses.skeleton.joints.index(each["joint"])] = True
     return found
 
 

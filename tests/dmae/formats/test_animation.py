@@ -1,17 +1,21 @@
 """C3D, BVH and GLB, read back by programs that share nothing with the writers."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from dmae.data.clip import Poses3D, Source
-from dmae.data.skeleton import BODY25, COCO17, SHELF14
+from dmae.data.skeleton import BODY25, SKELETONS, Skeleton
 from dmae.formats import c3d
-from dmae.formats.bvh import Y_UP, joint_rotations
+from dmae.formats.animation import Y_UP, joint_rotations
 from dmae.formats.writing import write_poses
-from dmae.numerics.body import rotate_z
+from dmae.numerics.body import rotate_z, rotation_z
 from synth.motion.readers.bvh import read_bvh
+from synth.people.body import PARENTS, SEGMENTS, Body, landmarks, segment_origins
+from tests.support.animals import DOG, dog
 from tests.support.clips import full_clip, walkers
 
 
@@ -35,62 +39,47 @@ def clip():
     return replace(full_clip(frames=30), poses=poses, truth=None, occlusion=None, detection_labels=None, images=None)
 
 
-def test_rigid_bodies_are_where_they_were():
-    poses = turning()
-    for person, frames in ((0, 30), (1, 20)):
-        motion = joint_rotations(poses, 25.0, person)
-        error = np.linalg.norm(motion.xyz - poses.xyz[:, person][:, motion.order], axis=-1)
-        assert np.nanmax(error[:frames]) < 0.002
-        turned = motion.rotations @ motion.rotations.swapaxes(-1, -2)
-        np.testing.assert_allclose(turned, np.broadcast_to(np.eye(3), turned.shape), atol=1e-9)
-        np.testing.assert_allclose(np.linalg.det(motion.rotations), 1)
+def simulated(skeleton: Skeleton, frames: int = 40) -> tuple[Poses3D, np.ndarray]:
+    """A person of our generator who squats, turns and swings the arms, and the true flexion of the left knee, rad."""
+    phase = np.linspace(0, 2 * np.pi, frames)
+    turns = np.zeros((frames, len(SEGMENTS), 3))
+    at = SEGMENTS.index
+    bent = 0.5 * (1 - np.cos(phase))
+    turns[:, at("l_thigh"), 1] = turns[:, at("r_thigh"), 1] = -bent
+    turns[:, at("l_shin"), 1] = turns[:, at("r_shin"), 1] = 1.4 * bent
+    turns[:, at("l_foot"), 1] = turns[:, at("r_foot"), 1] = -0.4 * bent
+    turns[:, at("spine"), 1], turns[:, at("chest"), 1] = 0.2 * bent, 0.15 * bent
+    turns[:, at("l_upper_arm"), 0] = -1.2 + 0.5 * np.sin(phase)
+    turns[:, at("r_upper_arm"), 0] = 1.2 + 0.5 * np.sin(phase)
+    turns[:, at("r_forearm"), 2] = turns[:, at("l_forearm"), 2] = 0
+    turns[:, at("l_forearm"), 2], turns[:, at("r_forearm"), 2] = -bent, bent
+    world = Rotation.from_rotvec(turns.reshape(-1, 3)).as_matrix().reshape(frames, -1, 3, 3)
+    world[:, 0] = rotation_z(phase / 2)
+    for segment, parent in enumerate(PARENTS[1:], 1):
+        world[:, segment] = world[:, parent] @ world[:, segment]
+    body = Body()
+    root = np.stack([phase / 5, 0 * phase, 0.95 - 0.1 * bent], -1)
+    on, points, _ = landmarks(body, skeleton)
+    xyz = segment_origins(body, root, world)[:, on] + (world[:, on] @ points[..., None])[..., 0]
+    return Poses3D(skeleton, xyz[:, None]), 1.4 * bent
 
 
-def test_the_rest_pose_is_a_t_pose_that_faces_x():
-    motion = joint_rotations(turning(), 25.0, 0)
-    offset = dict(zip(motion.joints, motion.offsets, strict=True))
-    for joint, axis, sign in (("l_elbow", 1, 1), ("r_wrist", 1, -1), ("l_knee", 2, -1), ("neck", 2, 1)):
-        assert sign * offset[joint][axis] == pytest.approx(np.linalg.norm(offset[joint]), rel=0.02)
-    assert offset["l_shoulder"][1] > 0 > offset["r_shoulder"][1]
-    assert offset["l_big_toe"][0] > 0
+def written(poses: Poses3D, path: Path, format: str, **options) -> Path:
+    clip = replace(full_clip(len(poses.xyz)), truth=None, occlusion=None, detection_labels=None, poses=poses)
+    return write_poses(clip, path, format, **options).files[0]
 
 
-@pytest.mark.parametrize("skeleton", [SHELF14, COCO17], ids=lambda skeleton: skeleton.name)
-def test_every_skeleton_with_one_root_has_rotations(skeleton):
-    poses = walkers(12, 1, skeleton)
-    motion = joint_rotations(poses, 25.0, 0)
-    error = np.linalg.norm(motion.xyz - poses.xyz[:, 0][:, motion.order], axis=-1)
-    assert np.median(error) < 0.01
+def by_name_bvh(path: Path) -> dict[str, np.ndarray]:
+    """Joints (F, 3) m, world, by a reader of our generator."""
+    found = read_bvh(path)
+    xyz = found.forward()[0] @ Y_UP
+    return {joint: xyz[:, number] for number, joint in enumerate(found.joints)}
 
 
-def test_joints_that_are_never_known_are_left_out_and_a_missing_root_is_refused():
-    poses = turning(persons=1)
-    gone = np.zeros(poses.source.shape, bool)
-    gone[:, :, BODY25.index("l_elbow")] = True
-    motion = joint_rotations(poses.without(gone), 25.0, 0)
-    assert "l_elbow" not in motion.joints
-    assert motion.joints[motion.parents[motion.joints.index("l_wrist")]] == "l_shoulder"
-    gone[:, :, BODY25.index("mid_hip")] = True
-    with pytest.raises(ValueError, match="P1: joint 'mid_hip', the root of body25, is never known"):
-        joint_rotations(poses.without(gone), 25.0, 0)
-
-
-@pytest.mark.parametrize(("unit", "metre"), [("m", 1), ("cm", 100)])
-def test_a_bvh_holds_the_motion(clip, tmp_path, unit, metre):
-    write_poses(clip, tmp_path / "walk.bvh", "bvh", unit=unit)
-    for person, frames in ((0, 30), (1, 20)):
-        found = read_bvh(tmp_path / f"walk_P{person + 1}.bvh")
-        assert found.fps == pytest.approx(clip.fps)
-        ours = [joint for joint in found.joints if not joint.endswith(".end")]
-        xyz = found.forward()[0][:, [found.joints.index(joint) for joint in ours]] / metre @ Y_UP
-        expected = clip.poses.xyz[:, person][:, BODY25.index(*ours)]
-        assert np.nanmax(np.linalg.norm(xyz - expected, axis=-1)[:frames]) < 0.002
-
-
-def test_a_glb_holds_the_motion_and_marks_what_was_not_measured(clip, tmp_path):
+def by_name_glb(path: Path, frames: int) -> dict[str, np.ndarray]:
+    """Nodes (F, 3) m, world, by forward kinematics over the JSON and the buffer alone."""
     pygltflib = pytest.importorskip("pygltflib")
-    write_poses(clip, tmp_path / "walk.glb", "glb")
-    file = pygltflib.GLTF2().load(str(tmp_path / "walk.glb"))
+    file = pygltflib.GLTF2().load(str(path))
     buffer = file.binary_blob()
 
     def values(number: int) -> np.ndarray:
@@ -99,35 +88,115 @@ def test_a_glb_holds_the_motion_and_marks_what_was_not_measured(clip, tmp_path):
         width = {"SCALAR": 1, "VEC3": 3, "VEC4": 4, "MAT4": 16}[accessor.type]
         return np.frombuffer(buffer, "<f4", accessor.count * width, view.byteOffset).reshape(accessor.count, width)
 
+    samplers = file.animations[0].samplers
     tracks = {
-        (channel.target.node, channel.target.path): values(file.animations[0].samplers[channel.sampler].output)
+        (channel.target.node, channel.target.path): values(samplers[channel.sampler].output)
         for channel in file.animations[0].channels
     }
+    found = {}
 
-    def place(node: int, frame: int, at: np.ndarray, turned: np.ndarray, found: dict) -> None:
-        from scipy.spatial.transform import Rotation
-
-        move = tracks[node, "translation"][frame] if (node, "translation") in tracks else file.nodes[node].translation
-        at = at + turned @ move
+    def place(node: int, at: np.ndarray, turned: np.ndarray) -> None:
+        move = tracks.get((node, "translation"), np.array(file.nodes[node].translation or [0, 0, 0]))
+        at = at + (turned @ np.broadcast_to(move, (frames, 3))[..., None])[..., 0]
         if (node, "rotation") in tracks:
-            found[file.nodes[node].name] = at
-            turned = turned @ Rotation.from_quat(tracks[node, "rotation"][frame]).as_matrix()
+            found[file.nodes[node].name] = at @ Y_UP
+            turned = turned @ Rotation.from_quat(tracks[node, "rotation"]).as_matrix()
             for child in file.nodes[node].children:
-                if file.nodes[child].mesh is None:
-                    place(child, frame, at, turned, found)
+                place(child, at, turned)
 
-    for person, skin in enumerate(file.skins):
-        for frame in (0, 7, 19):
-            found = {}
-            place(skin.joints[0], frame, np.zeros(3), np.eye(3), found)
-            for number, joint in enumerate(BODY25.joints):
-                expected = Y_UP @ clip.poses.xyz[frame, person, number]
-                np.testing.assert_allclose(found[f"P{person + 1}: {joint}"], expected, atol=0.002)
-    names = [node.name for node in file.nodes]
-    red = tracks[names.index("P1: r_wrist not measured"), "scale"][:, 0]
-    np.testing.assert_array_equal(np.flatnonzero(red), np.arange(4, 9))
-    there = tracks[names.index("P2: mid_hip"), "scale"][:, 0]
-    np.testing.assert_array_equal(np.flatnonzero(there), np.arange(20))
+    for skin in file.skins:
+        place(skin.joints[0], np.zeros((frames, 3)), np.broadcast_to(np.eye(3), (frames, 3, 3)))
+    return found
+
+
+@pytest.mark.parametrize("skeleton", list(SKELETONS.values()), ids=lambda skeleton: skeleton.name)
+def test_every_skeleton_moves_as_its_joints_in_bvh_and_glb(skeleton, tmp_path):
+    """Every joint is there, near where it was, on bones of constant length below a root at the pelvis."""
+    poses, _ = simulated(skeleton)
+    bvh = by_name_bvh(written(poses, tmp_path / "a.bvh", "bvh"))
+    glb = by_name_glb(written(poses, tmp_path / "a.glb", "glb"), len(poses.xyz))
+    assert next(iter(bvh)) == "mid_hip"
+    for joint, xyz in zip(skeleton.joints, np.moveaxis(poses.xyz[:, 0], 1, 0), strict=True):
+        error = np.linalg.norm(bvh[joint] - xyz, axis=-1)
+        assert np.median(error) < 0.015 and error.max() < 0.04, joint
+        np.testing.assert_allclose(glb[f"P1: {joint}"], bvh[joint], atol=1e-4)
+
+
+@pytest.mark.parametrize("skeleton", list(SKELETONS.values()), ids=lambda skeleton: skeleton.name)
+def test_the_rest_pose_is_a_t_pose_that_faces_x(skeleton):
+    motion = joint_rotations(simulated(skeleton)[0], 25.0, 0)
+    rest = np.zeros_like(motion.offsets)
+    for node, parent in enumerate(motion.parents):
+        rest[node] = motion.offsets[node] + (rest[parent] if parent >= 0 else 0)
+    at = dict(zip(motion.joints, rest, strict=True))
+    for side, sign in (("l", 1), ("r", -1)):
+        arm = [at[f"{side}_{joint}"] for joint in ("shoulder", "elbow", "wrist")]
+        leg = [at[f"{side}_{joint}"] for joint in ("hip", "knee", "ankle")]
+        for bones, towards in ((arm, (0, sign, 0)), (leg, (0, 0, -1))):
+            for bone in np.diff(bones, axis=0):
+                np.testing.assert_allclose(bone / np.linalg.norm(bone), towards, atol=1e-9)
+        assert sign * leg[0][1] > 0.05
+        if f"{side}_big_toe" in at:
+            assert at[f"{side}_big_toe"][0] > leg[2][0] + 0.1
+    np.testing.assert_allclose((at["l_shoulder"] + at["r_shoulder"])[1], 0, atol=1e-9)
+    assert at["l_shoulder"][2] > 0.3
+
+
+def test_joints_that_are_never_known_are_left_out_and_a_missing_body_is_refused():
+    poses, _ = simulated(BODY25)
+    gone = np.zeros(poses.source.shape, bool)
+    gone[:, :, BODY25.index("l_knee", "l_ankle", "l_heel", "l_big_toe", "l_small_toe")] = True
+    motion = joint_rotations(poses.without(gone), 25.0, 0)
+    assert not {"l_knee", "l_ankle", "l_heel"} & set(motion.joints) and "r_knee" in motion.joints
+    gone[:, :, BODY25.index("l_hip")] = gone[:, :, BODY25.index("mid_hip")] = True
+    with pytest.raises(ValueError, match="P1: hips and shoulders are never known together"):
+        joint_rotations(poses.without(gone), 25.0, 0)
+
+
+def test_your_own_skeleton_keeps_its_tree():
+    rng = np.random.default_rng(0)
+    poses = Poses3D(DOG, dog(20, rng=rng)[:, None])
+    motion = joint_rotations(poses, 25.0, 0)
+    error = np.linalg.norm(motion.xyz - poses.xyz[:, 0][:, DOG.index(*motion.joints)], axis=-1)
+    assert motion.joints[0] == DOG.joints[DOG.parents.index(-1)] and np.median(error) < 0.05
+
+
+@pytest.mark.parametrize(("unit", "metre"), [("m", 1), ("cm", 100)])
+def test_a_bvh_holds_the_motion(clip, tmp_path, unit, metre):
+    write_poses(clip, tmp_path / "walk.bvh", "bvh", unit=unit)
+    for person, frames in ((0, 30), (1, 20)):
+        found = read_bvh(tmp_path / f"walk_P{person + 1}.bvh")
+        assert found.fps == pytest.approx(clip.fps)
+        ours = [joint for joint in found.joints if joint in BODY25.joints]
+        assert len(ours) == 25
+        xyz = found.forward()[0][:, [found.joints.index(joint) for joint in ours]] / metre @ Y_UP
+        expected = clip.poses.xyz[:, person][:, BODY25.index(*ours)]
+        assert np.nanmax(np.linalg.norm(xyz - expected, axis=-1)[:frames]) < 0.03
+
+
+def test_a_glb_holds_the_motion_and_marks_what_was_not_measured(clip, tmp_path):
+    pygltflib = pytest.importorskip("pygltflib")
+    write_poses(clip, tmp_path / "walk.glb", "glb")
+    found = by_name_glb(tmp_path / "walk.glb", 30)
+    for person, frames in ((0, 30), (1, 20)):
+        for number, joint in enumerate(BODY25.joints):
+            error = np.linalg.norm(found[f"P{person + 1}: {joint}"] - clip.poses.xyz[:, person, number], axis=-1)
+            assert error[:frames].max() < 0.03, joint
+    file = pygltflib.GLTF2().load(str(tmp_path / "walk.glb"))
+    buffer, names = file.binary_blob(), [node.name for node in file.nodes]
+
+    def scale(name: str) -> np.ndarray:
+        (channel,) = [
+            each
+            for each in file.animations[0].channels
+            if (each.target.node, each.target.path) == (names.index(name), "scale")
+        ]
+        accessor = file.accessors[file.animations[0].samplers[channel.sampler].output]
+        start = file.bufferViews[accessor.bufferView].byteOffset
+        return np.frombuffer(buffer, "<f4", 3 * accessor.count, start).reshape(-1, 3)[:, 0]
+
+    np.testing.assert_array_equal(np.flatnonzero(scale("P1: r_wrist not measured")), np.arange(4, 9))
+    np.testing.assert_array_equal(np.flatnonzero(scale("P2: mid_hip")), np.arange(20))
 
 
 def test_a_glb_is_a_scene_of_upright_people_to_trimesh(clip, tmp_path):
@@ -176,6 +245,6 @@ def test_clips_without_frames_or_people_are_written_or_refused(clip, tmp_path, f
     if format == "c3d":
         write_poses(none, tmp_path / "x.c3d", format)
     else:
-        with pytest.raises(ValueError, match="is never known"):
+        with pytest.raises(ValueError, match="never known"):
             write_poses(none, tmp_path / f"x.{format}", format)
     assert not list(tmp_path.glob(".*"))

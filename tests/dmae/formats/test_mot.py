@@ -1,0 +1,93 @@
+"""Joint angles as OpenSim reads them, on people whose angles are known."""
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dmae.data.clip import Poses3D, Source
+from dmae.data.skeleton import BODY25, SKELETONS
+from dmae.formats.writing import write_poses
+from dmae.numerics.kinematics import ANGLES
+from tests.dmae.formats.test_animation import simulated
+from tests.support.animals import DOG, dog
+from tests.support.clips import full_clip
+
+
+def export(poses: Poses3D, path: Path) -> tuple[dict[str, np.ndarray], list[dict[str, str]]]:
+    """Return the columns of the MOT and the rows of its table."""
+    clip = replace(full_clip(len(poses.xyz)), truth=None, occlusion=None, detection_labels=None, poses=poses)
+    mot, table, _ = write_poses(clip, path, "mot").files
+    lines = mot.read_text().splitlines()
+    start = lines.index("endheader") + 1
+    values = np.array([[float(cell) for cell in line.split("\t")] for line in lines[start + 1 :]])
+    with table.open() as file:
+        return dict(zip(lines[start].split("\t"), values.T, strict=True)), list(csv.DictReader(file))
+
+
+@pytest.mark.parametrize("skeleton", list(SKELETONS.values()), ids=lambda skeleton: skeleton.name)
+def test_angles_are_those_of_the_person(skeleton, tmp_path):
+    poses, knee = simulated(skeleton)
+    found, quality = export(poses, tmp_path / "a.mot")
+    assert set(found) == {"time", "pelvis_tx", "pelvis_ty", "pelvis_tz", *(angle.name for angle in ANGLES)}
+    true = np.degrees(knee)
+    for side in "lr":
+        assert np.abs(found[f"knee_angle_{side}"] - true).mean() < 3
+        assert np.corrcoef(found[f"elbow_flex_{side}"], true)[0, 1] > 0.95
+        if f"{side}_big_toe" in skeleton.joints and skeleton.name != "body21":
+            assert np.abs(found[f"ankle_angle_{side}"] - 0.4 / 1.4 * true).mean() < 3
+    assert found["pelvis_ty"] == pytest.approx(poses.xyz[:, 0, skeleton.index("l_hip", "r_hip")[0], 2], abs=0.05)
+    assert all(float(row["knee_angle_l_sd"]) < 10 for row in quality)
+    assert {row["knee_angle_l_source"] for row in quality} == {"measured"}
+    # The lumbar spine is no joint of any skeleton.
+    assert np.isnan(found["L5_S1_Flex_Ext"]).all()
+
+
+def test_an_angle_that_joints_do_not_determine_is_nan_and_what_was_completed_says_so(tmp_path):
+    poses, _ = simulated(BODY25)
+    foot = BODY25.index("l_big_toe", "l_small_toe", "l_heel")
+    xyz, source = poses.xyz.copy(), poses.source.copy()
+    xyz[5:9, :, foot], source[5:9, :, foot] = np.nan, Source.ABSENT
+    xyz[20:24], source[20:24] = np.nan, Source.ABSENT
+    below = BODY25.index("r_ankle", "r_big_toe", "r_small_toe", "r_heel")
+    source[12:15, :, below] = Source.COMPLETED
+    found, quality = export(Poses3D(BODY25, xyz, source), tmp_path / "a.mot")
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(found["ankle_angle_l"])), [5, 6, 7, 8, 20, 21, 22, 23])
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(found["ankle_angle_r"])), [20, 21, 22, 23])
+    assert np.isnan(found["pelvis_tx"][20:24]).all() and np.isfinite(found["time"]).all()
+    assert [row["knee_angle_r_source"] for row in quality[11:16]] == ["measured", *["completed"] * 3, "measured"]
+    assert quality[6]["ankle_angle_l_sd"] == "" and quality[6]["ankle_angle_l_source"] == "absent"
+    assert float(quality[13]["knee_angle_r_sd"]) > 1.5 * float(quality[11]["knee_angle_r_sd"])
+
+
+def test_larger_covariances_make_larger_standard_deviations(tmp_path):
+    poses, _ = simulated(BODY25)
+    spread = []
+    for error in (0.01, 0.04):
+        cov = np.tile(error**2 * np.eye(3), (*poses.source.shape, 1, 1))
+        _, quality = export(replace(poses, cov=cov), tmp_path / "a.mot")
+        spread.append(np.mean([float(row["knee_angle_r_sd"]) for row in quality]))
+    assert spread[1] > 2 * spread[0]
+
+
+def test_one_frame_is_enough_and_an_animal_is_refused(tmp_path):
+    poses, knee = simulated(BODY25)
+    found, _ = export(poses.select(slice(20, 21)), tmp_path / "a.mot")
+    assert found["knee_angle_r"][0] == pytest.approx(np.degrees(knee[20]), abs=5)
+    animal = Poses3D(DOG, dog(4, rng=np.random.default_rng(0))[:, None])
+    with pytest.raises(ValueError, match="joint angles need hips and shoulders, and dog19 has none"):
+        export(animal, tmp_path / "b.mot")
+
+
+def test_opensim_reads_it(tmp_path):
+    opensim = pytest.importorskip("opensim")
+    poses, _ = simulated(BODY25)
+    xyz = poses.xyz.copy()
+    xyz[5:9] = np.nan
+    found, _ = export(Poses3D(BODY25, xyz), tmp_path / "a.mot")
+    table = opensim.TimeSeriesTable(str(tmp_path / "a.mot"))
+    labels = list(table.getColumnLabels())
+    assert ["time", *labels] == list(found)
+    np.testing.assert_allclose(table.getDependentColumn("knee_angle_r").to_numpy(), found["knee_angle_r"], atol=1e-6)
