@@ -496,19 +496,22 @@ def export(
     pictures: str = "jpg",
     workers: int = 1,
     damaged: bool = False,
+    robot: str | None = None,
 ) -> dict:
     """Write a data set in the layout of another program: images and annotations.
 
     Args:
         path: The data set, or a clip.
         out: Folder to write, whole or not at all; it must be empty or not exist.
-        format: `coco`, `yolo`, `webdataset`, `huggingface`, `panoptic` or `npz`. All but the last two need images.
+        format: `coco`, `yolo`, `webdataset`, `huggingface`, `panoptic`, `npz`, `g1` or `lerobot`. The last four need
+            no images.
         splits: File that `split` wrote; by default all clips are in the split `train`.
         skeleton: Skeleton of the joints; by default coco17, for panoptic always panoptic19.
         every: Number of frames from one image to the next; 2 for every other frame.
         pictures: `jpg` or `png`.
         workers: Processes; -1 for one per core.
         damaged: Whether to export even if files are missing or have changed.
+        robot: MJCF of the Unitree G1, for `g1` and `lerobot`; by default that of an installed mjlab.
 
     Returns:
         A description of the export, as in `export.json`.
@@ -524,7 +527,7 @@ def export(
     from synth.datasets.config import PictureFormat
     from synth.datasets.exporters.export import export as export_data_set
 
-    options = {"skeleton": skeleton, "every": every, "workers": workers, "damaged": damaged}
+    options = {"skeleton": skeleton, "every": every, "workers": workers, "damaged": damaged, "robot": robot}
     if pictures not in PictureFormat.__members__:
         raise ValueError(f"pictures={pictures!r}: expected one of {', '.join(PictureFormat.__members__)}")
     chosen = None if splits is None else Path(splits)

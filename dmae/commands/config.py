@@ -269,12 +269,14 @@ class ExportCommand:
     skeleton: str | None = None
     """Skeleton of the file; by default the one the poses are in, and of two fused the first, except for npz."""
     unit: LengthUnit = LengthUnit.m
-    """Unit of lengths in a TRC."""
+    """Unit of lengths in a TRC; of g1, m with radians or cm with degrees."""
     keep_mm: float | None = None
     """mm; leave out joints that are likely farther than this from the truth, by the uncertainty that they state, and
     completed ones that state none. By default all joints are written."""
+    robot: str | None = None
+    """MJCF of the Unitree G1, for g1 and lerobot; by default that of an installed mjlab."""
     out: str = "???"
-    """File to write, by default with the suffix of the format; for panoptic and openpose a folder."""
+    """File to write, by default with the suffix of the format; for panoptic, openpose and lerobot a folder."""
 
 
 @dataclass(frozen=True)

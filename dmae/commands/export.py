@@ -18,7 +18,7 @@ def run(config: ExportCommand, out: Path) -> None:
     folder = Path(config.clip)
     clip = load_clip(folder)
     kept = with_decisions(clip, folder)
-    options = {"skeleton": config.skeleton, "unit": config.unit, "keep_mm": config.keep_mm}
+    options = {"skeleton": config.skeleton, "unit": config.unit, "keep_mm": config.keep_mm, "robot": config.robot}
     written = write_poses(kept, out, config.format, **options)
     frames, persons = written.poses.xyz.shape[:2]
     files, size = (

@@ -12,7 +12,7 @@ from dmae.formats.config import LengthUnit
 from dmae.formats.poses import provenance_table, write_provenance
 from dmae.formats.registry import PoseWriter, pose_writer, recording_writer
 
-_SUFFIXES = {"coco": ".json", "movement": ".nc"}
+_SUFFIXES = {"coco": ".json", "g1": ".csv", "movement": ".nc"}
 """Suffixes of files by format, where the suffix differs from the name of the format."""
 
 
@@ -58,6 +58,7 @@ def write_poses(
     skeleton: str | None = None,
     unit: LengthUnit = LengthUnit.m,
     keep_mm: float | None = None,
+    robot: str | None = None,
 ) -> Written:
     """Write the captured or completed poses of a clip, or its truth if it has no poses.
 
@@ -70,6 +71,7 @@ def write_poses(
         unit: Unit of lengths, for formats with a choice of units.
         keep_mm: mm; leave out joints with a likely error above this, by their covariances, see
             `dmae.numerics.statistics.without_unlikely`. By default all joints are written.
+        robot: MJCF of the robot, for formats of robots; by default that of an installed package.
 
     Returns:
         The poses on the skeleton that was written, and the files.
@@ -94,6 +96,10 @@ def write_poses(
         options["unit"] = LengthUnit(unit)
     elif unit != LengthUnit.m:
         raise ValueError(f"unit={unit}: format={writer.name} is always in m; leave it out")
+    if "robot" in writer.options:
+        options["robot"] = robot
+    elif robot is not None:
+        raise ValueError(f"robot={robot}: format={writer.name} is not of a robot; leave it out")
     if writer.folder:
         _check_folder(path, clip)
     if poses is clip.truth and clip.true_rig is not None:

@@ -197,19 +197,21 @@ def export(
     skeleton: str | None = None,
     unit: str = "m",
     keep_mm: float | None = None,
+    robot: str | None = None,
 ) -> None:
     """Write poses to a file that other programs read.
 
     Args:
         clip: Its captured or completed poses are exported; its truth if it has no poses.
-        out: The file; for `panoptic` and `openpose` a folder.
-        format: `npz`, `trc`, `mot`, `c3d`, `bvh`, `glb`, `movement`, `coco`, `panoptic` or `openpose`. Each marks
-            completed joints in its own way.
+        out: The file; for `panoptic`, `openpose` and `lerobot` a folder.
+        format: `npz`, `trc`, `mot`, `c3d`, `bvh`, `glb`, `movement`, `coco`, `panoptic`, `openpose`, `g1` or `lerobot`.
+            Each marks completed joints in its own way.
         poses: Export these instead.
         skeleton: Convert to this skeleton first.
         unit: `m`, `cm` or `mm`, for TRC files.
         keep_mm: Leave out joints with a likely error above this, by their covariances, and completed joints without a
             covariance.
+        robot: MJCF of the Unitree G1, for `g1` and `lerobot`; by default that of an installed mjlab.
 
     Raises:
         ValueError: there are no poses, the folder is not empty, the file has the suffix of another format, or
@@ -222,7 +224,7 @@ def export(
         (14, 3)
     """
     given = clip if poses is None else replace(clip, poses=poses)
-    write_poses(given, Path(out), format, skeleton=skeleton, unit=LengthUnit(unit), keep_mm=keep_mm)
+    write_poses(given, Path(out), format, skeleton=skeleton, unit=LengthUnit(unit), keep_mm=keep_mm, robot=robot)
 
 
 def convert(clip: Clip, out: str | Path, format: str = "clip") -> None:

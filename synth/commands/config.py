@@ -149,6 +149,8 @@ class ExportDataCommand:
     """What runs the processes: this machine, or a cluster."""
     damaged: bool = False
     """Export even if files are missing or damaged."""
+    robot: str | None = None
+    """MJCF of the Unitree G1, for g1 and lerobot; by default that of an installed mjlab."""
     out: str = "???"
     """Folder to write, whole or not at all; it must be empty or not exist."""
 

@@ -20,6 +20,7 @@ def run(config: ExportDataCommand, out: Path) -> None:
             pictures=config.pictures,
             workers=config.workers,
             damaged=config.damaged,
+            robot=config.robot,
         )
     for split, counts in summary["splits"].items():
         shown = ", ".join(counted(counts.get(f"{key}s", 0), key) for key in ("clip", "picture", "person", "mask"))

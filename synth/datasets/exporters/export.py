@@ -36,6 +36,7 @@ def export(
     pictures: PictureFormat = PictureFormat.jpg,
     workers: int = 1,
     damaged: bool = False,
+    robot: str | None = None,
 ) -> dict:
     """Write a data set in the layout of another program, completely or not at all.
 
@@ -49,6 +50,7 @@ def export(
         pictures: File format of images.
         workers: Number of processes; -1 for one per core.
         damaged: Whether to export even if files are missing or have changed since they were written.
+        robot: MJCF of the Unitree G1, for `g1` and `lerobot`; by default that of an installed mjlab.
 
     Returns:
         The content of `export.json`, a summary of the export.
@@ -79,7 +81,7 @@ def export(
             f"{' and no '.join(sorted(missing))}; make them by synth split, and give splits=..."
         )
     used = [folder for folder in folders if any(folder.name in each for each in chosen.values())]
-    selection = Selection(data, chosen, _skeleton(entry, used, skeleton), every, pictures, workers)
+    selection = Selection(data, chosen, _skeleton(entry, used, skeleton), every, pictures, workers, robot)
     with whole_folder(out) as partial:
         found = entry.function(selection, partial)
         shutil.rmtree(partial / PARTS, ignore_errors=True)

@@ -33,6 +33,7 @@ class ClipTask:
         every: Export one frame in this number; 2 for every second frame.
         suffix: Suffix of image files, `jpg` or `png`.
         out: Folder of the export.
+        robot: MJCF of the robot, for formats of robots; None for that of an installed package.
     """
 
     folder: Path
@@ -42,6 +43,7 @@ class ClipTask:
     every: int
     suffix: str
     out: Path
+    robot: str | None = None
 
     def load(self) -> Clip:
         """Return the clip with its true cameras, which made its images, as `rig`."""
@@ -100,6 +102,7 @@ class Selection:
         every: Export one frame in this number; 2 for every second frame.
         pictures: File format of images.
         workers: Number of processes; -1 for one per core.
+        robot: MJCF of the robot, for formats of robots; None for that of an installed package.
     """
 
     data: Path
@@ -108,10 +111,17 @@ class Selection:
     every: int = 1
     pictures: PictureFormat = PictureFormat.jpg
     workers: int = 1
+    robot: str | None = None
 
     def each_clip(self, function: Callable[[ClipTask], Counter], out: Path) -> Iterator[Written]:
         """Yield the result of `function` for each clip, split by split, in the order of the clips."""
-        how = {"skeleton": self.skeleton, "every": self.every, "suffix": self.pictures.value, "out": out}
+        how = {
+            "skeleton": self.skeleton,
+            "every": self.every,
+            "suffix": self.pictures.value,
+            "out": out,
+            "robot": self.robot,
+        }
         tasks = [
             ClipTask(self.data / name, name, split, **how) for split, names in self.splits.items() for name in names
         ]

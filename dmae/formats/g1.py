@@ -1,0 +1,240 @@
+"""Motions of Unitree G1 robots: joint CSV in its two dialects, and data sets of LeRobot v3.
+
+`dmae.formats.retargeting` makes the motions. A row of a CSV is a frame, and robots of one clip have the same frames:
+
+- `unit=m`, of LAFAN1 retargeted by Unitree, mjlab and others: no header; base position, m; base quaternion, w last; 29
+  angles, rad.
+- `unit=cm`, of BONES-SEED: a header and the number of the frame; base position, cm; base rotation as extrinsic angles
+  about x, y, z, degrees; 29 angles, degrees.
+
+Neither states the frame rate.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from dmae.data.clip import Clip, Poses3D, Source
+from dmae.files.contents import whole_folder, write_atomic, written
+from dmae.formats.config import LengthUnit
+from dmae.formats.poses import person_paths
+from dmae.formats.registry import pose_writer
+from dmae.formats.retargeting import RobotMotion, load_robot, retarget
+
+
+@pose_writer("g1", skeleton="body25", table=True)
+def write_g1(
+    poses: Poses3D, clip: Clip, path: Path, *, unit: LengthUnit = LengthUnit.m, robot: str | None = None
+) -> list[Path]:
+    """Unitree G1 joint CSV, a file for each person: `unit=m` of mjlab and LAFAN1, `unit=cm` of BONES-SEED.
+
+    Raises:
+        ValueError: mink is not installed, `unit` is mm, or a person cannot be retargeted.
+        FileNotFoundError: there is no model of the robot.
+    """
+    if unit == LengthUnit.mm:
+        raise ValueError("unit=mm: format=g1 is in m and radians (unit=m) or in cm and degrees (unit=cm)")
+    return write_joint_csv(retarget(poses, clip.fps, load_robot(robot)), path, unit)
+
+
+def write_joint_csv(motion: RobotMotion, path: Path, unit: LengthUnit = LengthUnit.m) -> list[Path]:
+    """Write the motion of each robot. Return the files."""
+    files = person_paths(path, motion.qpos.shape[1])
+    for person, file in enumerate(files):
+        qpos = motion.qpos[:, person]
+        turn, lines = Rotation.from_quat(qpos[:, 3:7], scalar_first=True), []
+        if unit == LengthUnit.m:
+            rows = np.concatenate([qpos[:, :3], _continuous(turn.as_quat()), qpos[:, 7:]], 1)
+        else:
+            axes = [f"root_{kind}{axis}" for kind in ("translate", "rotate") for axis in "XYZ"]
+            lines.append(",".join(["Frame", *axes, *(f"{joint}_dof" for joint in motion.joints)]))
+            euler = np.unwrap(turn.as_euler("xyz", degrees=True), period=360, axis=0)
+            rows = np.concatenate([100 * qpos[:, :3], euler, np.degrees(qpos[:, 7:])], 1)
+        for frame, row in enumerate(rows.tolist()):
+            number = [str(frame)] if unit != LengthUnit.m else []
+            lines.append(",".join([*number, *(f"{value:.6f}" for value in row)]))
+        write_atomic(file, written(lines))
+    return files
+
+
+def _continuous(quaternions: np.ndarray) -> np.ndarray:
+    """Return the quaternions (F, 4) with signs such that neighbours are near each other."""
+    flips = np.sign((quaternions[1:] * quaternions[:-1]).sum(-1))
+    return quaternions * np.cumprod(np.r_[1.0, np.where(flips == 0, 1, flips)])[:, None]
+
+
+# LeRobot v3, https://huggingface.co/docs/lerobot: episodes one after the other in Parquet files.
+
+VERSION = "v3.0"
+_FILE_FRAMES = 300_000
+"""Frames in a file, about 100 MB, the size that the format recommends."""
+_FLAGS = ("left_foot_stands", "right_foot_stands", "left_hand_touches", "right_hand_touches")
+_QUANTILES = (0.01, 0.1, 0.5, 0.9, 0.99)
+
+
+@dataclass(frozen=True)
+class Episode:
+    """One robot in one clip.
+
+    Attributes:
+        task: What it does, in words.
+        joints: Names of the n motors.
+        qpos: (F, 7 + n) base position, m, quaternion, w first, and angles, rad.
+        flags: (F, 4) whether each foot stands and each hand touches another person.
+        measured: (F, n) whether what determines an angle was measured.
+    """
+
+    task: str
+    joints: tuple[str, ...]
+    qpos: np.ndarray
+    flags: np.ndarray
+    measured: np.ndarray
+
+
+def episodes(motion: RobotMotion, task: str) -> list[Episode]:
+    """Return the motions of a clip, person by person."""
+    flags = np.concatenate([motion.standing, motion.touching], -1)
+    measured = (motion.source == Source.MEASURED) | (motion.source == Source.DENOISED)
+    people = range(motion.qpos.shape[1])
+    return [Episode(task, motion.joints, motion.qpos[:, p], flags[:, p], measured[:, p]) for p in people]
+
+
+@pose_writer("lerobot", folder=True, skeleton="body25")
+def write_lerobot(poses: Poses3D, clip: Clip, path: Path, *, robot: str | None = None) -> None:
+    """LeRobot v3 data set of Unitree G1 robots: an episode for each person.
+
+    Raises:
+        ValueError: mink or pyarrow is not installed, or a person cannot be retargeted.
+        FileNotFoundError: there is no model of the robot.
+    """
+    motion = retarget(poses, clip.fps, load_robot(robot))
+    with whole_folder(Path(path)) as folder:
+        write_episodes(folder, episodes(motion, clip.id), clip.fps)
+
+
+def write_episodes(folder: Path, given: Sequence[Episode], fps: float) -> None:
+    """Write a data set. `observation.state` has base and angles, `action` the angles of the next frame.
+
+    The base quaternion has w last. Robots of one clip are consecutive episodes with the same frames.
+
+    Raises:
+        ValueError: pyarrow is not installed.
+    """
+    try:
+        import pyarrow as pa
+        from pyarrow import parquet
+    except ImportError:
+        raise ValueError("format=lerobot needs pyarrow: pip install 'dmae-synth[robots]'") from None
+    tasks = list(dict.fromkeys(each.task for each in given))
+    states = ("x", "y", "z", "qx", "qy", "qz", "qw", *given[0].joints)
+    vectors = {"observation.state": states, "action": given[0].joints, "observation.contact": _FLAGS}
+    vectors["observation.measured"] = given[0].joints
+    numbers = {
+        "timestamp": "float32",
+        **dict.fromkeys(("frame_index", "episode_index", "index", "task_index"), "int64"),
+    }
+    features = {
+        **{name: {"dtype": "float32", "shape": [len(names)], "names": list(names)} for name, names in vectors.items()},
+        **{name: {"dtype": dtype, "shape": [1], "names": None} for name, dtype in numbers.items()},
+    }
+    schema = pa.schema(
+        [(name, pa.list_(pa.float32(), len(names))) for name, names in vectors.items()]
+        + [(name, pa.type_for_alias(dtype.replace("float32", "float"))) for name, dtype in numbers.items()]
+    )
+    for part in ("meta/episodes/chunk-000", "data/chunk-000"):
+        (folder / part).mkdir(parents=True)
+    rows, pending, columns, start = [], [], [], 0
+    for number, each in enumerate(given):
+        count = len(each.qpos)
+        quaternion = _continuous(each.qpos[:, [4, 5, 6, 3]])
+        angles = each.qpos[:, 7:]
+        values = {
+            "observation.state": np.concatenate([each.qpos[:, :3], quaternion, angles], 1).astype(np.float32),
+            "action": np.concatenate([angles[1:], angles[-1:]]).astype(np.float32),
+            "observation.contact": each.flags.astype(np.float32),
+            "observation.measured": each.measured.astype(np.float32),
+            "timestamp": (np.arange(count) / fps).astype(np.float32),
+            "frame_index": np.arange(count),
+            "episode_index": np.full(count, number),
+            "index": np.arange(start, start + count),
+            "task_index": np.full(count, tasks.index(each.task)),
+        }
+        columns.append(values)
+        file = start // _FILE_FRAMES
+        rows.append(
+            {
+                "episode_index": number,
+                "tasks": [each.task],
+                "length": count,
+                "data/chunk_index": 0,
+                "data/file_index": file,
+                "dataset_from_index": start,
+                "dataset_to_index": start + count,
+                "meta/episodes/chunk_index": 0,
+                "meta/episodes/file_index": 0,
+                **{
+                    f"stats/{name}/{key}": value
+                    for name, stats in _stats(values).items()
+                    for key, value in stats.items()
+                },
+            }
+        )
+        pending.append(
+            pa.table(
+                [
+                    pa.FixedSizeListArray.from_arrays(value.ravel(), value.shape[1])
+                    if value.ndim == 2
+                    else pa.array(value)
+                    for value in values.values()
+                ],
+                schema=schema,
+            )
+        )
+        start += count
+        if number + 1 == len(given) or start // _FILE_FRAMES > file:
+            parquet.write_table(pa.concat_tables(pending), folder / f"data/chunk-000/file-{file:03d}.parquet")
+            pending = []
+    parquet.write_table(pa.Table.from_pylist(rows), folder / "meta/episodes/chunk-000/file-000.parquet")
+    _write_tasks(folder / "meta/tasks.parquet", tasks)
+    everything = {name: np.concatenate([each[name] for each in columns]) for name in features}
+    write_atomic(folder / "meta/stats.json", json.dumps(_stats(everything), indent=1))
+    info = {
+        "codebase_version": VERSION,
+        "robot_type": "unitree_g1",
+        "total_episodes": len(given),
+        "total_frames": start,
+        "total_tasks": len(tasks),
+        "chunks_size": 1000,
+        "data_files_size_in_mb": 100,
+        "video_files_size_in_mb": 200,
+        "fps": int(fps) if fps == int(fps) else fps,
+        "splits": {"train": f"0:{len(given)}"},
+        "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
+        "video_path": None,
+        "features": features,
+    }
+    write_atomic(folder / "meta/info.json", json.dumps(info, indent=1))
+
+
+def _write_tasks(path: Path, tasks: list[str]) -> None:
+    """Write the table of tasks, whose index is the text."""
+    import pandas as pd
+
+    pd.DataFrame({"task_index": range(len(tasks))}, index=pd.Index(tasks, name="task")).to_parquet(path)
+
+
+def _stats(values: dict[str, np.ndarray]) -> dict[str, dict[str, list]]:
+    """Return least, greatest, mean, standard deviation, quantiles and count of each feature, as lists."""
+    found = {}
+    for name, value in values.items():
+        table = np.asarray(value, np.float64).reshape(len(value), -1)
+        quantiles = dict(
+            zip((f"q{round(100 * q):02d}" for q in _QUANTILES), np.quantile(table, _QUANTILES, axis=0), strict=True)
+        )
+        stats = {"min": table.min(0), "max": table.max(0), "mean": table.mean(0), "std": table.std(0), **quantiles}
+        found[name] = {key: each.tolist() for key, each in stats.items()} | {"count": [len(table)]}
+    return found

@@ -1,0 +1,713 @@
+"""People's joints as motions of the Unitree G1, a humanoid of 1.32 m with 29 motors.
+
+1. **Scale.** The floor plan of a clip is scaled by one factor, so that people keep their places relative to each other;
+   heights by the legs of each person. Limbs get the robot's lengths in the directions of the person's.
+2. **Hold feet.** While a foot stands flat, its target does not move; in between, it follows the person's foot.
+3. **Touch.** A hand that is at another person's hand, arm or trunk is led to the same place of the other robot.
+4. **Solve.** In each frame `mink` moves all robots of the clip towards their targets, within the limits of position and
+   speed of their motors: differential inverse kinematics, a quadratic program on MuJoCo's kinematics.
+
+MuJoCo serves as kinematics only: no forces, no balance. The motion is a reference for a controller.
+"""
+
+import importlib.util
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import permutations, product
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from dmae.data.clip import Poses3D, Source
+from dmae.numerics.filling import fill_body_frame, smooth
+from dmae.numerics.paths import linear, neighbours, pchip
+
+if TYPE_CHECKING:
+    import mink
+    import mujoco
+    from mink.tasks.task import BaseTask
+
+SIDES = ("left", "right")
+_MOTORS = {"hip_pitch": 32, "hip_roll": 20, "hip_yaw": 32, "knee": 20, "ankle": 37, "waist_yaw": 32, "waist": 37,
+           "shoulder": 37, "elbow": 37, "wrist_roll": 37, "wrist": 22}  # fmt: skip
+"""rad/s; speeds of the motors without load, by the start of the joint's name without its side, as Unitree states them
+in the G1's URDF."""
+_SPEED_SHARE = 0.4
+"""Share of the speed without load that is used."""
+_MARGIN = 0.01
+"""rad; distance that is kept from limits of position."""
+_SMOOTHING = 0.05
+"""s; standard deviation of the weights that smooth joints before they are followed."""
+_STAND_HEIGHT, _STAND_SPEED = 0.04, 0.25
+"""m above its lowest, m/s: below both, a heel or toe stands. A foot without them: its ankle."""
+_STAND_TIME, _STEP_TIME = 0.1, 0.2
+"""s; a foot stands at least this long; from free motion to standing and back takes this long."""
+_TURN = 0.7
+"""rad; feet are turned at most this far from the pelvis."""
+_CROUCH = 0.96
+"""The robot's legs are longest at this share of their length, so that knees do not become singular."""
+_TOUCH = 0.04
+"""m between the surfaces of a palm and of another person's limb or trunk; nearer counts as touching."""
+_TOUCH_TIME = 0.15
+"""s; briefer touches, and interruptions of touches, are ignored."""
+_REACH_TIME = 0.3
+"""s; how long before and after it touches a hand is led to its place."""
+_RATE = 100.0
+"""Steps per second of the solver, at least; a frame has one or more."""
+_RADII = {"trunk": 0.11, "upper_arm": 0.05, "forearm": 0.04, "hand": 0.03}
+"""m; half the thickness of people's parts, at a stature of 1.7 m."""
+_TRUNK_BREADTH = 0.15
+"""m; the same of a trunk from side to side."""
+_WRIST = 0.8
+"""From this share of a forearm on, a contact is one of the hand."""
+_PALM_AHEAD = 0.09
+"""m from wrist to the middle of the palm, along the forearm, at a stature of 1.7 m."""
+_NEEDED = ("l_hip", "r_hip", "l_ankle", "r_ankle", "l_shoulder", "r_shoulder")
+
+_JOINTS = {
+    "hip": ("hip", "knee"), "knee": ("hip", "knee", "ankle"), "ankle": ("knee", "ankle"),
+    "shoulder": ("shoulder", "elbow"), "elbow": ("shoulder", "elbow", "wrist"), "wrist": ("wrist",),
+}  # fmt: skip
+"""Joints of a person, by joint of the robot, that determine its angle; those of the waist are hips and shoulders."""
+
+
+@dataclass(frozen=True)
+class RobotMotion:
+    """Motions of P robots in F frames, one for each person.
+
+    Attributes:
+        joints: Names of the n motors, in the order of the model.
+        qpos: (F, P, 7 + n) base position, m, base quaternion, w first, and angles, rad; never NaN.
+        source: (F, P, n) weakest `Source` of the joints that determine an angle. Where it is absent or completed,
+            nobody measured it, as the wrists: a person's hands are not measured, and wrists only place palms.
+        standing: (F, P, 2) True where the left and the right foot stand flat.
+        touching: (F, P, 2) True where the left and the right hand touch another person.
+        residual: (F, P, 4) m from the robot's elbows and palms to their targets, left before right; NaN without.
+        scale: Size of the robots' floor plan relative to the people's.
+    """
+
+    joints: tuple[str, ...]
+    qpos: np.ndarray
+    source: np.ndarray
+    standing: np.ndarray
+    touching: np.ndarray
+    residual: np.ndarray
+    scale: float
+
+    def every(self, frames: int) -> "RobotMotion":
+        """Return one frame in `frames`."""
+        arrays = ("qpos", "source", "standing", "touching", "residual")
+        return replace(self, **{name: getattr(self, name)[::frames] for name in arrays})
+
+
+@dataclass(frozen=True)
+class Contact:
+    """A hand that touches a part of another person, in F frames.
+
+    Attributes:
+        person, side: Whose hand; 0 is the left one.
+        other, part, other_side: Whose `trunk`, `upper_arm`, `forearm` or `hand`; the side is 0 for the trunk.
+        point: (F, 3) m, world, where it touches; NaN where it does not.
+    """
+
+    person: int
+    side: int
+    other: int
+    part: str
+    other_side: int
+    point: np.ndarray
+
+
+_BODIES = ("hip_roll", "knee", "ankle_roll", "shoulder_roll", "elbow", "wrist_yaw")
+"""Links between which limbs are measured, on each side."""
+_HAND = np.array([[0.11, -0.01, 0.0], [0.11, 0.01, 0.0]])
+"""m; middle of the left and the right rubber hand from the joint of the wrist's yaw, where targets of palms act."""
+
+
+def find_model(path: str | None = None) -> Path:
+    """Return the file of `load_robot`."""
+    if path is not None:
+        if not Path(path).is_file():
+            raise FileNotFoundError(f"robot={path}: no such file; expected the MJCF of a Unitree G1 with 29 motors")
+        return Path(path)
+    found = importlib.util.find_spec("mjlab")
+    for root in (found.submodule_search_locations or ()) if found else ():
+        model = Path(root) / "asset_zoo" / "robots" / "unitree_g1" / "xmls" / "g1.xml"
+        if model.is_file():
+            return model
+    raise FileNotFoundError(
+        "no model of the robot: `pip install --no-deps mjlab` installs one, without that program's dependencies; or "
+        "give robot=..., the MJCF of a Unitree G1 with 29 motors"
+    )
+
+
+def load_robot(path: str | None = None) -> "mujoco.MjModel":
+    """Return the robot's kinematics: the model without its meshes, with sites `left_hand` and `right_hand`.
+
+    Args:
+        path: MJCF of the G1; by default that of an installed `mjlab`, which is found but not imported.
+
+    Raises:
+        FileNotFoundError: there is none.
+        ValueError: mink is not installed, or the file is malformed or not of a G1 with 29 motors.
+    """
+    if importlib.util.find_spec("mink") is None:
+        raise ValueError("robots need mink: pip install 'dmae-synth[robots]'")
+    import mujoco
+
+    path = find_model(path)
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+        for geom in list(spec.geoms):
+            if geom.type == mujoco.mjtGeom.mjGEOM_MESH:
+                spec.delete(geom)
+        for mesh in list(spec.meshes):
+            spec.delete(mesh)
+        names = {body.name for body in spec.bodies}
+        lacking = [f"{side}_{part}_link" for side in SIDES for part in _BODIES if f"{side}_{part}_link" not in names]
+        if lacking or not {"pelvis", "torso_link"} <= names:
+            raise ValueError(f"no body {(lacking or ['torso_link'])[0]!r}")
+        for side, place in zip(SIDES, _HAND, strict=True):
+            spec.body(f"{side}_wrist_yaw_link").add_site(name=f"{side}_hand", pos=place)
+        model = spec.compile()
+    except ValueError as error:
+        raise ValueError(f"{path}: expected the MJCF of a Unitree G1; {str(error).splitlines()[0]}") from None
+    if model.nq != 7 + 29:
+        raise ValueError(f"{path}: expected a Unitree G1 with 29 motors on a free base, found {model.nq - 7} angles")
+    return model
+
+
+@dataclass(frozen=True)
+class _Robot:
+    """Measures of the robot, m, from its zero pose, in which it stands upright and its forearms point ahead (x)."""
+
+    hip: np.ndarray  # (2, 3) from the pelvis
+    waist: np.ndarray  # (3,) from the pelvis
+    shoulder: np.ndarray  # (2, 3) from the waist
+    thigh: float
+    shin: float
+    upper_arm: float
+    forearm: float  # to the palm
+    heel_tip: np.ndarray  # (2, 3) ends of a sole from the ankle
+
+    @classmethod
+    def measure(cls, model: "mujoco.MjModel") -> "_Robot":
+        import mujoco
+
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        hip, knee, ankle, shoulder, elbow, _ = (
+            np.stack([data.body(f"{side}_{part}_link").xpos for side in SIDES]) for part in _BODIES
+        )
+        hand = np.stack([data.site(f"{side}_hand").xpos for side in SIDES])
+        pelvis, waist = data.body("pelvis").xpos, data.body("torso_link").xpos
+        foot = model.body(f"{SIDES[0]}_ankle_roll_link").id
+        ends = np.concatenate(
+            [_ends(model, data, geom) for geom in range(model.ngeom) if model.geom_bodyid[geom] == foot]
+        )
+        sole = ends[:, 2].min() - ankle[0, 2]
+        heel_tip = np.array([[ends[:, 0].min() - ankle[0, 0], 0, sole], [ends[:, 0].max() - ankle[0, 0], 0, sole]])
+        limbs = ((hip, knee), (knee, ankle), (shoulder, elbow), (elbow, hand))
+        lengths = [float(np.linalg.norm(start - end, axis=-1).mean()) for start, end in limbs]
+        return cls(hip - pelvis, waist - pelvis, shoulder - waist, *lengths, heel_tip)
+
+
+def _ends(model: "mujoco.MjModel", data: "mujoco.MjData", geom: int) -> np.ndarray:
+    """Return the lowest points (2, 3) at the ends of a capsule, or of a sphere, which has no length; m, world."""
+    import mujoco
+
+    radius, half = model.geom_size[geom, :2] * (1, model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_CAPSULE)
+    along = half * data.geom_xmat[geom].reshape(3, 3)[:, 2]
+    return data.geom_xpos[geom] + np.stack([along, -along]) - (0, 0, radius)
+
+
+def retarget(
+    poses: Poses3D, fps: float, model: "mujoco.MjModel", contacts: Sequence[Contact] | None = None
+) -> RobotMotion:
+    """Return the motions of robots that move as P people do, together.
+
+    Args:
+        poses: (F, P, 25, 3) poses on `body25`, F > 0; gaps are filled, see `fill_body_frame`. Before a person's first
+            and after its last known frame the robot stands still.
+        fps: Frames per second.
+        model: Of `load_robot`.
+        contacts: Hands that touch other people; by default those that the joints show.
+
+    Raises:
+        ValueError: a person lacks hips, shoulders or ankles in all frames, or there are no frames or no persons.
+    """
+    frames, persons = poses.xyz.shape[:2]
+    if not frames or not persons:
+        raise ValueError(f"expected people to retarget, found {persons} in {frames} frames")
+    known = (poses.source != Source.ABSENT).any(0)
+    for person in range(persons):
+        lacking = [joint for joint in _NEEDED if not known[person, poses.skeleton.index(joint)[0]]]
+        if lacking:
+            raise ValueError(
+                f"person {person}: {', '.join(lacking)} are never known; a robot that stands needs hips, ankles and "
+                "shoulders"
+            )
+    filled = smooth(fill_body_frame(poses, fps, pchip), fps, _SMOOTHING)
+    people = [_Person(linear(filled.xyz[:, person].astype(np.float64)), fps) for person in range(persons)]
+    robot = _Robot.measure(model)
+    scale = (robot.thigh + robot.shin) / float(np.mean([person.leg for person in people]))
+    targets = [_targets(person, robot, scale, fps) for person in people]
+    contacts = near_contacts(people) if contacts is None else contacts
+    touches = _touches(people, contacts, fps)
+    qpos, residual = _solve(model, targets, touches, fps)
+    motors = tuple(model.joint(number).name for number in range(1, model.njnt))
+    touching = np.zeros((frames, persons, 2), bool)
+    for contact in contacts:
+        touching[:, contact.person, contact.side] |= np.isfinite(contact.point).all(-1)
+    standing = np.stack([target.hold == 1 for target in targets], 1)
+    return RobotMotion(motors, qpos, _sources(poses, motors), standing, touching, residual, scale)
+
+
+def _sources(poses: Poses3D, motors: tuple[str, ...]) -> np.ndarray:
+    """Return the weakest source (F, P, n) of the joints that determine each motor's angle."""
+    ever = (poses.source != Source.ABSENT).any(0)
+    # Filled in a gap: completed. Never known: absent, and weaker than everything.
+    source = np.where((poses.source == Source.ABSENT) & ever, Source.COMPLETED, poses.source)
+    rank = np.where(source == Source.ABSENT, len(Source), source)
+    found = []
+    for motor in motors:
+        side, _, part = motor.partition("_")
+        parts = _JOINTS.get(part.partition("_")[0])
+        names = [f"{side[0]}_{each}" for each in parts] if parts else list(_NEEDED[:2] + _NEEDED[-2:])
+        found.append(rank[:, :, poses.skeleton.index(*names)].max(-1))
+        if part.startswith("wrist"):
+            found[-1] = np.maximum(found[-1], Source.COMPLETED)
+    worst = np.stack(found, -1)
+    return np.where(worst == len(Source), Source.ABSENT, worst).astype(np.uint8)
+
+
+class _Person:
+    """Joints of a person in F frames, m, world, without gaps; NaN for joints that are never known."""
+
+    def __init__(self, xyz: np.ndarray, fps: float):
+        from dmae.data.skeleton import BODY25
+
+        def joints(*names: str) -> np.ndarray:
+            return xyz[:, BODY25.index(*names)]
+
+        def both(part: str) -> np.ndarray:
+            return joints(f"l_{part}", f"r_{part}")
+
+        self.hips, self.ankles = both("hip"), both("ankle")
+        self.shoulders, self.elbows, self.wrists = both("shoulder"), both("elbow"), both("wrist")
+        self.heels, self.toes = both("heel"), both("big_toe")
+        self.mid_hip, self.neck = self.hips.mean(1), self.shoulders.mean(1)
+        knees = both("knee")
+        bones = np.linalg.norm(self.hips - knees, axis=-1) + np.linalg.norm(knees - self.ankles, axis=-1)
+        straight = np.linalg.norm(self.hips - self.ankles, axis=-1)
+        # Without knees: the longest distance from hip to ankle.
+        self.leg = float(np.nanmedian(bones) if np.isfinite(bones).any() else straight.max())
+        self.size = self.leg / 0.835  # 1 for a stature of 1.7 m, with legs of Drillis and Contini (1966)
+        fore = _unit(self.wrists - self.elbows)
+        self.palms = self.wrists + _PALM_AHEAD * self.size * fore
+        self.floor = float(np.percentile(self.ankles[..., 2].min(1), 10))
+        self.trunk = _unit(self.neck - self.mid_hip)
+        self.stands = np.stack([self._stands(side, fps) for side in range(2)], 1)
+
+    def _stands(self, side: int, fps: float) -> np.ndarray:
+        """Return (F,) True where heel and toe of a foot stand, or its ankle if they are never known."""
+        points = np.stack([self.heels[:, side], self.toes[:, side]], 1)
+        if np.isnan(points).any():
+            points = self.ankles[:, side, None]
+        low = np.percentile(points[..., 2], 10, axis=0)
+        near = (points[..., 2] - low).max(1) < _STAND_HEIGHT * self.size
+        if len(points) == 1:
+            return near
+        speed = np.linalg.norm(np.gradient(points, axis=0) * fps, axis=-1).max(1)
+        return _lasting(near & (speed < _STAND_SPEED), _STAND_TIME * fps)
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9)
+
+
+def _frame(left: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """Return rotations (F, 3, 3) with z along `up` (F, 3) and y as near as possible to `left` (F, 3)."""
+    ahead = _unit(np.cross(left, up))
+    return np.stack([ahead, np.cross(up, ahead), up], -1)
+
+
+def _smoothstep(x: np.ndarray) -> np.ndarray:
+    x = np.clip(x, 0, 1)
+    return x * x * (3 - 2 * x)
+
+
+def _near_in_time(at: np.ndarray, fps: float, seconds: float) -> np.ndarray:
+    """Return weights (F,): 1 where `at` (F,) is True, falling to 0 within `seconds` before and after."""
+    before, after = neighbours(at)
+    frame = np.arange(len(at))
+    away = np.minimum(np.where(before < 0, np.inf, frame - before), np.where(after == len(at), np.inf, after - frame))
+    return _smoothstep(1 - away / max(seconds * fps, 1e-9))
+
+
+@dataclass(frozen=True)
+class _Targets:
+    """What one robot is led to, F frames; places m, world, NaN if unknown; orientations to the world."""
+
+    pelvis: np.ndarray  # (F, 3)
+    pelvis_turn: np.ndarray  # (F, 3, 3)
+    trunk_turn: np.ndarray  # (F, 3, 3)
+    elbows: np.ndarray  # (F, 2, 3)
+    palms: np.ndarray
+    ankles: np.ndarray
+    foot_turns: np.ndarray  # (F, 2, 3, 3)
+    hold: np.ndarray  # (F, 2) from 0, the foot moves freely, to 1, it stands
+
+
+def _targets(person: _Person, robot: _Robot, scale: float, fps: float) -> _Targets:
+    own = (robot.thigh + robot.shin) / person.leg
+    ankle_height, up = -robot.heel_tip[0, 2], np.array([0.0, 0.0, 1.0])
+
+    def placed(xyz: np.ndarray) -> np.ndarray:
+        return np.concatenate([scale * xyz[..., :2], own * (xyz[..., 2:] - person.floor) + ankle_height], -1)
+
+    trunk_turn = _frame(person.shoulders[:, 0] - person.shoulders[:, 1], person.trunk)
+    # The pelvis leans half as much as the trunk: hips and shoulders do not show where the back bends.
+    pelvis_turn = _frame(person.hips[:, 0] - person.hips[:, 1], _unit(up + person.trunk))
+    middle = placed(person.mid_hip)
+    middle[:, 2] = ankle_height + _CROUCH * (middle[:, 2] - ankle_height)
+    pelvis = middle - pelvis_turn @ robot.hip.mean(0)
+    shoulders = (pelvis + pelvis_turn @ robot.waist)[:, None] + np.einsum("fij,sj->fsi", trunk_turn, robot.shoulder)
+    elbows = shoulders + robot.upper_arm * _unit(person.elbows - person.shoulders)
+    palms = elbows + robot.forearm * _unit(person.wrists - person.elbows)
+    ankles, hold = placed(person.ankles), np.empty((len(pelvis), 2))
+    # The robot's hips are wider than a person's; its feet stand as much wider.
+    width = np.median(np.linalg.norm(person.hips[:, 0] - person.hips[:, 1], axis=-1))
+    beside = robot.hip[:, 1] - own * width / 2 * np.array([1, -1])
+    ankles[..., :2] += beside[:, None] * _unit(pelvis_turn[:, :2, 1])[:, None]
+    foot_turns = np.empty((len(pelvis), 2, 3, 3))
+    heading = np.unwrap(np.arctan2(pelvis_turn[:, 1, 0], pelvis_turn[:, 0, 0]))
+    for side in range(2):
+        along = person.toes[:, side] - person.heels[:, side]
+        if np.isnan(along).any():
+            yaw, pitch = heading, np.zeros(len(heading))
+        else:
+            yaw = np.unwrap(np.arctan2(along[:, 1], along[:, 0]))
+            pitch = -np.arctan2(along[:, 2], np.linalg.norm(along[:, :2], axis=-1))
+            # Nobody's hips turn farther for long, and the robot's less far where a leg crosses the other.
+            yaw = heading + np.clip((yaw - heading + np.pi) % (2 * np.pi) - np.pi, -_TURN, _TURN)
+            stands = person.stands[:, side]
+            pitch = pitch - (np.median(pitch[stands]) if stands.any() else 0.0)
+        stands = person.stands[:, side]
+        hold[:, side] = _near_in_time(stands, fps, _STEP_TIME)
+        held = np.concatenate([ankles[:, side], yaw[:, None]], -1)
+        held[:, 2] = ankle_height
+        for first, last in _runs(stands):
+            held[first:last] = held[first:last].mean(0)
+        if stands.any():
+            held = linear(np.where(stands[:, None], held, np.nan)[:, None])[:, 0]
+        free = np.concatenate([ankles[:, side], yaw[:, None]], -1)
+        path = free + hold[:, side, None] * (held - free)
+        pitch = np.clip(pitch, -0.7, 0.7) * (1 - hold[:, side])
+        foot_turns[:, side] = Rotation.from_euler("ZY", np.stack([path[:, 3], pitch], -1)).as_matrix()
+        # No end of the sole below the floor.
+        low = (foot_turns[:, side] @ robot.heel_tip.T)[:, 2].min(-1)
+        ankles[:, side] = path[:, :3]
+        ankles[:, side, 2] = np.maximum(path[:, 2], -low)
+    return _Targets(pelvis, pelvis_turn, trunk_turn, elbows, palms, ankles, foot_turns, hold)
+
+
+def _lasting(flags: np.ndarray, least: float) -> np.ndarray:
+    """Return flags (F,) without runs of True below `least` frames, after interruptions that short are closed."""
+    kept = flags.copy()
+    for value in (False, True):
+        for first, last in _runs(kept == value):
+            if last - first < least and first > 0 and last < len(flags):
+                kept[first:last] = not value
+    return kept
+
+
+def _runs(flags: np.ndarray) -> list[tuple[int, int]]:
+    """Return the runs of True in flags (F,), as [first, last)."""
+    change = np.flatnonzero(np.diff(np.r_[0, flags, 0]))
+    return list(zip(change[::2].tolist(), change[1::2].tolist(), strict=True))
+
+
+@dataclass(frozen=True)
+class _Touch:
+    """A hand that is led to a place of another robot.
+
+    Attributes:
+        contact: What touches what. A forearm that is touched at its wrist is a hand.
+        weight: (F,) from 0 to 1, of this place for this hand.
+        along: (F,) place along the part, from 0 to 1.
+        outwards: (F, 3) unit vector from the part to the palm.
+    """
+
+    contact: Contact
+    weight: np.ndarray
+    along: np.ndarray
+    outwards: np.ndarray
+
+
+_ROBOT_RADII = {"trunk": 0.09, "upper_arm": 0.035, "forearm": 0.035, "hand": 0.035}
+"""m; radii of the robot's capsules."""
+
+
+def _part(person: _Person, part: str, side: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the ends (F, 3) of a part of a person."""
+    if part == "trunk":
+        return person.mid_hip, person.neck
+    places = {"upper_arm": (person.shoulders, person.elbows), "forearm": (person.elbows, person.wrists)}
+    start, end = places.get(part, (person.palms, person.palms))
+    return start[:, side], end[:, side]
+
+
+def _along(point: np.ndarray, start: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the nearest place on the way from `start` to `end`, (F,) from 0 to 1, and vectors (F, 3) from there."""
+    bone = end - start
+    along = np.clip(((point - start) * bone).sum(-1) / np.maximum((bone * bone).sum(-1), 1e-9), 0, 1)
+    return along, point - start - along[:, None] * bone
+
+
+def near_contacts(people: list[_Person]) -> list[Contact]:
+    """Return the contacts that joints show: hands whose surface is within `_TOUCH` of another person's part."""
+    found = []
+    for (person, one), (other, two) in permutations(enumerate(people), 2):
+        for side, part in product(range(2), _RADII):
+            for other_side in range(1 if part == "trunk" else 2):
+                start, end = _part(two, part, other_side)
+                gaps, points = [], []
+                for place in (one.palms[:, side], one.wrists[:, side]):
+                    away = _along(place, start, end)[1]
+                    radius = np.full(len(away), _RADII[part])
+                    if part == "trunk":
+                        # A trunk is broader than deep.
+                        beside = (_unit(away) * _unit(two.shoulders[:, 0] - two.shoulders[:, 1])).sum(-1)
+                        radius = 1 / np.sqrt((beside / _TRUNK_BREADTH) ** 2 + (1 - beside**2) / radius**2)
+                    gaps.append(np.linalg.norm(away, axis=-1) - radius * two.size - _RADII["hand"] * one.size)
+                    points.append(place - away / 2 if part == "hand" else place - _unit(away) * gaps[-1][:, None])
+                nearer = gaps[1] < gaps[0]
+                at = np.minimum(*gaps) < _TOUCH
+                if at.any():
+                    point = np.where(nearer[:, None], points[1], points[0])
+                    found.append(Contact(person, side, other, part, other_side, np.where(at[:, None], point, np.nan)))
+    return found
+
+
+def _touches(people: list[_Person], contacts: Sequence[Contact], fps: float) -> list[_Touch]:
+    """Return where hands are led. Between two contacts of a hand with a part, its place moves on a straight line."""
+    found = []
+    for contact in contacts:
+        one, two, side = people[contact.person], people[contact.other], contact.side
+        at = _lasting(np.isfinite(contact.point).all(-1), _TOUCH_TIME * fps)
+        if not at.any():
+            continue
+        known = at & np.isfinite(contact.point).all(-1)
+        along, outwards = _along(contact.point, *_part(two, contact.part, contact.other_side))
+        if contact.part == "forearm" and np.median(along[known]) > _WRIST:
+            contact = replace(contact, part="hand")
+        if contact.part == "hand":
+            outwards = one.palms[:, side] - two.palms[:, contact.other_side]
+        place = linear(np.where(known[:, None], np.c_[along, _unit(outwards)], np.nan)[:, None])[:, 0]
+        found.append(_Touch(contact, _near_in_time(at, fps, _REACH_TIME), place[:, 0], _unit(place[:, 1:])))
+    return found
+
+
+# The solver. Costs are per m and per rad; they matter relative to each other only.
+
+_PELVIS, _TRUNK, _ELBOW, _PALM, _FOOT = (2.0, 0.3), (0.0, 0.6), (0.6, 0.0), (1.5, 0.0), (6.0, 0.5)
+_TOUCHING, _STANDING = 10.0, (40.0, 4.0)
+"""What is added to the cost of a palm that touches and of a foot that stands."""
+_POSTURE, _WRISTS, _MOMENTUM, _DAMPING = 0.03, 0.05, 0.12, 6e-3
+_REST = {"hip_pitch": -0.1, "knee": 0.3, "ankle_pitch": -0.2, "shoulder_pitch": 0.2, "shoulder_roll": 0.2, "elbow": 1.2}
+"""rad; the pose, knees a little bent, to which a joint that nothing determines returns."""
+_OFF = 1e-4
+"""m; greatest distance of a standing foot from its place after the first step."""
+_FIRST = 40
+"""Steps to the first pose, without limits of speed."""
+
+
+def _solve(
+    model: "mujoco.MjModel", targets: list[_Targets], touches: list[_Touch], fps: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return qpos (F, P, nq) and residual (F, P, 4)."""
+    import mink
+
+    frames, steps = len(targets[0].pelvis), max(1, math.ceil(_RATE / fps))
+    limits = [
+        mink.ConfigurationLimit(model, min_distance_from_limits=_MARGIN),
+        mink.VelocityLimit(model, {name: _SPEED_SHARE * speed for name, speed in speeds(model).items()}),
+    ]
+    robots = [
+        _Follower(model, target, [touch for touch in touches if touch.contact.person == person])
+        for person, target in enumerate(targets)
+    ]
+    qpos, residual = np.empty((frames, len(robots), model.nq)), np.empty((frames, len(robots), 4))
+    for _ in range(_FIRST):
+        for each in robots:
+            each.step(0, 1.0, limits[:1], robots)
+    for each in robots:
+        each.moved = np.zeros(model.nv)
+    for frame in range(frames):
+        for step in range(1, steps + 1 if frame else 1):
+            for each in robots:
+                each.step(frame - 1 + step / steps, 1 / (fps * steps), limits, robots)
+        for person, each in enumerate(robots):
+            qpos[frame, person], residual[frame, person] = each.configuration.q, each.residual()
+    return qpos, residual
+
+
+def speeds(model: "mujoco.MjModel") -> dict[str, float]:
+    """Return the speed of each motor without load, rad/s, by joint."""
+    found = {}
+    for number in range(1, model.njnt):
+        name = model.joint(number).name
+        part = name.removeprefix("left_").removeprefix("right_")
+        found[name] = next(speed for start, speed in _MOTORS.items() if part.startswith(start))
+    return found
+
+
+def _momentum_task(model: "mujoco.MjModel") -> "BaseTask":
+    """Return the task to go on as fast as before, unless a target needs another speed. Without it, limbs jerk."""
+    from mink.tasks.task import BaseTask, Objective
+
+    class Momentum(BaseTask):
+        def __init__(self):
+            self.step, self.weight = np.zeros(model.nv), _MOMENTUM * np.eye(model.nv)
+
+        def compute_qp_residual(self, configuration):
+            return self.weight, _MOMENTUM * self.step, 0.0
+
+        def compute_qp_objective(self, configuration):
+            return Objective(_MOMENTUM * self.weight, -(_MOMENTUM**2) * self.step)
+
+    return Momentum()
+
+
+def _between(values: np.ndarray, at: float) -> np.ndarray:
+    """Return values (F, ...) at a time in frames; between two frames on a straight line."""
+    low = int(at)
+    return values[low] + (at - low) * (values[min(low + 1, len(values) - 1)] - values[low])
+
+
+class _Follower:
+    """One robot: its configuration, and the tasks that lead it to its targets."""
+
+    def __init__(self, model: "mujoco.MjModel", targets: _Targets, touches: list[_Touch]):
+        import mink
+
+        def task(name: str, costs: tuple[float, float], kind: str = "body") -> "mink.FrameTask":
+            return mink.FrameTask(name, kind, *costs, lm_damping=1e-3)
+
+        self.targets, self.touches = targets, touches
+        self.pelvis, self.trunk = task("pelvis", _PELVIS), task("torso_link", _TRUNK)
+        self.elbows = [task(f"{side}_elbow_link", _ELBOW) for side in SIDES]
+        self.palms = [task(f"{side}_hand", _PALM, "site") for side in SIDES]
+        self.feet = [task(f"{side}_ankle_roll_link", _FOOT) for side in SIDES]
+        self.momentum, self.moved = _momentum_task(model), np.zeros(model.nv)
+        costs, rest = np.full(model.nv, _POSTURE), np.zeros(model.nq)
+        for joint in map(model.joint, range(1, model.njnt)):
+            if "wrist" in joint.name:
+                costs[joint.dofadr] = _WRISTS
+            for part, angle in _REST.items():
+                if part in joint.name:
+                    rest[joint.qposadr] = -angle if part.endswith("roll") and joint.name.startswith("right") else angle
+        rest[:3] = targets.pelvis[0]
+        rest[3:7] = Rotation.from_matrix(targets.pelvis_turn[0]).as_quat(scalar_first=True)
+        self.posture = mink.PostureTask(model, cost=costs)
+        self.posture.set_target(rest)
+        self.configuration = mink.Configuration(model, rest)
+
+    def step(self, at: float, dt: float, limits: list, robots: list["_Follower"]) -> None:
+        """Move towards the targets at a time in frames, within `dt` s."""
+        import mink
+
+        tasks = [*self._aim(at), *self._lead_hands(at, robots)]
+        standing = [foot for foot, hold in zip(self.feet, _between(self.targets.hold, at), strict=True) if hold == 1]
+        moved = np.zeros_like(self.moved)
+        # A step is linear. Where legs turn fast it leaves a standing foot off its place; a second one corrects that.
+        for _ in range(2):
+            self.momentum.step = self.moved - moved
+            velocity = mink.solve_ik(self.configuration, tasks, dt, "daqp", damping=_DAMPING, limits=limits)
+            self.configuration.integrate_inplace(velocity, dt)
+            moved += dt * velocity
+            if all(np.abs(foot.compute_error(self.configuration)[:3]).max() < _OFF for foot in standing):
+                break
+        self.moved = moved
+
+    def _aim(self, at: float) -> list:
+        """Set the targets of everything but palms. Return the tasks."""
+        t = self.targets
+        _set(self.pelvis, _between(t.pelvis, at), _between(t.pelvis_turn, at))
+        _set(self.trunk, np.zeros(3), _between(t.trunk_turn, at))
+        elbows = [each for each in zip(self.elbows, _between(t.elbows, at), strict=True) if np.isfinite(each[1]).all()]
+        for task, place in elbows:
+            _set(task, place)
+        hold = _between(t.hold, at) ** 2
+        for side, task in enumerate(self.feet):
+            _set(task, _between(t.ankles, at)[side], _between(t.foot_turns, at)[side])
+            task.cost[:] = np.repeat(np.array(_FOOT) + hold[side] * np.array(_STANDING), 3)
+        return [self.pelvis, self.trunk, self.posture, self.momentum, *(task for task, _ in elbows), *self.feet]
+
+    def _lead_hands(self, at: float, robots: list["_Follower"]) -> list:
+        """Set the targets of palms: as the person holds them or, where they touch, at places of other robots."""
+        led, weights, tasks = ([], []), ([], []), []
+        palms = _between(self.targets.palms, at)
+        for touch in self.touches:
+            contact, weight = touch.contact, _between(touch.weight, at)
+            if weight < 1e-3:
+                continue
+            other, side = robots[contact.other], contact.side
+            gap = (_ROBOT_RADII["hand"] + _ROBOT_RADII[contact.part]) * _between(touch.outwards, at)
+            if contact.part == "hand":
+                # Both hands go half the way from where they would be.
+                place = (palms[side] + _between(other.targets.palms, at)[contact.other_side] + gap) / 2
+            else:
+                start, end = other._ends(contact.part, contact.other_side)
+                place = start + _between(touch.along, at) * (end - start) + gap
+            if np.isfinite(place).all():
+                led[side].append(place)
+                weights[side].append(weight)
+        for side, task in enumerate(self.palms):
+            place, total = palms[side], min(sum(weights[side]), 1.0)
+            if total:
+                there = np.average(led[side], 0, weights[side])
+                place = there if np.isnan(place).any() else place + total * (there - place)
+            if np.isfinite(place).all():
+                _set(task, place)
+                task.cost[:3] = _PALM[0] + total * _TOUCHING
+                tasks.append(task)
+        return tasks
+
+    def _ends(self, part: str, side: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the ends of the trunk, an upper arm or a forearm, m, world."""
+        place = {
+            name: self.configuration.data.body(f"{SIDES[side]}_{name}_link").xpos
+            for name in ("shoulder_roll", "elbow", "wrist_yaw")
+        }
+        if part == "trunk":
+            other = self.configuration.data.body(f"{SIDES[1 - side]}_shoulder_roll_link").xpos
+            return self.configuration.data.body("torso_link").xpos, (place["shoulder_roll"] + other) / 2
+        return {"upper_arm": (place["shoulder_roll"], place["elbow"]), "forearm": (place["elbow"], place["wrist_yaw"])}[
+            part
+        ]
+
+    def residual(self) -> list[float]:
+        return [
+            math.nan
+            if task.transform_target_to_world is None
+            else float(np.linalg.norm(task.compute_error(self.configuration)[:3]))
+            for task in (*self.elbows, *self.palms)
+        ]
+
+
+def _set(task: "mink.FrameTask", place: np.ndarray, turn: np.ndarray | None = None) -> None:
+    """Set the target of a task. `turn` (3, 3) lies between two near rotations; the target is the nearest rotation."""
+    import mink
+
+    rotation = mink.SO3.identity()
+    if turn is not None:
+        x = turn[:, 0] / np.linalg.norm(turn[:, 0])
+        z = np.cross(x, turn[:, 1])
+        z /= np.linalg.norm(z)
+        rotation = mink.SO3.from_matrix(np.stack([x, np.cross(z, x), z], -1))
+    task.set_target(mink.SE3.from_rotation_and_translation(rotation, place))

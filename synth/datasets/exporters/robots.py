@@ -1,0 +1,106 @@
+"""Motions of Unitree G1 robots from people who touch: joint CSV, and LeRobot v3 with an episode for each person.
+
+Which hand touches whom, and where, is known from the simulation; `dmae export` infers it from joints.
+"""
+
+from collections import Counter, defaultdict
+from pathlib import Path
+
+import numpy as np
+
+from dmae.data.conversion import convert
+from dmae.formats.g1 import Episode, episodes, write_episodes, write_joint_csv
+from dmae.formats.labelled_images import file_part
+from dmae.formats.retargeting import Contact, RobotMotion, load_robot, retarget
+from synth.datasets.exporters import exporter
+from synth.datasets.exporters.selection import ClipTask, Selection
+from synth.physics.body_state import BodyState, load_state
+
+
+@exporter("g1", pictures=False, skeleton="body25", only=True)
+def export_g1(selection: Selection, out: Path) -> dict[str, Counter]:
+    """Unitree G1 joint CSV, a file for each person, in m and radians: `<split>/<clip>_P1.csv`."""
+    load_robot(selection.robot)  # what is missing is said before the first clip
+    found = {split: Counter() for split in selection.splits}
+    for task, counts in selection.each_clip(_write_csv, out):
+        found[task.split] += counts
+    return found
+
+
+@exporter("lerobot", pictures=False, skeleton="body25", only=True)
+def export_lerobot(selection: Selection, out: Path) -> dict[str, Counter]:
+    """LeRobot v3 data set of Unitree G1 robots for each split: `<split>/data`, `<split>/meta`."""
+    load_robot(selection.robot)
+    found, parts = {split: Counter() for split in selection.splits}, defaultdict(list)
+    for task, counts in selection.each_clip(_write_part, out):
+        found[task.split] += counts
+        parts[task.split].append(task.part("npz"))
+    for split, files in parts.items():
+        given, rates = [], {}
+        for file in files:
+            with np.load(file) as part:
+                rates.setdefault(float(part["fps"]), file.stem)
+                joints = tuple(part["joints"].tolist())
+                words = str(part["task"])
+                of_persons = zip(part["qpos"], part["flags"], part["measured"], strict=True)
+                given += [Episode(words, joints, *arrays) for arrays in of_persons]
+        if len(rates) > 1:
+            raise ValueError(
+                f"format=lerobot: expected clips of one frame rate, found {', '.join(map(str, rates))} fps"
+            )
+        write_episodes(out / split, given, next(iter(rates)))
+    return found
+
+
+def _write_csv(task: ClipTask) -> Counter:
+    motion, _, counts = _retargeted(task)
+    write_joint_csv(motion, task.out / task.split / f"{file_part(task.name)}.csv")
+    return counts
+
+
+def _write_part(task: ClipTask) -> Counter:
+    motion, words, counts = _retargeted(task)
+    each = episodes(motion, words)
+    np.savez(
+        task.part("npz"),
+        fps=task.load().fps / task.every,
+        joints=np.array(motion.joints),
+        task=words,
+        qpos=np.stack([one.qpos for one in each]),
+        flags=np.stack([one.flags for one in each]),
+        measured=np.stack([one.measured for one in each]),
+    )
+    return counts
+
+
+def _retargeted(task: ClipTask) -> tuple[RobotMotion, str, Counter]:
+    """Return the motion of a clip's people, one frame in `every`, and their interaction or actions in words."""
+    clip, state = task.load(), load_state(task.folder)
+    contacts = hand_contacts(state)
+    motion = retarget(convert(clip.truth, task.skeleton), clip.fps, load_robot(task.robot), contacts)
+    kind = clip.provenance["spec"].get("interaction", {}).get("kind") or "none"
+    words = ", ".join(state.action_names) if kind == "none" else kind
+    people = motion.qpos.shape[1]
+    return motion.every(task.every), words.replace("_", " "), Counter(clips=1, persons=people)
+
+
+def hand_contacts(state: BodyState) -> list[Contact]:
+    """Return the contacts of hands with hands, arms and trunks of other people."""
+    points: dict[tuple, np.ndarray] = {}
+    names = [name.partition("/") for name in state.contact_names]
+    frames = len(state.qpos)
+    for frame, pair, point in zip(state.contact_frame, state.contact_between, state.contact_point, strict=True):
+        for one, other in (pair, pair[::-1]):
+            (person, _, hand), (partner, _, part) = names[one], names[other]
+            if person == partner or not (person.startswith("person") and partner.startswith("person")):
+                continue
+            if hand not in ("l_hand", "r_hand"):
+                continue
+            if part in ("pelvis", "spine", "chest"):
+                part = "l_trunk"
+            side, _, part = part.partition("_")
+            if part not in ("trunk", "upper_arm", "forearm", "hand"):
+                continue
+            key = (int(person[6:]), "lr".index(hand[0]), int(partner[6:]), part, "lr".index(side))
+            points.setdefault(key, np.full((frames, 3), np.nan))[frame] = point
+    return [Contact(*key, each) for key, each in points.items()]
