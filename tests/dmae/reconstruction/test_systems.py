@@ -136,7 +136,7 @@ class TestHowTheyFail:
         cat = Skeleton("cat", ("tail", "paw"), (-1, 0))
         clip = seen(Poses3D(cat, np.zeros((2, 1, 2, 3))))
         with pytest.raises(
-            ValueError, match="method=plane_sweep has learned joints of body25, .* found 'cat' with 0 of"
+            ValueError, match=r"method=plane_sweep has learned joints of body25, .* found 'cat' with 0 of"
         ):
             captured(clip, "plane_sweep")
 
