@@ -21,9 +21,10 @@ import numpy as np
 
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import Skeleton
+from dmae.numerics.filling import are_stills
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.registry import capture_method
-from dmae.reconstruction.systems.common import Frame, frames_of, meet
+from dmae.reconstruction.systems.common import Frame, frames_of, joint_depths, meet
 
 _EPIPOLAR_M, _TRACKING_M = 0.15, 0.2
 """m; distances between two rays, and between a ray and a joint of the frame before, at which edges end."""
@@ -58,7 +59,8 @@ def capture_by_4d_association(clip: Clip, config: CaptureConfig) -> Poses3D:
             if np.isfinite(xyz[:, 0]).sum() >= _LEAST_JOINTS:
                 track = list(tracks)[position] if position < len(tracks) else next(numbers)
                 found[track] = xyz, views
-        tracks = {track: xyz for track, (xyz, _) in found.items()}
+        # Of stills nobody is known from the frame before.
+        tracks = {} if are_stills(clip.fps) else {track: xyz for track, (xyz, _) in found.items()}
         places.append(found)
     xyz = np.full((len(clip), next(numbers), len(skeleton), 3), np.nan, np.float32)
     used = np.zeros(xyz.shape[:-1], np.uint8)
@@ -109,6 +111,7 @@ class _Graph:
         epipolar: [J][n][n] from 0 to 1, -1 where two rays do not meet or are of one view.
         tracking: [J][T][n] from 0 to 1, -1 where a ray misses the joint.
         limb: [bone][n], -1 where a detection lacks an end.
+        root: [bone], 1 at the root of the body, 0 at its last bones.
     """
 
     def __init__(self, frame: Frame, centers: np.ndarray, skeleton: Skeleton, before: list[np.ndarray]):
@@ -131,15 +134,9 @@ class _Graph:
         a, b = np.array(self.bones).T
         self.epipolar, self.tracking = epipolar.tolist(), tracking.tolist()
         self.limb = np.nan_to_num(np.sqrt(frame.score[:, a] * frame.score[:, b]), nan=-1.0).T.tolist()
-        depth = [self._depth(skeleton, bone) for bone in self.bones]
-        self.root = [1 - (each / max(max(depth), 1)) ** 4 for each in depth]
-
-    @staticmethod
-    def _depth(skeleton: Skeleton, bone: tuple[int, int]) -> int:
-        joint, steps = bone[0], 0
-        while skeleton.parents[joint] >= 0:
-            joint, steps = skeleton.parents[joint], steps + 1
-        return steps
+        depths = joint_depths(skeleton)
+        deepest = max(max(depths) - 1, 1)
+        self.root = [1 - (depths[parent] / deepest) ** 4 for parent, _ in self.bones]
 
     def cliques(self, bone: int) -> list[tuple]:
         """Return all cliques of a bone as (-score, bone, detections of different views, person before or `_NONE`)."""

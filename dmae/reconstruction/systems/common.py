@@ -102,11 +102,11 @@ def max_product(
     points: Sequence[np.ndarray],
     skeleton: Skeleton,
     prior: Callable[[np.ndarray, int], np.ndarray],
-) -> tuple[np.ndarray, float]:
-    """Return the best candidate of each joint by max-product on the tree of a skeleton, exactly, and the best sum.
+) -> np.ndarray:
+    """Return the best candidate of each joint by max-product on the tree of a skeleton, which is exact.
 
-    The sum is of the scores of the chosen candidates and of the priors of the bones between them. A joint without
-    candidates, and the tie across it, count nothing.
+    The chosen candidates have the largest sum of scores and of priors of the bones between them. Where a joint has no
+    candidates, the tree is cut.
 
     Args:
         scores: J arrays (C_j,).
@@ -115,35 +115,33 @@ def max_product(
         prior: Takes the lengths (C_parent, C_j) of the bone of a joint, m, and the joint; returns their scores.
 
     Returns:
-        (J,) index of the candidate of each joint, -1 where there is none; and the sum.
+        (J,) index of the candidate of each joint, -1 where there is none.
     """
-    order, children = _leaves_first(skeleton), [list(score) for score in scores]
-    totals, best = [np.array(score, float) for score in children], {}
-    for joint in order:
+    totals, best, chosen = list(scores), {}, np.full(len(skeleton), -1)
+    outwards = np.argsort(joint_depths(skeleton), kind="stable").tolist()
+    for joint in reversed(outwards):
         parent = skeleton.parents[joint]
-        if parent < 0 or not len(totals[joint]) or not len(totals[parent]):
-            continue
-        lengths = np.linalg.norm(points[parent][:, None] - points[joint], axis=-1)
-        both = prior(lengths, joint) + totals[joint]
-        best[joint] = both.argmax(1)
-        totals[parent] = totals[parent] + both.max(1)
-    chosen, sum_of_roots = np.full(len(skeleton), -1), 0.0
-    for joint in reversed(order):
+        if parent >= 0 and len(totals[joint]) and len(totals[parent]):
+            lengths = np.linalg.norm(points[parent][:, None] - points[joint], axis=-1)
+            both = prior(lengths, joint) + totals[joint]
+            best[joint] = both.argmax(1)
+            totals[parent] = totals[parent] + both.max(1)
+    for joint in outwards:
         if joint in best:
             chosen[joint] = best[joint][chosen[skeleton.parents[joint]]]
         elif len(totals[joint]):
             chosen[joint] = totals[joint].argmax()
-            sum_of_roots += totals[joint].max()
-    return chosen, float(sum_of_roots)
+    return chosen
 
 
-def _leaves_first(skeleton: Skeleton) -> list[int]:
-    depth = [0] * len(skeleton)
-    for joint in range(len(skeleton)):
-        above = skeleton.parents[joint]
-        while above >= 0:
-            depth[joint], above = depth[joint] + 1, skeleton.parents[above]
-    return sorted(range(len(skeleton)), key=lambda joint: -depth[joint])
+def joint_depths(skeleton: Skeleton) -> list[int]:
+    """Return how many bones each joint (J,) is from its root."""
+    depths = []
+    for joint in skeleton.parents:
+        depths.append(0)
+        while joint >= 0:
+            depths[-1], joint = depths[-1] + 1, skeleton.parents[joint]
+    return depths
 
 
 def as_tracks(clip: Clip, found: Sequence[np.ndarray], views: Sequence[np.ndarray]) -> Poses3D:

@@ -146,7 +146,7 @@ def _body(frame: Frame, rig: CameraRig, group: np.ndarray, skeleton, prior) -> n
     known = np.isfinite(points[..., 0])
     joints = range(len(skeleton))
     candidates = [points[known[:, joint], joint] for joint in joints]
-    chosen, _ = max_product([scores[known[:, joint], joint] for joint in joints], candidates, skeleton, prior)
+    chosen = max_product([scores[known[:, joint], joint] for joint in joints], candidates, skeleton, prior)
     return np.array(
         [each[index] if index >= 0 else np.full(3, np.nan) for each, index in zip(candidates, chosen, strict=True)]
     )

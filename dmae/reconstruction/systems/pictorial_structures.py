@@ -67,7 +67,7 @@ def _parse(frame: Frame, rig: CameraRig, skeleton: Skeleton, prior) -> list[tupl
         free = [~(used[:, joint] & made[..., 0]).any(1) for joint, made in enumerate(explained)]
         left = [each[kept] for each, kept in zip(points, free, strict=True)]
         unary = [each[kept] for each, kept in zip(scores, free, strict=True)]
-        chosen, _ = max_product(unary, left, skeleton, prior)
+        chosen = max_product(unary, left, skeleton, prior)
         joints = [joint for joint in np.flatnonzero(chosen >= 0) if unary[joint][chosen[joint]] > _LEAST_LOG]
         place = {joint: left[joint][chosen[joint]] for joint in joints}
         joints = [joint for joint in joints if _tied(joint, place, skeleton, prior)]

@@ -242,21 +242,17 @@ def train(poses: np.ndarray, steps: int, rng: np.random.Generator, out: Path) ->
     optimiser = torch.optim.AdamW(networks.parameters(), _RATE)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps)
     for step in progress(range(steps), "training"):
-        losses = [torch.zeros(0)]
-        batch = [scene for _ in range(_BATCH) if (scene := _scene(poses, rng)) is not None]
-        by_rig = [
-            (torch.from_numpy(scores), torch.from_numpy(depths).float(), truth) for scores, depths, *_, truth in batch
-        ]
-        longest = max(len(depths) for _, depths, _ in by_rig)
-        scores = torch.cat([nn.functional.pad(each, (0, longest - each.shape[-1])) for each, _, _ in by_rig])
-        depths = _NEAREST + _STEP * torch.arange(longest)
-        truth = torch.cat([torch.from_numpy(each[0]).float() for *_, each in by_rig])
-        joints = torch.cat([torch.from_numpy(each[1]).float() for *_, each in by_rig])
-        around = torch.cat([torch.from_numpy(scene[2]) for scene in batch])
-        known = torch.isfinite(joints)
-        person = networks.person(scores, depths)
-        relative = networks.joints(around)
-        losses = [(person - truth).abs().mean(), (relative - joints)[known].abs().mean()]
+        drawn = [scene for _ in range(_BATCH) if (scene := _scene(poses, rng)) is not None]
+        scores, around, *truth = (
+            [torch.from_numpy(each).float() for each in parts] for parts in zip(*drawn, strict=True)
+        )
+        # Planes that a rig does not reach have scores of zero.
+        longest = max(each.shape[-1] for each in scores)
+        scores = torch.cat([nn.functional.pad(each, (0, longest - each.shape[-1])) for each in scores])
+        hips, joints = (torch.cat(each) for each in truth)
+        person = networks.person(scores, _NEAREST + _STEP * torch.arange(longest))
+        relative, known = networks.joints(torch.cat(around)), torch.isfinite(joints)
+        losses = [(person - hips).abs().mean(), (relative - joints)[known].abs().mean()]
         optimiser.zero_grad()
         sum(losses).backward()
         optimiser.step()
@@ -267,8 +263,9 @@ def train(poses: np.ndarray, steps: int, rng: np.random.Generator, out: Path) ->
     save_file({name: each.half().contiguous() for name, each in tensors.items()}, out)
 
 
-def _scene(poses: np.ndarray, rng: np.random.Generator):
-    """Return scores by depth of the people that a target view sees, the depths, scores around, and the true depths."""
+def _scene(poses: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, ...] | None:
+    """Return what a target view has to learn: scores by depth, scores around the true depth of the hips, and the true
+    depths of hips and, from there, of joints. None where the view sees nobody's hips."""
     rig = _ring(rng)
     chosen = poses[rng.integers(len(poses), size=rng.integers(1, 6))]
     angle = rng.uniform(-np.pi, np.pi, len(chosen))
@@ -293,7 +290,7 @@ def _scene(poses: np.ndarray, rng: np.random.Generator):
     scores = sweep(frame, rig, target, np.tile(depths, (len(target), 1)), _SIGMA)
     around = sweep(frame, rig, target, hips[:, None] + _AROUND, _JOINT_SIGMA)
     known = np.isfinite(frame.score[target])
-    return scores, depths, around, (hips, np.where(known, of_people - hips[:, None], np.nan))
+    return scores, around, hips, np.where(known, of_people - hips[:, None], np.nan)
 
 
 def _ring(rng: np.random.Generator) -> CameraRig:
