@@ -24,7 +24,7 @@ from dmae.data.skeleton import Skeleton
 from dmae.numerics.filling import are_stills
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.registry import capture_method
-from dmae.reconstruction.systems.common import Frame, frames_of, joint_depths, meet
+from dmae.reconstruction.systems.common import Frame, as_poses, frames_of, joint_depths, meet
 
 _EPIPOLAR_M, _TRACKING_M = 0.15, 0.2
 """m; distances between two rays, and between a ray and a joint of the frame before, at which edges end."""
@@ -49,25 +49,23 @@ def capture_by_4d_association(clip: Clip, config: CaptureConfig) -> Poses3D:
             f"found {len(clip.rig)}. Choose some of them"
         )
     skeleton, centers = clip.detections.skeleton, clip.rig.centers
-    tracks: dict[int, np.ndarray] = {}
-    numbers, places = count(), []
+    if not skeleton.bones:
+        raise ValueError(f"clip {clip.id!r}: method=4d_association joins limbs; {skeleton.name!r} has none")
+    before: dict[int, np.ndarray] = {}
+    births, tracks, found, views = count(), [], [], []
     for frame in frames_of(clip, config):
-        people = _associate(frame, centers, skeleton, list(tracks.values()))
-        found = {}
+        people = _associate(frame, centers, skeleton, list(before.values()))
+        now = {}
         for position, assigned in sorted(people.items()):
-            xyz, views = _triangulate(frame, centers, assigned)
+            xyz, seen = _triangulate(frame, centers, assigned)
             if np.isfinite(xyz[:, 0]).sum() >= _LEAST_JOINTS:
-                track = list(tracks)[position] if position < len(tracks) else next(numbers)
-                found[track] = xyz, views
+                now[list(before)[position] if position < len(before) else next(births)] = xyz, seen
+        tracks.append(np.array(list(now), int))
+        found.append(np.array([xyz for xyz, _ in now.values()]).reshape(-1, len(skeleton), 3))
+        views.append(np.array([seen for _, seen in now.values()], int).reshape(-1, len(skeleton)))
         # Of stills nobody is known from the frame before.
-        tracks = {} if are_stills(clip.fps) else {track: xyz for track, (xyz, _) in found.items()}
-        places.append(found)
-    xyz = np.full((len(clip), next(numbers), len(skeleton), 3), np.nan, np.float32)
-    used = np.zeros(xyz.shape[:-1], np.uint8)
-    for number, found in enumerate(places):
-        for track, (joints, views) in found.items():
-            xyz[number, track], used[number, track] = joints, views
-    return Poses3D(skeleton, xyz, views=used)
+        before = {} if are_stills(clip.fps) else {track: xyz for track, (xyz, _) in now.items()}
+    return as_poses(clip, tracks, found, views)
 
 
 def _triangulate(frame: Frame, centers: np.ndarray, assigned: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -76,7 +74,7 @@ def _triangulate(frame: Frame, centers: np.ndarray, assigned: np.ndarray) -> tup
     seen = assigned != _NONE
     rays, score = frame.rays[assigned, joints], frame.score[assigned, joints]
     across = np.eye(3) - rays[..., None] * rays[..., None, :]
-    across = np.where(seen[..., None, None], across * score[..., None, None], 0)
+    across = np.where(seen[..., None, None], across * np.maximum(score, 1e-3)[..., None, None], 0)
     views, xyz = seen.sum(1), np.full((len(assigned), 3), np.nan)
     known = views > 1
     matrix = across.sum(1)[known]

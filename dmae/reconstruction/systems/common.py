@@ -16,12 +16,14 @@ from dmae.reconstruction.evidence import Evidence, evidence_blocks
 from dmae.reconstruction.triangulation import closest_approach
 
 _NEAR_M, _SHARED = 0.05, 0.5
-"""Two detections are taken for one body, to measure bones, if the median distance of their rays is below `_NEAR_M` and
-they share this part of the joints."""
+"""Two detections are taken for one body, to measure bones, if the median distance of their rays is below `_NEAR_M`
+and they share this part of the joints."""
 _MEASURED_FRAMES = 60
 """Frames of a clip in which bones are measured."""
 _LEAST_SPREAD = 0.02
 """m; least standard deviation of the length of a bone."""
+_COLUMNS = 100
+"""Tracks of a clip with a column of their own, so that memory does not grow with the ghosts of a long recording."""
 _TRACK_M, _TRACK_SPEED, _TRACK_S = 0.5, 2.0, 1.0
 """A pose continues a track within this distance, m, plus this speed, m/s, for an absence of at most these seconds."""
 
@@ -147,32 +149,60 @@ def joint_depths(skeleton: Skeleton) -> list[int]:
 def as_tracks(clip: Clip, found: Sequence[np.ndarray], views: Sequence[np.ndarray]) -> Poses3D:
     """Return the people of each frame as tracks: a pose continues the track that was last nearest to it.
 
-    These systems, but for 4D association, find people frame by frame. Tracks only number them: no joint moves.
+    Systems that find people frame by frame are numbered so. No joint moves.
 
     Args:
         clip: F frames.
         found: F arrays (P, J, 3), m; NaN where a joint is absent.
         views: F arrays (P, J), number of views that a joint was measured from.
     """
-    skeleton = clip.detections.skeleton
-    last, seen, place = np.empty((0, len(skeleton), 3)), np.empty(0, int), []
-    for number, poses in enumerate(found):
-        absence = (number - seen) / clip.fps
+    last, seen, number = np.empty((0, len(clip.detections.skeleton), 3)), np.empty(0, int), np.empty(0, int)
+    tracks, births = [], 0
+    for frame, poses in enumerate(found):
+        recent = frame - seen <= _TRACK_S * clip.fps
+        last, seen, number = last[recent], seen[recent], number[recent]
         distance = np.linalg.norm(poses[:, None] - last, axis=-1)
         shared = np.isfinite(distance)
         distance = np.where(shared, distance, 0).sum(-1) / np.maximum(shared.sum(-1), 1)
-        near = shared.any(-1) & (distance < _TRACK_M + _TRACK_SPEED * absence) & (absence <= _TRACK_S)
+        near = shared.any(-1) & (distance < _TRACK_M + _TRACK_SPEED * (frame - seen) / clip.fps)
         rows, columns = linear_sum_assignment(np.where(near, distance, 1e3))
         track = np.full(len(poses), -1)
         track[rows[near[rows, columns]]] = columns[near[rows, columns]]
         born = np.flatnonzero(track < 0)
         track[born] = len(last) + np.arange(len(born))
-        last = np.concatenate([last, np.full((len(born), len(skeleton), 3), np.nan)])
-        seen = np.concatenate([seen, np.full(len(born), number)])
-        last[track], seen[track] = np.where(np.isfinite(poses), poses, last[track]), number
-        place.append(track)
-    xyz = np.full((len(clip), len(last), len(skeleton), 3), np.nan, np.float32)
+        last, seen = np.concatenate([last, poses[born]]), np.concatenate([seen, np.full(len(born), frame)])
+        number = np.concatenate([number, births + np.arange(len(born))])
+        births += len(born)
+        last[track], seen[track] = np.where(np.isfinite(poses), poses, last[track]), frame
+        tracks.append(number[track])
+    return as_poses(clip, tracks, found, views)
+
+
+def as_poses(
+    clip: Clip, tracks: Sequence[np.ndarray], found: Sequence[np.ndarray], views: Sequence[np.ndarray]
+) -> Poses3D:
+    """Return tracks as poses, a column each; with more than 100, a column serves again for someone who comes later.
+
+    Args:
+        clip: F frames.
+        tracks: F arrays (P,), number of the track of each pose, in the order of birth.
+        found, views: As for `as_tracks`.
+    """
+    span: dict[int, list[int]] = {}
+    for frame, numbers in enumerate(tracks):
+        for track in numbers.tolist():
+            span.setdefault(track, [frame, frame])[1] = frame
+    column, free_from = {}, []
+    for track, (birth, end) in span.items():
+        place = int(np.argmin(free_from)) if len(free_from) >= _COLUMNS else len(free_from)
+        if place == len(free_from) or free_from[place] + _TRACK_S * clip.fps >= birth:
+            place = len(free_from)
+            free_from.append(end)
+        column[track], free_from[place] = place, end
+    skeleton = clip.detections.skeleton
+    xyz = np.full((len(clip), len(free_from), len(skeleton), 3), np.nan, np.float32)
     used = np.zeros(xyz.shape[:-1], np.uint8)
-    for number, track in enumerate(place):
-        xyz[number, track], used[number, track] = found[number], views[number]
+    for frame, numbers in enumerate(tracks):
+        place = [column[track] for track in numbers.tolist()]
+        xyz[frame, place], used[frame, place] = found[frame], views[frame]
     return Poses3D(skeleton, xyz, views=np.where(np.isnan(xyz[..., 0]), 0, used))

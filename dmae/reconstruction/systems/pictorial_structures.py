@@ -37,8 +37,8 @@ _LEAST_LOG = -4.5
 sees takes any. What a person has below it is left out."""
 _LEAST_JOINTS = 0.5
 """A parse with a smaller share of its joints is not a person, and ends the frame."""
-_MOST_PEOPLE, _MOST_STATES = 20, 400
-"""In a frame, and of a joint: the most certain are kept."""
+_MOST_PEOPLE, _MOST_STATES, _MOST_NEAR = 20, 400, 2000
+"""In a frame; of a joint, the most certain; and before that, the nearest pairs of rays."""
 
 
 @capture_method("pictorial_structures", paper="Belagiannis et al. 2014")
@@ -97,7 +97,7 @@ def _states(frame: Frame, rig: CameraRig, joint: int) -> tuple[np.ndarray, np.nd
     one = Frame(frame.view, frame.xy[:, only], frame.score[:, only], frame.rays[:, only])
     a, b = (shows[index] for index in np.nonzero(frame.view[shows][:, None] < frame.view[shows]))
     points, gap = (each[:, 0] for each in meet(one, rig.centers, a, b))
-    near = gap < _APART_M
+    near = np.argsort(np.where(gap < _APART_M, gap, np.inf), kind="stable")[: min((gap < _APART_M).sum(), _MOST_NEAR)]
     a, b, points = a[near], b[near], points[near]
     count, detections = len(points), np.arange(len(frame.view))
     xy, depth = project(rig.projections[frame.view], points[:, None])
@@ -107,7 +107,8 @@ def _states(frame: Frame, rig: CameraRig, joint: int) -> tuple[np.ndarray, np.nd
     views = np.zeros((count, len(rig)), bool)
     for detection, view in enumerate(frame.view):
         views[:, view] |= shown[:, detection]
-    score = np.log((frame.score[a, joint] + frame.score[b, joint]) / 2) + np.log(views.mean(1))
+    confidence = np.maximum((frame.score[a, joint] + frame.score[b, joint]) / 2, 1e-3)
+    score = np.log(confidence) + np.log(views.mean(1))
     score -= np.where(made, error, 0).sum(1) / 2 / _ERROR_M
     best = np.argsort(-score, kind="stable")[:_MOST_STATES]
     score = np.maximum(score, _LEAST_LOG)

@@ -40,8 +40,8 @@ from dmae.reconstruction.registry import capture_method
 from dmae.reconstruction.systems.common import Frame, as_tracks, frames_of, project
 
 WEIGHTS = Path(__file__).parents[2] / "models" / "plane_sweep.safetensors"
-_NEAREST, _FARTHEST, _STEP = 1.0, 8.0, 7 / 63
-"""m; depths of the first and of the last plane at least, and between planes."""
+_NEAREST, _FARTHEST, _LIMIT, _STEP = 1.0, 8.0, 50.0, 7 / 63
+"""m; depths of the first plane, and of the last one at least and at most; and between planes."""
 _AROUND = np.linspace(-1, 1, 64)
 """m; depths of the planes of joints, from the middle of the hips."""
 _SIGMA, _JOINT_SIGMA = 10 / 1063, 8 / 1063
@@ -99,7 +99,8 @@ def _sweep_frame(frame: Frame, rig: CameraRig, networks: "Networks") -> tuple[np
         across = found[:, _SHOULDERS[0]] - found[:, _SHOULDERS[1]]
         front = np.cross(across, found[:, _HIPS].mean(1) - found[:, _SHOULDERS].mean(1))
         towards = found[:, _HIPS].mean(1) - rig.centers[view]
-        cosine = (front * towards).sum(-1) / np.linalg.norm(front, axis=-1) / np.linalg.norm(towards, axis=-1)
+        with np.errstate(invalid="ignore"):
+            cosine = (front * towards).sum(-1) / np.linalg.norm(front, axis=-1) / np.linalg.norm(towards, axis=-1)
         # 90 degrees less the angle to the front or the back. Without shoulders it is unknown: a weight of 1 degree.
         weight[frame.view[swept] == view] = np.nan_to_num(np.degrees(np.arcsin(np.abs(cosine).clip(0, 1))), nan=1.0)
         poses[frame.view[swept] == view] = found
@@ -109,7 +110,7 @@ def _sweep_frame(frame: Frame, rig: CameraRig, networks: "Networks") -> tuple[np
 def planes(rig: CameraRig) -> np.ndarray:
     """Return the depths (D,) of the planes of a rig, m: those published for Shelf, or more in a larger rig."""
     between = np.linalg.norm(rig.centers[:, None] - rig.centers, axis=-1).max()
-    return np.arange(_NEAREST, max(between, _FARTHEST) + _STEP / 2, _STEP)
+    return np.arange(_NEAREST, np.clip(between, _FARTHEST, _LIMIT) + _STEP / 2, _STEP)
 
 
 def back_projected(rig: CameraRig, view: int, xy: np.ndarray, depth: np.ndarray) -> np.ndarray:

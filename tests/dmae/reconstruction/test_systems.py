@@ -15,6 +15,7 @@ from dmae.online.capture import OnlineCapture
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
 from dmae.reconstruction.registry import capture_method
+from dmae.reconstruction.systems.common import as_tracks
 from tests.support.clips import full_clip, looking_at_origin, walkers
 
 WRIST, ELBOW = BODY25.index("l_wrist", "l_elbow")
@@ -88,6 +89,21 @@ class TestEverySystem:
     def test_not_as_frames_come(self, method):
         with pytest.raises(ValueError, match=f"capture.method={method} captures whole recordings"):
             OnlineCapture(looking_at_origin(), BODY25, 25.0, CaptureConfig(method=method))
+
+
+def test_ghosts_of_a_long_recording_share_columns():
+    """One person stays, and a ghost comes elsewhere in every frame."""
+    clip = seen(walkers(200, persons=1))
+    ghosts = np.arange(200)[:, None, None] * np.ones((25, 3)) * 10 + 100
+    found = [np.stack([person[0], ghost]) for person, ghost in zip(clip.truth.xyz, ghosts, strict=True)]
+    poses = as_tracks(clip, found, [np.full((2, 25), 2)] * 200)
+    assert poses.xyz.shape[1] == 100
+    np.testing.assert_array_equal(poses.xyz[:, 0], clip.truth.xyz[:, 0])
+    assert np.isfinite(poses.xyz[..., 0, 0]).sum(1).tolist() == [2] * 200
+    few = as_tracks(
+        clip, found[:50] + [each[:1] for each in found[50:]], [np.full((2, 25), 2)] * 50 + [np.full((1, 25), 2)] * 150
+    )
+    assert few.xyz.shape[1] == 51
 
 
 class TestHowTheyFail:
