@@ -267,7 +267,8 @@ class ExportCommand:
     format: str = field(default="npz", metadata={"choices": pose_writer})
     """Format of the file."""
     skeleton: str | None = None
-    """Skeleton of the file; by default the one the poses are in, and of two fused the first, except for npz."""
+    """Skeleton of the file; by default the one the poses are in, and of two fused the first, except for npz. For
+    `format=bvh` also `soma` and `lafan1`, in cm."""
     unit: LengthUnit = LengthUnit.m
     """Unit of lengths in a TRC; of g1, m with radians or cm with degrees."""
     keep_mm: float | None = None

@@ -46,6 +46,7 @@ class JointRotations:
         offsets: (N, 3) m from the parent, in the rest pose: a T-pose that faces x, z up. Zero for the root.
         root: (F, 3) position of the root, m, world.
         rotations: (F, N, 3, 3) from the axes of each node to the axes of its parent; for the root, to the world.
+        placed: The node at `root`. Nodes before it stand at the origin of the world.
     """
 
     joints: tuple[str, ...]
@@ -53,14 +54,17 @@ class JointRotations:
     offsets: np.ndarray
     root: np.ndarray
     rotations: np.ndarray
+    placed: int = 0
 
     @property
     def xyz(self) -> np.ndarray:
         """(F, N, 3) positions of the nodes, m, world."""
-        turned, xyz = self.rotations.copy(), np.repeat(self.root[:, None], len(self.joints), 1)
+        turned, xyz = self.rotations.copy(), np.zeros((len(self.root), len(self.joints), 3))
+        xyz[:, self.placed] = self.root
         for joint, parent in enumerate(self.parents):
-            if parent >= 0:
+            if joint > self.placed:
                 xyz[:, joint] = xyz[:, parent] + turned[:, parent] @ self.offsets[joint]
+            if parent >= 0:
                 turned[:, joint] = turned[:, parent] @ self.rotations[:, joint]
         return xyz
 

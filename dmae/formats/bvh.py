@@ -14,33 +14,40 @@ from dmae.formats.animation import Y_UP, JointRotations, joint_rotations
 from dmae.formats.config import METRES, LengthUnit
 from dmae.formats.poses import person_paths
 from dmae.formats.registry import pose_writer
+from dmae.formats.rigs import CENTIMETRES, as_rig
 
 _END_LENGTH = 0.05
 """m; length of the bone after the last joint of a limb. The format requires such a bone."""
-_ORDER = "ZXY"
+_ORDER, _RIG_ORDER = "ZXY", "ZYX"
+"""Order of the channels of rotation, and that of rigs of other programs."""
 
 
-@pose_writer("bvh", table=True)
-def write_bvh(poses: Poses3D, clip: Clip, path: Path, *, unit: LengthUnit = LengthUnit.m) -> list[Path]:
+@pose_writer("bvh", table=True, rigs=["soma", "lafan1"])
+def write_bvh(
+    poses: Poses3D, clip: Clip, path: Path, *, unit: LengthUnit = LengthUnit.m, rig: str | None = None
+) -> list[Path]:
     """Biovision BVH: joint angles on a T-pose, a file for each person."""
     files = person_paths(path, poses.xyz.shape[1])
     for person, file in enumerate(files):
         motion = joint_rotations(poses, clip.fps, person)
-        write_atomic(file, written(chain(_hierarchy(motion, METRES[unit]), _motion(motion, clip.fps, METRES[unit]))))
+        if rig is not None:
+            motion = as_rig(motion, rig)
+        metre, order = (METRES[unit], _ORDER) if rig is None else (CENTIMETRES, _RIG_ORDER)
+        write_atomic(file, written(chain(_hierarchy(motion, metre, order), _motion(motion, clip.fps, metre, order))))
     return files
 
 
-def _hierarchy(motion: JointRotations, metre: float) -> list[str]:
+def _hierarchy(motion: JointRotations, metre: float, order: str) -> list[str]:
     lines = ["HIERARCHY"]
     offsets = motion.offsets @ Y_UP.T / metre
 
     def write(joint: int, depth: int) -> None:
         indent, inner = "\t" * depth, "\t" * (depth + 1)
-        channels = "6 Xposition Yposition Zposition" if joint == 0 else "3"
+        channels = "6 Xposition Yposition Zposition" if joint <= motion.placed else "3"
         lines.append(f"{indent}{'JOINT' if joint else 'ROOT'} {motion.joints[joint]}")
         lines.append(f"{indent}{{")
         lines.append(f"{inner}OFFSET {_numbers(offsets[joint])}")
-        lines.append(f"{inner}CHANNELS {channels} " + " ".join(f"{axis}rotation" for axis in _ORDER))
+        lines.append(f"{inner}CHANNELS {channels} " + " ".join(f"{axis}rotation" for axis in order))
         children = [child for child, parent in enumerate(motion.parents) if parent == joint]
         for child in children:
             write(child, depth + 1)
@@ -54,21 +61,25 @@ def _hierarchy(motion: JointRotations, metre: float) -> list[str]:
     return lines
 
 
-def _motion(motion: JointRotations, fps: float, metre: float) -> Iterator[str]:
+def _motion(motion: JointRotations, fps: float, metre: float, order: str) -> Iterator[str]:
     yield from ("MOTION", f"Frames: {len(motion.root)}", f"Frame Time: {1 / fps:.9g}")
     depth_first, last = _depth_first(motion.parents), None
     for part in frame_blocks(motion.rotations):
         turned = Y_UP @ motion.rotations[part] @ Y_UP.T
-        angles = Rotation.from_matrix(turned.reshape(-1, 3, 3)).as_euler(_ORDER, degrees=True, suppress_warnings=True)
+        angles = Rotation.from_matrix(turned.reshape(-1, 3, 3)).as_euler(order, degrees=True, suppress_warnings=True)
         angles = angles.reshape(len(turned), -1, 3)
         # Unwrap angles so that they continue those of the frame before.
         before = angles[:0] if last is None else last[None]
         angles = np.unwrap(np.concatenate([before, angles]), period=360, axis=0)[len(before) :]
         last = angles[-1]
-        yield from map(
-            _numbers,
-            np.concatenate([motion.root[part] @ Y_UP.T / metre, angles[:, depth_first].reshape(len(angles), -1)], 1),
-        )
+        rows = []
+        for joint in depth_first:
+            if joint == motion.placed:
+                rows.append(motion.root[part] @ Y_UP.T / metre)
+            elif joint < motion.placed:
+                rows.append(np.zeros((len(angles), 3)))
+            rows.append(angles[:, joint])
+        yield from map(_numbers, np.concatenate(rows, 1))
 
 
 def _depth_first(parents: tuple[int, ...]) -> list[int]:

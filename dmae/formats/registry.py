@@ -58,6 +58,7 @@ class PoseWriter(Entry):
         folder: The writer writes a folder, not a file.
         skeleton: Name of the only skeleton that the format supports; None if it supports any.
         table: The format cannot say how each joint is known, so `<name>.provenance.csv` says it.
+        rigs: Names of skeletons of other programs that the format has besides.
         fused: If the skeleton is fused from several, all joints are written by default. Otherwise only the joints of
             the first skeleton are written.
     """
@@ -65,6 +66,7 @@ class PoseWriter(Entry):
     folder: bool = False
     skeleton: str | None = None
     table: bool = False
+    rigs: list[str] = field(default_factory=list)
     fused: bool = False
 
 

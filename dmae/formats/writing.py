@@ -85,13 +85,17 @@ def write_poses(
     poses = exported_poses(clip)
     if poses is None:
         raise ValueError(f"clip {clip.id!r} has neither poses nor truth to export; run dmae capture on it first")
+    options = {}
+    if skeleton in writer.rigs:
+        options["rig"], skeleton = skeleton, None
+        if unit not in (LengthUnit.m, LengthUnit.cm):
+            raise ValueError(f"unit={unit}: skeleton={options['rig']} is always in cm; leave it out")
     kept = poses
     if keep_mm is not None:
         from dmae.numerics.statistics import without_unlikely  # it loads Numba, which other exports do not need
 
         kept = without_unlikely(poses, keep_mm)
     written = convert(kept, _skeleton(writer, poses, skeleton))
-    options = {}
     if "unit" in writer.options:
         options["unit"] = LengthUnit(unit)
     elif unit != LengthUnit.m:

@@ -142,6 +142,43 @@ def test_the_rest_pose_is_a_t_pose_that_faces_x(skeleton):
     assert at["l_shoulder"][2] > 0.3
 
 
+@pytest.mark.parametrize(("rig", "count"), [("soma", 78), ("lafan1", 22)])
+def test_rigs_of_other_programs_stand_where_the_person_stands(rig, count, tmp_path):
+    """In cm, with the axes of their readers: SOMA's T-pose faces z, and LAFAN1's bones run along x."""
+    poses, _ = simulated(BODY25)
+    path = written(poses, tmp_path / "a.bvh", "bvh", skeleton=rig)
+    if rig == "soma":
+        # Its hips move below a root that stands on the floor; our reader knows only roots that move.
+        head, rows = path.read_text().split("Frame Time: 0.04\n")
+        six = " 6 Xposition Yposition Zposition"
+        before, root, hips = head.split(six, 2)
+        cells = [row.split() for row in rows.splitlines()]
+        assert all(float(cell) == 0 for row in cells for cell in row[:6])
+        rows = "\n".join(" ".join([*row[6:9], *row[3:6], *row[9:]]) for row in cells)
+        path.write_text(before + six + root + " 3" + hips + "Frame Time: 0.04\n" + rows + "\n")
+    found = read_bvh(path)
+    joints = [joint for joint in found.joints if not joint.endswith(".end")]
+    assert len(joints) == count
+    at, turned = found.forward()
+    at = at / 100 @ Y_UP
+    leg = "Leg" if rig == "soma" else "UpLeg"
+    pairs = {"LeftForeArm": "l_elbow", "RightHand": "r_wrist", f"Left{leg}": "l_hip", "RightFoot": "r_ankle"}
+    for theirs, ours in pairs.items():
+        error = at[:, found.joints.index(theirs)] - poses.xyz[:, 0, BODY25.index(ours)[0]]
+        assert np.linalg.norm(error, axis=-1).max() < 0.04
+    axes = Y_UP.T @ turned[0, found.joints.index("Hips")]
+    left, up, ahead = (axes.T @ way for way in np.eye(3)[[1, 2, 0]])
+    if rig == "soma":
+        np.testing.assert_allclose([left, up, ahead], np.eye(3), atol=0.15)
+    else:
+        np.testing.assert_allclose([left, up, ahead], np.eye(3)[[2, 0, 1]], atol=0.15)
+        for joint in ("LeftLeg", "RightForeArm", "LeftForeArm", "RightFoot", "LeftHand"):
+            offset = found.offsets[found.joints.index(joint)]
+            assert offset[0] > 0.98 * np.linalg.norm(offset)
+    with pytest.raises(ValueError, match="is always in cm"):
+        written(poses, tmp_path / "b.bvh", "bvh", skeleton=rig, unit="mm")
+
+
 def test_joints_that_are_never_known_are_left_out_and_a_missing_body_is_refused():
     poses, _ = simulated(BODY25)
     gone = np.zeros(poses.source.shape, bool)
