@@ -225,7 +225,8 @@ class Completer:
       at most a second between two measurements) is predicted and marked `COMPLETED`. It used no views; its covariance
       is isotropic and calibrated: 90 % regions held 90 % of the truth of clips held back from training. Nothing is
       filled before a person's first and after its last measurement, nor in a longer absence.
-    - Farther than 0.2 s from any measurement of the person covariances are unknown (NaN).
+    - Farther than 0.2 s from any measurement of the person covariances are unknown (NaN), and those of joints that were
+      never measured of a person who was measured in fewer frames than a window has, as in stills.
     - Windows overlap by two thirds; their corrections of the interpolation are blended with weights that fall linearly
       from the middle of a window. A window without a measurement adds nothing: in the middle of an absence the
       interpolation over the whole recording stands, however long a gap is.
@@ -318,7 +319,7 @@ class Completer:
         """Return what users of the result should know about how poses like these are completed."""
         notes = []
         if are_stills(fps):
-            notes.append(f"{fps:g} frames/s: stills, each completed by itself")
+            notes.append(f"{fps:g} frames/s: stills, each completed by itself; the error of completed joints is unknown")
         elif not has_rate(self.model, fps):
             notes.append(f"{fps:g} frames/s, resampled to the {self.model.config.fps:g} of the weights and back")
         if self.target:
@@ -395,7 +396,11 @@ class Completer:
         if self.factors is None:
             return None
         lengths, noisy = (part[frames] for part in self.uncertainty_inputs(poses, fps))
-        known = np.where(near_measurement(poses, fps), 1, np.nan)[frames]
+        config, there = self.model.config, poses.measured.any(-1)
+        # Of joints never measured, in stills and glimpses of people, 20 to 80 % were in regions that should hold 90 %.
+        glimpsed = there.sum(0) < config.frames * min(fps / config.fps, 1)
+        unsure = np.isinf(lengths) & glimpsed[:, None]
+        known = np.where(near_measurement(poses, fps)[frames] & ~unsure, 1, np.nan)
         return known * calibrated(scale, lengths, noisy, self.factors)
 
 
