@@ -75,6 +75,25 @@ def test_frames_of_each_actor_stand_beside_the_average(actors):
     ]  # fmt: skip
 
 
+def test_published_systems_have_rows_from_the_same_detections(folder):
+    rows = {number: measured(table(folder, number, systems=["mvpose"])) for number in (1, 2)}
+    cells = rows[1]["mvpose"]["cells"]
+    assert "Dong et al. 2021" in rows[1]["mvpose"]["note"]
+    assert cells["average"]["value"] == pytest.approx(
+        (cells["actor_1"]["value"] + cells["actor_2"]["value"]) / 2, abs=2e-3
+    )
+    assert cells["average"]["value"] != rows[1]["measured"]["cells"]["average"]["value"]
+    by_cameras = rows[2]["mvpose"]["cells"]
+    assert by_cameras["views_3"] == cells["average"]
+    assert by_cameras["views_3_actor_1"] == cells["actor_1"]
+    assert 0 < by_cameras["views_2"]["value"] <= 100
+
+
+def test_an_unknown_system_is_named():
+    with pytest.raises(ValueError, match="no capture method 'mvpos'; did you mean 'mvpose'"):
+        TableConfig(systems=["mvpos"])
+
+
 def test_differences_have_intervals_and_published_rows_of_other_data_none(actors):
     rows = measured(actors)
     assert rows["dmae"]["differences"] == {}
