@@ -319,7 +319,7 @@ class Completer:
         """Return what users of the result should know about how poses like these are completed."""
         notes = []
         if are_stills(fps):
-            notes.append(f"{fps:g} frames/s: stills, each completed by itself; the error of completed joints is unknown")
+            notes.append(f"{fps:g} frames/s: stills, each completed by itself, with unknown errors")
         elif not has_rate(self.model, fps):
             notes.append(f"{fps:g} frames/s, resampled to the {self.model.config.fps:g} of the weights and back")
         if self.target:
