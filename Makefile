@@ -9,7 +9,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 export PIP_BUILD_CONSTRAINT := $(CURDIR)/constraints.txt
 
-.PHONY: demo demo-video measure twin weights weights-first weights-sets weights-elsewhere gains ablations features test check lint format bench fuzz endurance setup docs \
+.PHONY: demo demo-video measure twin weights weights-first weights-sets weights-elsewhere gains ablations features test check lint format bench fuzz endurance setup developer docs \
   figures
 
 # The whole loop on simulated people it has never seen; with DMAE_DATA set, on the Shelf recording as well.
@@ -185,33 +185,33 @@ measure: setup
 
 # Everything, on all cores: a test file runs in one process, so that its fixtures are made once.
 PYTEST := $(BIN)/python -m pytest --numprocesses=auto --dist=loadfile
-test: setup
+test: developer
 	$(PYTEST)
 
 # For the person at work: lint and the fast tests, two minutes on two cores.
-check: setup lint
+check: developer lint
 	$(PYTEST) -m "not slow" -q
 
-lint: setup
+lint: developer
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-format: setup
+format: developer
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-bench: setup
+bench: developer
 	$(BIN)/python -m pytest -m bench -s tests/bench
 
 # Changed files for every reader, N each. Ends with the counts, and fails where one does harm.
 N ?= 10000
-fuzz: setup
+fuzz: developer
 	$(BIN)/python -m tests.fuzz.run --count $(N)
 
 # Generation, capture and training killed at 20 random moments each; 500 flipped bits and 60 other damages of a data set
 # with images; memory by the number of clips; speed of loaders.
-endurance: setup
+endurance: developer
 	$(BIN)/python -m tests.endurance.kills --moments 20
 	$(BIN)/python -m tests.endurance.damages --flips 500 --structural 60
 	$(BIN)/python -m tests.endurance.memory 100 300 1000
@@ -219,19 +219,20 @@ endurance: setup
 	$(BIN)/python -m tests.endurance.loaders
 
 # The documentation site, in site/. A warning, a stale tutorial or a figure that differs from its file fails it.
-docs: setup
+docs: developer
 	$(BIN)/python docs/tools/pages.py --check
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 # Measure anew what takes minutes, and execute the tutorials that changed. What takes longer: make twin, make weights
 # (36 minutes of training), make ablations.
-figures: setup
+figures: developer
 	@test -n "$(DMAE_DATA)" || { echo "error: make figures DMAE_DATA=<the folder that holds shelf/ and pose2sim/>"; exit 1; }
 	$(BIN)/python docs/tools/record.py
 	$(BIN)/python docs/tools/tutorials.py
 	$(BIN)/python docs/tools/pages.py
 
 setup: .venv/installed
+developer: .venv/developed
 
 # $(call apt,packages): install Debian packages, or fail where that is not allowed.
 define apt
@@ -250,8 +251,15 @@ endef
 	  { ls /usr/share/glvnd/egl_vendor.d/*.json && $(PYTHON) -c 'import ctypes; ctypes.CDLL("libEGL.so.1")'; } >/dev/null 2>&1 || \
 	  { $(call apt,libosmesa6 libegl1 libgl1) || { $(call apt,libegl1 libegl-mesa0 libgl1); }; } || \
 	  echo "note: no OpenGL library, and no right to install one: images will be ray cast, which is slower"
+	$(PYTHON) -m venv .venv
+	@echo "installing the package and what it needs into .venv: some 60 packages, 2 GB, most of it torch"
+	$(BIN)/pip install -e .
+	@touch $@
+
+# What tests, lint and documentation need beyond the package itself.
+.venv/developed: .venv/installed
 	@{ command -v chromium || command -v chromium-browser || command -v google-chrome; } >/dev/null || { $(call apt,chromium); } || \
 	  echo "note: no Chromium, and no right to install one: the tests that open the report in a browser are skipped"
-	$(PYTHON) -m venv .venv
-	$(BIN)/pip install --quiet -e '.[dev]'
+	@echo "installing what tests and documentation need into .venv: some 100 packages more"
+	$(BIN)/pip install -e '.[dev]'
 	@touch $@

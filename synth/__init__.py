@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from dmae.verbs.recordings import load_dataset as load_dataset
+    from synth.datasets.config import AboutConfig as AboutConfig
     from synth.datasets.config import GenerateConfig as GenerateConfig
     from synth.datasets.config import OcclusionConfig as OcclusionConfig
     from synth.datasets.config import RenderConfig as RenderConfig
@@ -50,7 +51,7 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "dmae.verbs.recordings": ["load_dataset"],
-    "synth.datasets.config": ["GenerateConfig", "OcclusionConfig", "RenderConfig"],
+    "synth.datasets.config": ["AboutConfig", "GenerateConfig", "OcclusionConfig", "RenderConfig"],
     "synth.detector.config": ["DetectorConfig"],
     "synth.interactions.registry": ["InteractionConfig"],
     "synth.motion.config": ["MotionConfig"],

@@ -24,7 +24,7 @@ from synth.errors import FailedSimulation
 if TYPE_CHECKING:
     import numpy as np
 
-    from synth.datasets.config import GenerateConfig, RenderConfig
+    from synth.datasets.config import AboutConfig, GenerateConfig, RenderConfig
     from synth.datasets.forecast import Forecast
     from synth.datasets.motion_comparison import Difference
     from synth.datasets.splits import Take
@@ -497,8 +497,9 @@ def export(
     workers: int = 1,
     damaged: bool = False,
     robot: str | None = None,
+    about: AboutConfig | None = None,
 ) -> dict:
-    """Write a data set in the layout of another program: images and annotations.
+    """Write a data set in the layout of another program: images and annotations, with Croissant metadata.
 
     Args:
         path: The data set, or a clip.
@@ -512,6 +513,7 @@ def export(
         workers: Processes; -1 for one per core.
         damaged: Whether to export even if files are missing or have changed.
         robot: MJCF of the Unitree G1, for `g1` and `lerobot`; by default that of an installed mjlab.
+        about: Name, publisher and licence, for `croissant.json`, `DATASHEET.md` and `CITATION.cff`.
 
     Returns:
         A description of the export, as in `export.json`.
@@ -527,7 +529,8 @@ def export(
     from synth.datasets.config import PictureFormat
     from synth.datasets.exporters.export import export as export_data_set
 
-    options = {"skeleton": skeleton, "every": every, "workers": workers, "damaged": damaged, "robot": robot}
+    options = {"skeleton": skeleton, "every": every, "workers": workers, "damaged": damaged}
+    options |= {"robot": robot, "about": about}
     if pictures not in PictureFormat.__members__:
         raise ValueError(f"pictures={pictures!r}: expected one of {', '.join(PictureFormat.__members__)}")
     chosen = None if splits is None else Path(splits)

@@ -21,7 +21,7 @@ from dmae.completion.methods import METHODS
 from dmae.data.clip import Clip
 from dmae.data.rng import Stream, generator
 from dmae.data.store import load_clip, save_clip
-from dmae.evaluation.report.joints import BREAKDOWNS, Groups, Reprojection, added_groups, reprojection, residual_tables
+from dmae.evaluation.report.joints import Groups, JointGroup, Reprojection, added_groups, reprojection, residual_tables
 from dmae.formats.config import clip_range
 from dmae.formats.reading import Clips, is_data_set, load
 from dmae.numerics.filling import smooth
@@ -34,6 +34,8 @@ from dmae.reporting.tables import counted, print_tables
 
 _TRIED = 50
 """Greatest number of frames of a clip that a forecast captures."""
+_WORST = 3
+"""Joints with the largest reprojection errors that are printed."""
 _FEW = 0.4
 """Share of the detected joints; where people explain fewer, something is wrong."""
 
@@ -72,22 +74,30 @@ def run(config: CaptureCommand, out: Path) -> None:
                 made.write(captured, folder.name, persons=poses.xyz.shape[1])
             size = f"{counted(len(captured), 'frame')}, {counted(poses.xyz.shape[1], 'person', 'people')}"
             print(f"{captured.id}: {size}, {describe_joints(poses)}")
-            print(f"{captured.id}: {captured.provenance['noise']['found']}")
-            print(f"{captured.id}: {_world(captured)}")
+            if made is None:
+                print(f"{captured.id}: {captured.provenance['noise']['found']}")
+                print(f"{captured.id}: {_world(captured)}")
             persons += poses.xyz.shape[1]
             errors = reprojection(captured)
             measured, completed = added_groups(measured, errors.measured), added_groups(completed, errors.completed)
             _print_doubts(captured, config.capture, poses.xyz.shape[1], errors)
     # A person 0 of one clip is not the person 0 of another, so there is no table by person for several clips.
-    tables = residual_tables(measured, completed, BREAKDOWNS if len(part) == 1 else ("camera", "joint"))
+    tables = residual_tables(measured, completed, ("camera", "person") if len(part) == 1 else ("camera",))
     if tables:
         print("Reprojection errors, px, of joints that a camera detected:")
         print_tables(tables)
+        print(f"{out}: {_worst_joints(measured['joint'])}")
     if frames:
         print(f"{out}: {frames / spent:.0f} frames/s")
     # A part of a data set may contain only empty rooms.
     if not persons and len(part) == len(clips):
         sys.exit(1)
+
+
+def _worst_joints(by_joint: dict[str, JointGroup]) -> str:
+    """Return the joints with the largest mean reprojection errors, in words."""
+    worst = sorted((each.mean, joint) for joint, each in by_joint.items() if each.mean is not None)[: -_WORST - 1 : -1]
+    return f"largest: {', '.join(f'{joint} {mean:.1f} px' for mean, joint in worst)}; dmae report lists all joints"
 
 
 def _print_doubts(clip: Clip, config: CaptureConfig, persons: int, errors: Reprojection) -> None:

@@ -148,15 +148,17 @@ def describe_sides(clip: Clip, poses: Poses3D) -> list[str]:
 def describe_joints(poses: Poses3D) -> str:
     """How much of the joints was measured and completed, and how many joints are NaN because a person is not there.
 
-    A "person-frame" is a person in a frame. Where no joint is known there, the person is not there; the shares of
-    joints are of the other person-frames.
+    Joints that were measured and then smoothed count as measured. A "person-frame" is a person in a frame. Where no
+    joint is known there, the person is not there; the shares of joints are of the other person-frames.
     """
     present = (poses.source != Source.ABSENT).any(-1)
     if not present.any():
         return "no person captured"
     known = poses.source[present]
     completed, absent = (known == Source.COMPLETED).mean(), (known == Source.ABSENT).mean()
-    shares = f"joints {1 - completed - absent:.1%} measured, {completed:.1%} completed, {absent:.1%} absent"
+    smoothed = (known == Source.DENOISED).mean()
+    moved = f" ({smoothed:.1%} measured, smoothed)" if smoothed else ""
+    shares = f"joints {1 - completed - absent:.1%} measured{moved}, {completed:.1%} completed, {absent:.1%} absent"
     away = int((~present).sum())
     if not away:
         return shares

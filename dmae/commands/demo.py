@@ -1,25 +1,33 @@
 """`dmae demo`: the whole loop on simulated people, from an empty folder to a page."""
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 from types import ModuleType
 
 from dmae.command_line.outputs import record_options
-from dmae.commands import capture, complete, evaluate, report, train
-from dmae.commands.config import CaptureCommand, CompleteCommand, DemoCommand, DemoSize, ReportCommand
+from dmae.commands import capture, complete, evaluate, train
+from dmae.commands.config import CaptureCommand, CompleteCommand, DemoCommand, DemoSize
 from dmae.completion.config import LearningConfig, TrainConfig
 from dmae.evaluation.config import EvaluateConfig
+from dmae.evaluation.report.page import read_scores, write_clips_report
 from dmae.formats.config import DataConfig
+from dmae.formats.reading import load
+from dmae.metrics.score_tables import overview
+from dmae.reporting.tables import print_tables
 
-_METHODS = ["measured", "linear", "dmae"]
+LOG = "log.txt"
+"""In the folder of a command of several steps: what each step printed."""
 
 
 def run(config: DemoCommand, out: Path) -> None:
     """Simulate, capture, train, complete, score and report."""
     import synth  # the only commands of dmae that simulate are this one and `dmae pretrain`
 
-    small, model, scores = config.size == DemoSize.small, str(out / "model"), [str(out / "scores")]
+    small, model = config.size == DemoSize.small, str(out / "model")
     steps = 8 if config.shelf is None else 9
+    methods = ["measured", "linear", "dmae", model]
     say("simulate people to learn from", 1, steps)
     length = {"seconds": 2} if small else {}
     synth.generate(clips=3 if small else 40, seed=1, **length, workers=config.workers, out=out / "train")
@@ -31,7 +39,8 @@ def run(config: DemoCommand, out: Path) -> None:
     for number, name in ((3, "train"), (4, "test")):
         say(f"capture the people of {out / name}", number, steps)
         captured = out / ("train_captured" if name == "train" else "captured")
-        run_step(capture, CaptureCommand(data=DataConfig(path=str(out / name))), captured)
+        with logged(out):
+            run_step(capture, CaptureCommand(data=DataConfig(path=str(out / name))), captured)
     say("train, from the shipped model" if small else "train", 5, steps)
     learning = LearningConfig(steps=20, epoch=20, batch=16) if small else LearningConfig()
     learn = TrainConfig(
@@ -40,26 +49,53 @@ def run(config: DemoCommand, out: Path) -> None:
     )  # fmt: skip
     train.run(learn, out / "model", time.monotonic())
     record_options(learn, out / "model")
-    say("complete what no camera measured", 6, steps)
-    run_step(complete, CompleteCommand(clip=str(out / "captured"), weights=model), out / "completed")
-    say("score", 7, steps)
-    run_step(
-        evaluate, EvaluateConfig(DataConfig(path=str(out / "test")), methods=_METHODS, weights=model), out / "scores"
-    )
+    say("complete what no camera measured, with the weights of the package", 6, steps)
+    with logged(out):
+        run_step(complete, CompleteCommand(clip=str(out / "captured")), out / "completed")
+    say("score these weights (dmae) beside those trained now (model)", 7, steps)
+    scored = [(out / "scores", EvaluateConfig(DataConfig(path=str(out / "test")), methods=methods))]
     if config.shelf is not None:
-        say("score on the recording Shelf", 8, steps)
-        scores.append(str(out / "scores_shelf"))
         shelf = DataConfig(name="shelf", path=config.shelf)
-        run_step(evaluate, EvaluateConfig(shelf, methods=_METHODS, views=[5, 3], weights=model), out / "scores_shelf")
+        scored.append((out / "scores_shelf", EvaluateConfig(shelf, methods=methods, views=[5, 3])))
+    for number, (folder, each) in enumerate(scored):
+        if number:
+            say("score on the recording Shelf", 8, steps)
+        with logged(out):
+            run_step(evaluate, each, folder)
+        print_tables([overview(read_scores(folder / "scores.json"))])
     say("report", steps, steps)
-    run_step(report, ReportCommand(clip=str(out / "completed"), scores=scores), out / "report.html")
-    print(f"Look at {out / 'report.html'}")
+    page, scores = out / "report.html", [read_scores(folder / "scores.json") for folder, _ in scored]
+    clips = load(DataConfig(name="clip", path=str(out / "completed")))
+    about = what_to_look_at(scores[0], Path(model).name, "for a few seconds" if small else "for two minutes")
+    write_clips_report(page, clips, scores, title="The demo: simulated people, captured and completed", about=about)
+    print(f"Look at {page}; what the steps printed is in {out / LOG}")
+
+
+def what_to_look_at(scores: dict, trained: str, duration: str) -> list[str]:
+    """Return the first paragraphs of the page: what to do in the player, and what the models of the demo are worth."""
+    hidden = {result["method"]: result["mean"]["hidden"]["mpjpe"] for result in scores["results"]}
+    errors = {name: "unknown" if mm is None else f"{mm:.0f}\N{NO-BREAK SPACE}mm" for name, mm in hidden.items()}
+    return [
+        "What to look at: press Play. Discs are joints that cameras measured; red squares are joints that no two "
+        "cameras agree on, completed by the weights that come with the package; white rings are the truth. Next hole "
+        "leads to the next red square, Worst frame to the largest error.",
+        f"Mean error of unmeasured joints: {errors['dmae']} with these weights, {errors[trained]} with the network "
+        f"that this demo trained {duration}, {errors['linear']} with straight lines. The last tables compare them.",
+    ]
 
 
 def run_step(command: ModuleType, config, out: Path) -> None:
     """Run another command, and record its configuration with its output."""
     command.run(config, out)
     record_options(config, out)
+
+
+@contextmanager
+def logged(out: Path) -> Iterator[None]:
+    """Write what is printed in the block to the log in a folder."""
+    out.mkdir(parents=True, exist_ok=True)
+    with (out / LOG).open("a", encoding="utf-8") as log, redirect_stdout(log):
+        yield
 
 
 def say(step: str, number: int, steps: int) -> None:

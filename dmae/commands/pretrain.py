@@ -9,12 +9,15 @@ from typing import Any
 from dmae.command_line.outputs import record_options
 from dmae.commands import capture, evaluate, train
 from dmae.commands.config import CaptureCommand, PretrainCommand
-from dmae.commands.demo import run_step, say
+from dmae.commands.demo import LOG, logged, run_step, say
 from dmae.completion.config import LearningConfig, TrainConfig
 from dmae.completion.weights import model_card
 from dmae.evaluation.config import EvaluateConfig, Input
+from dmae.evaluation.report.page import read_scores
 from dmae.files.contents import write_atomic
 from dmae.formats.config import DataConfig
+from dmae.metrics.score_tables import overview
+from dmae.reporting.tables import print_tables
 
 _STEPS = 6
 
@@ -35,7 +38,8 @@ def run(config: PretrainCommand, out: Path) -> None:
     say("capture them with few cameras", 4, _STEPS)
     for name in ("train", "validation"):
         data = DataConfig(path=str(out / name))
-        run_step(capture, CaptureCommand(data=data, draw=config.views, seed=config.seed), out / f"{name}_captured")
+        with logged(out):
+            run_step(capture, CaptureCommand(data=data, draw=config.views, seed=config.seed), out / f"{name}_captured")
     say("train", 5, _STEPS)
     learn = TrainConfig(
         data=DataConfig(path=str(out / "train_captured")), validation_data=[str(out / "validation_captured")],
@@ -48,12 +52,15 @@ def run(config: PretrainCommand, out: Path) -> None:
     methods = ["linear", "pchip_body", "gaussian_process", "dmae"]
     score = EvaluateConfig(DataConfig(path=str(out / "test")), methods=methods, weights=str(out / "model"))
     views = [3 if 3 in config.views else min(config.views)]
-    run_step(evaluate, replace(score, skeleton="body25", views=views), out / "scores")
-    # Gaps made in true poses are scored on the skeleton of the detections.
-    run_step(evaluate, replace(score, input=Input.true_poses, smooth=0.0), out / "scores_true")
+    with logged(out):
+        run_step(evaluate, replace(score, skeleton="body25", views=views), out / "scores")
+        # Gaps made in true poses are scored on the skeleton of the detections.
+        run_step(evaluate, replace(score, input=Input.true_poses, smooth=0.0), out / "scores_true")
+    print_tables([overview(read_scores(out / "scores/scores.json"))])
     card = model_card(out / "model", [out / "scores", out / "scores_true"], command_line(config))
     write_atomic(out / "model/MODEL_CARD.md", card)
     print(f"The model is {out / 'model'}; tune it with dmae train init={out / 'model'} data=<recordings with truth>")
+    print(f"What the steps printed is in {out / LOG}")
 
 
 def configurations(config: PretrainCommand, out: Path) -> dict[str, dict[str, Any]]:

@@ -59,7 +59,8 @@ class EvaluateConfig:
         default_factory=lambda: [name for name, method in completion_method.items() if not method.learned],
         metadata={"choices": completion_method},
     )
-    """How joints that no camera measured are filled: completion methods, or module:function of your own."""
+    """How joints that no camera measured are filled: completion methods, module:function of your own, or folders that
+    `dmae train` wrote."""
     poses: str | None = None
     """Poses made elsewhere, which are scored in place of `methods`: a file, or a folder with one for each clip."""
     weights: str | None = None

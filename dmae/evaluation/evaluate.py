@@ -284,10 +284,10 @@ def _loaded(names: tuple[str, ...], weights: str | None, poses: str | None) -> M
 
 
 def load_methods(names: Sequence[str], weights: str | None = None) -> Methods:
-    """Return the functions of methods, by name.
+    """Return the functions of methods, by name; that of trained weights is the name of their folder.
 
     Args:
-        names: Completion methods, or `module:function`.
+        names: Completion methods, `module:function`, or folders that `dmae train` wrote.
         weights: Folder of the weights of learned methods; by default those that come with the package.
 
     Raises:
@@ -295,4 +295,11 @@ def load_methods(names: Sequence[str], weights: str | None = None) -> Methods:
     """
     if not names:
         raise ValueError(f"methods=[]: expected some of {[*completion_method]}")
-    return {name: find_method(name).load(Path(weights) if weights else None) for name in names}
+    found: Methods = {}
+    for name in names:
+        if name not in completion_method and (Path(name) / "model.json").is_file():
+            short = Path(name).name
+            found[name if short in found or short in names else short] = find_method("dmae").load(Path(name))
+        else:
+            found[name] = find_method(name).load(Path(weights) if weights else None)
+    return found

@@ -114,8 +114,8 @@ _SMALLEST = 0.05
 _JUDGED = {
     "pcp": ("strict PCP", "%", 1, ("pcp",)),
     "mpjpe": ("MPJPE", "mm", -1, ("mpjpe", "all")),
-    "hidden": ("MPJPE of hidden joints", "mm", -1, ("hidden", "mpjpe")),
-    "recall": ("recall of hidden joints", "%", 1, ("hidden", "recall")),
+    "hidden": ("MPJPE of unmeasured joints", "mm", -1, ("hidden", "mpjpe")),
+    "recall": ("recall of unmeasured joints", "%", 1, ("hidden", "recall")),
 }
 """Name and unit of each figure; 1 if larger is better, -1 if smaller is; and the place of its mean in `scores.json`."""
 _AGAIN = "make them again with this version: dmae evaluate ... out=FOLDER"

@@ -152,7 +152,7 @@ def rank_scores(error: np.ndarray, stated: np.ndarray) -> dict[str, float]:
 
 @metric("ranking", order=10)
 def _ranking(comparison: Comparison) -> dict[str, float]:
-    """Of hidden joints with a stated uncertainty: Spearman, AUC over 50 mm, and mm at each coverage."""
+    """Of unmeasured joints with a stated uncertainty: Spearman, AUC over 50 mm, and mm at each coverage."""
     error = 1000 * np.linalg.norm(comparison.matched - comparison.truth.xyz.astype(np.float64), axis=-1)
     stated = likely_error(take_matched(comparison.pred.cov, comparison.matches))
     counted = comparison.hidden & ~np.isnan(error) & ~np.isnan(stated)
@@ -229,7 +229,7 @@ def pool_gaps(runs: list[list[dict]]) -> list[dict]:
     order=6,
     columns=(
         Column("MPJPE", "mm", lambda score: score["all"], order=5),
-        Column("seen", "mm", lambda score: score["measured" if score["denoised"] is None else "denoised"], order=6),
+        Column("measured", "mm", lambda score: score["measured" if score["denoised"] is None else "denoised"], order=6),
     ),
 )
 def _mpjpe(comparison: Comparison) -> dict[str, float]:
@@ -241,7 +241,7 @@ def _mpjpe(comparison: Comparison) -> dict[str, float]:
     }
 
 
-@metric("hidden", order=8, columns=(Column("hidden", "mm", lambda score: score["mpjpe"], order=7),))
+@metric("hidden", order=8, columns=(Column("unmeasured", "mm", lambda score: score["mpjpe"], order=7),))
 def _hidden(comparison: Comparison) -> dict[str, float]:
     """PCK@0.2 recall, %, and MPJPE, mm, of the true joints that capture did not measure."""
     return {

@@ -26,7 +26,7 @@ def score_tables(scores: dict) -> list[Table]:
     poses = f" in {scores['poses']}" if "poses" in scores else ""
     tables.append(
         Table(
-            f"MPJPE, mm, of joints hidden{poses}, by the number of frames at 25/s; only joints that all methods filled",
+            f"MPJPE, mm, of joints unmeasured{poses}, by frames at 25/s; only those that all methods filled",
             ("method", "views", *lengths),
             [
                 row
@@ -43,7 +43,7 @@ def score_tables(scores: dict) -> list[Table]:
     if regions:
         caption = (
             "True joints within the 90 % regions that methods state, widened by the error of a measured or annotated "
-            "truth, %, by how long they were hidden"
+            "truth, %, by how long they were unmeasured"
         )
         tables.append(Table(caption, ("method", "views", *lengths), regions))
     ranked = [(first, mean["ranking"]) for first, mean in rows if (mean.get("ranking") or {}).get("risk_100")]
@@ -52,11 +52,28 @@ def score_tables(scores: dict) -> list[Table]:
     return tables
 
 
+def overview(scores: dict) -> Table:
+    """Return the table of the main figures, with a row for each method and number of views: PCP and mean errors."""
+    results = scores["results"]
+    lengths = [gap["frames"] for gap in results[0]["mean"]["gaps"]]
+    rows = [
+        (
+            result["method"],
+            str(result["views"] or "-"),
+            _text(result["mean"]["pcp"]),
+            *map(_text, (result["mean"]["hidden"]["mpjpe"], *(gap["mpjpe"] for gap in result["mean"]["gaps"]))),
+        )
+        for result in results
+    ]
+    caption = "Strict PCP, and MPJPE of unmeasured joints by frames, at 25/s, without a measurement"
+    return Table(caption, ("method", "views", "PCP %", "unmeasured mm", *lengths), rows)
+
+
 def _ranking_table(ranked: list[tuple[tuple[str, str], dict]]) -> Table:
-    """Return the table of how well stated uncertainty ranks hidden joints."""
+    """Return the table of how well stated uncertainty ranks unmeasured joints."""
     return Table(
-        "Hidden joints ranked by stated uncertainty: rank correlation with the error, area under the curve for errors "
-        f"over {LARGE:.0f} mm, and mm over the most certain share of them",
+        "Unmeasured joints ranked by stated uncertainty: rank correlation with the error, area under the curve for "
+        f"errors over {LARGE:.0f} mm, and mm over the most certain share of them",
         ("method", "views", "Spearman", "AUC", *(f"{share} %" for share in COVERAGES)),
         [
             (

@@ -51,7 +51,7 @@ def views_figure(clip: Clip, frame: int) -> Figure:
 
 
 def gaps_figure(scores: dict) -> Figure:
-    """Draw the mean error of hidden joints by the length of the gap, with one panel for each number of views.
+    """Draw the mean error of unmeasured joints by the length of the gap, with one panel for each number of views.
 
     Args:
         scores: The result of `dmae.evaluation.evaluate.evaluate`, or its JSON.
@@ -67,7 +67,7 @@ def gaps_figure(scores: dict) -> Figure:
             errors = [np.nan if gap["mpjpe"] is None else gap["mpjpe"] for gap in gaps]
             axes.plot(range(len(gaps)), errors, "o-", color=colours[result["method"]], label=result["method"])
             axes.set_xticks(range(len(gaps)), [f"{gap['frames']}\n{gap['hidden']} joints" for gap in gaps], fontsize=8)
-        axes.set(title=f"{count} views" if count else "synthetic gaps", xlabel="frames hidden")
+        axes.set(title=f"{count} views" if count else "synthetic gaps", xlabel="frames without a measurement")
         axes.grid(color="#dddddd", linewidth=0.5)
     panels[0].set_ylabel("mean error [mm]")
     panels[0].set_ylim(bottom=0)

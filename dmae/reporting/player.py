@@ -180,11 +180,12 @@ def _camera(rig: CameraRig, view: int) -> dict:
 
 # Videos, so small that the page can contain them
 
-_BITS_OF_RIG = 1_000_000
-"""bit/s of all cameras together: one minute of five cameras takes about 10 MB in base64."""
-_BITS_OF_CAMERA = 400_000
-_WIDTH = 480
-"""px; smaller if many cameras share the bit rate."""
+_BITS_OF_CLIP = 60_000_000
+"""bit of all cameras of a clip together, 10 MB in base64: those of one minute of five cameras at the least rate."""
+_BITS = 200_000, 1_200_000
+"""bit/s of a camera; least, which long clips have, and greatest, which clips of a few seconds have."""
+_WIDTHS = {200_000: 480, 400_000: 640, 800_000: 960}
+"""px, by the rate from which on it is used: at 960 px an ankle can be judged."""
 
 
 def small_videos(clip: Clip) -> tuple[list[str | None], str | None]:
@@ -197,13 +198,16 @@ def small_videos(clip: Clip) -> tuple[list[str | None], str | None]:
         return [None] * len(clip.rig), None
     videos: list[str | None] = []
     lost = []
+    least, most = _BITS
+    rate = int(np.clip(_BITS_OF_CLIP * clip.fps / len(clip) / len(clip.rig), least, most))
+    greatest = max(width for bits, width in _WIDTHS.items() if bits <= rate)
     for name, size in zip(progress(clip.rig.names, f"pictures of {clip.id}"), clip.rig.size, strict=True):
         width, height = (int(side) for side in size)
-        scale = min(1, (_WIDTH if len(clip.rig) <= 8 else _WIDTH * 2 // 3) / max(width, height * 4 / 3))
+        scale = min(1, greatest / max(width, height))
         even = tuple(max(2, round(side * scale / 2) * 2) for side in (width, height))  # as H.264 requires
         try:
             frames = (convert() for convert in clip.images.video(name))
-            video = _encoded(frames, clip.fps, even, len(clip.rig))
+            video = _encoded(frames, clip.fps, even, rate)
             videos.append(base64.b64encode(video).decode())
         except (OSError, KeyError, av.FFmpegError):
             videos.append(None)
@@ -214,8 +218,7 @@ def small_videos(clip: Clip) -> tuple[list[str | None], str | None]:
     return videos, f"The pictures of {cameras} cannot be read in the folder that the clip names."
 
 
-def _encoded(frames: Iterator[np.ndarray], fps: float, size: tuple[int, int], views: int) -> bytes:
-    rate = min(_BITS_OF_CAMERA, _BITS_OF_RIG // views)
+def _encoded(frames: Iterator[np.ndarray], fps: float, size: tuple[int, int], rate: int) -> bytes:
     buffer = io.BytesIO()
     with av.open(buffer, "w", format="mp4") as container:
         stream = container.add_stream("libx264", rate=Fraction(fps).limit_denominator(1000))

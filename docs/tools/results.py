@@ -92,7 +92,7 @@ def pcp_table(name: str, methods: list[str] | None = None) -> str:
 
 
 def gaps_table(name: str, methods: list[str] | None = None) -> str:
-    """Return a table with the mean error of hidden joints, mm, of each method by length of the gap in frames."""
+    """Return a table with the mean error of unmeasured joints, mm, of each method by length of the gap in frames."""
     results = _results(name)
     names = methods or [method for method, _ in results if method != "measured"]
     first = next(iter(results.values()))["mean"]["gaps"]
@@ -101,7 +101,7 @@ def gaps_table(name: str, methods: list[str] | None = None) -> str:
         (found,) = (result for (other, _), result in results.items() if other == method)
         errors = [gap["mpjpe"] for gap in found["mean"]["gaps"]]
         rows.append([METHODS[method], *("" if error is None else f"{error:.0f}" for error in errors)])
-    return _table(["mm, by frames hidden", *(gap["frames"] for gap in first)], rows)
+    return _table(["mm, by frames unmeasured", *(gap["frames"] for gap in first)], rows)
 
 
 def benchmark_table(name: str, table: str, methods: list[str] | None = None) -> str:

@@ -5,7 +5,7 @@ from enum import Enum
 
 from dmae.detection.registry import PoseDetectorConfig
 from dmae.parallel import Backend
-from synth.datasets.config import MIN_SECONDS, PictureFormat, SplitBy
+from synth.datasets.config import MIN_SECONDS, AboutConfig, PictureFormat, SplitBy
 from synth.datasets.exporters import exporter
 from synth.detector.config import DetectorConfig, ErrorReference, Limits
 from synth.interactions.registry import InteractionConfig
@@ -151,6 +151,7 @@ class ExportDataCommand:
     """Export even if files are missing or damaged."""
     robot: str | None = None
     """MJCF of the Unitree G1, for g1 and lerobot; by default that of an installed mjlab."""
+    about: AboutConfig = field(default_factory=AboutConfig)
     out: str = "???"
     """Folder to write, whole or not at all; it must be empty or not exist."""
 

@@ -21,6 +21,7 @@ def run(config: ExportDataCommand, out: Path) -> None:
             workers=config.workers,
             damaged=config.damaged,
             robot=config.robot,
+            about=config.about,
         )
     for split, counts in summary["splits"].items():
         shown = ", ".join(counted(counts.get(f"{key}s", 0), key) for key in ("clip", "picture", "person", "mask"))

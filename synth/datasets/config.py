@@ -93,6 +93,22 @@ class OcclusionConfig:
 
 
 @dataclass(frozen=True)
+class AboutConfig:
+    """What only the publisher of a data set knows, for its Croissant metadata, datasheet and citation."""
+
+    name: str | None = None
+    """Name of the data set."""
+    creator: str | None = None
+    """Who publishes it."""
+    licence: str | None = None
+    """URL of the licence; by default none is stated. `DATASHEET.md` says which terms of inputs apply."""
+    url: str | None = None
+    """Page of the data set."""
+    date: str | None = None
+    """Date of publication, as 2026-11-24."""
+
+
+@dataclass(frozen=True)
 class GenerateConfig:
     """Simulate clips with exact truth. The same configuration and seed give the same clips."""
 

@@ -272,9 +272,13 @@ def _measure_occlusion(clip: Clip, found: Statistics) -> None:
 _PROCEDURAL = "procedural"
 
 
-def terms(found: Statistics) -> str:
-    """Return the section on rights for the page of a data set, in Markdown."""
-    motion, rooms = _by(found, "motion="), _by(found, "arena=")
+def terms(scenes: Counter[str]) -> str:
+    """Return the section on rights for the page of a data set, in Markdown.
+
+    Args:
+        scenes: Numbers of clips by `motion=` and `arena=`, as `Statistics.scenes`.
+    """
+    motion, rooms = _by(scenes, "motion="), _by(scenes, "arena=")
     recorded = {kind: count for kind, count in motion.items() if kind != _PROCEDURAL}
     foreign = {room: count for room, count in rooms.items() if room not in room_choices()}
     lines = [
@@ -295,8 +299,8 @@ def terms(found: Statistics) -> str:
     return "\n\n".join(lines)
 
 
-def _by(found: Statistics, prefix: str) -> dict[str, int]:
-    return {key.removeprefix(prefix): count for key, count in found.scenes.items() if key.startswith(prefix)}
+def _by(scenes: Counter[str], prefix: str) -> dict[str, int]:
+    return {key.removeprefix(prefix): count for key, count in scenes.items() if key.startswith(prefix)}
 
 
 def _listed(counts: dict[str, int]) -> str:
@@ -464,7 +468,7 @@ def page(found: Statistics, name: str, failed: int) -> str:
         "## Occlusion\n\n" + _occlusion(found),
         "## Contacts between people\n\n" + _contacts(found),
         "## Quantities\n\n" + _quantities(found),
-        "## Rights\n\n" + terms(found),
+        "## Rights\n\n" + terms(found.scenes),
     ]
     return "\n\n".join(parts) + "\n"
 

@@ -90,7 +90,7 @@ def _difficulty(scores: dict) -> Table:
             f"{number} {level['name']}", str(level["clips"]), str(level["persons"]), _text(level["hidden"]),
             _text(level["linear"]), f"{main} {_text(level['causes'][main])}", _text(level["uncaptured"]),
         ))  # fmt: skip
-    header = ("level", "clips", "people", "hidden %", "linear mm", "main cause %", "missed people %")
+    header = ("level", "clips", "people", "unmeasured %", "linear mm", "main cause %", "missed people %")
     return Table("Difficulty: true joints that capture did not measure, and linear filling of them", header, rows)
 
 

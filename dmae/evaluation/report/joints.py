@@ -225,10 +225,7 @@ def reprojection_errors(clip: Clip, poses: Poses3D) -> np.ndarray:
     return errors
 
 
-BREAKDOWNS = ("camera", "person", "joint")
-
-
-def residual_tables(measured: Groups, completed: Groups, names: Sequence[str] = BREAKDOWNS) -> list[Table]:
+def residual_tables(measured: Groups, completed: Groups, names: Sequence[str]) -> list[Table]:
     """Return a table for each breakdown: how far joints with a detection reproject from it, px.
 
     Columns of completed joints are left out where there are none.

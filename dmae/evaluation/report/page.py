@@ -46,7 +46,12 @@ _MOST_MOMENTS = 8
 
 
 def write_clips_report(
-    path: Path, clips: Sequence[Clip] | None, scores: Sequence[dict] = (), *, title: str = TITLE
+    path: Path,
+    clips: Sequence[Clip] | None,
+    scores: Sequence[dict] = (),
+    *,
+    title: str = TITLE,
+    about: Sequence[str] = (),
 ) -> list[Findings]:
     """Write the report of clips, captured or not, and of scores, as one HTML file that loads nothing from elsewhere.
 
@@ -57,6 +62,7 @@ def write_clips_report(
         clips: Any number of clips; None for a page with scores only.
         scores: Scores that `dmae evaluate` wrote.
         title: Heading of the page.
+        about: Paragraphs under it, before those on the clips.
 
     Returns:
         The findings of each clip, in order.
@@ -79,7 +85,7 @@ def write_clips_report(
         path,
         title,
         sections,
-        summary=() if clips is None else summary(findings),
+        summary=[*about, *(() if clips is None else summary(findings))],
         players=[player_data(_played(clips[index], findings[index], cut)) for index, cut in cuts.items()],
     )
     return findings
@@ -176,9 +182,9 @@ def _sources(findings: Sequence[Findings]) -> list[str]:
     if not counts[Source.COMPLETED]:
         said.append("No joint is completed.")
     for source, words in (
-        (Source.COMPLETED, "are completed: no camera measured them"),
+        (Source.COMPLETED, "are completed: no two cameras measured them"),
         (Source.ABSENT, "are missing"),
-        (Source.DENOISED, "were measured, then moved by denoising or smoothing"),
+        (Source.DENOISED, "were measured, then smoothed or denoised"),
     ):
         if counts[source]:
             said.append(f"{share(counts[source], total).capitalize()} {words}.")
@@ -489,5 +495,5 @@ def scores_section(scores: dict) -> Section:
         "Strict protocol: one-to-one matching within 0.5 m; a missed person or joint fails its limbs. Views are "
         "numbers of cameras; mean and worst are over all subsets of that many.",
         tables=score_tables(scores),
-        figures=[CaptionedFigure("Mean error of hidden joints by how long they were hidden.", gaps_figure(scores))],
+        figures=[CaptionedFigure("Mean error of unmeasured joints by the length of the gap.", gaps_figure(scores))],
     )

@@ -51,10 +51,10 @@ def summary(result: dict) -> list[str]:
 
 
 def breaking_tables(result: dict) -> list[Table]:
-    """Return two tables of the levels at which methods break, by PCP and by hidden joints, with a row for each axis."""
+    """Return two tables of the levels at which methods break, by PCP and by unmeasured joints; a row for each axis."""
     captions = {
         "pcp": f"Level at which PCP is {PCP_DROP:g} points below that of the same method on the uncorrupted clips",
-        "hidden": f"Level at which the mean error of hidden joints passes {HIDDEN_ERROR:g} mm",
+        "hidden": f"Level at which the mean error of unmeasured joints passes {HIDDEN_ERROR:g} mm",
     }
     return [
         Table(
@@ -147,7 +147,7 @@ _APART = 0.075
 
 
 def axis_figure(axis: dict) -> Figure:
-    """Draw PCP and the error of hidden joints of all methods along an axis.
+    """Draw PCP and the error of unmeasured joints of all methods along an axis.
 
     Args:
         axis: One of the `axes` that `dmae.evaluation.stress.curves.curves` returned.
@@ -157,7 +157,7 @@ def axis_figure(axis: dict) -> Figure:
     _draw(left, axis, "pcp")
     _draw(right, axis, "hidden")
     left.set(ylabel="PCP [%]", ylim=(min(left.get_ylim()[0], 90), 101))
-    right.set(ylabel="error of hidden joints [mm]", ylim=(0, None))
+    right.set(ylabel="error of unmeasured joints [mm]", ylim=(0, None))
     right.axhline(HIDDEN_ERROR, color="#999999", linewidth=0.8, linestyle=":")
     for panel, which in ((left, "pcp"), (right, "hidden")):
         panel.set_xlabel(axis["unit"] if axis["name"] in axis["unit"] else f"{axis['name']} [{axis['unit']}]")
@@ -206,11 +206,11 @@ def _apart(heights: list[float]) -> np.ndarray:
 
 
 _MEASURED = (
-    "Strict PCP, one-to-one matching within 0.5 m. Hidden joints are the joints that the capture of the method did "
-    "not measure, of people that it found; the error is over the hidden joints that the method filled. Intervals are "
+    "Strict PCP, one-to-one matching within 0.5 m. Unmeasured joints are the joints that the capture of the method did "
+    "not measure, of people that it found; the error is over those that the method filled. Intervals are "
     "of 95 %, from resampled whole seconds; they describe other moments of these clips, not other clips. Level 0 is "
     f"the original clip. A method breaks where its PCP is {PCP_DROP:g} points below its own at level 0, or where the "
-    f"mean error of hidden joints exceeds {HIDDEN_ERROR:g} mm, interpolated linearly between levels."
+    f"mean error of unmeasured joints exceeds {HIDDEN_ERROR:g} mm, interpolated linearly between levels."
 )
 
 

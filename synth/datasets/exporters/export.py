@@ -11,8 +11,9 @@ from dmae.data.store import clip_folders
 from dmae.files.checksums import refuse_damaged
 from dmae.files.contents import check_vacant, whole_folder, write_atomic
 from dmae.files.structured import read_json
-from synth.datasets.config import PictureFormat
+from synth.datasets.config import AboutConfig, PictureFormat
 from synth.datasets.exporters import Exporter, exporter
+from synth.datasets.exporters.croissant import write_metadata
 from synth.datasets.exporters.selection import PARTS, Selection
 from synth.datasets.splits import read_splits
 from synth.labels.physical_labels import FILE as PHYSICS
@@ -37,6 +38,7 @@ def export(
     workers: int = 1,
     damaged: bool = False,
     robot: str | None = None,
+    about: AboutConfig | None = None,
 ) -> dict:
     """Write a data set in the layout of another program, completely or not at all.
 
@@ -51,6 +53,7 @@ def export(
         workers: Number of processes; -1 for one per core.
         damaged: Whether to export even if files are missing or have changed since they were written.
         robot: MJCF of the Unitree G1, for `g1` and `lerobot`; by default that of an installed mjlab.
+        about: What only the publisher knows, for `croissant.json`, the datasheet and the citation.
 
     Returns:
         The content of `export.json`, a summary of the export.
@@ -88,6 +91,7 @@ def export(
         summary = _summary(entry, selection, found, len(names))
         write_atomic(partial / SUMMARY, json.dumps(summary, indent=1))
         write_atomic(partial / CARD, card(summary))
+        write_metadata(data, partial, summary, about or AboutConfig())
     return summary
 
 

@@ -64,7 +64,7 @@ def test_equal_scores_pass(baseline: dict):
 @pytest.mark.parametrize(("figure", "by", "text"), [
     ("pcp", -0.02, r"linear, 4 views: strict PCP is worse by 2.0 % \(95 % interval 2.0 to 2.0\): 100.0 -> 98.0"),
     ("mpjpe", 5.0, r"linear, 4 views: MPJPE is worse by 5.0 mm \(95 % interval 5.0 to 5.0\): 0.\d -> 5.\d"),
-    ("hidden", 3.0, "linear, 4 views: MPJPE of hidden joints is worse by 3.0 mm"),
+    ("hidden", 3.0, "linear, 4 views: MPJPE of unmeasured joints is worse by 3.0 mm"),
 ])  # fmt: skip
 def test_what_is_worse_is_named_with_its_interval(baseline: dict, figure: str, by: float, text: str):
     gate = compare_scores(baseline, worse(baseline, figure, by))
@@ -123,7 +123,7 @@ def test_a_figure_measured_on_one_side_alone_is_refused(baseline: dict):
     for run in other["results"][1]["runs"]:
         run["blocks"]["hidden"]["count"] = [[0] * len(run["blocks"]["block"])]
     gate = compare_scores(baseline, other)
-    assert gate.refused == ("linear, 4 views: MPJPE of hidden joints: measured in the baseline alone",)
+    assert gate.refused == ("linear, 4 views: MPJPE of unmeasured joints: measured in the baseline alone",)
 
 
 def test_few_seconds_are_refused_where_they_changed(folder: Path):

@@ -30,7 +30,7 @@ def test_numbers_stand_under_their_headings():
     }  # fmt: skip
     assert dict(zip(errors.header, errors.rows[1], strict=True)) == {
         "method": "linear", "views": "2", "recall": "100.0", "precision": "100.0", "filled": "0.4",
-        "absent": "0.0", "MPJPE": "0.0", "seen": "0.0", "hidden": "0.0",
+        "absent": "0.0", "MPJPE": "0.0", "measured": "0.0", "unmeasured": "0.0",
     }  # fmt: skip
     assert identities.header == ("method", "views", "switches", "IDF1")
     assert identities.rows[0] == ("measured", "2", "0.0", "100.0")

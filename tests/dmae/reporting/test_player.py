@@ -53,14 +53,15 @@ def test_each_frame_of_a_small_video_is_that_frame_of_the_clip(tmp_path):
     assert problem is None
     with av.open(io.BytesIO(base64.b64decode(video))) as container:
         frames = list(container.decode(video=0))
-    assert (frames[0].width, frames[0].height) == (480, 300)
+    assert (frames[0].width, frames[0].height) == (960, 600)
     assert [round(float(frame.time) * 25) for frame in frames] == list(range(20))
     greys = [frame.to_ndarray(format="rgb24").mean() for frame in frames]
     np.testing.assert_allclose(greys, [grey_of(frame) for frame in range(5, 25)], atol=3)
 
 
-def test_pictures_of_five_cameras_fit_their_share_of_the_page(tmp_path):
+def test_pictures_of_five_cameras_fit_their_share_of_the_page(tmp_path, monkeypatch):
     """Even of moving noise: no more than two seconds' share for one second, as the first frame is dear."""
+    monkeypatch.setattr("dmae.reporting.player._BITS_OF_CLIP", 2_000_000)  # of a minute, for the part of two seconds
     rng = np.random.default_rng(0)
     clip = full_clip(50, 5)
     noise = rng.integers(0, 255, (75, 120, 3), np.uint8).repeat(8, 0).repeat(8, 1)

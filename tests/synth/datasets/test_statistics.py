@@ -190,7 +190,7 @@ def test_the_spread_of_clips():
 
 
 def section(**scenes: int) -> str:
-    return terms(Statistics(scenes=Counter({key.replace("__", "="): count for key, count in scenes.items()})))
+    return terms(Counter({key.replace("__", "="): count for key, count in scenes.items()}))
 
 
 def test_what_is_made_by_code_belongs_to_the_user():

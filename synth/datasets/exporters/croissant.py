@@ -1,0 +1,292 @@
+"""What a publisher needs beside the files: Croissant metadata with its RAI fields, a datasheet, a citation, checksums.
+
+Croissant 1.0 and its vocabulary for responsible AI (mlcommons.org/croissant); the datasheet has the questions of Gebru
+et al. (Datasheets for Datasets, CACM 2021). All of it follows from the export and the provenance of its clips.
+"""
+
+import json
+from collections import Counter
+from pathlib import Path
+
+import yaml
+
+from dmae.files.checksums import checksum
+from dmae.files.contents import write_atomic
+from dmae.files.structured import read_json
+from synth.datasets.config import AboutConfig
+from synth.datasets.statistics import terms
+
+CROISSANT, DATASHEET, CITATION, SUMS = "croissant.json", "DATASHEET.md", "CITATION.cff", "SHA256SUMS"
+
+_CONTEXT = {
+    "@language": "en",
+    "@vocab": "https://schema.org/",
+    "sc": "https://schema.org/",
+    "cr": "http://mlcommons.org/croissant/",
+    "rai": "http://mlcommons.org/croissant/RAI/",
+    "dct": "http://purl.org/dc/terms/",
+    "conformsTo": "dct:conformsTo",
+    "data": {"@id": "cr:data", "@type": "@json"},
+    "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
+    "examples": {"@id": "cr:examples", "@type": "@json"},
+    **{
+        name: f"cr:{name}"
+        for name in (
+            "citeAs", "column", "equivalentProperty", "extract", "field", "fileProperty", "fileObject", "fileSet",
+            "format", "includes", "isLiveDataset", "jsonPath", "key", "md5", "parentField", "path", "recordSet",
+            "references", "regex", "repeated", "replace", "samplingRate", "separator", "source", "subField",
+            "transform",
+        )
+    },
+}  # fmt: skip
+_ENCODINGS = {
+    ".json": "application/json", ".jsonl": "application/jsonlines", ".tar": "application/x-tar",
+    ".npz": "application/zip", ".yaml": "application/yaml",
+}  # fmt: skip
+_DESCRIBED = {
+    "coco": "annotations/*.json", "yolo": "data.yaml", "webdataset": "*.tar", "huggingface": "*/metadata.jsonl",
+    "npz": "*/*.npz", "panoptic": "*/*/calibration_*.json",
+}  # fmt: skip
+"""Files that the metadata lists one by one, by layout. `SHA256SUMS` lists all."""
+_PICTURE_FIELDS = {
+    "file_name": ("sc:Text", "file_name", {}),
+    # Croissant's reader turns a column of names like 000000 into numbers, so the name is taken from the path.
+    "clip": ("sc:Text", "file_name", {"regex": "^([^/]+)/"}),
+    "camera": ("sc:Text", "camera", {"jsonPath": "name"}),
+    "frame": ("sc:Integer", "frame", {}),
+    "bbox": ("sc:Float", "persons", {"jsonPath": "bbox"}),
+    "keypoints": ("sc:Float", "persons", {"jsonPath": "keypoints"}),
+    "xyz": ("sc:Float", "persons", {"jsonPath": "xyz"}),
+    "visibility": ("sc:Integer", "persons", {"jsonPath": "visibility"}),
+}
+"""Fields of a picture of the layout `huggingface`: type, column of `metadata.jsonl`, and what is taken from it."""
+_ANNOTATION_FIELDS = {
+    "id": "sc:Integer", "image_id": "sc:Integer", "track_id": "sc:Integer", "area": "sc:Float", "bbox": "sc:Float",
+    "keypoints": "sc:Float",
+}  # fmt: skip
+"""Fields of an annotation of COCO. Croissant's reader takes records of one length from a file, so images have none."""
+_LISTS = ("bbox", "keypoints", "xyz", "visibility")
+
+
+def write_metadata(data: Path, out: Path, summary: dict, about: AboutConfig) -> None:
+    """Write the four files into an export.
+
+    Args:
+        data: The data set that was exported.
+        out: Folder of the export, complete but for these files.
+        summary: Content of `export.json`.
+        about: What only the publisher knows.
+    """
+    scenes, seed = _scenes(data, summary), _seed(data)
+    texts = describe(summary, scenes, seed)
+    write_atomic(out / DATASHEET, datasheet(texts, summary, about))
+    write_atomic(out / CITATION, _citation(summary, about))
+    files = sorted(path for path in out.rglob("*") if path.is_file())
+    sums = "".join(f"{checksum(path).sha256}  {path.relative_to(out).as_posix()}\n" for path in files)
+    write_atomic(out / SUMS, sums)
+    write_atomic(out / CROISSANT, json.dumps(croissant(out, summary, texts, about), indent=1))
+
+
+def _scenes(data: Path, summary: dict) -> Counter:
+    """Return the numbers of clips by `arena=` and `motion=`, as `synth stats` counts them."""
+    scenes: Counter = Counter()
+    for split in summary["splits"].values():
+        for name in split["names"]:
+            spec = read_json(data / name / "clip.json").get("provenance", {}).get("spec")
+            if spec:
+                scenes.update((f"arena={spec['arena']}", f"motion={spec['motion']['kind']}"))
+    return scenes
+
+
+def _seed(data: Path) -> int | None:
+    path = data / "config.json"
+    return read_json(path).get("seed") if path.is_file() else None
+
+
+def describe(summary: dict, scenes: Counter, seed: int | None) -> dict[str, str]:
+    """Return what is known of a data set, by the names of Croissant's RAI fields, and `rights`."""
+    recorded = any(key.startswith("motion=") and key != "motion=procedural" for key in scenes)
+    rooms = ", ".join(sorted(key.removeprefix("arena=") for key in scenes if key.startswith("arena="))) or "unknown"
+    counts = {key: sum(split.get(key, 0) for split in summary["splits"].values()) for key in ("clips", "pictures")}
+    origin = (
+        "recorded takes, replayed with contacts" if recorded else "motion that code makes from published kinematics"
+    )
+    return {
+        "dataCollection": (
+            f"Simulated by {summary['made_by']}: {counts['clips']} clips, {counts['pictures']} pictures. People are "
+            f"MuJoCo bodies that follow {origin}; rooms: {rooms}. The same configuration and seed"
+            f"{'' if seed is None else f' ({seed})'} give the same clips."
+        ),
+        "dataCollectionMissingData": (
+            "Joints that no camera shows are labelled as well. Clips that failed in simulation are left out and listed "
+            "in manifest.jsonl of the data set, with the reason."
+        ),
+        "dataPreprocessingProtocol": (
+            f"Joints are converted to the skeleton {summary['skeleton']}; one frame in {summary['every']} is exported."
+        ),
+        "dataAnnotationProtocol": (
+            "No human annotation. Joints are those of the simulated bodies. A ray from each camera to each joint tests "
+            "whether it is visible, and what hides it; masks and boxes are rendered."
+        ),
+        "dataUseCases": (
+            "To train and test pose estimation, triangulation, tracking and completion under occlusion, with exact 3D "
+            "truth. Not to be the only data of a detector for real images, and not to draw conclusions on real people."
+        ),
+        "dataLimitations": (
+            "Pictures are plain renderings; clothes, hair and hands are outlines. "
+            + (
+                "Motion is that of the takes, as far as a simulated body can follow it."
+                if recorded
+                else "Procedural motion differs from recorded motion, most of all that of the feet."
+            )
+        ),
+        "dataBiases": (
+            "Statures, masses and limb lengths follow published statistics (ANSUR II, NCD-RisC, growth charts of the "
+            "CDC), which do not represent all populations; disabilities, aids and religious clothes do not occur."
+        ),
+        "dataSocialImpact": (
+            "Methods that follow people behind obstacles can be used for surveillance. Synthetic people avoid "
+            "recording real ones."
+        ),
+        "personalSensitiveInformation": (
+            "No image of a real person. The motion is that of recorded people, whose terms apply."
+            if recorded
+            else "None: no person was recorded."
+        ),
+        "dataReleaseMaintenancePlan": (
+            "The data set can be made again from its configuration; errors are corrected in a new version."
+        ),
+        "rights": terms(scenes),
+    }
+
+
+def croissant(out: Path, summary: dict, texts: dict[str, str], about: AboutConfig) -> dict:
+    """Return the Croissant metadata of an export."""
+    files = [*sorted(out.glob(_DESCRIBED.get(summary["exporter"], "export.json"))), out / SUMS]
+    objects = {path.relative_to(out).as_posix(): path for path in files}
+    name = about.name or f"dmae-synth-{summary['exporter']}"
+    version = f"1.0.0+{checksum(out / SUMS).sha256[:8]}"
+    fields = {key: text for key, text in texts.items() if key != "rights"}
+    return {
+        "@context": _CONTEXT,
+        "@type": "sc:Dataset",
+        "name": name,
+        "description": f"Simulated people who hide each other from calibrated cameras. {texts['dataCollection']}\n\n"
+        f"{texts['rights']}",
+        "conformsTo": ["http://mlcommons.org/croissant/1.0", "http://mlcommons.org/croissant/RAI/1.0"],
+        "version": version,
+        "citeAs": _bibtex(name, version, about),
+        **({"license": about.licence} if about.licence else {}),
+        **({"url": about.url} if about.url else {}),
+        **({"datePublished": about.date} if about.date else {}),
+        **({"creator": {"@type": "sc:Organization", "name": about.creator}} if about.creator else {}),
+        "isLiveDataset": False,
+        "distribution": [
+            {
+                "@type": "cr:FileObject",
+                "@id": path,
+                "name": path,
+                "contentUrl": path,
+                "encodingFormat": _ENCODINGS.get(file.suffix, "text/plain"),
+                "contentSize": f"{file.stat().st_size} B",
+                "sha256": checksum(file).sha256,
+            }
+            for path, file in objects.items()
+        ],
+        "recordSet": _record_sets(out, summary),
+        "rai:dataCollectionType": ["Software Collection"],
+        "rai:hasSyntheticData": True,
+        **{f"rai:{key}": text for key, text in fields.items()},
+    }
+
+
+def _record_sets(out: Path, summary: dict) -> list[dict]:
+    """Return the sets of records that Croissant's readers load: pictures, or COCO's annotations, by split."""
+    found = []
+    for split in summary["splits"]:
+        if summary["exporter"] == "huggingface":
+            file = f"{split}/metadata.jsonl"
+            with (out / file).open() as lines:
+                first = json.loads(next(lines, "{}"))
+            sources = {
+                key: (kind, {"column": column}, transform)
+                for key, (kind, column, transform) in _PICTURE_FIELDS.items()
+                if column != "persons" or transform["jsonPath"] in first.get("persons", ())
+            }
+            found.append(_record_set(split, file, sources))
+        if summary["exporter"] == "coco":
+            file = f"annotations/person_keypoints_{split}.json"
+            sources = {
+                key: (kind, {"jsonPath": f"$.annotations[*].{key}"}, {}) for key, kind in _ANNOTATION_FIELDS.items()
+            }
+            found.append(_record_set(split, file, sources))
+    return found
+
+
+def _record_set(name: str, file: str, sources: dict[str, tuple[str, dict, dict]]) -> dict:
+    """Return a set of records: of each field its type, and how it is extracted and transformed."""
+    return {
+        "@type": "cr:RecordSet",
+        "@id": name,
+        "name": name,
+        "field": [
+            {
+                "@type": "cr:Field",
+                "@id": f"{name}/{key}",
+                "name": key,
+                "dataType": kind,
+                **({"repeated": True} if key in _LISTS else {}),
+                "source": {
+                    "fileObject": {"@id": file},
+                    "extract": extract,
+                    **({"transform": transform} if transform else {}),
+                },
+            }
+            for key, (kind, extract, transform) in sources.items()
+        ],
+    }
+
+
+def datasheet(texts: dict[str, str], summary: dict, about: AboutConfig) -> str:
+    """Return the datasheet of an export, in Markdown."""
+    splits = ", ".join(f"{name}: {each['clips']} clips" for name, each in summary["splits"].items())
+    sections = {
+        "Motivation": texts["dataUseCases"],
+        "Composition": f"{texts['dataCollection']} Splits: {splits}. {texts['dataCollectionMissingData']}",
+        "Collection": f"{texts['dataAnnotationProtocol']} {texts['personalSensitiveInformation']}",
+        "Preprocessing": texts["dataPreprocessingProtocol"],
+        "Uses": f"{texts['dataLimitations']} {texts['dataBiases']} {texts['dataSocialImpact']}",
+        "Distribution": f"Licence: {about.licence or 'not stated by the publisher'}.\n\n{texts['rights']}",
+        "Maintenance": f"{texts['dataReleaseMaintenancePlan']} Contact: {about.creator or 'not stated'}.",
+    }
+    parts = [f"## {title}\n\n{text}" for title, text in sections.items()]
+    return "\n\n".join([f"# Datasheet: {about.name or 'simulated people who hide each other'}", *parts]) + "\n"
+
+
+def _bibtex(name: str, version: str, about: AboutConfig) -> str:
+    author = about.creator or "The authors of this data set"
+    year = f", year={{{about.date[:4]}}}" if about.date else ""
+    return (
+        f"@misc{{{name}, title={{{name}}}, author={{{author}}}{year}, note={{version {version}, made by dmae-synth}}}}"
+    )
+
+
+def _citation(summary: dict, about: AboutConfig) -> str:
+    fields = {
+        "cff-version": "1.2.0",
+        "message": "If you use this data set, please cite it, and the software that made it.",
+        "type": "dataset",
+        "title": about.name or f"dmae-synth-{summary['exporter']}",
+        "authors": [{"name": about.creator or "The authors of this data set"}],
+        **({"license-url": about.licence} if about.licence else {}),
+        **({"url": about.url} if about.url else {}),
+        **({"date-released": about.date} if about.date else {}),
+        "references": [
+            {
+                "type": "software",
+                "title": "dmae-synth: occluded multi-view human motion, simulated, captured and completed",
+                "authors": [{"name": "The dmae-synth authors"}],
+            }
+        ],
+    }
+    return yaml.safe_dump(fields, sort_keys=False, allow_unicode=True)

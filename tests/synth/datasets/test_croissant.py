@@ -1,0 +1,90 @@
+"""What is published with an export: Croissant metadata that its readers load, a datasheet, a citation, checksums."""
+
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from dmae.datasets import FrameDataset
+from synth.datasets.config import AboutConfig
+from synth.datasets.exporters.export import export
+from tests.support.data_sets import pictured_set
+
+# Its readers use functions that rdflib and pandas are about to remove.
+pytestmark = [
+    pytest.mark.filterwarnings(f"ignore::{each}") for each in ("DeprecationWarning", "FutureWarning", "UserWarning")
+]
+
+ABOUT = AboutConfig("hidden-people", "A. Publisher", "https://example.org/licence", "https://example.org", "2026-11-24")
+RAI = (
+    "dataCollection", "dataCollectionType", "dataLimitations", "dataBiases", "dataUseCases", "dataSocialImpact",
+    "personalSensitiveInformation", "dataAnnotationProtocol", "hasSyntheticData",
+)  # fmt: skip
+"""Fields that venues ask for."""
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> Path:
+    return pictured_set(tmp_path_factory.mktemp("data") / "set", clips=2)
+
+
+@pytest.fixture(scope="module")
+def rows(data, tmp_path_factory) -> Path:
+    out = tmp_path_factory.mktemp("rows") / "export"
+    export(data, out, "huggingface", about=ABOUT)
+    return out
+
+
+@pytest.fixture(scope="module")
+def croissant():
+    return pytest.importorskip("mlcroissant")
+
+
+def test_metadata_follows_from_the_provenance_of_the_clips(rows):
+    found = json.loads((rows / "croissant.json").read_text())
+    assert (found["name"], found["license"], found["datePublished"]) == (ABOUT.name, ABOUT.licence, ABOUT.date)
+    assert all(found[f"rai:{key}"] for key in RAI)
+    assert "rooms: studio" in found["rai:dataCollection"] and "recorded takes" in found["rai:dataCollection"]
+    assert "terms of those takes apply" in found["description"]
+    sheet = (rows / "DATASHEET.md").read_text()
+    assert all(f"## {part}\n" in sheet for part in ("Motivation", "Composition", "Collection", "Uses", "Maintenance"))
+    assert ABOUT.licence in sheet and found["rai:dataBiases"] in sheet
+    citation = yaml.safe_load((rows / "CITATION.cff").read_text())
+    assert (citation["title"], citation["authors"]) == (ABOUT.name, [{"name": ABOUT.creator}])
+
+
+def test_checksums_are_of_all_files(rows):
+    sums = dict(reversed(line.split("  ", 1)) for line in (rows / "SHA256SUMS").read_text().splitlines())
+    files = {path.relative_to(rows).as_posix(): path for path in rows.rglob("*") if path.is_file()}
+    assert sums.keys() == files.keys() - {"SHA256SUMS", "croissant.json"}
+    assert all(hashlib.sha256(files[name].read_bytes()).hexdigest() == sums[name] for name in sums)
+
+
+def test_three_loaders_read_the_same_first_record(rows, data, croissant, tmp_path):
+    datasets = pytest.importorskip("datasets")
+    record = next(iter(croissant.Dataset(str(rows / "croissant.json")).records("train")))
+    row = datasets.load_dataset(str(rows), cache_dir=str(tmp_path / "cache"))["train"][0]
+    image, target = FrameDataset(data, skeleton="coco17")[0]
+    assert record["train/file_name"].decode() == "000000/cam0/000005.jpg"
+    assert (record["train/clip"].decode(), record["train/frame"]) == (row["clip"], row["frame"])
+    assert record["train/camera"].decode() == row["camera"]["name"]
+    for joints in (record["train/keypoints"], row["persons"]["keypoints"]):
+        np.testing.assert_allclose(np.reshape(joints, (-1, 17, 3)), target["keypoints"], atol=0.01)
+    assert image.shape[1:] == row["image"].size[::-1]
+
+
+@pytest.mark.parametrize("format", ["coco", "webdataset", "npz", "panoptic"])
+def test_metadata_of_every_layout_is_valid(data, croissant, format, tmp_path):
+    export(data, tmp_path / "out", format, about=ABOUT)
+    loaded = croissant.Dataset(str(tmp_path / "out/croissant.json"))
+    assert not loaded.metadata.issues.errors
+    files = [each["contentUrl"] for each in json.loads((tmp_path / "out/croissant.json").read_text())["distribution"]]
+    assert all((tmp_path / "out" / name).is_file() for name in files)
+    if format == "coco":
+        record = next(iter(loaded.records("train")))
+        content = json.loads((tmp_path / "out/annotations/person_keypoints_train.json").read_text())
+        assert record["train/track_id"] == content["annotations"][0]["track_id"]
+        np.testing.assert_allclose(record["train/keypoints"], content["annotations"][0]["keypoints"])
