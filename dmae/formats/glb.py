@@ -23,7 +23,7 @@ _THICKNESS, _MARKER = 0.12, 0.045
 """Thickness of a bone as a share of its length, and size of a red marker in m."""
 _SIDES = 12
 """Number of sides of a limb of the body."""
-_FLOAT, _BYTE, _SHORT = 5126, 5121, 5123
+_FLOAT, _BYTE, _SHORT, _INT = 5126, 5121, 5123, 5125
 _VERTICES, _INDICES = 34962, 34963
 _CORNERS = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
 _FACES = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]])
@@ -33,7 +33,7 @@ _FACES = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2,
 def write_glb(poses: Poses3D, clip: Clip, path: Path) -> None:
     """glTF animated skeletons, all persons in one file."""
     path, persons = Path(path), poses.xyz.shape[1]
-    file = _File(np.arange(len(poses.xyz)) / clip.fps)
+    file = GltfFile(np.arange(len(poses.xyz)) / clip.fps)
     red = file.mesh("not measured", _MARKER * _CORNERS, _FACES, _RED)
     for person in range(persons):
         motion = joint_rotations(poses, clip.fps, person)
@@ -46,7 +46,7 @@ def write_glb(poses: Poses3D, clip: Clip, path: Path) -> None:
     write_atomic(path, file.data())
 
 
-class _File:
+class GltfFile:
     """The content of a glTF file under construction: its JSON and its only buffer."""
 
     def __init__(self, times: np.ndarray):
@@ -62,7 +62,7 @@ class _File:
         return len(self.json[kind]) - 1
 
     def accessor(self, array: np.ndarray, type: str, component: int = _FLOAT, target: int = 0, bounds=False) -> int:
-        data = array.astype({_FLOAT: "<f4", _BYTE: "u1", _SHORT: "<u2"}[component]).tobytes()
+        data = array.astype({_FLOAT: "<f4", _BYTE: "u1", _SHORT: "<u2", _INT: "<u4"}[component]).tobytes()
         view = {"buffer": 0, "byteOffset": len(self.buffer), "byteLength": len(data)}
         self.buffer += data + bytes(-len(data) % 4)
         view = self.add("bufferViews", **view, **({"target": target} if target else {}))
@@ -118,7 +118,7 @@ class _File:
 
 
 def _add_person(
-    file: _File, motion: JointRotations, source: np.ndarray, there: np.ndarray, name: str, colour, red: int
+    file: GltfFile, motion: JointRotations, source: np.ndarray, there: np.ndarray, name: str, colour, red: int
 ) -> None:
     offsets = motion.offsets @ Y_UP.T
     turned = Y_UP @ motion.rotations @ Y_UP.T

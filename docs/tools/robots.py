@@ -68,7 +68,7 @@ def main(clips: int, keep: str | None) -> None:
                     scene=scene, seconds=SECONDS, interaction=alone, clips=clips, seed=SEED, out=Path(folder, kind)
                 )
             )
-        found = {kind: clip_folders(Path(folder, kind)) for kind in KINDS}
+        found = {kind: clip_folders(Path(folder, kind))[: clips or None] for kind in KINDS}
         model = load_robot()
         if clips:
             tasks = [(kind, known) for known in (True, False) for kind in KINDS]

@@ -30,7 +30,9 @@ def files(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-@pytest.mark.parametrize("format", sorted(set(exporter) - {"g1", "lerobot"}))  # of robots: see test_robots.py
+@pytest.mark.parametrize(
+    "format", sorted(set(exporter) - {"g1", "lerobot", "glb", "usd"})
+)  # of bodies: test_robots, test_scenes
 def test_an_export_is_the_same_from_any_number_of_processes(data, tmp_path, format):
     splits = tmp_path / "splits.json"
     splits.write_text(json.dumps({"format": 1, "splits": {"train": ["000001"], "validation": ["000000"]}}))

@@ -1,0 +1,350 @@
+"""Whole scenes for other renderers: room, props, people in motion, cameras with their lenses, and lights.
+
+A clip is a file, in m. People and loads are rigid pieces that move; each true joint is an empty node with its own
+name, `person0: l_wrist`. Distances, positions and orientations are those of the labels. Colours are plain: textures and
+clothes' patterns are not exported.
+
+- `glb`, glTF 2.0, y up. Its cameras hold a field of view only; `K`, `dist` and `size` are in `extras` of the camera.
+- `usd`, z up. Its cameras also hold unequal focal lengths and the principal point. Distortion is in custom data.
+"""
+
+import json
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from dmae.data.cameras import CameraRig
+from dmae.data.conversion import convert
+from dmae.files.contents import write_atomic
+from dmae.formats.glb import GltfFile
+from dmae.formats.labelled_images import file_part
+from synth.datasets.exporters import exporter
+from synth.datasets.exporters.selection import ClipTask, Selection
+from synth.physics.body_state import load_state
+from synth.scene.build import build_scene
+from synth.scene.spec import SceneSpec
+
+_DRAWN = 3
+"""Geoms of groups below this are drawn; the others only collide."""
+_FLOOR_M = 20.0
+"""m; half the size of planes without a size."""
+_GL_FROM_CV = np.diag([1.0, -1.0, -1.0])
+"""Cameras of both formats look along -z, y up."""
+_SENSOR_MM = 36.0
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """A rigid piece of the scene.
+
+    Attributes:
+        name: Owner and number.
+        points, faces: (n, 3) m and (m, 3) of its mesh, in the frame of its body.
+        colour: RGBA.
+        body: Index of its body; 0 is the world, which does not move.
+    """
+
+    name: str
+    points: np.ndarray
+    faces: np.ndarray
+    colour: np.ndarray
+    body: int
+
+
+@dataclass(frozen=True)
+class _SceneInMotion:
+    """A clip's scene in F frames, world z up, m.
+
+    Attributes:
+        seconds: (F,) s.
+        pieces: Pieces with a mesh.
+        bodies: Names of the B bodies.
+        places: (F, B, 3) and turns (F, B, 4), w last, of bodies.
+        joints: Names of the true joints of all persons.
+        xyz: (F, J, 3) of joints.
+        rig: The true cameras.
+        lights: The rows of the model's lights: directional or not, place, direction, colour.
+    """
+
+    seconds: np.ndarray
+    pieces: list[_Piece]
+    bodies: list[str]
+    places: np.ndarray
+    turns: np.ndarray
+    joints: list[str]
+    xyz: np.ndarray
+    rig: CameraRig
+    lights: list[tuple[bool, np.ndarray, np.ndarray, np.ndarray]]
+
+
+@exporter("glb", pictures=False, skeleton="body25")
+def export_glb(selection: Selection, out: Path) -> dict[str, Counter]:
+    """glTF scene for each clip: room, props, people in motion, cameras, lights: `<split>/<clip>.glb`."""
+    return _export(selection, out, _write_glb)
+
+
+@exporter("usd", pictures=False, skeleton="body25")
+def export_usd(selection: Selection, out: Path) -> dict[str, Counter]:
+    """USD scene for each clip, with full pinhole cameras: `<split>/<clip>.usdc`. It needs usd-core.
+
+    Raises:
+        ValueError: usd-core is not installed.
+    """
+    try:
+        import pxr  # noqa: F401
+    except ImportError:
+        raise ValueError("format=usd needs usd-core: pip install 'dmae-synth[usd]'") from None
+    return _export(selection, out, _write_usd)
+
+
+def _export(selection: Selection, out: Path, write) -> dict[str, Counter]:
+    found = {split: Counter() for split in selection.splits}
+    for task, counts in selection.each_clip(write, out):
+        found[task.split] += counts
+    return found
+
+
+def _path(task: ClipTask, suffix: str) -> Path:
+    path = task.out / task.split / f"{file_part(task.name)}.{suffix}"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path
+
+
+def _scene(task: ClipTask) -> _SceneInMotion:
+    clip, state = task.load(), load_state(task.folder)
+    spec = SceneSpec.from_json(json.dumps(clip.provenance["spec"]))
+    model = build_scene(spec, clip.rig, painted=False).model
+    data, qpos = mujoco.MjData(model), state.qpos[:: task.every]
+    places, turns = np.empty((len(qpos), model.nbody, 3)), np.empty((len(qpos), model.nbody, 4))
+    for frame, each in enumerate(qpos):
+        data.qpos[:] = each
+        mujoco.mj_kinematics(model, data)
+        places[frame], turns[frame] = data.xpos, data.xquat[:, [1, 2, 3, 0]]
+    # Neighbouring quaternions are near each other, so that they are interpolated the short way.
+    signs = np.cumprod(np.sign((turns[1:] * turns[:-1]).sum(-1) + 1e-12), 0)
+    turns[1:] *= signs[..., None]
+    truth = convert(clip.truth, task.skeleton)
+    xyz = truth.xyz[:: task.every].astype(np.float64)
+    names = [f"person{person}: {joint}" for person in range(xyz.shape[1]) for joint in task.skeleton.joints]
+    lights = [
+        (
+            model.light_type[number] == mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+            model.light_pos[number],
+            model.light_dir[number],
+            model.light_diffuse[number],
+        )
+        for number in range(model.nlight)
+        if model.light_bodyid[number] == 0
+    ]
+    return _SceneInMotion(
+        np.arange(len(qpos)) * task.every / clip.fps,
+        list(_pieces(model)),
+        [model.body(number).name for number in range(model.nbody)],
+        places,
+        turns,
+        names,
+        xyz.reshape(len(xyz), -1, 3),
+        clip.rig,
+        lights,
+    )
+
+
+def _pieces(model: mujoco.MjModel) -> Iterator[_Piece]:
+    """Yield what is drawn of a model."""
+    kinds = mujoco.mjtGeom
+    for geom in np.flatnonzero(model.geom_group < _DRAWN).tolist():
+        kind, size = model.geom_type[geom], model.geom_size[geom]
+        if kind == kinds.mjGEOM_MESH:
+            mesh = model.geom_dataid[geom]
+            first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+            points = model.mesh_vert[first : first + count]
+            first, count = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
+            faces = model.mesh_face[first : first + count]
+        elif kind == kinds.mjGEOM_PLANE:
+            x, y = np.where(size[:2] > 0, size[:2], _FLOOR_M)
+            points, faces = np.array([[-x, -y, 0], [x, -y, 0], [x, y, 0], [-x, y, 0]]), np.array([[0, 1, 2], [0, 2, 3]])
+        else:
+            if kind == kinds.mjGEOM_BOX:
+                shape = trimesh.creation.box(2 * size)
+            elif kind == kinds.mjGEOM_CYLINDER:
+                shape = trimesh.creation.cylinder(size[0], 2 * size[1])
+            elif kind == kinds.mjGEOM_CAPSULE:
+                shape = trimesh.creation.capsule(2 * size[1], size[0])
+            else:
+                shape = trimesh.creation.icosphere(radius=1)
+                shape.apply_scale(size if kind == kinds.mjGEOM_ELLIPSOID else size[0])
+            points, faces = shape.vertices, shape.faces
+        turn = Rotation.from_quat(model.geom_quat[geom], scalar_first=True)
+        material = model.geom_matid[geom]
+        colour = model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]
+        body = int(model.geom_bodyid[geom])
+        name = model.geom(geom).name or f"{model.body(body).name}/{geom}"
+        yield _Piece(name, turn.apply(points) + model.geom_pos[geom], np.asarray(faces), colour, body)
+
+
+# glTF
+
+_INT, _VERTICES, _INDICES = 5125, 34962, 34963
+_LIGHT_LUX, _LIGHT_CANDELA = 3.0, 60.0
+"""Brightness of a white light."""
+
+
+def _write_glb(task: ClipTask) -> Counter:
+    scene = _scene(task)
+    file = GltfFile(scene.seconds)
+    y_up = file.add("nodes", name="z up", rotation=[-(0.5**0.5), 0, 0, 0.5**0.5], children=[])
+    file.json["scenes"][0]["nodes"].append(y_up)
+    children = file.json["nodes"][y_up]["children"]
+    moving = np.ptp(scene.places, axis=0).max(-1) + np.ptp(scene.turns, axis=0).max(-1) > 0
+    bodies = {}
+    for body in sorted({piece.body for piece in scene.pieces}):
+        node = file.add(
+            "nodes",
+            name=scene.bodies[body],
+            translation=scene.places[0, body].tolist(),
+            rotation=scene.turns[0, body].tolist(),
+            children=[],
+        )
+        if moving[body]:
+            file.animate(node, "translation", scene.places[:, body])
+            file.animate(node, "rotation", scene.turns[:, body])
+        bodies[body] = file.json["nodes"][node]["children"]
+        children.append(node)
+    for piece in scene.pieces:
+        look = {"baseColorFactor": piece.colour.tolist(), "metallicFactor": 0, "roughnessFactor": 0.8}
+        material = file.add("materials", name=piece.name, pbrMetallicRoughness=look, doubleSided=True)
+        primitive = {
+            "attributes": {"POSITION": file.accessor(piece.points, "VEC3", target=_VERTICES, bounds=True)},
+            "indices": file.accessor(piece.faces.reshape(-1), "SCALAR", _INT, _INDICES),
+            "material": material,
+        }
+        mesh = file.add("meshes", name=piece.name, primitives=[primitive])
+        bodies[piece.body].append(file.add("nodes", name=f"{piece.name} mesh", mesh=mesh))
+    for number, name in enumerate(scene.joints):
+        place = scene.xyz[:, number]
+        if np.isfinite(place).all():
+            node = file.add("nodes", name=name, translation=place[0].tolist())
+            file.animate(node, "translation", place)
+            children.append(node)
+    file.json["cameras"] = []
+    rig = scene.rig
+    for view, name in enumerate(rig.names):
+        (width, height), K = rig.size[view].tolist(), rig.K[view]
+        lens = {"yfov": float(2 * np.arctan(height / 2 / K[1, 1])), "aspectRatio": width / height, "znear": 0.01}
+        about = {"K": K.tolist(), "dist": rig.dist[view].tolist(), "size": [width, height]}
+        camera = file.add("cameras", name=name, type="perspective", perspective=lens, extras=about)
+        turn = Rotation.from_matrix(rig.cam_from_world[view, :3, :3].T @ _GL_FROM_CV).as_quat()
+        place = rig.centers[view].tolist()
+        children.append(
+            file.add("nodes", name=f"camera {name}", camera=camera, translation=place, rotation=turn.tolist())
+        )
+    given = []
+    for number, (far, place, along, colour) in enumerate(scene.lights):
+        strength = float(colour.max())
+        given.append(
+            {
+                "name": f"light {number}",
+                "type": "directional" if far else "point",
+                "color": (colour / max(strength, 1e-9)).tolist(),
+                "intensity": strength * (_LIGHT_LUX if far else _LIGHT_CANDELA),
+            }
+        )
+        turn = Rotation.align_vectors([along], [[0, 0, -1.0]])[0].as_quat().tolist()
+        extension = {"KHR_lights_punctual": {"light": number}}
+        children.append(
+            file.add("nodes", name=f"light {number}", translation=place.tolist(), rotation=turn, extensions=extension)
+        )
+    if given:
+        file.json |= {
+            "extensionsUsed": ["KHR_lights_punctual"],
+            "extensions": {"KHR_lights_punctual": {"lights": given}},
+        }
+    write_atomic(_path(task, "glb"), file.data())
+    return Counter(clips=1, persons=len(scene.joints) // len(task.skeleton))
+
+
+# USD
+
+
+def _write_usd(task: ClipTask) -> Counter:
+    from pxr import Gf, Tf, Usd, UsdGeom, UsdLux, Vt
+
+    scene, path = _scene(task), _path(task, "usdc")
+    stage, used = Usd.Stage.CreateNew(str(path)), set()
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    fps = 1 / (scene.seconds[1] - scene.seconds[0]) if len(scene.seconds) > 1 else 25.0
+    stage.SetTimeCodesPerSecond(fps)
+    stage.SetStartTimeCode(0)
+    stage.SetEndTimeCode(len(scene.seconds) - 1)
+    root = UsdGeom.Xform.Define(stage, "/scene")
+    stage.SetDefaultPrim(root.GetPrim())
+
+    def named(above: str, name: str) -> str:
+        """Return a path that is not used yet."""
+        plain = found = f"{above}/{Tf.MakeValidIdentifier(name)}"
+        while found in used:
+            found = f"{plain}_{len(used)}"
+        used.add(found)
+        return found
+
+    def place(prim, places: np.ndarray, turns: np.ndarray | None = None) -> None:
+        move = prim.AddTranslateOp()
+        turn = prim.AddOrientOp() if turns is not None else None
+        still = np.ptp(places, axis=0).max() == 0 and (turns is None or np.ptp(turns, axis=0).max() == 0)
+        for frame in range(1 if still else len(places)):
+            at = Usd.TimeCode.Default() if still else frame
+            move.Set(Gf.Vec3d(*places[frame].tolist()), at)
+            if turn is not None:
+                *vector, w = turns[frame].tolist()
+                turn.Set(Gf.Quatf(w, *vector), at)
+
+    bodies = {}
+    for body in sorted({piece.body for piece in scene.pieces}):
+        bodies[body] = named("/scene", scene.bodies[body])
+        place(UsdGeom.Xform.Define(stage, bodies[body]), scene.places[:, body], scene.turns[:, body])
+    for piece in scene.pieces:
+        mesh = UsdGeom.Mesh.Define(stage, named(bodies[piece.body], piece.name))
+        mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(piece.points, np.float32)))
+        mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(piece.faces), 3, np.int32)))
+        mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(np.ascontiguousarray(piece.faces.ravel(), np.int32)))
+        mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+        mesh.CreateDisplayColorAttr([Gf.Vec3f(*piece.colour[:3].tolist())])
+    for number, name in enumerate(scene.joints):
+        if np.isfinite(scene.xyz[:, number]).all():
+            joint = UsdGeom.Xform.Define(stage, named("/scene", name))
+            joint.GetPrim().SetDisplayName(name)
+            place(joint, scene.xyz[:, number])
+    rig = scene.rig
+    for view, name in enumerate(rig.names):
+        (width, height), K = rig.size[view].tolist(), rig.K[view]
+        camera = UsdGeom.Camera.Define(stage, named("/scene", f"camera_{name}"))
+        focal, pixel = _SENSOR_MM * K[0, 0] / width, _SENSOR_MM / width
+        # Focal length, apertures and offsets have the same unit; pixels that are not square become another aperture.
+        camera.CreateFocalLengthAttr(focal)
+        camera.CreateHorizontalApertureAttr(_SENSOR_MM)
+        camera.CreateVerticalApertureAttr(height * pixel * K[0, 0] / K[1, 1])
+        camera.CreateHorizontalApertureOffsetAttr((width / 2 - 0.5 - K[0, 2]) * pixel)
+        camera.CreateVerticalApertureOffsetAttr((K[1, 2] - height / 2 + 0.5) * pixel * K[0, 0] / K[1, 1])
+        camera.CreateClippingRangeAttr(Gf.Vec2f(0.01, 1000))
+        about = {"size": [width, height], "K": K.ravel().tolist(), "dist": rig.dist[view].tolist()}
+        for key, value in about.items():
+            camera.GetPrim().SetCustomDataByKey(key, Vt.DoubleArray([float(each) for each in value]))
+        turn = Rotation.from_matrix(rig.cam_from_world[view, :3, :3].T @ _GL_FROM_CV).as_quat()
+        place(camera, rig.centers[view][None], turn[None])
+    for number, (far, where, along, colour) in enumerate(scene.lights):
+        kind = UsdLux.DistantLight if far else UsdLux.SphereLight
+        light = kind.Define(stage, named("/scene", f"light_{number}"))
+        strength = float(colour.max())
+        light.CreateColorAttr(Gf.Vec3f(*(colour / max(strength, 1e-9)).tolist()))
+        light.CreateIntensityAttr(strength * (_LIGHT_LUX if far else _LIGHT_CANDELA))
+        turn = Rotation.align_vectors([along], [[0, 0, -1.0]])[0].as_quat()
+        place(light, where[None], turn[None])
+    stage.GetRootLayer().Save()
+    return Counter(clips=1, persons=len(scene.joints) // len(task.skeleton))
