@@ -33,12 +33,12 @@ from dmae.calibration.findings import (
     Finding,
     corrected_fault,
     disagreeing_cameras,
-    floor_faults,
     size_faults,
+    tilt_fault,
     unexplained_fault,
     world_faults,
 )
-from dmae.calibration.world import FLOOR_KEY, Floor, find_floor, relative_size
+from dmae.calibration.world import Floor, find_floor, relative_size
 from dmae.data.clip import Clip
 from dmae.formats.config import Convention
 from dmae.formats.reading import shift_views
@@ -167,7 +167,7 @@ def diagnose(
             floor = find_floor(
                 capture(_corrected(clip, hypothesis, hypothesis.xy is not as_read), CaptureConfig()), clip.fps
             )
-            findings += floor_faults(floor, clip.provenance.get(FLOOR_KEY, 0.0), clip.rig.names)
+            findings += tilt_fault(floor, clip.rig.names)
     findings += size_faults(hypothesis)
     if not disagreeing:
         unknown += undetermined(hypothesis, examination and examination[0])

@@ -54,7 +54,6 @@ class Fault(StrEnum):
     unit = "unit of length is wrong"
     up = "another axis is up"
     tilted = "z is not vertical"
-    floor = "floor is off"
     size = "image size is transposed"
     unexplained = "calibration and detections disagree"
 

@@ -13,8 +13,8 @@ from dmae.numerics.statistics import mean_known
 
 MIN_DETECTIONS = 20
 """Smallest number of detections for which a pair of views is judged."""
-_SOUND_TILT_DEG, _SOUND_HEIGHT_M = 0.3, 0.005
-"""A world has a fault if the whole interval of its tilt, or of the error of its floor's height, is above this."""
+_SOUND_TILT_DEG = 0.3
+"""A world has a fault if the whole interval of its tilt is above this."""
 _INSIDE = 0.3
 """Share of joints inside the image above which a camera is expected to see the people of the others."""
 
@@ -137,32 +137,24 @@ def world_faults(
     return findings, unknown
 
 
-def floor_faults(floor: Floor, expected_m: float, names: tuple[str, ...]) -> list[Finding]:
-    """Return findings of a tilted world, or of a floor at an unexpected height.
+def tilt_fault(floor: Floor, names: tuple[str, ...]) -> list[Finding]:
+    """Return the finding of a tilted world, if it is one.
+
+    The height of the floor is no fault: where z = 0 lies is the choice of whoever calibrated.
 
     Args:
-        expected_m: Expected z of the floor.
         names: Names of all cameras.
     """
-    findings = []
+    if floor.tilt_deg is None or floor.tilt_interval_deg[0] <= _SOUND_TILT_DEG:
+        return []
+    low, high = floor.tilt_interval_deg
+    axis = ", ".join(f"{x:.3f}" for x in floor.up)
+    evidence = (
+        f"feet and bodies have ({axis}) as the vertical, {floor.tilt_deg:.1f} degrees from z "
+        f"(95 %: {low:.1f} to {high:.1f})"
+    )
     what = "dmae calibrate with the same data refine.extrinsics=false refine.level=true, or dmae capture level=true"
-    if floor.tilt_deg is not None and floor.tilt_interval_deg[0] > _SOUND_TILT_DEG:
-        low, high = floor.tilt_interval_deg
-        axis = ", ".join(f"{x:.3f}" for x in floor.up)
-        evidence = (
-            f"feet and bodies have ({axis}) as the vertical, {floor.tilt_deg:.1f} degrees from z "
-            f"(95 %: {low:.1f} to {high:.1f})"
-        )
-        findings.append(Finding(Fault.tilted, names, evidence, what))
-    if floor.height_m is not None:
-        low, high = floor.height_interval_m
-        if max(low - expected_m, expected_m - high) > _SOUND_HEIGHT_M:
-            evidence = (
-                f"feet stand at z = {100 * floor.height_m:+.0f} cm (95 %: {100 * low:+.0f} to {100 * high:+.0f}), "
-                f"not at {100 * expected_m:+.0f} cm"
-            )
-            findings.append(Finding(Fault.floor, names, evidence, what))
-    return findings
+    return [Finding(Fault.tilted, names, evidence, what)]
 
 
 def size_faults(hypothesis: Hypothesis) -> list[Finding]:

@@ -14,6 +14,7 @@ from functools import partial
 
 import numpy as np
 from scipy.spatial.distance import pdist
+from scipy.stats import t as student
 
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D
@@ -78,6 +79,8 @@ _RAISED = 0.02
 """m; a joint that is higher than this above the lowest joint of its foot does not touch the floor."""
 _STRAIGHT = 0.95
 """Smallest distance from hip to ankle of a straight leg, as a share of the length of thigh and shank."""
+_LEG = 1.3
+"""Smallest length of a straight leg, relative to the trunk; adults have 1.7, small children 1.4."""
 _FOOT_SIGMA, _ANKLE_SIGMA = 0.010, 0.015
 """m; error of the height of a sole in a window, by heels and toes or by the ankle alone."""
 _STANDING_SIGMA, _STEPPING_SIGMA = np.radians(1.5), np.radians(3.5)
@@ -86,6 +89,8 @@ _STANCE_SOLE, _STANCE_POSTURE = 0.005, np.radians(0.8)
 """m, rad; the part of these errors that is common to the windows of one stance."""
 _SAME_PLACE_M, _SAME_HEADING = 0.15, np.radians(20)
 """Two windows of a person within these limits are one stance, and share their error."""
+_SPOT_M = 0.4
+"""Places of a person within this distance are one spot: a seat, or where the person stands."""
 _FRAMES = 4096
 """Number of frames of a person that are processed together."""
 _MOST = 1200
@@ -101,12 +106,14 @@ class Soles:
         person: (n,) index.
         sigma: (n,) m, expected error of its height, enlarged so that windows of one stance count as independent.
         same: (n,) number of windows of the same stance, including itself.
+        spot: (n,) number of the spot where the person is; errors on a spot may all be the same.
     """
 
     xyz: np.ndarray
     person: np.ndarray
     sigma: np.ndarray
     same: np.ndarray
+    spot: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -119,6 +126,7 @@ class Postures:
         person: (n,) index.
         sigma: (n,) rad, expected deviation from the person's usual direction, enlarged in the same way.
         same: (n,) number of windows of the same stance, including itself.
+        spot: (n,) number of the spot where the person is.
     """
 
     direction: np.ndarray
@@ -126,6 +134,7 @@ class Postures:
     person: np.ndarray
     sigma: np.ndarray
     same: np.ndarray
+    spot: np.ndarray
 
 
 def soles_and_postures(poses: Poses3D, fps: float, R: np.ndarray) -> tuple[Soles, Postures]:
@@ -199,14 +208,14 @@ def _soles(middle: np.ndarray, resting: np.ndarray, variance: np.ndarray, skelet
         rows = window, person
         found.append((mean[rows], person, sigma[rows], np.full(len(person), foot)))
     if not found:
-        return Soles(np.empty((0, 3)), *(np.empty(0, int), np.empty(0), np.empty(0)))
+        return Soles(np.empty((0, 3)), np.empty(0, int), np.empty(0), np.empty(0), np.empty(0, int))
     xyz, person, sigma, foot = (np.concatenate(parts) for parts in zip(*found, strict=True))
     chosen = _spread(len(xyz))
     xyz, person, sigma, foot = xyz[chosen], person[chosen], sigma[chosen], foot[chosen]
     near = np.linalg.norm(xyz[:, None, :2] - xyz[None, :, :2], axis=-1) < _SAME_PLACE_M
     same_foot = (person[:, None] == person) & (foot[:, None] == foot)
     same = (near & same_foot).sum(1)
-    return Soles(xyz, person, np.sqrt(sigma**2 + same * _STANCE_SOLE**2), same)
+    return Soles(xyz, person, np.sqrt(sigma**2 + same * _STANCE_SOLE**2), same, _spots(xyz, person))
 
 
 def _postures(middle: np.ndarray, resting: np.ndarray, skeleton: Skeleton) -> Postures:
@@ -214,13 +223,15 @@ def _postures(middle: np.ndarray, resting: np.ndarray, skeleton: Skeleton) -> Po
     names = [f"{side}_{part}" for part in ("shoulder", "hip", "knee", "ankle") for side in "lr"]
     index = [_index(skeleton, name) for name in names]
     if None in index:
-        return Postures(np.empty((0, 3)), np.empty(0), np.empty(0, int), np.empty(0), np.empty(0))
+        return Postures(np.empty((0, 3)), np.empty(0), np.empty(0, int), np.empty(0), np.empty(0), np.empty(0, int))
     shoulders, hips, knees, ankles = np.split(middle[:, :, index], 4, axis=2)
     bent = np.linalg.norm(hips - ankles, axis=-1) / (
         np.linalg.norm(hips - knees, axis=-1) + np.linalg.norm(knees - ankles, axis=-1)
     )
     line = shoulders.mean(2) - ankles.mean(2)
-    standing = (bent > _STRAIGHT).all(-1) & np.isfinite(line).all(-1)
+    # The hidden legs of people who sit are often detected straight, but short.
+    legs, trunk = (np.linalg.norm(a - b, axis=-1).mean(-1) for a, b in ((hips, ankles), (shoulders, hips)))
+    standing = (bent > _STRAIGHT).all(-1) & (legs > _LEG * trunk) & np.isfinite(line).all(-1)
     heading = body_heading(middle, skeleton)
     window, person = np.nonzero(standing & np.isfinite(heading))
     chosen = _spread(len(window))
@@ -231,7 +242,19 @@ def _postures(middle: np.ndarray, resting: np.ndarray, skeleton: Skeleton) -> Po
     near = np.linalg.norm(place[:, None, :2] - place[None, :, :2], axis=-1) < _SAME_PLACE_M
     same_heading = np.abs(np.angle(np.exp(1j * (angle[:, None] - angle)))) < _SAME_HEADING
     same = (near & same_heading & (person[:, None] == person)).sum(1)
-    return Postures(direction, angle, person, np.sqrt(sigma**2 + same * _STANCE_POSTURE**2), same)
+    sigma = np.sqrt(sigma**2 + same * _STANCE_POSTURE**2)
+    return Postures(direction, angle, person, sigma, same, _spots(place, person))
+
+
+def _spots(place: np.ndarray, person: np.ndarray) -> np.ndarray:
+    """Return (n,) the number of the spot of each place (n, 3): places of a person near the first one of a spot."""
+    spot, count = np.full(len(place), -1), 0
+    while (free := np.flatnonzero(spot < 0)).size:
+        first = free[0]
+        near = np.linalg.norm(place[free, :2] - place[first, :2], axis=-1) < _SPOT_M
+        spot[free[near & (person[free] == person[first])]] = count
+        count += 1
+    return spot
 
 
 def _spread(count: int) -> np.ndarray:
@@ -354,11 +377,13 @@ def _fit(soles: Soles, postures: Postures, R: np.ndarray) -> Floor:
     centre = place.mean(0) if len(place) else np.zeros(3)
     A, b, sigma = _equations(soles, postures, on_floor, centre)
     solution, cov, weight = _solved(A, b, sigma, len(place))
+    spots = np.concatenate([soles.spot[on_floor], *2 * (postures.spot + len(soles.spot),)])
+    cov, sigmas = _widened(cov, A, b, sigma, weight, spots)
     # The direction of z in the original world. The tilt is measured from it.
     z = R[:, 2]
     spread = cov[:2, :2] + _TILT_SIGMA**2 * np.eye(2)
     up = tilt = interval = None
-    widest = SIGMAS * np.sqrt(np.linalg.eigvalsh(spread)[-1])
+    widest = sigmas * np.sqrt(np.linalg.eigvalsh(spread)[-1])
     direction = np.array([*solution[:2], 1.0]) / np.sqrt(1 + solution[:2] @ solution[:2])
     angle = np.arccos(np.clip(direction @ z, -1, 1))
     on = weight[: len(place)] > 0.2
@@ -370,10 +395,10 @@ def _fit(soles: Soles, postures: Postures, R: np.ndarray) -> Floor:
         up, tilt = tuple((R.T @ direction).tolist()), float(np.degrees(angle))
         away = direction[:2] - z[:2] / max(z[2], 0.1)
         along = away / max(np.linalg.norm(away), 1e-9)
-        half = float(np.degrees(SIGMAS * np.sqrt(along @ spread @ along)))
+        half = float(np.degrees(sigmas * np.sqrt(along @ spread @ along)))
         interval = (max(tilt - half, 0.0), tilt + half)
     point = height = height_interval = None
-    half = SIGMAS * float(np.sqrt(cov[2, 2] + _SOLE_SIGMA**2))
+    half = sigmas * float(np.sqrt(cov[2, 2] + _SOLE_SIGMA**2))
     apart = pdist(place[on, :2]).max(initial=0)
     if stances >= _FEWEST_STANCES and apart >= _FEWEST_PLACES_M and half <= _WIDEST_HEIGHT:
         where = R.T @ (*centre[:2], centre[2] + solution[2])
@@ -445,8 +470,37 @@ def _solved(A: np.ndarray, b: np.ndarray, sigma: np.ndarray, feet: int) -> tuple
     return x, normal, weight
 
 
-FLOOR_KEY = "floor_m"
-"""Key of a clip's provenance: z of the floor in a recording, m, if it is not 0."""
+def _widened(
+    cov: np.ndarray, A: np.ndarray, b: np.ndarray, sigma: np.ndarray, weight: np.ndarray, spots: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """Return the covariance of tilt and height (3, 3), as wide as the spots disagree, and the sigmas of 95 %.
+
+    Feet that are hidden are guessed, in the same way as long as a person stays. The solution is repeated without each
+    spot (delete-one jackknife; Efron & Tibshirani 1993, 11.5). Its covariance is taken in directions in which it
+    exceeds that of the model, with Student's t for as many degrees of freedom as there are spots that matter.
+
+    Args:
+        spots: (n,) of the first n equations, those of feet and bodies; the others are priors.
+    """
+    order = np.argsort(spots, kind="stable")
+    first = np.flatnonzero(np.diff(spots[order], prepend=-1))
+    if (count := len(first)) < 3:
+        return cov[:3, :3], SIGMAS
+    rows = np.column_stack([A, b]) / sigma[:, None] * np.sqrt(weight)[:, None]
+    outer = rows[:, :, None] * rows[:, None]
+    whole, left = outer.sum(0), outer.sum(0) - np.add.reduceat(outer[: len(spots)][order], first)
+    without = np.linalg.solve(left[:, :-1, :-1], left[:, :-1, -1:])[:, :3, 0]
+    change = without - np.linalg.solve(whole[:-1, :-1], whole[:-1, -1])[:3]
+    root = np.linalg.cholesky(cov[:3, :3])
+    change = np.linalg.solve(root, change.T)
+    ratio, axes = np.linalg.eigh((count - 1) / count * change @ change.T)
+    effect = (change**2).sum(0)
+    matter = effect.sum() ** 2 / max((effect**2).sum(), 1e-12)
+    wider = root @ axes
+    sigmas = SIGMAS if ratio[-1] <= 1 else float(student.ppf(0.975, max(matter - 1, 1)))
+    return wider * np.maximum(ratio, 1) @ wider.T, sigmas
+
+
 _ADULT_STATURE = 1.72
 """m, stature of the adult with which `relative_size` compares people."""
 _FLOOR_PERCENTILE, _ANKLE_HEIGHT = 10, 0.09
@@ -501,14 +555,12 @@ def upright_world(floor: Floor) -> np.ndarray | None:
 
 def place_clip(clip: Clip, world: np.ndarray) -> Clip:
     """Return a clip in another world, new_from_old (4, 4): cameras, truth and poses change, pixels do not."""
-    provenance = {key: value for key, value in clip.provenance.items() if key != FLOOR_KEY}
     return replace(
         clip,
         rig=place_rig(clip.rig, world),
         true_rig=None if clip.true_rig is None else place_rig(clip.true_rig, world),
         truth=None if clip.truth is None else _placed_poses(clip.truth, world),
         poses=None if clip.poses is None else _placed_poses(clip.poses, world),
-        provenance=provenance,
     )
 
 

@@ -19,8 +19,6 @@ from dmae.formats.registry import reader
 FPS = 25.0
 FIRST_FRAME = 300
 """Number in the published recording of the first frame of the release."""
-FLOOR_M = -0.08
-"""m; z of the floor, estimated from the feet in the images and from the annotated ankles."""
 ANNOTATION_ERROR = {
     "ankle": 0.015, "knee": 0.019, "hip": 0.044, "wrist": 0.028, "elbow": 0.017, "shoulder": 0.024,
     "bottom_head": 0.021, "top_head": 0.072,
@@ -105,7 +103,7 @@ def read_shelf(path: Path) -> Clip:
         rig=rig,
         detections=Detections2D(BODY25, values[..., :2], values[..., 2]),
         truth=_read_truth(truth, frames) if truth.is_file() else None,
-        provenance={"format": "shelf", "path": str(path), "first_frame": FIRST_FRAME, "floor_m": FLOOR_M},
+        provenance={"format": "shelf", "path": str(path), "first_frame": FIRST_FRAME},
     )
 
 

@@ -7,7 +7,7 @@ from dmae.data.skeleton import BODY25
 from dmae.numerics.body import rotate_z
 
 # m forward, left, up, at rest.
-_BODY = {
+BODY = {
     "mid_hip": (0, 0, 0.95), "neck": (0, 0, 1.45), "nose": (0.1, 0, 1.6),
     **{f"{side}_{joint}": (x, sign * y, z)
        for side, sign in (("l", 1), ("r", -1))
@@ -22,7 +22,7 @@ def stepping_people(
     persons: int, places: int, *, rng: np.random.Generator, lean_deg: float = 3.0, noise_m: float = 0.005
 ) -> Poses3D:
     """Poses (F, P, 25) at 25/s: each person stands for two seconds at each place, facing anywhere, leaning forward."""
-    rest = np.array([_BODY[joint] for joint in BODY25.joints])
+    rest = np.array([BODY[joint] for joint in BODY25.joints])
     rest[:, 0] += np.tan(np.radians(lean_deg)) * np.maximum(rest[:, 2] - 0.075, 0)
     standing, moving = 50, 10
     frames = places * (standing + moving)
