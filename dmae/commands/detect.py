@@ -19,6 +19,7 @@ from dmae.detection.recording import (
     find_photographs,
     make_clip,
     open_recording,
+    open_sets,
     output_skeleton,
     write_flat,
     write_images,
@@ -38,13 +39,16 @@ def run(config: DetectCommand, out: Path) -> None:
     if config.clip is not None:
         _detect_clips(config, out)
         return
-    if config.photos is not None:
+    if config.photos is not None and config.calibration is None:
         _detect_photographs(config, out)
         return
     rig = None
     if config.calibration is not None:
         rig = read_calibration(Path(config.calibration), **asdict(config.world))
-    recording = open_recording(Path(config.videos), rig, config.fps, config.offsets)
+    if config.photos is not None:
+        recording = open_sets(Path(config.photos), rig, config.fps)
+    else:
+        recording = open_recording(Path(config.videos), rig, config.fps, config.offsets)
     for note in recording.notes:
         print(note)
     _claim(config, recording, out)

@@ -16,7 +16,10 @@ def run(config: RunCommand, out: Path) -> None:
     for name in config.export:
         pose_writer.find(name)
     folders = {name: out / name for name in (_DETECTED, _CAPTURED, _COMPLETED)}
-    given = {name: getattr(config, name) for name in ("videos", "calibration", "clip", "detector", "fps", "offsets")}
+    given = {
+        name: getattr(config, name)
+        for name in ("videos", "calibration", "clip", "photos", "detector", "fps", "offsets")
+    }
     detect.run(
         DetectCommand(**given, world=config.world, output=OutputConfig(), workers=config.workers), folders[_DETECTED]
     )

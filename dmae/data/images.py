@@ -199,7 +199,7 @@ def write_video(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
     Args:
         path: The file to write.
         frames: Images (H, W, 3) uint8, RGB, of even width and height.
-        fps: Frames per second.
+        fps: Frames per second; stills are shown for a second each.
 
     Raises:
         ValueError: there are no frames, or the width or height is odd.
@@ -211,7 +211,7 @@ def write_video(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
         stream = None
         for image in frames:
             if stream is None:
-                stream = container.add_stream("libx264", rate=Fraction(fps).limit_denominator(1000))
+                stream = container.add_stream("libx264", rate=Fraction(max(fps, 1)).limit_denominator(1000))
                 stream.height, stream.width = image.shape[:2]
                 if stream.height % 2 or stream.width % 2:
                     raise ValueError(

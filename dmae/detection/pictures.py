@@ -93,7 +93,23 @@ def pictures_in(folder: Path) -> list[Path]:
 
 
 def _folder(path: Path) -> CameraPictures:
-    files, sizes, error = pictures_in(path), {}, None
+    files = pictures_in(path)
+    try:
+        numbers = [frame_number(file, file.stem) for file in files]
+    except ValueError:
+        numbers = list(range(len(files)))
+    if len(set(numbers)) < len(numbers):
+        numbers = list(range(len(files)))
+    return pictures_of(path.name, path, files, numbers)
+
+
+def pictures_of(name: str, path: Path, files: list[Path], numbers: list[int]) -> CameraPictures:
+    """Return the camera with these image files, each with its number, in their order.
+
+    Raises:
+        ValueError: not one can be read, or they are not of one size.
+    """
+    sizes, error = {}, None
     for file in files:
         try:
             sizes.setdefault(upright_size(file), file)
@@ -109,15 +125,9 @@ def _folder(path: Path) -> CameraPictures:
             f"px, {sizes[others[0]].name} {other_width} x {other_height}. Photographs that do not belong together: "
             f"dmae detect photos={path}"
         )
-    try:
-        numbers = [frame_number(file, file.stem) for file in files]
-    except ValueError:
-        numbers = list(range(len(files)))
-    if len(set(numbers)) < len(numbers):
-        numbers = list(range(len(files)))
     order = np.argsort(numbers, kind="stable")
     ordered = [files[i] for i in order]
-    return CameraPictures(path.name, path, size, np.array(numbers, float)[order], None, partial(read_files, ordered))
+    return CameraPictures(name, path, size, np.array(numbers, float)[order], None, partial(read_files, ordered))
 
 
 def read_files(files: list[Path], start: int, stop: int) -> Iterator[np.ndarray | None]:

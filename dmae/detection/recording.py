@@ -25,6 +25,7 @@ from dmae.detection.pictures import (
     find_cameras,
     fit_pictures,
     pictures_in,
+    pictures_of,
     read_files,
 )
 from dmae.detection.pipeline import Pictures, compare_views, detect_people, make_detector, to_detections
@@ -33,7 +34,8 @@ from dmae.files.checks import PICTURES, child
 from dmae.files.contents import write_atomic
 from dmae.files.pictures import read_upright, upright_size
 from dmae.formats.openpose import write_detections, write_people
-from dmae.formats.recordings import match_cameras
+from dmae.formats.recordings import match_cameras, natural
+from dmae.numerics.filling import STILLS, are_stills
 from dmae.parallel import in_parallel
 from dmae.progress import progress
 from dmae.reporting.tables import counted
@@ -42,6 +44,8 @@ from dmae.viewing.canvas import Mark, draw_line, draw_mark, person_colour
 _SAMPLED = 5
 """Number of images of a camera, evenly spread, in which black borders are searched."""
 _LISTED = 8
+_STILLS_RATE = 0.1
+"""1/s; of photographs in sets, where it is not known."""
 
 
 @dataclass(frozen=True)
@@ -79,19 +83,63 @@ def open_recording(
         FileNotFoundError: there are no videos.
         ValueError: a video cannot be read, has no calibration, or differs from it in more than scale and margin.
     """
-    cameras, notes = find_cameras(videos), []
+    cameras, notes = find_cameras(videos), list[str]()
     fittings = [Fitting()] * len(cameras)
     if rig is not None:
-        index, note = match_cameras([camera.name for camera in cameras], rig, videos, "pictures", "calibration=...")
-        notes += [note] if note else []
-        order = np.argsort(index)
-        cameras, rig = [cameras[i] for i in order], rig[sorted(index)]
-        fittings = [_fitting(camera, rig[[view]]) for view, camera in enumerate(cameras)]
-        notes += [
-            f"{camera.name}: {each.note}" for camera, each in zip(cameras, fittings, strict=True) if not each.is_same
-        ]
+        cameras, rig, fittings, notes = _calibrated(cameras, rig, videos)
     alignment = align(cameras, fps, offsets)
     return Recording(tuple(cameras), alignment, rig, tuple(fittings), (*notes, *alignment.notes))
+
+
+def open_sets(path: Path, rig: CameraRig, fps: float | None = None) -> Recording:
+    """Find photographs that calibrated cameras took together, in sets: stills, as nothing connects two sets.
+
+    Args:
+        path: A folder for each camera, with photographs numbered by set; or a folder for each set, with a photograph of
+            each camera. Either are named as in the calibration.
+        rig: The calibration.
+        fps: Sets per second, where they were taken at a steady rate, less than one.
+
+    Raises:
+        FileNotFoundError: there are no photographs.
+        ValueError: as `open_recording`, or the rate is not below one a second.
+    """
+    if fps is not None and not are_stills(fps):
+        raise ValueError(f"fps={fps:g}: photos=... are stills, less than {STILLS:g} a second; give videos=... instead")
+    if not path.is_dir():
+        raise FileNotFoundError(f"photos={path}: expected a folder of photographs for each camera, or for each set")
+    folders = [each for each in sorted(path.iterdir(), key=lambda each: natural(each.name)) if each.is_dir()]
+    sets = [pictures_in(each) for each in folders]
+    stems, names = {file.stem for files in sets for file in files}, set(rig.names)
+    if len(stems & names) > len({each.name for each in folders} & names):
+        cameras, notes = [], [f"{len(sets)} sets of photographs, a folder each"]
+        for name in sorted(stems, key=natural):
+            there = [(number, file) for number, files in enumerate(sets) for file in files if file.stem == name]
+            cameras.append(pictures_of(name, path, [file for _, file in there], [number for number, _ in there]))
+    else:
+        cameras, notes = find_cameras(path), []
+        if films := [camera.name for camera in cameras if camera.rate is not None]:
+            raise ValueError(f"photos={path}: expected photographs, found a video, {films[0]}; give videos=... instead")
+        numbers = np.unique(np.concatenate([camera.times for camera in cameras]))
+        # Photographs with the same number belong together, however far the numbers are apart.
+        cameras = [replace(camera, times=np.searchsorted(numbers, camera.times).astype(float)) for camera in cameras]
+        notes.append(f"{len(numbers)} sets of photographs, by the numbers in their names")
+    cameras, rig, fittings, more = _calibrated(cameras, rig, path)
+    frames = tuple(camera.times.astype(int) for camera in cameras)
+    alignment = Alignment(fps or _STILLS_RATE, frames, max(int(each.max()) for each in frames) + 1, ())
+    return Recording(tuple(cameras), alignment, rig, tuple(fittings), (*notes, *more))
+
+
+def _calibrated(
+    cameras: list[CameraPictures], rig: CameraRig, path: Path
+) -> tuple[list[CameraPictures], CameraRig, list[Fitting], list[str]]:
+    """Return cameras in the order of their calibration, that of them, how their images fit it, and notes."""
+    index, note = match_cameras([camera.name for camera in cameras], rig, path, "pictures", "calibration=...")
+    notes = [note] if note else []
+    cameras, rig = [cameras[i] for i in np.argsort(index)], rig[sorted(index)]
+    fittings = [_fitting(camera, rig[[view]]) for view, camera in enumerate(cameras)]
+    notes += [f"{camera.name}: {each.note}" for camera, each in zip(cameras, fittings, strict=True) if not each.is_same]
+    return cameras, rig, fittings, notes
 
 
 def _fitting(camera: CameraPictures, one: CameraRig) -> Fitting:
@@ -155,7 +203,10 @@ def _detected(
     """As `detect_recording`; notes call each image `image`."""
     target, own = output_skeleton(skeleton), make_detector(config).skeleton
     cameras, fittings, alignment = recording.cameras, recording.fittings, recording.alignment
-    found = detect_people(cameras, config, pieces, workers)
+    if are_stills(alignment.fps):
+        found = _detected_alone(cameras, config, pieces, workers)
+    else:
+        found = detect_people(cameras, config, pieces, workers)
     notes = []
     for name, people in found.items():
         if lost := [number for number, each in enumerate(people) if each is None]:
@@ -184,6 +235,26 @@ def _detected(
         )
         seen = detections(views)
     return convert_detections(seen, target or own), tuple(notes)
+
+
+def _detected_alone(
+    cameras: Sequence[CameraPictures], config: PoseDetectorConfig, pieces: Path, workers: int
+) -> dict[str, list[np.ndarray | None]]:
+    """Return what `detect_people` does, each image by itself: none tells where people are in the next."""
+
+    def one(camera: CameraPictures, number: int) -> CameraPictures:
+        read = partial(_read_one, camera.read, number)
+        return replace(camera, name=f"{camera.name}/{number}", times=camera.times[number : number + 1], read=read)
+
+    alone = [one(camera, number) for camera in cameras for number in range(len(camera))]
+    found = detect_people(alone, replace(config, search_every=1), pieces, workers)
+    return {camera.name: [found[f"{camera.name}/{number}"][0] for number in range(len(camera))] for camera in cameras}
+
+
+def _read_one(
+    read: Callable[[int, int], Iterator[np.ndarray | None]], number: int, start: int, stop: int
+) -> Iterator[np.ndarray | None]:
+    return read(number + start, number + stop)
 
 
 def make_clip(name: str, recording: Recording, detections: Detections2D, notes: Sequence[str], detector: str) -> Clip:

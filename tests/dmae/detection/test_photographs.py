@@ -1,6 +1,7 @@
 """Photographs of any size, each detected by itself."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -8,9 +9,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from dmae.data.store import load_clip
 from dmae.detection.pictures import find_cameras
 from dmae.detection.recording import find_photographs
 from dmae.files.pictures import read_upright, upright_size
+from dmae.formats.pose2sim import write_cameras
+from tests.support.clips import looking_at_origin
 from tests.support.commands import dmae
 
 DETECTOR = '''
@@ -143,3 +147,33 @@ def test_a_truncated_photograph_is_left_out(tmp_path: Path):
     (tmp_path / "a.png").write_bytes(whole[: len(whole) // 2])
     (camera,) = find_photographs(tmp_path).cameras
     assert list(camera.read(0, 1)) == [None]
+
+
+@pytest.mark.parametrize("layout", ["{set}/{camera}.png", "{camera}/{set}.png"])
+def test_photographs_in_sets_are_stills(tmp_path: Path, layout: str):
+    """Sets 3, 90 and 5000; the right camera has no photograph of the second."""
+    (tmp_path / "my_brightest.py").write_text(DETECTOR)
+    rig = looking_at_origin(2)
+    rig = replace(rig, names=("left", "right"), size=np.tile([64, 48], (2, 1)))
+    write_cameras(rig, tmp_path / "rig.toml")
+    noses = {("left", 3): (10, 20), ("right", 3): (5, 6), ("left", 90): (30, 31), ("left", 5000): (2, 2)}
+    noses["right", 5000] = (60, 40)
+    for (camera, number), nose in noses.items():
+        file = tmp_path / "sets" / layout.format(camera=camera, set=number)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        picture(64, 48, *nose).save(file)
+    clip_of = ("calibration=rig.toml", "detector=my_brightest:brightest", "out=found")
+    done = dmae(tmp_path, "detect", "photos=sets", *clip_of)
+    assert done.returncode == 0, done.stderr
+    assert "3 sets of photographs" in done.stdout
+    clip = load_clip(tmp_path / "found")
+    assert (clip.fps, len(clip), clip.rig.names) == (0.1, 3, ("left", "right"))
+    found = {
+        (clip.rig.names[view], [3, 90, 5000][frame]): tuple(clip.detections.xy[frame, view, person, 0])
+        for frame, view, person in np.argwhere(~np.isnan(clip.detections.score[..., 0]))
+    }
+    assert found == noses
+    assert np.asarray(clip.images.at("rgb", "left", 2)).shape == (48, 64, 3)
+    done = dmae(tmp_path, "detect", "photos=sets", "fps=25", *clip_of[:-1], "out=other")
+    assert done.returncode == 1
+    assert "fps=25: photos=... are stills, less than 1 a second" in done.stderr
