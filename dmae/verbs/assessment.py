@@ -388,7 +388,7 @@ def table(number: int, data: str | Path, out: str | Path, config: TableConfig | 
     """Reproduce a table of the paper: published rows and rows measured here, with intervals.
 
     Args:
-        number: Number of the table in the paper, 1 to 5.
+        number: Number of the table, 1 to 5 of the paper, or 6 (mm and recall by number of cameras).
         data: A recording with truth for tables 1, 2 and 4; a data set that `synth.generate` made for 3 and 5.
         out: Folder for trained models. A training that is already finished in it is not repeated.
         config: Size, protocol and more, as `dmae.TableConfig(size=TableSize.small)`; `number`, `data` and `out` are

@@ -30,6 +30,7 @@ from dmae.data.rng import Stream, generator
 from dmae.data.skeleton import BODY25, SHELF14
 from dmae.evaluation.config import TableConfig, TableSize
 from dmae.evaluation.evaluate import load_methods
+from dmae.evaluation.paper_tables.cameras import counts_table
 from dmae.evaluation.paper_tables.recording import (
     AGAINST,
     METHODS,
@@ -346,7 +347,7 @@ def _fusion_clips(config: TableConfig) -> Iterator[Clip]:
         yield clip if clip.poses else replace(clip, poses=capture(clip, config.capture))
 
 
-_MAKERS = {1: actor_table, 2: camera_table, 3: interaction_table, 4: fusion_table, 5: codes_table}
+_MAKERS = {1: actor_table, 2: camera_table, 3: interaction_table, 4: fusion_table, 5: codes_table, 6: counts_table}
 
 
 def make_table(config: TableConfig, out: Path) -> dict:

@@ -25,7 +25,7 @@ def test_a_table_is_written_as_json_and_markdown_and_printed(tmp_path):
 def test_bad_options_are_answered_in_a_line(tmp_path):
     save_clip(seen(), tmp_path / "walkers")
     for option, answer in (
-        ("number=7", "number=7: the paper's tables are 1, PCP of each actor"),
+        ("number=7", "number=7: the tables are 1, PCP of each actor"),
         ("protocol=mvpos", "did you mean mvpose?"),
         ("size=tiny", "size=tiny"),
     ):

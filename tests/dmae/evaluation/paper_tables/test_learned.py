@@ -46,6 +46,18 @@ def rows_of(made: dict) -> dict[str, dict]:
     return {row["name"]: row for row in made["rows"] if row["origin"] != "published"}
 
 
+def test_error_and_recall_by_number_of_cameras(clips, tmp_path):
+    made = table(tmp_path, 6, clips)
+    assert rows_of(made).keys() == {"measured", "linear", "dmae"}
+    cells = {key: cell["value"] for key, cell in rows_of(made)["dmae"]["cells"].items()}
+    counts = sorted(int(key.rpartition("_")[2]) for key in cells if key.startswith("mpjpe"))
+    assert counts == list(range(2, counts[-1] + 1))
+    assert 0 < cells[f"mpjpe_{counts[-1]}"] < cells["mpjpe_2"] < 200
+    assert cells[f"recall_{counts[-1]}"] > 95
+    published = next(row for row in made["rows"] if row["origin"] == "published")
+    assert published["cells"]["mpjpe_3"]["value"] == 47.3
+
+
 def test_interactions_have_a_row_for_transfer_and_one_without(clips, tmp_path, monkeypatch):
     monkeypatch.setitem(learned._TRANSFER_STEPS, TableSize.small, (2, 2))
     made = table(tmp_path, 3, clips)

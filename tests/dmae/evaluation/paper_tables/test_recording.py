@@ -166,9 +166,9 @@ class TestBadInput:
         with pytest.raises(ValueError, match="2 clips; table 1 is about the people of one recording"):
             table(tmp_path, 1)
 
-    @pytest.mark.parametrize("number", [0, 6])
+    @pytest.mark.parametrize("number", [0, 7])
     def test_unknown_number(self, number):
-        with pytest.raises(ValueError, match=rf"number={number}: the paper's tables are 1, PCP of each actor; 2, "):
+        with pytest.raises(ValueError, match=rf"number={number}: the tables are 1, PCP of each actor; 2, "):
             TableConfig(number=number)
 
     @pytest.mark.parametrize(
