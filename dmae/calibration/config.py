@@ -8,6 +8,10 @@ AUTO = "auto"
 
 ALL = "all"
 
+ENOUGH_S = 30.0
+"""s; of shorter recordings the errors of a detector, which are the same for a person in a camera, cannot be told from a
+displaced camera."""
+
 
 @dataclass(frozen=True)
 class RefineConfig:

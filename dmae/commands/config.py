@@ -53,6 +53,9 @@ class RunCommand:
     """Calibration file, or folder of them."""
     clip: str | None = None
     """Instead of videos: folder of a clip with colour images, or of a data set of them."""
+    photos: str | None = None
+    """Instead of videos: folder of photographs that the cameras took together, in sets, in a folder for each camera or
+    for each set; each set is a still."""
     detector: PoseDetectorConfig = field(default_factory=PoseDetectorConfig)
     capture: CaptureConfig = field(default_factory=CaptureConfig)
     weights: str | None = None
@@ -70,7 +73,7 @@ class RunCommand:
     """Folder: `detected`, `captured` and `completed` clips, `report.html`, and `poses` in each format."""
 
     def __post_init__(self):
-        if self.videos is not None and self.calibration is None:
+        if self.clip is None and self.calibration is None:
             raise ValueError(
                 "expected calibration=<file>: without it people are found in 2D only; use dmae detect for that"
             )
@@ -91,7 +94,8 @@ class DetectCommand:
     """Instead of videos: folder of a clip with colour images, or of a data set of them; truth and labels are kept."""
     photos: str | None = None
     """Instead of videos: folder of photographs that do not belong together, of any sizes, or one of them. People are
-    written as files of 2D keypoints, and drawn over the photographs."""
+    written as files of 2D keypoints, and drawn over the photographs. With a calibration: photographs that its cameras
+    took together, in sets, in a folder for each camera or for each set."""
     detector: PoseDetectorConfig = field(default_factory=PoseDetectorConfig)
     output: OutputConfig = field(default_factory=OutputConfig)
     fps: float | None = None
@@ -110,9 +114,10 @@ class DetectCommand:
                 "expected videos=<folder of videos>, clip=<folder of a clip with images> or photos=<folder of "
                 "photographs>, one of them"
             )
-        if self.videos is None and (self.calibration or self.fps or self.offsets):
-            held = "clip=... holds its" if self.clip is not None else "photos=... have no"
-            raise ValueError(f"{held} calibration, fps and offsets; leave them out")
+        if self.clip is not None and (self.calibration or self.fps or self.offsets):
+            raise ValueError("clip=... holds its calibration, fps and offsets; leave them out")
+        if self.photos is not None and (self.offsets or (self.fps and not self.calibration)):
+            raise ValueError("photos=... have no offsets, and without calibration=... no fps; leave them out")
 
 
 @dataclass(frozen=True)
@@ -310,6 +315,7 @@ class DoctorCommand:
 class CalibrateCommand:
     """Refine a calibration by the people in a recording.
 
+    Record people who walk through the whole volume for half a minute, better for a minute.
     Writes the cameras as TOML, which every command accepts as data.calibration, and the changes with their covariance
     as JSON in the same folder.
     """
