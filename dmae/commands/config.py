@@ -73,7 +73,7 @@ class RunCommand:
     """Folder: `detected`, `captured` and `completed` clips, `report.html`, and `poses` in each format."""
 
     def __post_init__(self):
-        if self.clip is None and self.calibration is None:
+        if (self.videos or self.photos) and self.calibration is None:
             raise ValueError(
                 "expected calibration=<file>: without it people are found in 2D only; use dmae detect for that"
             )

@@ -83,7 +83,7 @@ def open_recording(
         FileNotFoundError: there are no videos.
         ValueError: a video cannot be read, has no calibration, or differs from it in more than scale and margin.
     """
-    cameras, notes = find_cameras(videos), list[str]()
+    cameras, notes = find_cameras(videos), []
     fittings = [Fitting()] * len(cameras)
     if rig is not None:
         cameras, rig, fittings, notes = _calibrated(cameras, rig, videos)
