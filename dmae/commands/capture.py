@@ -47,7 +47,7 @@ def run(config: CaptureCommand, out: Path) -> None:
     if config.dry_run:
         print(f"{out}: {_forecast(config, part)}")
         return
-    frames, spent, persons = 0, 0.0, 0
+    frames, start, persons = 0, time.perf_counter(), 0
     measured: Groups = {}
     completed: Groups = {}
     made = ClipSet(out, settings_of("dmae capture", config, Path(config.data.path))) if several else None
@@ -60,12 +60,11 @@ def run(config: CaptureCommand, out: Path) -> None:
         done = in_parallel(_capture, tasks, config.workers)
         for folder in progress(part.folders, "capturing", len(part)):
             if folder.name in whole:
-                captured, exchanges, seconds = load_clip(out / folder.name), [], 0.0
+                captured, exchanges = load_clip(out / folder.name), []
             else:
-                captured, exchanges, seconds = next(done)
+                captured, exchanges = next(done)
             for note in [*captured.provenance.get("notes", ()), *exchanges]:
                 print(f"{captured.id}: {note}")
-            spent += seconds
             frames += len(captured) * (folder.name not in whole)
             poses = captured.poses
             if made is None:
@@ -88,7 +87,9 @@ def run(config: CaptureCommand, out: Path) -> None:
         print_tables(tables)
         print(f"{out}: {_worst_joints(measured['joint'])}")
     if frames:
-        print(f"{out}: {frames / spent:.0f} frames/s")
+        # All of the command: reading, capture, floor, tables, writing.
+        spent = time.perf_counter() - start
+        print(f"{out}: {counted(frames, 'frame')} in {spent:.1f} s, {frames / spent:.3g} frames/s")
     # A part of a data set may contain only empty rooms.
     if not persons and len(part) == len(clips):
         sys.exit(1)
@@ -115,17 +116,15 @@ def _print_doubts(clip: Clip, config: CaptureConfig, persons: int, errors: Repro
             print(f"  suggestion: {suggestion}")
 
 
-def _capture(config: CaptureCommand, clips: Clips, frames: int | None = None) -> tuple[Clip, list[str], float]:
-    """Return the one clip, or its first frames, captured; notes on exchanged sides; and how long capture took, s."""
+def _capture(config: CaptureCommand, clips: Clips, frames: int | None = None) -> tuple[Clip, list[str]]:
+    """Return the one clip, or its first frames, captured; and notes on exchanged sides."""
     (clip,), (number,) = clips, clips.numbers
     if frames is not None:
         clip = clip.select(frames=range(min(frames, len(clip))))
     if config.draw:
         clip = clip.select(views=_drawn(config, len(clip.rig), number))
-    start = time.perf_counter()
     noise = learn_noise(clip, config.capture)
     poses = measured = capture(clip, config.capture, noise)
-    spent = time.perf_counter() - start
     if config.fill != "none":
         poses = METHODS[config.fill](poses, clip.fps)
     exchanges = [f"{note}, put right by the other cameras" for note in describe_sides(clip, measured)]
@@ -135,7 +134,7 @@ def _capture(config: CaptureCommand, clips: Clips, frames: int | None = None) ->
     levelled = world is not None
     clip = place_clip(clip, world) if levelled else clip
     known = clip.provenance | {"noise": noise.summary(clip.rig.names), "floor": asdict(floor) | {"levelled": levelled}}
-    return replace(clip, provenance=known), exchanges, spent
+    return replace(clip, provenance=known), exchanges
 
 
 def _world(clip: Clip) -> str:

@@ -45,7 +45,7 @@ class NoiseModel:
     """Smallest sigma in the image, px."""
     gate_sigmas: float = 5.0
     """Largest standardised residual of a view, in sigmas and corrected for redundancy; views beyond it are not used."""
-    max_error_m: float = 0.2
+    max_error_m: float = 0.25
     """Largest standard error of a point along its worst direction, m; points beyond it are absent."""
 
     def sigma(self, confidence: np.ndarray) -> np.ndarray:

@@ -27,6 +27,8 @@ from dmae.reconstruction.tracking import MIN_JOINTS, Tracks, fewest_joints, long
 
 _FRAMES = 10
 """Number of frames in which detections are compared."""
+_PAIRS = 300_000
+"""Number of pairs of detections that are compared in these frames; of crowds, fewer frames are compared."""
 _SHORTEST_BONE = 0.1
 """m; a body has a bone that is longer than this."""
 _SCALES = {
@@ -104,7 +106,9 @@ def explain_capture(clip: Clip, config: CaptureConfig) -> Explanation:
     stages += [(f"frames in which {max(2, config.th_v)} cameras or more detect people (th_v)", len(shared))]
     if not len(shared):
         return Explanation(tuple(stages), _suggestions_without_pairs(clip, config, enough))
-    frames = shared[np.unique(np.linspace(0, len(shared) - 1, _FRAMES).astype(int))]
+    crowd = enough[shared].sum((1, 2)).mean()
+    number = int(np.clip(_PAIRS / crowd**2, 1, _FRAMES))
+    frames = shared[np.unique(np.linspace(0, len(shared) - 1, number).astype(int))]
     found = _bodies(evidence, evidence.rig, skeleton, frames, 1.0)
     stages += [
         (f"pairs of detections of two cameras, in {len(frames)} of these frames", found.pairs),
