@@ -504,8 +504,8 @@ def export(
     Args:
         path: The data set, or a clip.
         out: Folder to write, whole or not at all; it must be empty or not exist.
-        format: `coco`, `yolo`, `webdataset`, `huggingface`, `panoptic`, `npz`, `g1` or `lerobot`. The last four need
-            no images.
+        format: `coco`, `yolo`, `webdataset`, `huggingface`, `panoptic`, `npz`, `g1`, `lerobot`, `glb` or `usd`.
+            The last six need no images.
         splits: File that `split` wrote; by default all clips are in the split `train`.
         skeleton: Skeleton of the joints; by default coco17, for panoptic always panoptic19.
         every: Number of frames from one image to the next; 2 for every other frame.
