@@ -163,16 +163,6 @@ COMMANDS = {
             "dmae pretrain motion=runs/takes.tsv rig=ring views=[2,3,4] steps=20000 workers=4 out=runs/own",
         ),
     ),
-    "train-paper": Command(
-        "Train the paper's network, with the paper's training",
-        "dmae.commands.config:TrainPaperCommand",
-        (
-            "dmae train-paper data=runs/clips out=runs/paper",
-            "dmae train-paper data=runs/annotated init=runs/paper views=[5,4,3] out=runs/paper_tuned",
-            "dmae train-paper data=runs/clips size=full out=runs/paper_full",
-        ),
-        {"data": REQUIRED, "capture": "default"},
-    ),
     "calibrate": Command(
         "Refine a calibration by the people in a recording",
         "dmae.commands.config:CalibrateCommand",

@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 from dmae.commands.config import CompleteCommand
 from dmae.commands.data_sets import ClipSet, describe_joints, finished, save_alone, settings_of
 from dmae.completion.complete import Completer, completers
+from dmae.completion.weights import weights_folder
 from dmae.data.clip import Clip
 from dmae.data.skeleton import Skeleton
 from dmae.data.store import clip_folders, load_clip, save_clip
@@ -58,7 +59,7 @@ def run(config: CompleteCommand, out: Path) -> None:
 def _settings(config: CompleteCommand) -> dict:
     """Return all that completed clips depend on: with the options and the clips, the weights."""
     settings = settings_of("dmae complete", config, Path(config.clip))
-    model = None if config.weights is None else checksum(Path(config.weights) / "model.json").sha256
+    model = None if config.weights is None else checksum(weights_folder(config.weights) / "model.json").sha256
     return settings | {"options": settings["options"] | {"weights": model}}
 
 

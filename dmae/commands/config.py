@@ -5,7 +5,7 @@ from enum import StrEnum
 from typing import Any
 
 from dmae.calibration.config import RefineConfig
-from dmae.completion.config import DELAY, PaperSize
+from dmae.completion.config import DELAY
 from dmae.completion.methods import completion_method
 from dmae.detection.registry import OutputConfig, PoseDetectorConfig
 from dmae.evaluation.config import TITLE
@@ -59,7 +59,7 @@ class RunCommand:
     detector: PoseDetectorConfig = field(default_factory=PoseDetectorConfig)
     capture: CaptureConfig = field(default_factory=CaptureConfig)
     weights: str | None = None
-    """Folder that `dmae train` wrote; by default the weights that come with the package."""
+    """Folder that `dmae train` wrote, or `paper`; by default the weights that come with the package."""
     fps: float | None = None
     """1/s; frame rate, by default that of the videos. Required for folders of pictures."""
     offsets: list[int] | None = None
@@ -170,8 +170,8 @@ class CompleteCommand:
     clip: str = "???"
     """Folder of a captured clip, or of a data set of them."""
     weights: str | None = None
-    """Folder that `dmae train` wrote; by default the weights that come with the package, for the skeleton of the
-    poses."""
+    """Folder that `dmae train` wrote; `paper`: the weights of the paper's network; by default those that come with the
+    package for the skeleton of the poses."""
     denoise: bool | None = None
     """Let the model also move joints that fewer than three views measured; they are then marked denoised. By default
     true if the weights were trained for it."""
@@ -253,7 +253,7 @@ class LiveCommand:
     complete: bool = False
     """Also complete the joints that no camera measured; this adds to the delay."""
     weights: str | None = None
-    """Folder that `dmae train` wrote; by default the weights that come with the package."""
+    """Folder that `dmae train` wrote, or `paper`; by default the weights that come with the package."""
     look_ahead: float | None = None
     """s; longest time that any step waits for later frames. Less than the 0.4 of capture and the 0.28 of completion
     reduces accuracy; by default the time that they use."""
@@ -362,36 +362,6 @@ class PretrainCommand:
                 raise ValueError(f"{name}: expected at least {least}, found {getattr(self, name)}")
         if not self.views or min(self.views) < 2:
             raise ValueError(f"views={self.views}: expected numbers of cameras, 2 or more")
-
-
-@dataclass(frozen=True)
-class TrainPaperCommand:
-    """Train the paper's network with the paper's training: on true poses, or from `init` on annotations.
-
-    None of this package's own predictors, features or blending is used."""
-
-    data: DataConfig = field(default_factory=DataConfig)
-    extra_data: list[str] = field(default_factory=list)
-    """Folders of further data sets to pretrain on."""
-    init: str | None = None
-    """Folder of a pretrained network, to fine-tune it on annotations of Shelf's joints."""
-    views: list[int] = field(default_factory=list)
-    """In fine-tuning, the clip is captured by all subsets with these numbers of cameras; by default by all cameras."""
-    capture: CaptureConfig = field(default_factory=CaptureConfig)
-    size: PaperSize = PaperSize.small
-    """Small enough for a CPU, or as in the paper, for a GPU."""
-    steps: int = 0
-    """Batches of pretraining; 0: those of the size."""
-    tuning_epochs: int = 0
-    """Passes over the windows in fine-tuning; 0: those of the size."""
-    batch: int = 32
-    """Windows in a batch."""
-    lr: float | None = None
-    """Greatest learning rate; by default that of the size."""
-    seed: int = 0
-    """Seed of weights, masks and batches."""
-    out: str = "runs/paper"
-    """Folder of the network and its checkpoint."""
 
 
 @dataclass(frozen=True)

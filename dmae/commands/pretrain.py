@@ -13,13 +13,14 @@ from dmae.commands.demo import LOG, logged, run_step, say
 from dmae.completion.config import LearningConfig, TrainConfig
 from dmae.completion.weights import model_card
 from dmae.evaluation.config import EvaluateConfig, Input
-from dmae.evaluation.report.page import read_scores
+from dmae.evaluation.gates import compare_scores
+from dmae.evaluation.scores import read_scores
 from dmae.files.contents import write_atomic
 from dmae.formats.config import DataConfig
 from dmae.metrics.score_tables import overview
 from dmae.reporting.tables import print_tables
 
-_STEPS = 6
+_STEPS = 7
 
 
 def run(config: PretrainCommand, out: Path) -> None:
@@ -52,11 +53,20 @@ def run(config: PretrainCommand, out: Path) -> None:
     methods = ["linear", "pchip_body", "gaussian_process", "dmae"]
     score = EvaluateConfig(DataConfig(path=str(out / "test")), methods=methods, weights=str(out / "model"))
     views = [3 if 3 in config.views else min(config.views)]
+    captured = replace(score, skeleton="body25", views=views)
+    # Gaps made in true poses are scored on the skeleton of the detections.
+    true_poses = replace(score, input=Input.true_poses, smooth=0.0)
     with logged(out):
-        run_step(evaluate, replace(score, skeleton="body25", views=views), out / "scores")
-        # Gaps made in true poses are scored on the skeleton of the detections.
-        run_step(evaluate, replace(score, input=Input.true_poses, smooth=0.0), out / "scores_true")
-    print_tables([overview(read_scores(out / "scores/scores.json"))])
+        run_step(evaluate, captured, out / "scores")
+        run_step(evaluate, true_poses, out / "scores_true")
+    print_tables([overview(read_scores(out / "scores"))])
+    say("compare with the weights that come with the package", 7, _STEPS)
+    for name, plan in (("scores", captured), ("scores_true", true_poses)):
+        with logged(out):
+            run_step(evaluate, replace(plan, methods=["dmae"], weights=None), out / f"{name}_shipped")
+        gate = compare_scores(*(read_scores(out / f"{name}{each}") for each in ("_shipped", "")), ["methods"])
+        own = [line for line in (*map(str, gate.changes), *gate.refused) if line.startswith("dmae,")]
+        print(*(f"your weights beside those of the package: {line}" for line in own), sep="\n")
     card = model_card(out / "model", [out / "scores", out / "scores_true"], command_line(config))
     write_atomic(out / "model/MODEL_CARD.md", card)
     print(f"The model is {out / 'model'}; tune it with dmae train init={out / 'model'} data=<recordings with truth>")

@@ -3,11 +3,9 @@
 Long recordings are completed in pieces. `load_completer` and `completers` find the weights.
 """
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import cache
-from itertools import pairwise
 from math import ceil
 from pathlib import Path
 
@@ -19,80 +17,16 @@ from dmae.completion.features import correction_weight, near_measurement, noisin
 from dmae.completion.fillings import contradicted
 from dmae.completion.methods import Fill, completion_method
 from dmae.completion.network import DMAE
+from dmae.completion.pieces import in_pieces, one_thread
 from dmae.completion.uncertainty import Factors, calibrated
-from dmae.completion.weights import find_shipped, load_model, pick_device
+from dmae.completion.weights import find_shipped, load_model, pick_device, weights_folder
 from dmae.completion.windows import Rows, make_rows
 from dmae.data.clip import Poses3D, Source
 from dmae.data.conversion import convert
 from dmae.data.skeleton import Skeleton
-from dmae.files.mapped import empty, in_steps
 from dmae.numerics.body import rotate_z
 from dmae.numerics.filling import are_stills, fill_stills, present, resample
 from dmae.numerics.paths import gap_lengths
-from dmae.progress import progress
-
-# Long recordings in pieces: frames are completed by what is known of the person within 20 s.
-
-WHOLE, _PIECE = 4000, 3000
-"""Frames; shorter recordings are completed whole, and pieces, with their sides, are about as long as the second."""
-_RATE = 25.0
-"""1/s; both are as many times shorter as a rate is lower, as a model sees more frames there."""
-_UNIT = 5.0
-"""s; pieces begin at multiples of it, as blocks of `dmae.completion.gaussian_process` do, and every window of a
-network that is a whole number of times shorter."""
-_MARGIN = 4
-"""Units before and after a piece that are given with it."""
-
-
-def in_pieces(
-    complete: Callable[[Poses3D, slice], Poses3D], poses: Poses3D, fps: float, frames: slice = slice(None)
-) -> Poses3D:
-    """Return `complete(poses, frames)`, of a long recording person by person, in pieces with 20 s on both sides.
-
-    Lengths of bones are then the medians within a piece and its sides, and gaps are filled by what was measured there.
-
-    Args:
-        complete: Returns some frames of poses, completed by all of them, with the same persons.
-        fps: Frames per second.
-        frames: Those to return.
-    """
-    asked = range(len(poses.xyz))[frames]
-    parts = list(_parts(len(poses.xyz), fps, asked))
-    count, persons = poses.xyz.shape[:2]
-    if not (count and persons and parts) or parts[0][1] == slice(0, count):
-        return complete(poses, frames)
-    names, made, skeleton = [field.name for field in fields(poses)[1:]], {}, poses.skeleton
-    tasks = [(person, *part) for person in range(persons) for part in parts]
-    for person, inner, around in in_steps(progress(tasks, "completing")):
-        given = {name: getattr(poses, name)[around, person : person + 1] for name in names}
-        inside = slice(inner.start - around.start, inner.stop - around.start)
-        done = complete(Poses3D(poses.skeleton, **given), inside)
-        skeleton = done.skeleton
-        for name in names:
-            array = getattr(done, name)
-            if name not in made:
-                made[name] = empty((len(asked), persons, *array.shape[2:]), array.dtype)
-            made[name][inner.start - asked.start : inner.stop - asked.start, person] = array[:, 0]
-    return Poses3D(skeleton, **made)
-
-
-def _parts(count: int, fps: float, asked: range) -> Iterator[tuple[slice, slice]]:
-    """Yield pieces of the frames asked for, of a recording of `count`, and the frames to give with each."""
-    whole, piece = (frames * min(fps / _RATE, 1) for frames in (WHOLE, _PIECE))
-    unit = max(_UNIT * fps, 1)
-    margin = ceil(_MARGIN * unit)
-    # Units at a time: as many frames as their margins have, or more where a unit is short.
-    step = max(round((piece - 2 * margin) / unit), _MARGIN)
-    if count <= max(whole, 2 * margin + step * unit):
-        yield slice(asked.start, asked.stop), slice(0, count)
-        return
-    bounds = [round(number * unit) for number in range(0, ceil(count / unit), step)] + [count]
-    for start, stop in pairwise(bounds):
-        first = max(round(start / unit) - _MARGIN, 0)
-        inner = slice(max(start, asked.start), min(stop, asked.stop))
-        if inner.start < inner.stop:
-            yield inner, slice(round(first * unit), min(stop + margin, count))
-
 
 # Prediction: a network's corrections of a whole recording, blended over overlapping windows.
 
@@ -100,17 +34,6 @@ _BATCH = 4
 """Windows that the network is given together."""
 _SAME_RATE = 0.01
 """Rates within this share of each other are taken as equal."""
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """Have torch compute on one thread of the CPU."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
 
 
 def has_rate(model: DMAE, fps: float) -> bool:
@@ -426,7 +349,9 @@ SMOOTHING = 0.1
 def load_completer(
     weights: Path, device: str = "auto", denoise: bool | None = False, reject: bool = False, smooth: float = 0.0
 ) -> Completer:
-    """Return the completer of a folder that `dmae train` wrote.
+    """Return the completer of a folder that `dmae train` wrote, or of the shipped weights `paper`.
+
+    The paper's network has no use for `denoise` and `reject`.
 
     Args:
         device: As torch names it; `auto` is a GPU if there is one.
@@ -441,7 +366,14 @@ def load_completer(
     """
     if not 0 <= smooth < np.inf:
         raise ValueError(f"smooth={smooth:g}: expected seconds, 0 (no smoothing) or more")
-    model, skeleton, record = load_model(weights)
+    model, skeleton, record = load_model(weights_folder(weights))
+    if not model.config.residual:
+        # Its windows are those of training, whose modules the default network does not need.
+        from dmae.completion.paper import PaperCompleter
+
+        if denoise:
+            raise ValueError(f"{weights}: the paper's network keeps measured joints; leave out denoise")
+        return PaperCompleter(model.to(pick_device(device)), skeleton, record["fuses"], smooth)
     if denoise is None:
         denoise = record["denoises"] and len(skeleton.parts) == 1
     if denoise and len(skeleton.parts) > 1:

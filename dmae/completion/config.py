@@ -1,9 +1,8 @@
 """What can be set of a network and of its training. Imports no torch."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import StrEnum
 
-from dmae.files.checks import check_rate
 from dmae.formats.config import DataConfig
 from dmae.reconstruction.config import CaptureConfig
 
@@ -58,9 +57,9 @@ class CodesConfig:
     joint_sigma: float = 30.0
     """Standard deviation of the matrix of the joint code; the joint's index runs over [0, 1]."""
     no_time: bool = False
-    """Ablation: leave out the code of time."""
+    """Ablation: leave out the code of time, in the encoder, as the released code does."""
     no_joint: bool = False
-    """Ablation: leave out the code of the joint."""
+    """Ablation: leave out the code of the joint, in the encoder, as the released code does."""
 
 
 @dataclass(frozen=True)
@@ -137,7 +136,7 @@ class Loss(StrEnum):
     """What is averaged over masked joints."""
 
     mse = "mse"
-    """Squared distance, as in the paper."""
+    """Squared distance, as in the paper, in dm^2."""
     euclidean = "euclidean"
     """Distance."""
     relative = "relative"
@@ -165,6 +164,9 @@ class MaskingConfig:
     """Share of the joints masked in scattered masking."""
     frames: float = 0.5
     """Share of the frames masked whole in scattered masking."""
+    released: float = 0.0
+    """Share of the batches of the paper's network that are masked as in its released code, which masks joints of those
+    frames alone."""
     bursts: float = 2.0
     """Bursts per second and person."""
     longest: int = 60
@@ -173,7 +175,7 @@ class MaskingConfig:
     """Frames at 25/s of the longest burst in which the whole person is masked."""
 
     def __post_init__(self):
-        for name in ("scattered", "joints", "frames"):
+        for name in ("scattered", "joints", "frames", "released"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"masking.{name}: expected a share between 0 and 1, found {getattr(self, name)}")
         if self.bursts < 0 or self.longest < 2 or self.absence < 2:
@@ -278,7 +280,8 @@ class TrainConfig:
     """Folders of data sets to validate and calibrate on, with motion that is in none of the others; by default clips
     are held back (`examples.held_back`), and uncertainty is calibrated for motion like that of the training."""
     init: str | None = None
-    """Folder of a trained model to start from; `shipped`: the weights that come with the package."""
+    """Folder of a trained model to start from; `shipped`: the weights that come with the package; `paper`: those of the
+    paper's network."""
     skeleton: str | None = None
     """Skeleton of the model; by default that of `init`, or else body25. Two joined by + turn poses of one into those of
     the other, see `dmae.completion.fusion`."""
@@ -307,120 +310,21 @@ class TrainConfig:
         return self.learning.lr if self.learning.lr is not None else 2e-4 if self.init else 2e-3
 
 
-# The sizes and the schedule of the paper's network.
-
-_MOST = {"frames": 1000, "dim": 16384, "depth": 64, "heads": 256, "head_dim": 4096, "mlp": 65536}
-"""Largest sizes of a network."""
-_MOST_SIGMA = 1e6
-
-
-@dataclass(frozen=True)
-class PaperNetwork:
-    """The network."""
-
-    frames: int = 15
-    """Frames of a window (T)."""
-    fps: float = 25.0
-    """Frames per second of a window."""
-    dim: int = 256
-    """Channels of a token in the encoder; the decoder has half."""
-    depth: int = 6
-    """Layers of the encoder; the decoder has half."""
-    heads: int = 8
-    """Attention heads."""
-    head_dim: int = 64
-    """Channels of a head in the encoder; the decoder has half."""
-    mlp: int = 512
-    """Channels of a layer's hidden layer in the encoder; the decoder has half."""
-    signal_sigma: float = 1.0
-    """1/m; standard deviation of the matrix of the signal code."""
-    time_sigma: float = 3.0
-    """Standard deviation of the matrix of the time code; time runs over [0, 1] in a window."""
-    joint_sigma: float = 30.0
-    """Standard deviation of the matrix of the joint code; the joints of both skeletons run over [0, 1]."""
-    dropout: float = 0.1
-    """Share of activations dropped in training."""
-
-    def __post_init__(self):
-        for name, most in _MOST.items():
-            size, least = getattr(self, name), 2 if name == "depth" else 1
-            if isinstance(size, bool) or not isinstance(size, int) or not least <= size <= most:
-                raise ValueError(f"network.{name}: expected a whole number from {least} to {most}, found {size!r:.40}")
-        if self.dim % 4 or self.head_dim % 2 or self.mlp % 2:
-            raise ValueError(
-                f"network: expected dim in fours, head_dim and mlp even, as the decoder has half of them; found "
-                f"dim={self.dim}, head_dim={self.head_dim}, mlp={self.mlp}"
-            )
-        if not 0 <= self.dropout < 1:
-            raise ValueError(f"network.dropout: expected a share below 1, found {self.dropout}")
-        check_rate("network.fps", self.fps)
-        for name in ("signal_sigma", "time_sigma", "joint_sigma"):
-            if not 0 <= getattr(self, name) <= _MOST_SIGMA:
-                raise ValueError(f"network.{name}: expected 0 to {_MOST_SIGMA:g}, found {getattr(self, name)!r:.40}")
-
-
-@dataclass(frozen=True)
-class PaperSchedule:
-    """How the network learns."""
-
-    steps: int = 0
-    """Batches of pretraining; 0: as many as `epochs` say."""
-    epochs: int = 1000
-    """Passes over the windows in pretraining."""
-    tuning_epochs: int = 500
-    """Passes over the windows in fine-tuning."""
-    batch: int = 32
-    """Windows in a batch."""
-    lr: float = 1.5e-4
-    """Greatest learning rate."""
-    least_lr: float = 1e-5
-    """Learning rate at the end of the cosine."""
-    warmup: float = 0.04
-    """Share of the steps over which the learning rate rises."""
-    weight_decay: float = 0.05
-    """Weight decay of AdamW."""
-    mask_joints: float = 0.5
-    """Share of the joints masked, drawn again in every frame."""
-    mask_frames: float = 0.5
-    """Share of the frames masked whole."""
-
-    def __post_init__(self):
-        for name in ("epochs", "tuning_epochs", "batch"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"schedule.{name}: expected at least 1, found {getattr(self, name)}")
-        for name in ("mask_joints", "mask_frames", "warmup"):
-            if not 0 <= getattr(self, name) < 1:
-                raise ValueError(f"schedule.{name}: expected a share below 1, found {getattr(self, name)}")
-
-
-class PaperSize(StrEnum):
-    """How large the network is."""
-
-    full = "full"
-    """As in the paper: 1000 epochs, for a GPU."""
-    small = "small"
-    """Layers and channels that a CPU trains in minutes."""
-
-
-@dataclass(frozen=True)
-class PaperConfig:
-    """Network and schedule."""
-
-    network: PaperNetwork = field(default_factory=PaperNetwork)
-    schedule: PaperSchedule = field(default_factory=PaperSchedule)
-    seed: int = 0
-    """Seed of weights, masks and batches."""
-
-
-FULL = PaperConfig()
-"""The paper's sizes and epochs."""
-SMALL = PaperConfig(
-    PaperNetwork(dim=64, depth=2, heads=4, head_dim=16, mlp=128, dropout=0.0),
-    replace(FULL.schedule, steps=3000, tuning_epochs=30, lr=2e-3),
-)
-"""What a CPU trains in minutes: a quarter of the channels, a third of the layers."""
-SIZES = {PaperSize.full: FULL, PaperSize.small: SMALL}
-
+PAPER = TrainConfig(
+    skeleton="body21+shelf14",
+    model=ModelConfig(
+        encoder=EncoderConfig(dim=128, depth=4, heads=2, head_dim=64, mlp=256),
+        decoder=DecoderConfig(dim=64, depth=2),
+        codes=CodesConfig(signal_sigma=0.4),
+        key_init=4.0, residual=False, align_heading=False,
+    ),
+    examples=ExamplesConfig(
+        masking=MaskingConfig(scattered=1.0, released=0.25),
+        augment=AugmentConfig(mirror=0.0, reverse=0.0, scale=0.0, speed=0.0, true_poses=0.25),
+    ),
+    learning=LearningConfig(steps=22000, epoch=1000, loss=Loss.mse, lr=2e-3, max_gradient=100.0, average=0.999),
+)  # fmt: skip
+"""The paper's network and its training, as the preset `model=paper`, which says what of it is the paper's."""
 
 DELAY = 0.28
 """s; half a window of the default model."""

@@ -1,6 +1,22 @@
-"""The networks: layers, the paper's masked auto-encoder, and the default network that corrects interpolated joints.
+"""D-MAE, a masked auto-encoder over single joints at single times (Jiang, Chen and Guo, ACM MM 2022, section 3.2).
+
+In the order of the paper: the codes, a transformer layer, then the network: an encoder of the observed tokens, a
+decoder of all tokens, a head. Masks and loss are in `dmae.completion.training_data` and `dmae.completion.training`.
 
 B windows, T frames, J joints, N = T J tokens, n observed tokens, C channels.
+
+What differs from the paper, and why:
+
+- Time and joint are scaled to [0, 1] before they are coded, with standard deviations of their own. With integers and a
+  standard deviation of 1, as in the released code, neighbouring frames have unrelated codes.
+- The matrices of the codes are saved with the weights. The released code draws them again from a seed.
+- Keys of attention start as a multiple of the queries (`key_init`), so that a token first attends to tokens with codes
+  like its own. Started at random, the network has twice the error after the same time.
+- The decoder has half of the channels and of the layers, as the paper says. The released one has as many layers.
+- The mean height of each joint is added to what the head returns.
+- A second head predicts the scale of the error. It learns from detached tokens, so that it changes nothing else.
+
+The default network is the same class with `residual`: it predicts what to add to interpolated joints, see `DMAE`.
 """
 
 import math
@@ -61,23 +77,24 @@ class FourierCode(nn.Module):
 
 
 class ContextCode(nn.Module):
-    """γ(j) + γ(t): the codes of joint and time of each token, (N, C); both indices are scaled to [0, 1]."""
+    """γ(j) + γ(t): the codes of joint and time of each token; both indices are scaled to [0, 1]."""
 
-    def __init__(self, config: CodesConfig, frames: int, joints: int, channels: int):
+    def __init__(self, config: CodesConfig, frames: int, joints: int, channels: int, with_all: bool = False):
         super().__init__()
-        self.joint = None if config.no_joint else FourierCode(1, channels, config.joint_sigma)
-        self.time = None if config.no_time else FourierCode(1, channels, config.time_sigma)
+        self.joint = FourierCode(1, channels, config.joint_sigma) if with_all or not config.no_joint else None
+        self.time = FourierCode(1, channels, config.time_sigma) if with_all or not config.no_time else None
         self.register_buffer("t", torch.linspace(0, 1, frames)[:, None, None], persistent=False)
         self.register_buffer("j", torch.linspace(0, 1, joints)[:, None], persistent=False)
 
-    def forward(self) -> Tensor | float:
+    def forward(self, joints: int) -> Tensor | float:
+        """Return the codes (N, C) of the tokens of the first joints."""
         code = 0.0
         if self.joint is not None:
-            code = code + self.joint(self.j)
+            code = code + self.joint(self.j[:joints])
         if self.time is not None:
             code = code + self.time(self.t)
         # Of each joint and of each frame the code is computed once, then repeated.
-        return code.expand(len(self.t), len(self.j), -1).flatten(0, 1) if isinstance(code, Tensor) else code
+        return code.expand(len(self.t), joints, -1).flatten(0, 1) if isinstance(code, Tensor) else code
 
 
 class Attention(nn.Module):
@@ -133,113 +150,12 @@ class Block(nn.Module):
         return x + self.dropout(self.mlp(self.mlp_norm(x)))
 
 
-# D-MAE: a masked auto-encoder over single joints at single times (Jiang, Chen & Guo, ACM MM 2022).
+# The network.
 
 _ERROR_SCALE = 0.03
 """m; scale of errors that training starts from."""
 
-
-class DMAE(nn.Module):
-    """The paper's network: predicts the coordinates of all joints in a window from those observed.
-
-    A token is one joint at one time. The encoder is given the signal codes of the observed tokens only, plus context
-    codes. The decoder, half as wide in the paper, is given encoded tokens where joints are observed, a shared mask
-    token elsewhere, and context codes again. A head predicts coordinates; another, which is not in the paper, the scale
-    of their error.
-
-    The observed tokens are gathered to the largest number in the batch and padded: attention is quadratic in the
-    tokens, and leaving hidden ones in as excluded keys costs 1.4 times the whole step at a quarter hidden, 1.9 times at
-    60 %.
-    """
-
-    observed_features = 0
-    """Numbers that an observed token carries with its signal code; `outputs` and `scale_features` are those of the
-    head, and those that the scale head is given in addition to decoded tokens."""
-    outputs = 3
-    scale_features = 0
-
-    def __init__(self, config: ModelConfig, joints: int):
-        super().__init__()
-        self.config = config
-        encoder, decoder = config.encoder, config.decoder
-        self.register_buffer("rest", torch.zeros(joints, 3))
-        """m; mean pose of the training data, see `dmae.completion.windows.rest_pose`."""
-        self.signal = FourierCode(3, 2 * config.codes.signal, config.codes.signal_sigma)
-        self.embed = nn.Linear(2 * config.codes.signal + self.observed_features, encoder.dim)
-        self.encoder_context = ContextCode(config.codes, config.frames, joints, encoder.dim)
-        self.encoder = nn.ModuleList(
-            Block(encoder.dim, encoder.heads, encoder.head_dim, encoder.mlp, config.dropout, config.key_init)
-            for _ in range(encoder.depth)
-        )
-        self.encoder_norm = nn.LayerNorm(encoder.dim)
-
-        self.narrow = nn.Linear(encoder.dim, decoder.dim)
-        self.mask_token = nn.Parameter(torch.randn(decoder.dim) * 0.02)
-        self.decoder_context = ContextCode(config.codes, config.frames, joints, decoder.dim)
-        ratio = decoder.dim / encoder.dim
-        head_dim, mlp = max(1, round(encoder.head_dim * ratio)), max(1, round(encoder.mlp * ratio))
-        self.decoder = nn.ModuleList(
-            Block(decoder.dim, encoder.heads, head_dim, mlp, config.dropout, config.key_init)
-            for _ in range(decoder.depth)
-        )
-        self.decoder_norm = nn.LayerNorm(decoder.dim)
-        self.head = nn.Linear(decoder.dim, self.outputs)
-        self.scale_head = nn.Sequential(nn.Linear(decoder.dim + self.scale_features, 64), nn.GELU(), nn.Linear(64, 1))
-        nn.init.zeros_(self.scale_head[-1].weight)
-        nn.init.constant_(self.scale_head[-1].bias, math.log(_ERROR_SCALE))
-
-    def forward(self, x: Tensor, observed: Tensor, *_: Tensor, wanted: Tensor | None = None) -> Prediction:
-        """Predict joints; further fields of `dmae.completion.windows.Windows` are not read.
-
-        Args:
-            x: (B, T, J, 3) m; not read where `observed` is False.
-            observed: (B, T, J) True where the encoder may look.
-            wanted: (B, T, J) True for the joints to be predicted, others become zero; None for all.
-        """
-        chosen = None if wanted is None else Chosen.where(wanted.flatten(1))
-        encoded = self.encode(self.signal(x.flatten(1, 2)), observed.flatten(1))
-        tokens = self.decode(encoded, self.mask_token.expand_as(encoded), observed.flatten(1), chosen)
-        # Detached: learning the scale of errors cost accuracy where the two shared features.
-        return self.prediction(self.head(tokens), self.scale_head(tokens.detach()), observed, chosen)
-
-    @staticmethod
-    def prediction(xyz: Tensor, log_scale: Tensor, observed: Tensor, chosen: Chosen | None) -> Prediction:
-        """Return predictions of the chosen tokens, (B, n, 3) and (B, n, 1), by frame and joint, as `observed` is."""
-        if chosen is not None:
-            xyz, log_scale = (chosen.put(part, observed[0].numel()) for part in (xyz, log_scale))
-        return Prediction(xyz.unflatten(1, observed.shape[1:]), log_scale.view(observed.shape))
-
-    def encode(self, signal: Tensor, observed: Tensor) -> Tensor:
-        """Return the encoded observed tokens in their places, (B, N, C) of the decoder, zero elsewhere.
-
-        Args:
-            signal: (B, N, C), what observed tokens carry.
-            observed: (B, N)
-        """
-        chosen = Chosen.where(observed)
-        index, valid = chosen
-        # In a window without any observed token attention needs one key; its result is dropped.
-        keys = None if bool(valid.all()) else valid | ~valid.any(1, keepdim=True)
-        tokens = self.embed(chosen.take(signal))
-        context = self.encoder_context()
-        tokens = tokens + (context[index] if isinstance(context, Tensor) else context)
-        for block in self.encoder:
-            tokens = block(tokens, keys)
-        return chosen.put(self.narrow(self.encoder_norm(tokens)), observed.shape[1])
-
-    def decode(self, encoded: Tensor, hidden: Tensor, observed: Tensor, chosen: Chosen | None = None) -> Tensor:
-        """Return decoded tokens (B, N, C), or those chosen (B, n, C).
-
-        The decoder is given encoded tokens (B, N, C) where observed (B, N), else `hidden` (B, N, C).
-        """
-        tokens = torch.where(observed[..., None], encoded, hidden) + self.decoder_context()
-        for block in self.decoder[:-1]:
-            tokens = block(tokens)
-        # After the last layer no other token needs those that are not asked for.
-        return self.decoder_norm(self.decoder[-1](tokens, wanted=chosen))
-
-
-# The default network: D-MAE that predicts corrections of interpolated joints.
+# What the default network has in addition.
 
 _POSE_SCALE = 0.3
 """m; how far joints typically are from the rest pose."""
@@ -266,31 +182,142 @@ _LARGEST_LOG_SCALE = 5.0
 """Limit of the logarithm of the residual scale."""
 
 
-class ResidualDMAE(DMAE):
-    """The paper's network with three changes.
+class DMAE(nn.Module):
+    """Predicts the coordinates of all joints in a window from those observed.
 
-    - It predicts what to add to interpolated joints (`base`): a residual, and a distance along the ray, both multiplied
-      by a residual scale that depends on the gap, the noise level and the candidate offsets.
+    A token is one joint at one time. The encoder is given the signal codes of the observed tokens only, plus context
+    codes. The decoder, half as wide and as deep, is given encoded tokens where joints are observed, a shared mask token
+    elsewhere, and context codes again. A head predicts coordinates,
+
+        e = Enc({W γ(x) + γ(j) + γ(t) : observed}),  x̂ = h + Head(Dec(o e + (1 - o) m + γ(j) + γ(t))),
+
+    with the mask token m and the mean heights h of the joints.
+
+    With `residual` there are three additions:
+
+    - It predicts what to add to interpolated joints b: a residual δ and a distance λ along the ray r of the one camera
+      that detected the joint, both multiplied by a residual scale α of the gap, the noise level and the candidate
+      offsets: x̂ = b + α (δ + λ r).
     - Hidden tokens carry the interpolated joint and its input features in addition to the mask token.
     - Coordinates are relative to the rest pose, and are given in addition to their signal code.
+
+    The observed tokens are gathered to the largest number in the batch and padded: attention is quadratic in the
+    tokens, and leaving hidden ones in as excluded keys costs 1.4 times the whole step at a quarter hidden, 1.9 times at
+    60 %.
     """
 
-    observed_features = 3 + len(_OBSERVED_NOISE)
-    outputs = 4
-    scale_features = _SCALE_FEATURES
-
     def __init__(self, config: ModelConfig, joints: int):
-        super().__init__(config, joints)
-        self.register_buffer("offset_scale", torch.tensor(_OFFSET_SCALE), persistent=False)
-        self.embed_hidden = nn.Linear(2 * config.codes.signal + 3 + _HIDDEN_FEATURES, config.decoder.dim)
-        # How much to add depends on how long and how far a joint is hidden, and on how noisy the poses are.
-        self.residual_scale = nn.Sequential(nn.Linear(_SCALE_FEATURES, 32), nn.GELU(), nn.Linear(32, 1))
-        # Training starts from the interpolation.
-        for last in (self.head, self.residual_scale[-1]):
-            nn.init.zeros_(last.weight)
-            nn.init.zeros_(last.bias)
+        super().__init__()
+        self.config = config
+        encoder, decoder, residual = config.encoder, config.decoder, config.residual
+        self.register_buffer("rest", torch.zeros(joints, 3))
+        """m; mean pose of the training data, see `dmae.completion.windows.rest_pose`."""
+        self.signal = FourierCode(3, 2 * config.codes.signal, config.codes.signal_sigma)
+        self.embed = nn.Linear(2 * config.codes.signal + residual * (3 + len(_OBSERVED_NOISE)), encoder.dim)
+        self.encoder_context = ContextCode(config.codes, config.frames, joints, encoder.dim)
+        self.encoder = nn.ModuleList(
+            Block(encoder.dim, encoder.heads, encoder.head_dim, encoder.mlp, config.dropout, config.key_init)
+            for _ in range(encoder.depth)
+        )
+        self.encoder_norm = nn.LayerNorm(encoder.dim)
+
+        self.narrow = nn.Linear(encoder.dim, decoder.dim)
+        self.mask_token = nn.Parameter(torch.randn(decoder.dim) * 0.02)
+        # Without its codes all masked tokens of a frame, or of a joint, would be one; the released code keeps them.
+        self.decoder_context = ContextCode(config.codes, config.frames, joints, decoder.dim, with_all=True)
+        ratio = decoder.dim / encoder.dim
+        head_dim, mlp = max(1, round(encoder.head_dim * ratio)), max(1, round(encoder.mlp * ratio))
+        self.decoder = nn.ModuleList(
+            Block(decoder.dim, encoder.heads, head_dim, mlp, config.dropout, config.key_init)
+            for _ in range(decoder.depth)
+        )
+        self.decoder_norm = nn.LayerNorm(decoder.dim)
+        self.head = nn.Linear(decoder.dim, 3 + residual)
+        scale_inputs = decoder.dim + residual * _SCALE_FEATURES
+        self.scale_head = nn.Sequential(nn.Linear(scale_inputs, 64), nn.GELU(), nn.Linear(64, 1))
+        nn.init.zeros_(self.scale_head[-1].weight)
+        nn.init.constant_(self.scale_head[-1].bias, math.log(_ERROR_SCALE))
+        if residual:
+            self.register_buffer("offset_scale", torch.tensor(_OFFSET_SCALE), persistent=False)
+            self.embed_hidden = nn.Linear(2 * config.codes.signal + 3 + _HIDDEN_FEATURES, decoder.dim)
+            # How much to add depends on how long and how far a joint is hidden, and on how noisy the poses are.
+            self.residual_scale = nn.Sequential(nn.Linear(_SCALE_FEATURES, 32), nn.GELU(), nn.Linear(32, 1))
+            # Training starts from the interpolation.
+            for last in (self.head, self.residual_scale[-1]):
+                nn.init.zeros_(last.weight)
+                nn.init.zeros_(last.bias)
 
     def forward(
+        self,
+        x: Tensor,
+        observed: Tensor,
+        base: Tensor | None = None,
+        gap: Tensor | None = None,
+        ray: Tensor | None = None,
+        candidate_offset: Tensor | None = None,
+        noise_level: Tensor | None = None,
+        wanted: Tensor | None = None,
+    ) -> Prediction:
+        """Predict joints; the arguments but the last are the fields of `dmae.completion.windows.Windows`.
+
+        Args:
+            x: (B, T, J, 3) m; not read where `observed` is False. J may be fewer than all joints: the first ones.
+            observed: (B, T, J) True where the encoder may look.
+            base: (B, T, J, 3) m, interpolated joints; this and the following only with `residual`.
+            gap: (B, T, J, 2) frames since and until the joint was observed.
+            ray: (B, T, J, 3) direction of the one camera that detected the joint; zero where there is none.
+            candidate_offset: (B, T, J, 6, 3) m, from `base` to other places where the joint may be.
+            noise_level: (B, T, J, 6) logarithms of jitter and bone stretch.
+            wanted: (B, T, J) True for the joints to be predicted, others become zero; None for all.
+        """
+        chosen = None if wanted is None else Chosen.where(wanted.flatten(1))
+        if self.config.residual:
+            tokens, xyz, features = self._residual(
+                x, observed, base, *self._ablated(gap, ray, candidate_offset, noise_level), chosen
+            )
+        else:
+            encoded = self.encode(self.signal(x.flatten(1, 2)), observed)
+            tokens = self.decode(encoded, self.mask_token, observed, chosen)
+            heights = (self.rest[: x.shape[2]] * self.rest.new_tensor((0, 0, 1))).repeat(x.shape[1], 1)
+            xyz = self.head(tokens) + (heights if chosen is None else heights[chosen.index])
+            features = tokens[..., :0]
+        # Detached: learning the scale of errors cost accuracy where the two shared features.
+        log_scale = self.scale_head(torch.cat([tokens.detach(), features], -1))
+        if chosen is not None:
+            xyz, log_scale = (chosen.put(part, observed[0].numel()) for part in (xyz, log_scale))
+        return Prediction(xyz.unflatten(1, observed.shape[1:]), log_scale.view(observed.shape))
+
+    def encode(self, signal: Tensor, observed: Tensor) -> Tensor:
+        """Return the encoded observed tokens in their places, (B, N, C) of the decoder, zero elsewhere.
+
+        Args:
+            signal: (B, N, C), what observed tokens carry.
+            observed: (B, T, J)
+        """
+        chosen = Chosen.where(observed.flatten(1))
+        index, valid = chosen
+        # In a window without any observed token attention needs one key; its result is dropped.
+        keys = None if bool(valid.all()) else valid | ~valid.any(1, keepdim=True)
+        tokens = self.embed(chosen.take(signal))
+        context = self.encoder_context(observed.shape[2])
+        tokens = tokens + (context[index] if isinstance(context, Tensor) else context)
+        for block in self.encoder:
+            tokens = block(tokens, keys)
+        return chosen.put(self.narrow(self.encoder_norm(tokens)), signal.shape[1])
+
+    def decode(self, encoded: Tensor, hidden: Tensor, observed: Tensor, chosen: Chosen | None = None) -> Tensor:
+        """Return decoded tokens (B, N, C), or those chosen (B, n, C).
+
+        The decoder is given encoded tokens (B, N, C) where observed (B, T, J), else `hidden` (B, N, C) or (C,).
+        """
+        tokens = torch.where(observed.flatten(1)[..., None], encoded, hidden)
+        tokens = tokens + self.decoder_context(observed.shape[2])
+        for block in self.decoder[:-1]:
+            tokens = block(tokens)
+        # After the last layer no other token needs those that are not asked for.
+        return self.decoder_norm(self.decoder[-1](tokens, wanted=chosen))
+
+    def _residual(
         self,
         x: Tensor,
         observed: Tensor,
@@ -299,31 +326,18 @@ class ResidualDMAE(DMAE):
         ray: Tensor,
         candidate_offset: Tensor,
         noise_level: Tensor,
-        wanted: Tensor | None = None,
-    ) -> Prediction:
-        """Predict joints; the arguments but the last are the fields of `dmae.completion.windows.Windows`.
-
-        Args:
-            x: (B, T, J, 3) m; not read where `observed` is False.
-            observed: (B, T, J) True where the encoder may look.
-            base: (B, T, J, 3) m, interpolated joints.
-            gap: (B, T, J, 2) frames since and until the joint was observed.
-            ray: (B, T, J, 3) direction of the one camera that detected the joint; zero where there is none.
-            candidate_offset: (B, T, J, 6, 3) m, from `base` to other places where the joint may be.
-            noise_level: (B, T, J, 6) logarithms of jitter and bone stretch.
-            wanted: (B, T, J) True for the joints to be predicted, others become zero; None for all.
-        """
-        chosen = None if wanted is None else Chosen.where(wanted.flatten(1))
-        gap, ray, candidate_offset, noise_level = self._ablated(gap, ray, candidate_offset, noise_level)
+        chosen: Chosen | None,
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """Return decoded tokens, the corrected joints (B, n, 3) m, and the features that the error's scale is given."""
         signal = torch.cat([self._coordinates(x), noise_level[..., _OBSERVED_NOISE].flatten(1, 2)], -1)
-        encoded = self.encode(signal, observed.flatten(1))
+        encoded = self.encode(signal, observed)
 
         duration = torch.log1p(gap) / math.log(1000)
         offsets = (candidate_offset / self.offset_scale[:, None]).clamp(-5, 5).flatten(3)
         features = (part.flatten(1, 2) for part in (duration, ray, offsets, noise_level))
         hidden = self.mask_token.expand_as(encoded)
         hidden = hidden + self.embed_hidden(torch.cat([self._coordinates(base), *features], -1))
-        tokens = self.decode(encoded, hidden, observed.flatten(1), chosen)
+        tokens = self.decode(encoded, hidden, observed, chosen)
 
         def of_chosen(part: Tensor) -> Tensor:
             part = part.flatten(1, 2)
@@ -334,10 +348,7 @@ class ResidualDMAE(DMAE):
         base, ray, known = map(of_chosen, (base, ray, observed[..., None]))
         scale = self.residual_scale(features).clamp(-_LARGEST_LOG_SCALE, _LARGEST_LOG_SCALE).exp()
         predicted = self.head(tokens)
-        xyz = base + torch.where(known, 1, scale) * (predicted[..., :3] + predicted[..., 3:] * ray)
-        # Detached: learning the scale of errors cost accuracy where the two shared features.
-        log_scale = self.scale_head(torch.cat([tokens.detach(), features], -1))
-        return self.prediction(xyz, log_scale, observed, chosen)
+        return tokens, base + torch.where(known, 1, scale) * (predicted[..., :3] + predicted[..., 3:] * ray), features
 
     def _ablated(self, *features: Tensor) -> list[Tensor]:
         """Return the fields of input features with those named in `ablate` set to zero."""
@@ -352,8 +363,3 @@ class ResidualDMAE(DMAE):
         """Return joints (B, T, J, 3) relative to the rest pose, and their signal code, (B, N, C)."""
         offset = (x - self.rest).flatten(1, 2)
         return torch.cat([offset / _POSE_SCALE, self.signal(offset)], -1)
-
-
-def build_network(config: ModelConfig, joints: int) -> DMAE:
-    """Return an untrained network for a number of joints: the paper's, or the default one if `config.residual`."""
-    return (ResidualDMAE if config.residual else DMAE)(config, joints)

@@ -28,13 +28,15 @@ from lightning.pytorch.callbacks import Callback, ModelCheckpoint, Timer, Weight
 from lightning.pytorch.loggers import TensorBoardLogger
 from lightning.pytorch.plugins.io import TorchCheckpointIO
 from lightning.pytorch.strategies import DDPStrategy
+from lightning.pytorch.trainer.states import TrainerFn
 from safetensors.torch import save_file
 from torch import Tensor
-from torch.utils.data import DataLoader
+from torch.utils.data import DataLoader, Dataset
 
 from dmae.completion.complete import Completer
 from dmae.completion.config import Loss, Precision, TrainConfig
-from dmae.completion.network import DMAE, Prediction, build_network
+from dmae.completion.network import DMAE, Prediction
+from dmae.completion.paper import PaperBatches, PaperRows, paper_rows, paper_validation
 from dmae.completion.training_data import (
     Examples,
     PosePair,
@@ -47,7 +49,7 @@ from dmae.completion.training_data import (
     validation_batches,
 )
 from dmae.completion.uncertainty import CLASSES, Factors, gap_classes
-from dmae.completion.weights import OF_PEOPLE, check_finite, find_shipped, load_model, save_model
+from dmae.completion.weights import OF_PEOPLE, check_finite, find_shipped, load_model, save_model, weights_folder
 from dmae.completion.windows import rest_pose
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.resume import claim_folder
@@ -55,7 +57,7 @@ from dmae.data.rng import Stream, generator
 from dmae.data.skeleton import BODY25, Skeleton, encode, get_skeleton
 from dmae.data.store import write_atomic
 from dmae.files.contents import read_bytes
-from dmae.metrics.position import REGION_PROBABILITY, REGION_RADIUS
+from dmae.metrics.position import PCK_THRESHOLD, REGION_PROBABILITY, REGION_RADIUS
 from dmae.progress import progress
 
 _FEWEST = 200
@@ -230,6 +232,9 @@ class TimeLimit:
 _SCALE_WEIGHT = 0.01
 """Weight of the loss that trains the error scale, relative to errors in m."""
 
+_LOSS_SHARE = 0.01
+"""Weight of the last step in the mean loss that is printed."""
+
 _SMALLEST_ERROR = 0.003
 """m; expected errors much below this have equal weight (`Loss.relative`)."""
 
@@ -241,7 +246,8 @@ def error_loss(loss: Loss, squared: Tensor, log_scale: Tensor) -> Tensor:
         log_scale: (...) see `dmae.completion.network.Prediction`; three times the scale is the mean error.
     """
     if loss == Loss.mse:
-        return squared
+        # In dm^2: gradients in m^2 are not large against the epsilon of Adam.
+        return 100 * squared
     # The gradient of a root is infinite at zero; a hundredth of a millimetre is close enough.
     distance = (squared + 1e-10).sqrt()
     if loss == Loss.euclidean:
@@ -258,6 +264,7 @@ class Learner(lightning.LightningModule):
         config: TrainConfig,
         pairs: list[PosePair],
         extra: list[PosePair],
+        skeleton: Skeleton,
         recipe: Recipe,
         validation: list[Examples],
         timer: Timer,
@@ -266,6 +273,8 @@ class Learner(lightning.LightningModule):
         super().__init__()
         self.model, self.train_config, self.timer, self.limit = model, config, timer, limit
         self.pairs, self.extra, self.recipe, self.validation = pairs, extra, recipe, validation
+        self.skeleton, self.mean_loss = skeleton, float("nan")
+        self._rows: dict[int, tuple[PaperRows, PaperRows]] = {}
 
     def fraction(self) -> float:
         """Return how much of the training is done, by steps or by time, in [0, 1]."""
@@ -295,22 +304,39 @@ class Learner(lightning.LightningModule):
         torch.manual_seed(generator(self.train_config.seed, self.current_epoch, Stream.MASKING).integers(2**63))
 
     def train_dataloader(self) -> DataLoader:
-        config, begun = self.train_config, time.monotonic()
-        batches = TrainingBatches(
-            self.pairs,
-            self.recipe,
-            seed=config.seed,
-            epoch=self.trainer.current_epoch,
-            steps=config.learning.epoch,
-            batch=config.learning.batch,
-            extra=self.extra,
-            replay=config.examples.replay or 0.0,
-            until=self.limit.until(),
-            rank=self.trainer.global_rank,
-            ranks=self.trainer.world_size,
+        config, begun, rank, ranks = (
+            self.train_config,
+            time.monotonic(),
+            self.trainer.global_rank,
+            self.trainer.world_size,
         )
+        order = {
+            "seed": config.seed,
+            "epoch": self.trainer.current_epoch,
+            "steps": config.learning.epoch,
+            "batch": config.learning.batch,
+        }
+        replay = config.examples.replay or 0.0
+        if config.model.residual:
+            batches: Dataset = TrainingBatches(
+                self.pairs, self.recipe, extra=self.extra, replay=replay, until=self.limit.until(), rank=rank,
+                ranks=ranks, **order,
+            )  # fmt: skip
+        else:
+            shares = ((1 - replay, self.pairs), (replay, self.extra))
+            batches = PaperBatches(
+                [(share, *self._paper_rows(pairs)) for share, pairs in shares], self.skeleton, self.recipe,
+                share=slice(rank, None, ranks), **order,
+            )  # fmt: skip
         self.limit.preparing = time.monotonic() - begun
         return DataLoader(batches, batch_size=None, num_workers=config.examples.workers)
+
+    def _paper_rows(self, pairs: list[PosePair]) -> tuple[PaperRows, PaperRows]:
+        """Return the rows of true poses and of captured ones; made once."""
+        if id(pairs) not in self._rows:
+            true, captured = (paper_rows(pairs, self.recipe.model.frames, captured=each) for each in (False, True))
+            self._rows[id(pairs)] = true, captured
+        return self._rows[id(pairs)]
 
     def val_dataloader(self) -> DataLoader:
         return DataLoader(self.validation, batch_size=None)
@@ -318,6 +344,9 @@ class Learner(lightning.LightningModule):
     def training_step(self, batch: Examples, _: int) -> Tensor:
         predicted, weight = self._predict(batch), self.train_config.learning.observed_weight
         loss = self._loss(predicted, batch.truth, batch.hidden)
+        if math.isnan(self.mean_loss):
+            self.mean_loss = float(loss.detach())
+        self.mean_loss += (float(loss.detach()) - self.mean_loss) * _LOSS_SHARE
         if weight:
             loss = loss + weight * self._loss(predicted, batch.truth, batch.observed)
         if not torch.isfinite(loss):
@@ -327,13 +356,15 @@ class Learner(lightning.LightningModule):
 
     def _predict(self, batch: Examples) -> Prediction:
         """Return what the network predicts, in single precision whatever it computes with."""
-        return Prediction(*(part.float() for part in self.model(*batch.windows)))
+        # The default network is trained on observed joints, too.
+        wanted = None if self.train_config.learning.observed_weight else batch.hidden
+        return Prediction(*(part.float() for part in self.model(*batch.windows, wanted=wanted)))
 
     def _not_finite(self, batch: Examples, loss: float) -> str:
         """Save the batch of a loss that is not finite; return what happened and what to do."""
         path = Path(self.trainer.default_root_dir, "not_finite.safetensors")
         tensors = {"truth": batch.truth, "hidden": batch.hidden, "observed": batch.observed}
-        tensors |= {f"windows.{name}": tensor for name, tensor in batch.windows._asdict().items()}
+        tensors |= {f"windows.{name}": tensor for name, tensor in batch.windows._asdict().items() if tensor is not None}
         save_file({name: tensor.contiguous() for name, tensor in tensors.items()}, path)
         return (
             f"step {self.trainer.global_step}: the loss is {loss}, so training stopped and wrote no weights; the batch "
@@ -357,6 +388,22 @@ class Learner(lightning.LightningModule):
             distance = torch.linalg.norm(predicted - batch.truth, dim=-1)[batch.hidden]
             if len(distance):
                 self.log(f"hidden_{name}_mm", 1000 * distance.mean(), batch_size=len(distance), sync_dist=True)
+                near = 100 * (distance <= PCK_THRESHOLD).float().mean()
+                self.log(f"hidden_{name}_recall", near, batch_size=len(distance), sync_dist=True)
+
+    def on_validation_epoch_end(self) -> None:
+        """Print how far the training is: the mean loss of the last hundred steps, and what validation found."""
+        found = {name: float(value) for name, value in self.trainer.callback_metrics.items()}
+        if self.trainer.state.fn != TrainerFn.FITTING or not self.trainer.is_global_zero:
+            return
+        line = f"step {self.trainer.global_step}: loss {self.mean_loss:.4g}"
+        if "hidden_model_mm" in found:
+            line += (
+                f"; validation: hidden joints {found['hidden_model_mm']:.1f} mm, {found['hidden_model_recall']:.2f} % "
+                f"within {100 * PCK_THRESHOLD:.0f} cm (interpolation {found['hidden_interpolation_mm']:.1f} mm, "
+                f"{found['hidden_interpolation_recall']:.2f} %)"
+            )
+        print(line, file=sys.stderr, flush=True)
 
 
 # How Lightning trains here: averaged weights, the progress bar, the time limit, several processes, few messages.
@@ -536,23 +583,30 @@ def train(
         model.train()
         rest = model.rest.numpy().astype(np.float64)
     else:
-        model, record = build_network(config.model, len(skeleton)), {"calibration": None}
+        model, record = DMAE(config.model, len(skeleton)), {"calibration": None}
         rest = _rest_pose(found, skeleton, config)
         model.rest.copy_(torch.from_numpy(rest))
     recipe = Recipe(config.model, rest, config.examples.masking, config.examples.augment)
     held_back = list(found.validation.values())
-    validation = validation_batches(held_back, recipe, seed=config.seed, batch=256)
+    if config.model.residual:
+        validation = validation_batches(held_back, recipe, seed=config.seed, batch=256)
+    else:
+        validation = paper_validation(held_back, skeleton, recipe, rest, seed=config.seed, batch=256)
     _reserve_time(limit, model, skeleton, validation, held_back, recipe)
     timer = Timer(None, interval="step", verbose=False)
     pairs, extra = list(found.pairs.values()), list(found.extra.values())
-    learner = Learner(model, config, pairs, extra, recipe, validation, timer, limit)
+    learner = Learner(model, config, pairs, extra, skeleton, recipe, validation, timer, limit)
     steps, scores = _fit(learner, config, out)
     if learner.trainer.is_global_zero:
-        stated = Completer(learner.model.eval(), skeleton, factors=_ONES)
-        measured = limit.while_left(calibration_poses(held_back, recipe, seed=config.seed))
+        factors = None
+        if config.model.residual:
+            stated = Completer(learner.model.eval(), skeleton, factors=_ONES)
+            measured = limit.while_left(calibration_poses(held_back, recipe, seed=config.seed))
+            factors = fit_factors(stated, measured, config.model.fps)
         facts = {
-            "calibration": fit_factors(stated, measured, config.model.fps) or record["calibration"],
+            "calibration": factors or record["calibration"],
             "denoises": weight > 0,
+            "fuses": any(pair.captured for pair in (*pairs, *extra)) and len(skeleton.parts) > 1,
             "init": initial and {"path": config.init, "sha256": record["sha256"]},
             "clips": len(pairs) + len(extra),
             "frames": config.data.frames,
@@ -615,6 +669,11 @@ def _reserve_time(
     if not limit.limited or not validation:
         return
     model.eval()
+    if not model.config.residual:
+        with torch.inference_mode():
+            limit.reserve((lambda: model(*validation[0].windows), 2 * len(validation)))
+        model.train()
+        return
     stated = Completer(model, skeleton, factors=_ONES)
     measured = [poses for poses, _ in calibration_poses(held_back[:1], recipe, seed=0)]
     with torch.inference_mode():
@@ -642,8 +701,10 @@ def _load_initial(config: TrainConfig) -> tuple[DMAE, Skeleton, dict] | None:
     """Return the model to start from, its skeleton and its record."""
     if config.init is None:
         return None
-    shipped = config.init == "shipped"
-    folder = find_shipped(get_skeleton(config.skeleton or BODY25.name)) if shipped else Path(config.init)
+    if config.init == "shipped":
+        folder = find_shipped(get_skeleton(config.skeleton or BODY25.name))
+    else:
+        folder = weights_folder(config.init)
     model, skeleton, record = load_model(folder)
     if config.skeleton is not None and get_skeleton(config.skeleton) != skeleton:
         raise ValueError(f"{config.init}: a model of skeleton {skeleton.name!r}, and skeleton={config.skeleton}")

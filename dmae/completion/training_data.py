@@ -48,10 +48,39 @@ def mask(
 
 
 def mask_scattered(
-    shape: tuple[int, int, int], joints: float, frames: float, *, rng: np.random.Generator
+    shape: tuple[int, int, int], joints: float, frames: float, released: bool = False, *, rng: np.random.Generator
 ) -> np.ndarray:
-    """Return (F, P, J) True for a share of the joints and, in addition, for all joints of a share of the frames."""
-    return (rng.random(shape) < joints) | (rng.random((*shape[:2], 1)) < frames)
+    """Return (F, P, J) True for all joints of a share of the frames, and a share of the joints of every other frame.
+
+    The numbers of both are exact, for each person. With `released`, as in the paper's released code, that share of the
+    joints is masked in the masked frames alone.
+    """
+    whole = _least(rng.random((*shape[:2], 1)), int(frames * shape[0] + 0.5), axis=0)
+    some = _least(rng.random(shape), int(joints * shape[2] + 0.5), axis=2)
+    return whole & some if released else whole | some
+
+
+def _least(values: np.ndarray, count: int, axis: int) -> np.ndarray:
+    """Return True for the `count` smallest values along an axis."""
+    return values.argsort(axis).argsort(axis) < count
+
+
+_WHOLE_JOINT = 0.3
+"""Greatest share of the joints that are masked in all frames of a captured window."""
+
+
+def mask_captured(shape: tuple[int, int, int], config: MaskingConfig, *, rng: np.random.Generator) -> np.ndarray:
+    """Return (F, P, J) True at random, of captured windows: by joint, by frame, and joints in all frames.
+
+    Each share is uniform for each person, up to `joints`, `frames` and 0.3: many joints are missing already.
+    """
+    frames, people, joints = shape
+    most = rng.random((3, 1, people, 1)) * np.array((config.joints, config.frames, _WHOLE_JOINT))[:, None, None, None]
+    return (
+        (rng.random(shape) < most[0])
+        | (rng.random((frames, people, 1)) < most[1])
+        | (rng.random((1, people, joints)) < most[2])
+    )
 
 
 def mask_bursts(

@@ -19,7 +19,7 @@ from torch import Tensor
 from torch.overrides import TorchFunctionMode
 
 from dmae.completion.config import ModelConfig, model_config
-from dmae.completion.network import DMAE, build_network
+from dmae.completion.network import DMAE
 from dmae.data.skeleton import Skeleton, decode_skeleton, encode, get_skeleton
 from dmae.data.store import write_atomic
 from dmae.files.contents import read_bytes
@@ -52,6 +52,8 @@ OF_PEOPLE = {"l_hip", "r_hip", "l_shoulder", "r_shoulder"}
 _LARGEST = 1e6
 """Of a weight."""
 SHIPPED = Path(__file__).parents[1] / "models"
+PAPER = "paper"
+"""Folder there of the paper's network."""
 
 
 def save_model(model: DMAE, skeleton: Skeleton, folder: Path, record: dict) -> None:
@@ -106,7 +108,7 @@ def load_model(folder: Path) -> tuple[DMAE, Skeleton, dict]:
             tensors, options = _from_format_4(tensors, options)
         config = model_config(options)
         _check_sizes(config, len(skeleton), tensors)
-        model = build_network(config, len(skeleton))
+        model = DMAE(config, len(skeleton))
         model.load_state_dict(tensors)
     except (KeyError, TypeError, AttributeError, RuntimeError, ValueError, OverflowError, SafetensorError) as error:
         raise ValueError(f"{folder}: not a model of this version of dmae: {error}") from None
@@ -132,7 +134,7 @@ class _Unfilled(TorchFunctionMode):
 def _check_sizes(config: ModelConfig, joints: int, tensors: dict[str, Tensor]) -> None:
     """Refuse a network other than that of the tensors before any memory is taken for it."""
     with torch.device("meta"), _Unfilled():
-        wanted = build_network(config, joints).state_dict()
+        wanted = DMAE(config, joints).state_dict()
     for name in sorted(wanted.keys() | tensors.keys()):
         shapes = [tuple(part[name].shape) if name in part else "none" for part in (wanted, tensors)]
         if shapes[0] != shapes[1]:
@@ -163,8 +165,13 @@ def _from_format_4(tensors: dict[str, Tensor], options: dict) -> tuple[dict[str,
 
 
 def shipped() -> list[str]:
-    """Return the names of the skeletons for which weights come with the package."""
-    return sorted(path.parent.name for path in SHIPPED.glob("*/model.json"))
+    """Return the names of the skeletons for which weights of the default network come with the package."""
+    return sorted(path.parent.name for path in SHIPPED.glob("*/model.json") if path.parent.name != PAPER)
+
+
+def weights_folder(weights: str | Path) -> Path:
+    """Return the folder that an option names: `paper` is that of the paper's network, which comes with the package."""
+    return SHIPPED / PAPER if str(weights) == PAPER else Path(weights)
 
 
 def find_shipped(skeleton: Skeleton) -> Path:
@@ -204,6 +211,12 @@ joints are estimates, marked `COMPLETED`. Their covariances hold for motion and 
 are unknown (NaN) farther than 0.2 s from any measurement of the person. The model does not identify people.
 """
 
+_PAPERS_USE = """\
+The network of the D-MAE paper alone: completes joints from those in the same window (`dmae complete weights=paper`),
+and is where fusion starts (`dmae train model=paper init=paper`). Completed joints are estimates, marked `COMPLETED`,
+without covariances. The model does not identify people.
+"""
+
 _VALIDATION = ("validation ", "unseen ")
 """Prefixes of the names of clips from `validation_data`; the second is that of version 0.1."""
 
@@ -240,7 +253,7 @@ def _card(folder: Path, scores: Sequence[Path], command: str) -> str:
     lines = [
         f"# D-MAE for {skeleton.name}",
         "",
-        _USE,
+        _USE if network.residual else _PAPERS_USE,
         f"- **Network**: {size:,} parameters; windows of {network.frames} frames at {network.fps:g}/s, "
         f"{len(skeleton)} joints; its sizes are in `model.json`.",
         f"- **Learned from**: {_sets(learned, config)}; {record['steps']} steps, {_listed(settings)}.",

@@ -3,7 +3,6 @@
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from dmae.completion.config import PaperSize
 from dmae.completion.methods import completion_method
 from dmae.evaluation.corruption.registry import corruption
 from dmae.formats.config import DataConfig
@@ -141,7 +140,8 @@ class StressConfig:
     weights: str | None = None
     """Folder that `dmae train` wrote, for learned methods; by default the weights that come with the package."""
     paper_weights: str | None = None
-    """Folder that `dmae train model=paper` wrote, for the method `paper`; without it that fills linearly."""
+    """Folder that `dmae train model=paper` wrote, for the method `paper`; by default the weights of the paper's network
+    that come with the package."""
     seed: int = 0
     """Seed of the random numbers."""
     workers: int = 1
@@ -239,8 +239,9 @@ class TableConfig:
     """Number of the table, 1 to 5 of the paper, or 6."""
     data: DataConfig = field(default_factory=DataConfig)
     extra_data: list[str] = field(default_factory=list)
-    """Folders of further data sets: for tables 1, 2 and 4, simulated clips to train the paper's network and fusion
-    (without them, their rows are not measured); for tables 3 and 5, more clips."""
+    """Folders of further data sets: for tables 1, 2 and 4, simulated clips to learn fusion from, best captured
+    already by few and many cameras (without them, rows of fusion are not measured); for table 3, more clips; for table
+    5, clips to learn from."""
     capture: CaptureConfig = field(default_factory=CaptureConfig)
     protocol: str = field(default="strict", metadata={"choices": protocol})
     """How limbs are counted in the rows measured here; the others are for comparison with rows published under them."""
@@ -249,8 +250,6 @@ class TableConfig:
     systems: list[str] | None = field(default=None, metadata={"choices": capture_method})
     """Published systems that capture the same detections in rows of their own in tables 1 to 3; by default all, or
     with size=small none."""
-    paper: PaperSize = PaperSize.small
-    """Size of the paper's own network in tables 1 and 2: small enough for a CPU, or full."""
     weights: str | None = None
     """Folder that `dmae train` wrote, for `dmae`; by default the weights that come with the package."""
     seed: int = 0

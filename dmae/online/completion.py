@@ -95,10 +95,12 @@ class OnlineCompleter:
                 the last frame that they wait for.
 
         Raises:
-            ValueError: fps is not positive or the delay negative.
+            ValueError: fps is not positive, the delay negative, or the completer that of the paper's network.
         """
         if not (np.isfinite(fps) and fps > 0 and np.isfinite(delay) and delay >= 0):
             raise ValueError(f"fps must be positive and delay not negative, found {fps} and {delay}")
+        if not completer.model.config.residual:
+            raise ValueError("the paper's network completes recordings alone; leave out online and its weights")
         self._known_after, self._turn = round(delay * fps), turn
         self.delay = self._known_after + max(2 * turn - 1, 0)
         # Completion does not smooth: smoothing is applied later, to frames that are already completed.

@@ -26,11 +26,10 @@ _ALL = "measured,linear,pchip_body,kalman,reject_pchip,rays,gaussian_process,rej
 _INTERACTIONS = (
     "synth generate -m interaction=fight,hug,dance,huddle rig=ring rig.ring.views=3 clips=4 seed=51 out=interactions"
 )
-_RECORDED_PEOPLE = (
-    "synth generate motion=recorded motion.path=$DMAE_DATA/cmu clips=60 seed=52 scene.fps=25 scene.seconds=6 "
-    "scene.persons=[2,3] rig=ring rig.ring.views=2 out=people"
+_CAPTURED_PEOPLE = (
+    "synth generate motion=recorded motion.path=$DMAE_DATA/cmu clips=56 seed=52 scene.fps=25 scene.seconds=6 "
+    "'scene.persons=[2,3]' out=people && dmae capture data=people 'draw=[3,4,5]' out=captured"
 )
-_TWO_INTERACTIONS = _INTERACTIONS.replace(",dance,huddle", "")
 
 _ROOMS = ("office", "living_room", "market", "pillars", "studio", "warehouse")
 _PICTURES = "rig.ring.views=3 rig.random.views=3 images=rgb rgb=jpeg scene.fps=1"
@@ -91,29 +90,19 @@ RECORDED = {
     ),
     "table_1": ("dmae table number=1 data=shelf data.path=$DMAE_DATA/shelf", "2 minutes"),
     "table_2": ("dmae table number=2 data=shelf data.path=$DMAE_DATA/shelf", "20 minutes"),
-    "table_1_network": (
-        f"{_RECORDED_PEOPLE} && dmae table number=1 data=shelf data.path=$DMAE_DATA/shelf extra_data=[people]",
-        "25 minutes",
-    ),
-    "table_2_network": (
-        f"{_RECORDED_PEOPLE} && dmae table number=2 data=shelf data.path=$DMAE_DATA/shelf extra_data=[people]",
-        "25 minutes",
-    ),
+    **{
+        name: (
+            f"{_CAPTURED_PEOPLE} && dmae table number={name[6]} data=shelf data.path=$DMAE_DATA/shelf systems=[] "
+            "extra_data=[captured]",
+            "20 minutes",
+        )
+        for name in ("table_1_network", "table_2_network", "table_4")
+    },
     "table_3": (
         f"{_INTERACTIONS} && "
         "dmae table number=3 data=interactions/0 extra_data=[interactions/1,interactions/2,interactions/3] size=small "
         "systems=[4d_association,mvpose,pictorial_structures,plane_sweep]",
         "10 minutes",
-    ),
-    "table_4": (
-        f"{_TWO_INTERACTIONS} && dmae table number=4 data=shelf data.path=$DMAE_DATA/shelf "
-        "extra_data=[interactions/0,interactions/1] size=small",
-        "4 minutes",
-    ),
-    "table_5": (
-        f"{_INTERACTIONS.replace('views=3 clips=4', 'views=4 clips=6')} && "
-        "dmae table number=5 data=interactions/0 extra_data=[interactions/1,interactions/3] size=small",
-        "5 minutes",
     ),
     "stress_generated": (
         "synth generate out=clips clips=2 seed=11 scene.seconds=4 scene.persons=[3,3] workers=2 && "

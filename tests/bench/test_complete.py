@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from dmae.completion.complete import load_completer
 from dmae.completion.config import AugmentConfig, MaskingConfig, model_config
-from dmae.completion.network import DMAE, Prediction, build_network
+from dmae.completion.network import DMAE, Prediction
 from dmae.completion.training_data import Examples, PosePair, Recipe, TrainingBatches
 from dmae.completion.weights import find_shipped
 from dmae.completion.windows import rest_pose
@@ -150,8 +150,8 @@ def test_teaching_the_paper_s_network_beside_a_plain_transformer(device):
 
         return run
 
-    ours = build_network(config, len(BODY25)).to(device)
-    plain = Plain(build_network(replace(config), len(BODY25))).to(device)
+    ours = DMAE(config, len(BODY25)).to(device)
+    plain = Plain(DMAE(replace(config), len(BODY25))).to(device)
     for unused in (plain.like.encoder, plain.like.decoder, plain.like.encoder_norm, plain.like.decoder_norm):
         unused.requires_grad_(False)
     first, second = interleaved(synchronised(taught(ours, batches)), synchronised(taught(plain, batches)), times=5)

@@ -15,7 +15,7 @@ import numpy as np
 import torch
 
 from dmae.completion.config import AugmentConfig, TrainConfig
-from dmae.completion.network import build_network
+from dmae.completion.network import DMAE
 from dmae.completion.training_data import PosePair, Recipe, TrainingBatches
 from dmae.data.store import save_clip, write_manifest
 from dmae.datasets import WindowDataset
@@ -35,7 +35,7 @@ def rates(folder: Path) -> dict[str, float]:
     order = np.random.default_rng(0).permutation(len(windows))[: 16 * _STEPS].tolist()
     read = len(order) / _seconds(lambda: [windows[index] for index in order])
 
-    network, batch = build_network(config.model, len(clip.truth.skeleton)), config.learning.batch
+    network, batch = DMAE(config.model, len(clip.truth.skeleton)), config.learning.batch
     recipe = Recipe(config.model, network.rest.numpy().astype(float), config.examples.masking, AugmentConfig())
     made: list = []
 

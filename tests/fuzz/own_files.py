@@ -1,21 +1,16 @@
 """Readers of videos, models, and the files by which the project's own commands work together."""
 
-import hashlib
 import json
-from dataclasses import asdict
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 from dmae.command_line.presets import copy_presets
 from dmae.commands.data_sets import SETTINGS, ClipSet
-from dmae.completion.config import PaperNetwork
-from dmae.completion.paper import FILE, PaperDMAE, load_paper
-from dmae.completion.paper import FORMAT as PAPER_FORMAT
 from dmae.data.images import write_rgb, write_video
 from dmae.data.resume import claim_folder
-from dmae.data.skeleton import BODY25, SHELF14
+from dmae.data.skeleton import BODY25
 from dmae.data.store import save_clip
 from dmae.datasets import clip_files
 from dmae.detection.pipeline import make_detector
@@ -23,10 +18,10 @@ from dmae.detection.recording import open_recording
 from dmae.detection.registry import PoseDetectorConfig
 from dmae.evaluation.benchmark.clips import find_definition
 from dmae.files.checksums import find_damage, find_data_set_damage, refuse_damaged, write_checksums
-from dmae.files.contents import read_text, write_atomic
+from dmae.files.contents import read_text
 from dmae.online.json_lines import read_frame
 from dmae.plugins import load_function
-from tests.fuzz.reader import Reader, repair_sums
+from tests.fuzz.reader import Reader
 from tests.support.clips import full_clip
 
 
@@ -99,29 +94,6 @@ def _read_clip_files(folder: Path) -> list:
     ]  # fmt: skip
 
 
-@cache
-def _paper_model() -> tuple[bytes, dict]:
-    import safetensors.torch
-    import torch
-
-    network = PaperNetwork(dim=16, depth=2, heads=2, head_dim=8, mlp=16)
-    torch.manual_seed(0)
-    data = safetensors.torch.save(PaperDMAE(network, len(SHELF14)).state_dict())
-    record = {"format": PAPER_FORMAT, "skeleton": "shelf14", "network": asdict(network), "stage": "tuned", "steps": 3}
-    return data, record
-
-
-def _write_paper(folder: Path) -> None:
-    data, record = _paper_model()
-    (folder / "weights.safetensors").write_bytes(data)
-    write_atomic(folder / FILE, json.dumps(record | {"sha256": hashlib.sha256(data).hexdigest()}))
-
-
-def _read_paper(folder: Path) -> dict:
-    model, _ = load_paper(folder)
-    return {"weights": list(model.state_dict().values())}
-
-
 BENCHMARK = """about: Two levels
 seed: 7
 options: scene.seconds=2 rig=ring
@@ -175,8 +147,6 @@ OWN_FILES = [
            (SETTINGS, "a/checksums.json")),
     Reader("clip/checksums", _write_sealed, _read_sealed, ("checksums.json",)),
     Reader("clip/windows", lambda folder: save_clip(full_clip(3, 2), folder), _read_clip_files),
-    Reader("model/paper", _write_paper, _read_paper, repair=partial(repair_sums, FILE, "weights.safetensors"),
-           finite=True),
     Reader("benchmark/definition", lambda folder: (folder / "mine.yaml").write_text(BENCHMARK),
            lambda folder: find_definition(str(folder / "mine.yaml"))),
     Reader("live/lines", lambda folder: (folder / "lines.jsonl").write_text("\n".join(map(json.dumps, LINES))),

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from dmae.completion.network import build_network
+from dmae.completion.network import DMAE
 from dmae.completion.training import CHECKPOINT, CheckedCheckpoints
 from dmae.completion.weights import save_model
 from dmae.data.images import write_video
@@ -133,7 +133,7 @@ def _model():
     import torch
 
     torch.manual_seed(0)
-    return build_network(SMALL, len(SHELF14)).eval()
+    return DMAE(SMALL, len(SHELF14)).eval()
 
 
 def write_weights(folder: Path) -> None:

@@ -16,7 +16,7 @@ FOUND = [
     ("clip/physics", 1860), ("clip/physics", 3388), ("clip/windows", 37), ("clip/windows", 131),
     ("detection/onnx", 116), ("detection/onnx", 199), ("detection/videos", 2264), ("images/normals", 4386),
     ("live/lines", 17), ("live/lines", 113), ("mesh/obj", 1039), ("model/checkpoint", 20066),
-    ("model/checkpoint", 20107), ("model/paper", 1), ("model/weights", 650), ("model/weights", 1039),
+    ("model/checkpoint", 20107), ("model/weights", 650), ("model/weights", 1039),
     ("motion/amc", 20037), ("motion/list", 434), ("motion/list", 616), ("recording/clip", 358),
     ("recording/clip", 1065), ("recording/clip", 60302), ("recording/coco", 2701), ("recording/coco", 3668),
     ("recording/coco", 3939), ("recording/easymocap", 60217), ("recording/panoptic", 1056),

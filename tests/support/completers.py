@@ -7,7 +7,7 @@ import torch
 
 from dmae.completion.complete import Completer
 from dmae.completion.config import CodesConfig, DecoderConfig, EncoderConfig, MaskingConfig, ModelConfig
-from dmae.completion.network import build_network
+from dmae.completion.network import DMAE
 from dmae.completion.training_data import mask_bursts
 from dmae.completion.windows import rest_pose
 from dmae.data.clip import Poses3D
@@ -28,7 +28,7 @@ def untrained(residual: bool = True, denoise: bool = False, factors: tuple[float
     """Return a completer with a network that corrects every joint."""
     with torch.random.fork_rng():
         torch.manual_seed(0)
-        model = build_network(replace(SMALL, residual=residual, align_heading=residual), len(SHELF14)).eval()
+        model = DMAE(replace(SMALL, residual=residual, align_heading=residual), len(SHELF14)).eval()
         torch.nn.init.normal_(model.head.weight, std=0.01)
         torch.nn.init.normal_(model.scale_head[-1].weight, std=0.1)
     truth = convert(circling_people(50, 3, rng=np.random.default_rng(9)), SHELF14)

@@ -10,8 +10,9 @@ import numpy as np
 
 from dmae.evaluation.config import TableConfig
 from dmae.evaluation.evaluate import load_methods
-from dmae.evaluation.paper_tables.recording import AGAINST, METHODS, NOISE_NOTE, check_truth, load_sets, tally_trials
-from dmae.evaluation.paper_tables.table import MeasuredRow, TableColumn, paper_table
+from dmae.evaluation.paper_tables.clips import check_truth, load_sets
+from dmae.evaluation.paper_tables.recording import AGAINST, METHODS, tally_trials
+from dmae.evaluation.paper_tables.table import NOISE_NOTE, MeasuredRow, TableColumn, paper_table
 from dmae.evaluation.scores import figure_score, run_table, score, summary
 from dmae.progress import progress
 

@@ -13,15 +13,15 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from dmae.completion.config import SIZES, PaperConfig
-from dmae.completion.paper import SKELETON, fine_tune, load_paper_completer, pretrain
-from dmae.completion.training_data import pose_pair
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.conversion import convert
-from dmae.data.skeleton import SHELF14, Skeleton, get_skeleton
+from dmae.data.skeleton import SHELF14, Skeleton
 from dmae.evaluation.config import EvaluateConfig, TableConfig, TableSize
 from dmae.evaluation.evaluate import Trial, filled_trials, load_methods
+from dmae.evaluation.paper_tables.clips import load_recording
+from dmae.evaluation.paper_tables.network import MISSING, NETWORK, TUNED_NOTE, note, paper_network
 from dmae.evaluation.paper_tables.table import (
+    NOISE_NOTE,
     MeasuredRow,
     TableColumn,
     actors_of,
@@ -30,73 +30,10 @@ from dmae.evaluation.paper_tables.table import (
     paper_table,
 )
 from dmae.evaluation.scores import score
-from dmae.formats.reading import Clips, DataConfig, camera_subsets, load
 from dmae.metrics.pcp import correct_limbs, count_limbs
 from dmae.metrics.registry import protocol
 from dmae.reconstruction.config import CaptureConfig
-from dmae.reconstruction.pipeline import capture
 from dmae.reconstruction.registry import capture_method
-
-
-class NamedClips(Sequence):
-    """Clips of several data sets, named after their folders, because clip ids start at 0 in each set.
-
-    Args:
-        members: The set and the index of each clip.
-    """
-
-    def __init__(self, members: Sequence[tuple[Clips, int]]):
-        self.members = list(members)
-
-    @property
-    def folders(self) -> list[Path]:
-        """Folder of each clip."""
-        return [clips.folders[number] for clips, number in self.members]
-
-    def __len__(self) -> int:
-        return len(self.members)
-
-    def __getitem__(self, index: int) -> Clip:
-        clips, number = self.members[index]
-        folder = self.folders[index]
-        return replace(clips[number], id=f"{folder.parent.name}/{folder.name}")
-
-
-def load_sets(paths: Sequence[str]) -> NamedClips:
-    """Return the clips of several data sets."""
-    sets = [load(DataConfig(path=path)) for path in paths]
-    return NamedClips([(clips, number) for clips in sets for number in range(len(clips))])
-
-
-def halves(data: DataConfig, paths: Sequence[str]) -> tuple[NamedClips, NamedClips]:
-    """Return the first and the second half of the clips of each data set: to learn from, and to score.
-
-    Raises:
-        ValueError: a set has a single clip.
-    """
-    learned, scored = [], []
-    for clips in [load(data), *(load(DataConfig(path=path)) for path in paths)]:
-        if len(clips) < 2:
-            raise ValueError(
-                f"{clips.config.path}: {len(clips)} clip; expected a data set of two clips or more, half of them to "
-                "learn from, half to score; make one by synth generate"
-            )
-        half = len(clips) // 2
-        learned += [(clips, number) for number in range(half)]
-        scored += [(clips, number) for number in range(half, len(clips))]
-    return NamedClips(learned), NamedClips(scored)
-
-
-def check_truth(clip: Clip, number: int) -> None:
-    """Raise ValueError if a clip has no truth on the joints of Shelf, which a table scores."""
-    if clip.truth is None or np.isnan(clip.truth.xyz).all():
-        raise ValueError(f"clip {clip.id!r} has no truth; table {number} needs true poses on {SHELF14.name}")
-    if SHELF14 not in clip.truth.skeleton.parts:
-        raise ValueError(
-            f"clip {clip.id!r} has truth on {clip.truth.skeleton.name}; the limbs of table {number} are those of "
-            f"{SHELF14.name}"
-        )
-
 
 _LANDMARKS = ("nose", "l_ear", "r_ear", "l_shoulder", "r_shoulder")
 _TOP_OF_NOSE = np.array([0.75, 0.75, 1.5])
@@ -133,51 +70,6 @@ def convert_with_head(poses: Poses3D, target: Skeleton, head: str) -> Poses3D:
     return replace(converted, xyz=xyz, source=source)
 
 
-PRETRAINED, TUNED = "the paper's network, without fine-tuning", "the paper's network, final"
-MISSING = "there are no simulated clips to train on: give extra_data=[...]"
-TUNED_FRAMES, APART = 40, 10
-"""Frames at the beginning of the recording that are learned from, and those after them that are not scored."""
-_FEW = (150, 10)
-"""Steps of pretraining and passes of tuning for a table of the small size."""
-
-
-def paper_network(config: TableConfig, tuning: Clip, out: Path) -> dict[str, Callable[[Poses3D, float], Poses3D]]:
-    """Return the paper's network before and after fine-tuning, by the names of their rows.
-
-    Args:
-        config: `extra_data` are simulated clips, and the network learns from their truth; `paper` is the size.
-        tuning: Annotated frames that are scored in no row.
-        out: Folder for the two models.
-    """
-    wanted = SIZES[config.paper]
-    if config.size is TableSize.small:
-        wanted = replace(wanted, schedule=replace(wanted.schedule, steps=_FEW[0], tuning_epochs=_FEW[1]))
-    wanted = replace(wanted, seed=config.seed)
-    source = get_skeleton(SKELETON).parts[0]
-    truths = [(convert(clip.truth, source), clip.fps) for clip in load_sets(config.extra_data)]
-    first = pretrain(truths, wanted, out / "models" / "paper_pretrained")
-    second = fine_tune(first, _captured(config, tuning, wanted), wanted, out / "models" / "paper_tuned")
-    return {PRETRAINED: load_paper_completer(first), TUNED: load_paper_completer(second)}
-
-
-def note(config: TableConfig) -> dict[str, str]:
-    """Return what has to be known about the rows."""
-    size = SIZES[config.paper].network
-    return {
-        "note": f"{config.paper} size: {size.dim} channels and {size.depth} layers in the encoder, where the paper has "
-        "256 and 6; without any of this package's methods"
-    }
-
-
-def _captured(config: TableConfig, clip: Clip, wanted: PaperConfig):
-    """Yield pairs of captured and annotated poses, by all subsets of the cameras that table 2 has."""
-    cameras = len(clip.rig)
-    for chosen in camera_subsets(clip, [count for count in range(cameras, cameras - 3, -1) if count >= 2]):
-        part = clip.select(views=chosen)
-        part = replace(part, poses=capture(part, config.capture))
-        yield pose_pair(part, get_skeleton(SKELETON), wanted.network.fps)
-
-
 _MEASURED = "measured"
 METHODS = {
     TableSize.small: ("measured", "linear", "dmae"),
@@ -195,16 +87,6 @@ SHELF_NOTE = (
 PROTOCOL_NOTE = (
     "strict: one prediction for one person, within 0.5 m, and a missed person fails all limbs. Published protocols are "
     "more lenient: false positives cost nothing in any of them."
-)
-TUNED_NOTE = (
-    f"{TUNED}: the first {TUNED_FRAMES} frames of this recording are learned from, as captured by all subsets of the "
-    f"cameras. They and the {APART} after them are scored in no row. The paper tunes on Shelf's other frames; this "
-    "data has no others."
-)
-NOISE_NOTE = (
-    "Brackets: 95 % bootstrap intervals over blocks of one second. A difference with zero in its interval is noise. "
-    "Published figures come without an interval, and theirs is taken to be nothing; under another protocol they differ "
-    "by that, too. No interval is stated for fewer than five blocks."
 )
 
 
@@ -226,7 +108,7 @@ def actor_table(config: TableConfig, out: Path) -> dict:
     for name, table in tables.items():
         cells = {column.key: mean_score(table[table["person"] == n]) for n, column in enumerate(columns)}
         cells |= {"average": mean_score(table), "without_2": mean_score(table[table["person"] != 1])}
-        rows.append(MeasuredRow(name, cells, **_remarks(name, config)))
+        rows.append(MeasuredRow(name, cells, **_remarks(name)))
     columns.append(TableColumn("average", f"average ({'+'.join(map(str, frames))} frames)", lead=True))
     if len(frames) > 2:
         columns.append(TableColumn("without_2", "average without actor 2"))
@@ -242,7 +124,7 @@ def camera_table(config: TableConfig, out: Path) -> dict:
     cameras = len(load_recording(config).rig)
     counts = [count for count in range(cameras, cameras - 3, -1) if count >= 2]
     clip, tables, frames = _measure(config, counts, out)
-    columns, rows = [], {name: MeasuredRow(name, {}, **_remarks(name, config)) for name in tables}
+    columns, rows = [], {name: MeasuredRow(name, {}, **_remarks(name)) for name in tables}
     beside = "+".join(map(str, frames))
     for count in counts:
         columns.append(TableColumn(f"views_{count}", f"{count} cameras ({beside} frames)", lead=True))
@@ -259,23 +141,6 @@ def camera_table(config: TableConfig, out: Path) -> dict:
                 row.cells[f"worst_{count}"] = float(np.fmin.reduce(means))
     notes = ["Cells are means over all subsets with this number of cameras; PCP also has the worst subset."]
     return _table(config, clip, columns, list(rows.values()), frames, notes)
-
-
-def load_recording(config: TableConfig) -> Clip:
-    """Return the one clip that a table of a recording is about.
-
-    Raises:
-        ValueError: there are several, or it has no truth on Shelf's joints.
-    """
-    clips = load(config.data)
-    if len(clips) != 1:
-        raise ValueError(
-            f"{config.data.path}: {len(clips)} clips; table {config.number} is about the people of one recording. Name "
-            "a single clip's folder"
-        )
-    (clip,) = clips
-    check_truth(clip, config.number)
-    return clip
 
 
 def tally_trials(
@@ -335,11 +200,7 @@ def _measure(config: TableConfig, views: list[int], out: Path) -> tuple[Clip, di
     """Return the scored clip, the score table of each method, and the annotated frames of each actor."""
     clip = load_recording(config)
     methods = load_methods(METHODS[config.size], config.weights)
-    if config.extra_data:
-        used = min(TUNED_FRAMES, len(clip) // 4)
-        methods |= paper_network(config, clip.select(frames=slice(0, used)), out)
-        clip = clip.select(frames=slice(used + min(APART, used), None))
-        check_truth(clip, config.number)
+    methods |= paper_network(config, clip, out)
     tables: dict[str, list[pd.DataFrame]] = {name: [] for name in methods}
     for trial, _, found in tally_trials([clip], config, methods, views):
         frames = annotated_frames(trial)
@@ -349,8 +210,8 @@ def _measure(config: TableConfig, views: list[int], out: Path) -> tuple[Clip, di
     return clip, {name: pd.concat(parts) for name, parts in tables.items()} | systems, frames
 
 
-def _remarks(name: str, config: TableConfig) -> dict[str, str]:
-    return note(config) if name in (PRETRAINED, TUNED) else remark_on_system(name)
+def _remarks(name: str) -> dict[str, str]:
+    return note() if name in NETWORK else remark_on_system(name)
 
 
 def _table(
@@ -365,7 +226,7 @@ def _table(
     if config.extra_data:
         notes = [*notes, TUNED_NOTE]
     else:
-        rows = [*rows, *(MeasuredRow(name, missing=MISSING) for name in (PRETRAINED, TUNED))]
+        rows = [*rows, *(MeasuredRow(name, missing=MISSING) for name in NETWORK[1:])]
     return paper_table(
         config, columns, rows, against=AGAINST, recording=clip.id, comparable="Shelf" if shelf else None,
         footnotes=[*notes, *([SHELF_NOTE] if shelf else []), PROTOCOL_NOTE, NOISE_NOTE],

@@ -74,6 +74,12 @@ def mean_score(table: pd.DataFrame, scale: float = 100.0) -> Score:
     return score_of(table, "cameras", "clip", "person", scale=scale)
 
 
+NOISE_NOTE = (
+    "Brackets: 95 % bootstrap intervals over blocks of one second. A difference with zero in its interval is noise. "
+    "Published figures come without an interval, and theirs is taken to be nothing; under another protocol they differ "
+    "by that, too. No interval is stated for fewer than five blocks."
+)
+
 _SMALL = (
     "size=small: fewer methods and short trainings; rows of models trained for this table are below what they can do."
 )

@@ -11,6 +11,8 @@ from pathlib import Path
 import yaml
 
 from dmae.completion.methods import find_method
+from dmae.completion.weights import PAPER as PAPER_WEIGHTS
+from dmae.completion.weights import weights_folder
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.json_values import decode
 from dmae.data.resources import resource_folder
@@ -193,7 +195,7 @@ def contenders(config: StressConfig) -> list[Contender]:
         weights = config.weights if method.learned else None
         found.append(Contender(name, method.help, config.capture, name, weights))
     for each in found:
-        if each.weights and not (Path(each.weights) / "model.json").is_file():
+        if each.weights and not (weights_folder(each.weights) / "model.json").is_file():
             raise FileNotFoundError(f"{each.weights}: expected a folder that `dmae train` wrote, holding model.json")
     return found
 
@@ -207,11 +209,9 @@ def source_hash(name: str) -> str | None:
 
 def _paper(config: StressConfig) -> Contender:
     options = yaml.safe_load((resource_folder("dmae", "configs") / "capture/paper.yaml").read_text())
-    how, method = f"completed by {config.paper_weights}", "dmae"
-    if not config.paper_weights:
-        how, method = "filled linearly: no weights of its network given", "linear"
-    about = f"Captured with the paper's thresholds, {how}."
-    return Contender(PAPER, about, decode(CaptureConfig, options), method, config.paper_weights)
+    weights = config.paper_weights or PAPER_WEIGHTS
+    about = f"Captured with the paper's thresholds, completed by its network, weights={weights}."
+    return Contender(PAPER, about, decode(CaptureConfig, options), "dmae", weights)
 
 
 @cache

@@ -50,7 +50,7 @@ def test_what_cannot_be_is_refused(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_model_is_made_and_its_card_written(mocap, tmp_path):
+def test_a_model_is_made_and_its_card_written(mocap, tmp_path, capsys):
     config = PretrainCommand(motion=str(mocap), rig="ring", clips=2, seconds=1.0, steps=4, views=[3])
     out = tmp_path / "own"
     run(config, out)
@@ -58,6 +58,9 @@ def test_a_model_is_made_and_its_card_written(mocap, tmp_path):
     card = (out / "model" / "MODEL_CARD.md").read_text()
     assert "dmae pretrain" in card
     assert "gaussian_process" in card
+    said = capsys.readouterr().out
+    assert "your weights beside those of the package: dmae, 3 views: strict PCP" in said
+    assert "your weights beside those of the package: dmae, synthetic gaps: MPJPE" in said
     before = (out / "model/weights.safetensors").read_bytes()
     run(config, out)
     assert (out / "model/weights.safetensors").read_bytes() == before

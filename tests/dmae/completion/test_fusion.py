@@ -21,7 +21,7 @@ from dmae.completion.config import (
 )
 from dmae.completion.fusion import derive, true_pair
 from dmae.completion.gaussian_process import fill_gaussian_process
-from dmae.completion.network import build_network
+from dmae.completion.network import DMAE
 from dmae.completion.training import train
 from dmae.completion.training_data import Recipe, cut_examples, mask_bursts, masked_rows, pose_pair
 from dmae.completion.uncertainty import CLASSES, Factors
@@ -106,7 +106,7 @@ def trained(tmp_path_factory):
 def untrained(factors: Factors | None = None) -> Completer:
     with torch.random.fork_rng():
         torch.manual_seed(0)
-        model = build_network(SMALL, len(FUSED)).eval()
+        model = DMAE(SMALL, len(FUSED)).eval()
         torch.nn.init.normal_(model.head.weight, std=0.01)
     model.rest.copy_(torch.from_numpy(rest_pose(true_pair(pair(walk(9)), FUSED).xyz, FUSED)))
     return Completer(model, FUSED, factors=factors)

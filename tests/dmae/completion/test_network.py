@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dmae.completion.config import FEATURES, CodesConfig, DecoderConfig, EncoderConfig, ModelConfig
-from dmae.completion.network import DMAE, Attention, build_network
+from dmae.completion.network import DMAE, Attention
 from dmae.completion.windows import Windows
 
 SMALL = ModelConfig(
@@ -26,7 +26,7 @@ def model(config: ModelConfig, seed: int = 0) -> DMAE:
     """Return a model in evaluation mode, with a head that is not zero, as after some training."""
     with torch.random.fork_rng():
         torch.manual_seed(seed)
-        made = build_network(config, JOINTS).eval()
+        made = DMAE(config, JOINTS).eval()
         torch.nn.init.normal_(made.head.weight, std=0.1)
     return made
 
@@ -126,7 +126,7 @@ def test_windows_do_not_depend_on_others_in_the_batch():
 
 
 def test_a_window_without_any_observed_joint_is_finite_and_trains():
-    net = build_network(SMALL, JOINTS)
+    net = DMAE(SMALL, JOINTS)
     x, observed, base, *features = windows(2)
     observed[0] = False
     net(x * observed[..., None], observed, base, *features).xyz.square().mean().backward()
@@ -135,7 +135,7 @@ def test_a_window_without_any_observed_joint_is_finite_and_trains():
 
 def test_a_residual_model_starts_from_the_interpolation():
     x, observed, base, *features = windows(2)
-    assert torch.equal(build_network(SMALL, JOINTS)(x, observed, base, *features).xyz, base)
+    assert torch.equal(DMAE(SMALL, JOINTS)(x, observed, base, *features).xyz, base)
 
 
 def test_fourier_matrices_are_saved_and_not_learned():
@@ -150,23 +150,39 @@ def test_fourier_matrices_are_saved_and_not_learned():
 
 
 @pytest.mark.parametrize("ablation", ["no_joint", "no_time"])
-def test_ablated_codes_make_tokens_interchangeable(ablation):
-    """Without the code of an axis, the paper's network cannot tell the places along it apart."""
-    x, observed, base, *features = windows(2)
+def test_ablated_codes_make_tokens_interchangeable_in_the_encoder(ablation):
+    """Without the code of an axis, the encoder cannot tell the places along it apart; the decoder still can."""
+    x, observed, *_ = windows(2)
     observed[:] = True
     observed[:, 1, 2] = observed[:, 3, 4] = False
     axis = 2 if ablation == "no_joint" else 1
     for config, same in ((PAPER, False), (replace(PAPER, codes=replace(PAPER.codes, **{ablation: True})), True)):
         net = model(config)
+
+        def encoded(x: torch.Tensor, observed: torch.Tensor, net: DMAE = net) -> torch.Tensor:
+            return net.encode(net.signal(x.flatten(1, 2)), observed).unflatten(1, x.shape[1:3])
+
         with torch.no_grad():
-            flipped = net(x.flip(axis), observed.flip(axis), base, *features).xyz.flip(axis)
-            assert torch.allclose(flipped, net(x, observed, base, *features).xyz, atol=1e-5) == same
+            flipped = encoded(x.flip(axis), observed.flip(axis)).flip(axis)
+            assert torch.allclose(flipped, encoded(x, observed), atol=1e-5) == same
+            whole = net(x.flip(axis), observed.flip(axis)).xyz.flip(axis)
+            assert not torch.allclose(whole, net(x, observed).xyz, atol=1e-5)
+
+
+def test_fewer_joints_have_the_codes_of_the_first():
+    net = model(PAPER)
+    x, observed, *_ = windows(2)
+    observed[:, :, 4:] = False
+    with torch.no_grad():
+        fewer = net.encode(net.signal(x[:, :, :4].flatten(1, 2)), observed[:, :, :4]).unflatten(1, (SMALL.frames, 4))
+        whole = net.encode(net.signal(x.flatten(1, 2)), observed).unflatten(1, (SMALL.frames, JOINTS))
+    torch.testing.assert_close(fewer, whole[:, :, :4], rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize("config", [SMALL, PAPER], ids=["residual", "paper"])
 def test_one_batch_is_overfitted(config):
     torch.manual_seed(0)
-    net = build_network(config, JOINTS)
+    net = DMAE(config, JOINTS)
     x, observed, base, *features = windows(4)
     target = base + 0.1 * torch.randn(base.shape)
     optimizer = torch.optim.Adam(net.parameters(), 5e-3)

@@ -1,229 +1,240 @@
-"""The paper's network alone: its inputs, training, resumed training, and the joints that it fills."""
+"""The paper's network alone: its masks, its windows, training, and the joints that it fills or turns into others."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
 import torch
 
-from dmae.completion.config import FULL, SMALL, PaperConfig, PaperNetwork, PaperSchedule
-from dmae.completion.paper import (
-    SKELETON,
-    PaperDMAE,
-    centre,
-    cut,
-    dual_masks,
-    fine_tune,
-    hips_of,
-    learning_rate,
-    load_paper,
-    load_paper_completer,
-    make_rows,
-    masked_mse,
-    pretrain,
-    rotate,
-)
-from dmae.completion.training_data import PosePair
-from dmae.data.clip import Poses3D, Source
+from dmae.cli import DMAE as PROGRAM
+from dmae.cli import compose
+from dmae.completion.complete import load_completer
+from dmae.completion.config import PAPER, DecoderConfig, EncoderConfig, MaskingConfig, TrainConfig
+from dmae.completion.fusion import true_pair
+from dmae.completion.network import DMAE
+from dmae.completion.paper import PaperBatches, PaperCompleter, centre, cut, interpolated, paper_rows, paper_validation
+from dmae.completion.training import train
+from dmae.completion.training_data import PosePair, Recipe, mask_captured, mask_scattered
+from dmae.completion.weights import load_model, weights_folder
+from dmae.data.clip import Clip, Poses3D, Source
+from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY21, SHELF14, get_skeleton
+from tests.dmae.completion.test_fusion import FPS, pair, walk, with_holes
+from tests.support.circling_people import clip_of
 
-_TINY = PaperConfig(
-    PaperNetwork(frames=5, dim=32, depth=2, heads=2, head_dim=16, mlp=64, dropout=0.1),
-    PaperSchedule(steps=6, tuning_epochs=2, batch=8, lr=3e-3),
+SKELETON = get_skeleton("body21+shelf14")
+TINY = replace(
+    PAPER,
+    model=replace(
+        PAPER.model,
+        encoder=EncoderConfig(dim=32, depth=2, heads=2, head_dim=16, mlp=64),
+        decoder=DecoderConfig(dim=16, depth=1),
+    ),
+    examples=replace(PAPER.examples, held_back=0.0),
+    learning=replace(PAPER.learning, steps=120, epoch=60, lr=5e-3),
 )
-_JOINTS = len(get_skeleton(SKELETON))
+RECIPE = Recipe(TINY.model, np.zeros((len(SKELETON), 3)), PAPER.examples.masking, PAPER.examples.augment)
 
 
-def walkers(frames: int = 40, people: int = 2, seed: int = 0) -> Poses3D:
-    """Bodies that glide and swing their limbs."""
-    rng = np.random.default_rng(seed)
-    time = np.arange(frames)[:, None, None, None] / 25
-    rest, phase = rng.normal(0, 0.3, (1, people, len(BODY21), 3)), rng.uniform(0, 6, (1, people, len(BODY21), 1))
-    return Poses3D(BODY21, rest + (0, 0, 1) + time * (1, 0, 0) + 0.1 * np.sin(3 * time + phase))
+def two(seed: int, frames: int = 40) -> Poses3D:
+    """Return people on both skeletons."""
+    return true_pair(pair(walk(seed, frames)), SKELETON)
 
 
-def windows(batch: int = 3) -> tuple[torch.Tensor, torch.Tensor]:
-    made = torch.Generator().manual_seed(0)
-    return torch.randn(batch, 5, _JOINTS, 3, generator=made), torch.rand(batch, 5, _JOINTS, generator=made) < 0.3
+def true_clip(seed: int) -> Clip:
+    return clip_of(pair(walk(seed)), f"true{seed}")
 
 
-def model(network: PaperNetwork = _TINY.network) -> PaperDMAE:
-    torch.manual_seed(0)
-    return PaperDMAE(network, _JOINTS).eval()
-
-
-def test_masked_joints_cannot_influence_the_output():
-    net, (x, observed) = model(), windows()
-    observed[0] = False
-    other = torch.where(observed[..., None], x, torch.randn(x.shape) * 100)
-    with torch.no_grad():
-        torch.testing.assert_close(net(x, observed), net(other, observed), rtol=0, atol=1e-5)
-        assert not torch.allclose(net(x, observed), net(x + observed[..., None] * 0.1, observed))
-
-
-def test_the_decoder_is_half_as_wide_and_half_as_deep():
-    net = model(FULL.network)
-    assert len(net.encoder) == 6
-    assert len(net.decoder) == 3
-    assert net.head.in_features * 2 == net.embed.out_features == 256
-    assert 5e6 < sum(each.numel() for each in net.parameters()) < 7.3e6
-
-
-def test_masks_hide_half_of_the_joints_and_half_of_the_frames():
-    masked = dual_masks((400, 15, 21), FULL.schedule, torch.Generator().manual_seed(0))
-    assert masked.all(2).float().mean() == pytest.approx(0.5, abs=0.03)
-    assert masked.float().mean() == pytest.approx(0.75, abs=0.02)
-
-
-def test_the_loss_is_of_counted_tokens_alone():
-    truth, counted = torch.zeros(2, 5, 3, 3), torch.zeros(2, 5, 3, dtype=torch.bool)
-    counted[0, 0, 0] = True
-    predicted = truth.clone()
-    predicted[0, 0, 0] = torch.tensor([0.3, 0.4, 0.0])
-    predicted[1] = 9
-    assert float(masked_mse(predicted, truth, counted)) == pytest.approx(0.25)
-
-
-def test_the_learning_rate_rises_and_falls_as_a_cosine():
-    rates = [learning_rate(step, 1000, FULL.schedule) for step in range(1000)]
-    assert max(rates) == pytest.approx(1.5e-4)
-    assert rates.index(max(rates)) in (39, 40)
-    assert rates[-1] == pytest.approx(1e-5, rel=0.05)
-    assert rates[520] == pytest.approx(8e-5, rel=0.01)
-
-
-def test_windows_are_centred_on_the_hips_that_are_observed():
-    x, observed = windows()
-    observed[0, :, [3, 4]] = False
-    observed[1] = False
-    middle = centre(x, observed, [3, 4])
-    seen = x[2][:, [3, 4]][observed[2][:, [3, 4]]]
-    torch.testing.assert_close(middle[2, 0, 0], seen.mean(0))
-    torch.testing.assert_close(middle[0, 0, 0], x[0][observed[0]].mean(0))
-    assert (middle[1] == 0).all()
-
-
-def test_windows_do_not_reach_from_one_person_to_the_next():
-    xyz = np.broadcast_to(np.arange(2)[None, :, None, None], (7, 2, 3, 3)).astype(float)
-    rows = make_rows(xyz, xyz, 5)
-    assert rows.starts.tolist() == [0, 1, 2, 7, 8, 9]
-    assert {len(set(rows.xyz[start : start + 5].ravel())) for start in rows.starts} == {1}
-    assert len(make_rows(xyz[:3], xyz[:3], 5).starts) == 2, "short recordings are padded"
+def captured_clip(seed: int) -> Clip:
+    return replace(true_clip(seed), id=f"captured{seed}", poses=with_holes(convert(walk(seed), BODY21), seed))
 
 
 @pytest.fixture(scope="module")
 def pretrained(tmp_path_factory):
-    torch.set_num_threads(1)
-    return pretrain([(walkers(), 25.0)], _TINY, tmp_path_factory.mktemp("paper"))
+    return train(TINY, [true_clip(seed) for seed in range(3)], tmp_path_factory.mktemp("paper"))
 
 
-def test_training_that_resumes_gives_the_same_bytes(pretrained, tmp_path, monkeypatch):
-    monkeypatch.setattr("dmae.completion.paper._SAVED", 2)
-    calls = []
-
-    def stop(step, *args):
-        calls.append(step)
-        if len(calls) == 4:
-            raise KeyboardInterrupt
-        return learning_rate(step, *args)
-
-    with monkeypatch.context() as patch:
-        patch.setattr("dmae.completion.paper.learning_rate", stop)
-        with pytest.raises(KeyboardInterrupt):
-            pretrain([(walkers(), 25.0)], _TINY, tmp_path)
-    assert not (tmp_path / "paper.json").exists()
-    pretrain([(walkers(), 25.0)], _TINY, tmp_path)
-    assert (tmp_path / "weights.safetensors").read_bytes() == (pretrained / "weights.safetensors").read_bytes()
-    with pytest.raises(ValueError, match=r"another configuration: training\.json differs in seed"):
-        pretrain([(walkers(), 25.0)], replace(_TINY, seed=1), tmp_path)
+def test_the_preset_is_what_python_has():
+    found = compose(PROGRAM.commands["train"], ["data=clip", "data.path=-", "model=paper"])
+    assert isinstance(found, TrainConfig)
+    for name in ("skeleton", "model", "examples", "learning"):
+        assert getattr(found, name) == getattr(PAPER, name), name
 
 
-def test_completion_fills_what_a_window_sees_and_nothing_else(pretrained):
-    poses = walkers(40, 1)
-    lost = np.zeros(poses.xyz.shape[:3], bool)
-    lost[5:9, :, 3] = lost[12:32] = True
-    given = poses.without(lost)
-    done = load_paper_completer(pretrained, "cpu")(given, 25.0)
-    assert done.skeleton == BODY21
-    assert (done.source[5:9, 0, 3] == Source.COMPLETED).all()
-    assert np.isfinite(done.xyz[5:9, 0, 3]).all()
-    assert np.array_equal(done.xyz[given.measured], given.xyz[given.measured])
-    far = slice(15, 29)
-    assert (done.source[far] == Source.ABSENT).all(), "windows of 5 frames there hold no measurement"
-    assert (done.source[12:14] == Source.COMPLETED).all()
+def test_masks_hide_exact_numbers_of_frames_and_of_joints():
+    masked = mask_scattered((15, 50, 21), 0.5, 0.5, rng=np.random.default_rng(0))
+    whole = masked.all(2)
+    assert (whole.sum(0) == 8).all()
+    assert (masked.sum(2)[~whole] == 11).all()
+    released = mask_scattered((15, 50, 21), 0.5, 0.5, True, rng=np.random.default_rng(0))
+    assert ((released.sum(2) == 11).sum(0) == 8).all()
+    assert (released.sum((0, 2)) == 88).all()
+    assert len(np.unique(masked.reshape(-1, 21), axis=0)) > 100
 
 
-def test_other_rates_are_resampled(pretrained):
-    poses = walkers(30, 1).without(np.arange(21) == 4)
-    done = load_paper_completer(pretrained, "cpu")(poses, 12.5)
-    assert done.xyz.shape == poses.xyz.shape
-    assert (done.source[..., 4] == Source.COMPLETED).all()
+def test_captured_windows_keep_many_joints_or_few():
+    masked = mask_captured((15, 400, 35), MaskingConfig(), rng=np.random.default_rng(0))
+    share = masked.mean((0, 2))
+    assert share.min() < 0.1
+    assert share.max() > 0.6
+    assert masked.all(0).any(), "some joints are masked in all frames"
 
 
-def test_fine_tuning_adds_the_joints_of_the_second_skeleton(pretrained, tmp_path):
-    source, target = walkers(), get_skeleton(SKELETON).parts[1]
-    added = source.xyz[:, :, : len(target)] + 0.05
-    truth = Poses3D(get_skeleton(SKELETON), np.concatenate([np.full_like(source.xyz, np.nan), added], 2))
-    folder = fine_tune(pretrained, [PosePair(truth, source)], _TINY, tmp_path)
-    record = load_paper(folder)[1]
-    assert record["stage"] == "tuned"
-    done = load_paper_completer(folder, "cpu")(source, 25.0)
-    assert done.skeleton == SHELF14
-    assert (done.source != Source.MEASURED).all()
-    assert np.isfinite(done.xyz).all()
-    with pytest.raises(ValueError, match="has none: capture it first"):
-        fine_tune(pretrained, [PosePair(truth)], _TINY, tmp_path / "other")
+def test_windows_are_centred_on_the_hips_that_are_observed():
+    rng = np.random.default_rng(0)
+    x, observed = rng.normal(size=(3, 5, 8, 3)), rng.random((3, 5, 8)) < 0.4
+    observed[0, :, [3, 4]], observed[1], observed[2, 0, 3] = False, False, True
+    middle = centre(x, observed, [3, 4])
+    np.testing.assert_allclose(middle[2, 0, 0], x[2][:, [3, 4]][observed[2][:, [3, 4]]].mean(0))
+    np.testing.assert_allclose(middle[0, 0, 0], x[0][observed[0]].mean(0))
+    assert (middle[1] == 0).all()
 
 
-def test_a_batch_can_be_overfitted():
-    torch.set_num_threads(1)
-    torch.manual_seed(0)
-    net, (x, observed) = model().train(), windows(2)
-    net = PaperDMAE(replace(_TINY.network, dropout=0.0), _JOINTS)
-    optimizer = torch.optim.AdamW(net.parameters(), 3e-3)
-    first = None
-    for _ in range(400):
-        loss = masked_mse(net(x * 0.3, observed), x * 0.3, ~observed)
-        first = first or loss.item()
-        optimizer.zero_grad()
-        loss.backward()
-        optimizer.step()
-    assert loss.item() < 0.2 * first
+def test_windows_do_not_reach_from_one_person_to_the_next():
+    poses = two(0, 20)
+    xyz = np.broadcast_to(np.arange(3)[None, :, None, None], poses.xyz.shape)
+    rows = paper_rows([PosePair(replace(poses, xyz=xyz))], 15, captured=False)
+    assert rows.starts.tolist() == [start + 20 * person for person in range(3) for start in range(6)]
+    assert {len(np.unique(rows.truth[start : start + 15])) for start in rows.starts} == {1}
+    short = paper_rows([PosePair(two(0, 9))], 15, captured=False)
+    assert len(short.starts) == 3
+    assert np.isnan(short.truth[9:15]).all(), "short recordings are padded"
 
 
-def test_damaged_weights_are_refused(pretrained, tmp_path):
-    for name in ("paper.json", "weights.safetensors"):
-        (tmp_path / name).write_bytes((pretrained / name).read_bytes())
-    (tmp_path / "weights.safetensors").write_bytes(b"x" * 100)
-    with pytest.raises(ValueError, match="does not match the checksum"):
-        load_paper(tmp_path)
-    with pytest.raises(FileNotFoundError, match=r"expected paper\.json"):
-        load_paper(tmp_path / "none")
+def test_a_window_is_turned_and_moved_and_hides_what_is_masked():
+    rows = paper_rows([PosePair(two(0))], 15, captured=False)
+    masked = mask_scattered((15, 4, 21), 0.5, 0.5, rng=np.random.default_rng(1)).swapaxes(0, 1)
+    starts, angle = rows.starts[:4], np.array([0.0, 1.0, 2.0, 3.0])
+    made = cut(rows, starts, masked, SKELETON, angle=angle)
+    x, observed = made.windows[:2]
+    assert torch.equal(observed, torch.from_numpy(~masked))
+    assert torch.equal(x[observed], made.truth[observed])
+    assert (x[~observed] == 0).all()
+    assert torch.equal(made.hidden, ~observed)
+    plain = cut(rows, starts, masked, SKELETON).truth
+    norms = (torch.linalg.norm(part[..., :2], dim=-1) for part in (plain, made.truth))
+    torch.testing.assert_close(*norms, rtol=0, atol=1e-5)
+    assert not torch.allclose(plain[1:], made.truth[1:], atol=0.05)
 
 
-@pytest.mark.slow
-def test_the_full_size_learns_two_windows_by_heart():
-    """In 30 steps the loss on masked joints falls to a fifth of that of the middle of the body, measured 0.11 of it."""
-    torch.set_num_threads(1)
-    poses, made = walkers(60, 2).xyz, torch.Generator().manual_seed(0)
-    rows = make_rows(poses, poses, FULL.network.frames)
-    xyz = cut(rows, rows.starts[[0, -1]], FULL.network.frames)[0]
-    observed = ~dual_masks(xyz.shape[:3], FULL.schedule, made)
-    x = rotate(xyz - centre(xyz, observed, hips_of(BODY21)), made)
-    torch.manual_seed(0)
-    net = PaperDMAE(replace(FULL.network, dropout=0.0), len(BODY21)).train()
-    optimizer = torch.optim.AdamW(net.parameters(), 5e-4, betas=(0.9, 0.95))
-    for _ in range(30):
-        loss = masked_mse(net(x, observed), x, ~observed)
-        optimizer.zero_grad()
-        loss.backward()
-        torch.nn.utils.clip_grad_norm_(net.parameters(), 1.0)
-        optimizer.step()
-    middle = (x * observed[..., None]).sum((1, 2), keepdim=True) / observed.sum((1, 2))[:, None, None, None]
-    assert loss.item() < 0.2 * masked_mse(middle.expand_as(x), x, ~observed).item()
+def batches(*pools) -> PaperBatches:
+    made = [
+        (share, *(paper_rows(pairs, 15, captured=captured) for captured in (False, True))) for share, pairs in pools
+    ]
+    return PaperBatches(made, SKELETON, RECIPE, seed=1, epoch=0, steps=40, batch=16)
 
 
-def test_sizes_have_the_shape_of_the_paper():
-    assert (FULL.schedule.epochs, FULL.schedule.tuning_epochs, FULL.schedule.batch) == (1000, 500, 32)
-    assert (FULL.network.frames, FULL.network.dropout) == (15, 0.1)
-    assert SMALL.network.dim < FULL.network.dim
+def test_a_batch_is_of_true_poses_or_of_captured_ones_and_the_same_again():
+    captured = [PosePair(two(seed), with_holes(convert(walk(seed, 40), BODY21), seed)) for seed in (0, 1)]
+    mixed, kinds = batches((1.0, captured)), set()
+    for step in range(40):
+        batch = mixed[step]
+        observed, joints = batch.windows.observed, batch.truth.shape[2]
+        kinds.add((joints, bool((observed.sum((1, 2)) == observed[0].sum()).all())))
+        assert joints in (21, 35)
+        assert not observed[:, :, 21:].any(), "the target is never shown"
+        again = mixed[step]
+        assert all(torch.equal(*parts) for parts in zip(batch[1:], again[1:], strict=True))
+    assert kinds == {(21, True), (35, False)}, "masks of true poses need no padding"
+    assert {batches((1.0, [PosePair(two(0))]))[step].truth.shape[2] for step in range(9)} == {21}
+
+
+def test_a_share_of_the_windows_is_replayed():
+    high = replace(two(0), xyz=two(0).xyz + np.float32((0, 0, 50)))
+    make = lambda poses: PosePair(poses, convert(poses, BODY21))  # noqa: E731
+    made = batches((0.25, [make(two(0))]), (0.75, [make(high)]))
+    rows = [pool[2] for pool in made.pools]
+    assert all(len(each.starts) for each in rows)
+    found = [made[step].truth.shape[0] for step in range(40)]
+    assert set(found) == {16}
+    with_one = batches((0.5, [make(two(0))]), (0.5, []))
+    assert with_one[0].truth.shape[0] == 16
+
+
+def test_interpolation_inside_a_window_knows_nothing_outside_it():
+    (made,) = paper_validation([PosePair(two(0, 30))], SKELETON, RECIPE, np.full((35, 3), 0.7), seed=0, batch=1000)
+    observed = made.windows.observed
+    assert torch.equal(made.windows.base[observed], made.windows.x[observed])
+    never = ~observed.any(1)
+    if never.any():
+        window, joint = np.argwhere(never.numpy())[0]
+        np.testing.assert_allclose(made.windows.base[window, :, joint], [(0, 0, 0.7)] * 15, rtol=1e-6)
+    moved = made.windows._replace(x=made.windows.x + 9 * ~observed[..., None])
+    assert torch.equal(interpolated(moved, np.full((35, 3), 0.7)), made.windows.base)
+
+
+def test_training_learns_resumes_and_says_what_it_does(pretrained, tmp_path, capsys):
+    model, skeleton, record = load_model(pretrained)
+    assert skeleton == SKELETON
+    assert record["fuses"] is False
+    validation = paper_validation([PosePair(two(7))], SKELETON, RECIPE, model.rest.numpy(), seed=0, batch=64)
+    start = DMAE(TINY.model, len(SKELETON)).eval()
+    start.rest.copy_(model.rest)
+    with torch.no_grad():
+        before, after = (
+            float(torch.linalg.norm(net(*validation[0].windows).xyz - validation[0].truth, dim=-1).mean())
+            for net in (start, model)
+        )
+    assert after < 0.6 * before
+    clips = [true_clip(seed) for seed in range(3)]
+    plan = replace(TINY, learning=replace(TINY.learning, epoch=60, steps=60))
+    validated = train(plan, clips, tmp_path / "validated", validation_clips=[true_clip(8)])
+    assert "step 60: loss" in capsys.readouterr().err
+    again = train(plan, clips, tmp_path / "again", validation_clips=[true_clip(8)])
+    assert (validated / "weights.safetensors").read_bytes() == (again / "weights.safetensors").read_bytes()
+
+
+def test_fusion_starts_from_pretraining_and_fills_the_second_skeleton(pretrained, tmp_path):
+    plan = replace(TINY, init=str(pretrained), learning=replace(TINY.learning, steps=60, lr=2e-3))
+    folder = train(plan, [captured_clip(seed) for seed in range(3)], tmp_path)
+    assert load_model(folder)[2]["fuses"] is True
+    given, truth = with_holes(walk(5), 5), pair(walk(5)).xyz[:, :, 25:]
+    fused = load_completer(folder)(given, FPS)
+    assert fused.skeleton == SHELF14
+    assert not (fused.source == Source.MEASURED).any()
+    assert set(np.unique(fused.source)) <= {Source.DENOISED, Source.COMPLETED, Source.ABSENT}
+    error = np.nanmean(np.linalg.norm(fused.xyz - truth, axis=-1))
+    assert error < 0.35
+
+
+def test_measured_joints_stay_and_hidden_ones_move_with_the_person(pretrained):
+    complete, given = load_completer(pretrained), convert(with_holes(walk(4), 4), BODY21)
+    assert isinstance(complete, PaperCompleter)
+    done = complete(given, FPS)
+    np.testing.assert_array_equal(done.xyz[given.measured], given.xyz[given.measured])
+    assert (done.source[given.measured] == Source.MEASURED).all()
+    filled = done.source == Source.COMPLETED
+    assert filled.any()
+    assert np.isnan(done.cov[filled]).all()
+    moved = complete(replace(given, xyz=given.xyz + np.float32((3, -2, 0))), FPS)
+    np.testing.assert_allclose(moved.xyz - (3, -2, 0), done.xyz, atol=2e-3)
+    np.testing.assert_array_equal(complete(given, FPS, slice(10, 20)).xyz, done.xyz[10:20])
+
+
+def test_people_at_other_rates_short_recordings_and_nobody(pretrained):
+    complete, given = load_completer(pretrained), with_holes(walk(3, 30), 3)
+    assert (complete(given, 50.0).source == Source.COMPLETED).any()
+    assert len(complete(given.select(slice(0, 3)), FPS).xyz) == 3
+    nobody = Poses3D(given.skeleton, np.zeros((5, 0, len(given.skeleton), 3)))
+    assert complete(nobody, FPS).xyz.shape == (5, 0, 21, 3)
+    unseen = replace(given, xyz=np.full_like(given.xyz, np.nan), source=np.full_like(given.source, Source.ABSENT))
+    assert np.isnan(complete(unseen, FPS).xyz).all()
+
+
+def test_weights_of_other_sizes_are_refused(pretrained, tmp_path):
+    with pytest.raises(ValueError, match=r"a network of other sizes; to start from it, give model\.encoder\.dim=32"):
+        train(replace(PAPER, init=str(pretrained)), [captured_clip(0)], tmp_path)
+    with pytest.raises(ValueError, match="has no truth to learn from"):
+        train(replace(TINY, init=str(pretrained)), [replace(captured_clip(0), truth=None)], tmp_path / "none")
+
+
+def test_the_shipped_weights_are_of_the_paper_s_network():
+    model, skeleton, record = load_model(weights_folder("paper"))
+    assert skeleton == SKELETON
+    assert asdict(model.config) == asdict(PAPER.model)
+    assert record["steps"] == PAPER.learning.steps
+    validation = paper_validation([PosePair(two(7))], SKELETON, RECIPE, model.rest.numpy(), seed=0, batch=64)
+    with torch.no_grad():
+        predicted = model(*validation[0].windows).xyz
+    error = torch.linalg.norm(predicted - validation[0].truth, dim=-1)[validation[0].hidden]
+    assert float(error.mean()) < 0.08

@@ -1,0 +1,84 @@
+"""Long recordings in pieces: frames are completed by what is known of the person within 20 s, on one thread."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import fields
+from itertools import pairwise
+from math import ceil
+
+import torch
+
+from dmae.data.clip import Poses3D
+from dmae.files.mapped import empty, in_steps
+from dmae.progress import progress
+
+WHOLE, _PIECE = 4000, 3000
+"""Frames; shorter recordings are completed whole, and pieces, with their sides, are about as long as the second."""
+_RATE = 25.0
+"""1/s; both are as many times shorter as a rate is lower, as a model sees more frames there."""
+_UNIT = 5.0
+"""s; pieces begin at multiples of it, as blocks of `dmae.completion.gaussian_process` do, and every window of a
+network that is a whole number of times shorter."""
+_MARGIN = 4
+"""Units before and after a piece that are given with it."""
+
+
+def in_pieces(
+    complete: Callable[[Poses3D, slice], Poses3D], poses: Poses3D, fps: float, frames: slice = slice(None)
+) -> Poses3D:
+    """Return `complete(poses, frames)`, of a long recording person by person, in pieces with 20 s on both sides.
+
+    Lengths of bones are then the medians within a piece and its sides, and gaps are filled by what was measured there.
+
+    Args:
+        complete: Returns some frames of poses, completed by all of them, with the same persons.
+        fps: Frames per second.
+        frames: Those to return.
+    """
+    asked = range(len(poses.xyz))[frames]
+    parts = list(_parts(len(poses.xyz), fps, asked))
+    count, persons = poses.xyz.shape[:2]
+    if not (count and persons and parts) or parts[0][1] == slice(0, count):
+        return complete(poses, frames)
+    names, made, skeleton = [field.name for field in fields(poses)[1:]], {}, poses.skeleton
+    tasks = [(person, *part) for person in range(persons) for part in parts]
+    for person, inner, around in in_steps(progress(tasks, "completing")):
+        given = {name: getattr(poses, name)[around, person : person + 1] for name in names}
+        inside = slice(inner.start - around.start, inner.stop - around.start)
+        done = complete(Poses3D(poses.skeleton, **given), inside)
+        skeleton = done.skeleton
+        for name in names:
+            array = getattr(done, name)
+            if name not in made:
+                made[name] = empty((len(asked), persons, *array.shape[2:]), array.dtype)
+            made[name][inner.start - asked.start : inner.stop - asked.start, person] = array[:, 0]
+    return Poses3D(skeleton, **made)
+
+
+def _parts(count: int, fps: float, asked: range) -> Iterator[tuple[slice, slice]]:
+    """Yield pieces of the frames asked for, of a recording of `count`, and the frames to give with each."""
+    whole, piece = (frames * min(fps / _RATE, 1) for frames in (WHOLE, _PIECE))
+    unit = max(_UNIT * fps, 1)
+    margin = ceil(_MARGIN * unit)
+    # Units at a time: as many frames as their margins have, or more where a unit is short.
+    step = max(round((piece - 2 * margin) / unit), _MARGIN)
+    if count <= max(whole, 2 * margin + step * unit):
+        yield slice(asked.start, asked.stop), slice(0, count)
+        return
+    bounds = [round(number * unit) for number in range(0, ceil(count / unit), step)] + [count]
+    for start, stop in pairwise(bounds):
+        first = max(round(start / unit) - _MARGIN, 0)
+        inner = slice(max(start, asked.start), min(stop, asked.stop))
+        if inner.start < inner.stop:
+            yield inner, slice(round(first * unit), min(stop + margin, count))
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Have torch compute on one thread of the CPU."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
