@@ -108,9 +108,13 @@ class CameraDifference:
         return _chance(other.cost, self.cost) < chance
 
 
+_NO_COST = 1e-12
+"""Costs of exact detections are 0."""
+
+
 def _chance(worse: np.ndarray, better: np.ndarray) -> float:
     """Return the probability of a decrease of costs (B,) by coincidence."""
-    ratio = np.log(worse / better)
+    ratio = np.log(np.maximum(worse, _NO_COST) / np.maximum(better, _NO_COST))
     if len(ratio) < _FEWEST_BLOCKS or not ratio.any():
         return 1.0
     return float(ttest_1samp(ratio, 0, alternative="greater").pvalue)

@@ -202,13 +202,23 @@ def provenance_table(path: Path) -> Path:
     return path.with_name(f"{_PERSON.sub('', path.stem)}.provenance.csv")
 
 
-def write_covariance_table(path: Path, names: Sequence[str], cov: np.ndarray, first: int = 1) -> None:
+def write_covariance_table(
+    path: Path,
+    names: Sequence[str],
+    cov: np.ndarray,
+    first: int = 1,
+    *,
+    axes: Sequence[int] = (0, 1, 2),
+    metre: float = 1.0,
+) -> None:
     """Write `<name>.covariance.csv`: six columns per joint, xx to zz, in the axes and the squared unit of the file.
 
     If no covariance is known, no table is written, and a table of earlier poses is removed.
 
     Args:
-        cov: (F, J, 3, 3); NaN where unknown, which becomes an empty cell.
+        cov: (F, J, 3, 3) m^2, world; NaN where unknown, which becomes an empty cell.
+        axes: The axes of the file in the order in which they are taken from the world's.
+        metre: m in a unit of the file.
         path: The pose file that the table belongs to.
         names: J names of joints, as in the pose file.
         first: Number of the first frame.
@@ -221,10 +231,16 @@ def write_covariance_table(path: Path, names: Sequence[str], cov: np.ndarray, fi
         ",".join([str(frame), *("" if value != value else f"{value:.6g}" for value in values.tolist())])
         for part in frame_blocks(cov)
         for frame, values in enumerate(
-            cov[part][:, :, _ROWS, _COLUMNS].reshape(part.stop - part.start, -1), first + part.start
+            _in_axes(cov[part], axes, metre)[:, :, _ROWS, _COLUMNS].reshape(part.stop - part.start, -1),
+            first + part.start,
         )
     )
     write_atomic(covariance_table(path), written(chain([header], rows)))
+
+
+def _in_axes(cov: np.ndarray, axes: Sequence[int], metre: float) -> np.ndarray:
+    """Return covariances (..., 3, 3) in other axes and another unit."""
+    return cov.astype(np.float64)[..., axes, :][..., axes] / metre**2
 
 
 def read_covariance_table(path: Path, frames: int, joints: int) -> np.ndarray | None:

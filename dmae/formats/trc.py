@@ -6,7 +6,6 @@ OpenSim and Pose2Sim both read.
 
 import re
 from collections.abc import Iterator
-from functools import partial
 from itertools import chain
 from pathlib import Path
 
@@ -17,7 +16,6 @@ from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import SKELETONS, Skeleton, encode, read_skeleton
 from dmae.files.checks import MOST_METRES, check_numbers, check_rate
 from dmae.files.contents import read_text, write_atomic, written
-from dmae.files.mapped import by_frames
 from dmae.formats.config import METRES, LengthUnit
 from dmae.formats.poses import (
     PoseFile,
@@ -234,14 +232,8 @@ def write_trc(poses: Poses3D, fps: float, path: Path, unit: LengthUnit = LengthU
             write_atomic(_skeleton_file(file), yaml.safe_dump(encode(poses.skeleton), sort_keys=False))
         else:
             _skeleton_file(file).unlink(missing_ok=True)
-        turned = partial(_turned, person=person, metre=METRES[unit])
-        write_covariance_table(file, names, by_frames(turned, poses.cov), first)
+        write_covariance_table(file, names, poses.cov[:, person], first, axes=_TRC, metre=METRES[unit])
     return paths
-
-
-def _turned(cov: np.ndarray, person: int, metre: float) -> np.ndarray:
-    """Return covariances (F, P, J, 3, 3) of one person in the axes and the unit of a TRC."""
-    return cov[:, person].astype(np.float64)[..., _TRC, :][..., _TRC] / metre**2
 
 
 def _written_header(path: Path, names: list[str], frames: int, fps: float, unit: LengthUnit, first: int) -> list[str]:

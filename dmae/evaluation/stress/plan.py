@@ -228,6 +228,6 @@ def settings_of(contender: Contender) -> dict:
     if find_method(method).learned:
         # The descriptions of weights contain their checksums.
         folder = contender.weights
-        files = [Path(folder) / "model.json"] if folder else sorted(_SHIPPED.glob("*/model.json"))
+        files = [weights_folder(folder) / "model.json"] if folder else sorted(_SHIPPED.glob("*/model.json"))
         settings["weights"] = hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
     return settings

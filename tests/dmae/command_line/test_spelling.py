@@ -57,7 +57,7 @@ def folder(tmp_path_factory):
         ("dmae capture data=shelf", "expected data.path=..."),
         ("dmae capture data=openpos", "data=openpos: neither a folder nor a format; did you mean openpose? There"),
         ("dmae capture data=set fill=linar", "fill=linar: no such choice; did you mean linear?"),
-        ("dmae capture data=set capture.noise.gat=1", "did you mean capture.noise.gate_sigmas?"),
+        ("dmae capture data=set capture.noise.gate_sigma=1", "did you mean capture.noise.gate_sigmas?"),
         ("dmae evaluate data=set methods=[measured,linaer]", "no method 'linaer'; did you mean linear?"),
         ("dmae train data=set model.encoder.dmi=3", "no such option; did you mean model.encoder.dim?"),
         ("dmae train data=set learning.loss=mes", "learning.loss=mes: no such choice; did you mean mse?"),

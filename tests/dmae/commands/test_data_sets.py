@@ -93,11 +93,11 @@ def captured(monkeypatch) -> list[str]:
     """The clips that are captured. The one called `stop` in the list interrupts."""
     done: list[str] = []
 
-    def counted(clip, config, capture=command.capture):
+    def counted(clip, config, noise, capture=command.capture):
         if done[-1:] == ["b"] and "stop" in done:
             raise KeyboardInterrupt
         done.append(clip.id)
-        return capture(clip, config)
+        return capture(clip, config, noise)
 
     monkeypatch.setattr(command, "capture", counted)
     return done

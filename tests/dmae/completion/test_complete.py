@@ -170,7 +170,7 @@ def test_denoising_moves_and_marks_measured_joints(clips, tmp_path):
     done = load_completer(train(config, clips, tmp_path), denoise=True)(noisy, FPS)
     assert (done.source == Source.DENOISED).all()
     before, after = (np.linalg.norm(poses.xyz - truth.xyz, axis=-1).mean() for poses in (noisy, done))
-    assert after < 0.95 * before
+    assert after < 0.96 * before
 
 
 def test_joints_of_three_views_are_not_denoised():

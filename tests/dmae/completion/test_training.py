@@ -173,7 +173,7 @@ def test_clips_without_truth_or_without_people_are_named(clips, tmp_path):
 
 def test_errors_that_are_expected_to_be_large_have_less_weight():
     squared, sure, unsure = torch.tensor([0.01, 0.04]), torch.tensor(0.001).log(), torch.tensor(1.0).log()
-    assert torch.equal(error_loss(Loss.mse, squared, sure), squared)
+    assert torch.equal(error_loss(Loss.mse, squared, sure), 100 * squared)
     torch.testing.assert_close(error_loss(Loss.euclidean, squared, unsure), squared.sqrt())
     once, twice = error_loss(Loss.relative, squared, sure)
     assert float(twice / once) == pytest.approx(2, rel=1e-3)

@@ -24,7 +24,7 @@ def test_pictures_are_those_of_the_frame_and_camera(tmp_path):
     write_openpose_recording(recording(BODY25, 4), tmp_path / "rec", first=8)
     pictures = write_pictures(tmp_path / "pictures", range(7, 14))
     clip = dmae.read(tmp_path / "rec", fps=25, images=pictures, cameras=["cam3", "cam1"], frames=[1, 3])
-    assert clip.provenance["notes"] == []
+    assert clip.provenance["notes"] == ["data.cameras: cam3, cam1, 2 of 4 cameras"]
     for view, camera in enumerate((3, 1)):
         # f9 comes before f10: by number, not by letter.
         assert clip.images.at("rgb", clip.rig.names[view], 1).mean() == pytest.approx(40 * camera + 3 * 10)
@@ -83,7 +83,7 @@ def test_pictures_of_videos_are_those_of_the_frame_and_camera(tmp_path):
     write_openpose_recording(recording(BODY25, 4), tmp_path / "rec", first=2)
     videos = write_videos(tmp_path / "videos")
     clip = dmae.read(tmp_path / "rec", fps=25, videos=videos, cameras=["cam3", "cam1"], frames=[1, 3])
-    assert clip.provenance["notes"] == []
+    assert clip.provenance["notes"] == ["data.cameras: cam3, cam1, 2 of 4 cameras"]
     # The first frame is number 3 of the recording.
     for view, camera in enumerate((3, 1)):
         grey = clip.images.at("rgb", clip.rig.names[view], 0).mean()

@@ -1,5 +1,6 @@
 """Clips in blocks of frames: the poses of the whole, to the bit, in memory that does not grow with the frames."""
 
+import gc
 import tracemalloc
 from dataclasses import fields, replace
 from functools import partial
@@ -113,6 +114,7 @@ def peak_bytes(clip: Clip, folder) -> dict[str, int]:
         },
     }
     for name, step in steps.items():
+        gc.collect()
         tracemalloc.start()
         done[name] = step()
         found[name] = tracemalloc.get_traced_memory()[1]

@@ -18,6 +18,7 @@ KEYS = {
     3: {"pcp", "recall", "precision", "mpjpe", "hidden_recall", "hidden"},
     4: {"head", "torso", "average", "mpjpe", *(f"{side} {limb}" for side in ("left", "right") for limb in LIMBS)},
     5: {"recall", "mpjpe"},
+    6: {f"{figure}_{count}" for figure in ("mpjpe", "recall") for count in range(2, 9)},
 }
 """Keys of the columns of each table."""
 OTHERS = {"not stated", "XRMoCap's own", "hkbu, better of two by the truth", "joints within 0.2 m"}
@@ -52,11 +53,11 @@ def test_averages_by_number_of_cameras_are_of_the_actors():
 
 def test_the_paper_has_as_many_rows_as_its_source():
     ours = [row for row in ROWS if "Jiang, Chen and Guo" in row["source"]]
-    assert [sum(row["table"] == number for row in ours) for number in NUMBERS] == [10, 3, 6, 2, 4]
+    assert [sum(row["table"] == number for row in ours) for number in NUMBERS] == [10, 3, 6, 2, 4, 0]
 
 
 def test_the_paper_is_in_every_table_and_its_successors_in_the_first():
-    for number in NUMBERS:
+    for number in range(1, 6):
         assert any(row["name"].startswith("D-MAE") for row in published_rows(number))
     names = " ".join(row["name"] for row in published_rows(1))
     assert all(name in names for name in ("4DAssociation", "JCSAT", "MMDM", "Faster-VoxelPose"))

@@ -223,7 +223,7 @@ def test_a_published_system_captures_in_its_own_way():
 
 def test_paper_is_captured_with_its_thresholds():
     result = compute(prepare(CLIPS[:1], config(methods=["linear", "paper"], axes=["cameras"])))
-    assert "no weights of its network given" in result["methods"]["paper"]
+    assert "completed by its network, weights=paper" in result["methods"]["paper"]
     last = {name: method["points"][-1] for name, method in result["axes"][0]["methods"].items()}
     # Two cameras are left, and the paper asks for three.
     assert last["paper"]["pcp"][0] == 0 < last["linear"]["pcp"][0]
