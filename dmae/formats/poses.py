@@ -18,7 +18,7 @@ from dmae.data.conversion import DERIVED, convert
 from dmae.data.skeleton import Skeleton
 from dmae.data.store import MANIFEST, clip_folders
 from dmae.files.contents import read_text, write_atomic, written
-from dmae.files.mapped import frame_blocks
+from dmae.files.mapped import empty, frame_blocks
 from dmae.formats.registry import PoseReader, pose_reader
 
 _PERSON = re.compile(r"_P\d+$")
@@ -155,8 +155,10 @@ def write_provenance(path: Path, poses: Poses3D, fps: float, first: int) -> None
 
 def _sources_on(poses: Poses3D, skeleton: Skeleton) -> np.ndarray:
     """Return the sources (F, P, J) of poses on another skeleton, in little memory."""
-    parts = [convert(poses.select(part), skeleton).source for part in frame_blocks(poses.xyz)]
-    return np.concatenate(parts) if parts else np.zeros((*poses.source.shape[:2], len(skeleton)), np.uint8)
+    source = empty((*poses.source.shape[:2], len(skeleton)), np.dtype(np.uint8))
+    for part in frame_blocks(poses.cov):
+        source[part] = convert(poses.select(part), skeleton).source
+    return source
 
 
 def read_provenance(path: Path, joints: Sequence[str], frames: int) -> np.ndarray | None:

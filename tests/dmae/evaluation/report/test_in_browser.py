@@ -70,7 +70,7 @@ def test_the_picture_and_the_motion_are_of_the_same_frame(browser, path):
 
 def test_it_plays_to_the_end_and_pauses(browser, path):
     with opened(browser, path) as page:
-        page.select_option("#speed", "2")
+        page.select_option("#speed", "0.5")
         page.click("#play")
         page.wait_for_selector('#player[data-playing="true"]')
         assert page.inner_text("#play") == "Pause"
