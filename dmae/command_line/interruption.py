@@ -10,7 +10,7 @@ from contextlib import contextmanager
 began: float | None = None
 """When the command began, by `time.monotonic`; None where none did."""
 running: "Interruption | None" = None
-"""That of the command which runs in this process; None where none does."""
+"""The command that runs in this process; None where none does."""
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
