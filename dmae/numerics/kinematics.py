@@ -12,9 +12,10 @@ NaN.
 Joint angles are Cardan angles in the order z, x, y of a segment in its parent: flexion, adduction, rotation (Wu et al.,
 J. Biomech. 2002 and 2005; Grood and Suntay, J. Biomech. Eng. 1983). Names, signs and units are those of OpenSim.
 
-Hips, shoulders and neck do not show how a lean is shared between the lumbar spine and the hips. The prior says it: the
-lumbar spine bends by 42 % of the angle between trunk and thighs, with a standard deviation of 8.5 degrees, as in 30
-takes of CMU, whose subjects had markers on the pelvis.
+Hips, shoulders and neck do not show how the pelvis tilts. Two things say it. The pelvis is level while the person
+stands upright: this defines its axes, as a static trial does in gait laboratories. From there, the lumbar spine bends
+by a third of the angle between trunk and thighs. The share and its standard deviation are from recordings of CMU, whose
+subjects had markers on the pelvis (`docs/tools/angles.py`).
 """
 
 from collections.abc import Iterator
@@ -54,7 +55,7 @@ class _Segment(NamedTuple):
 # joint after Delp et al., IEEE Trans. Biomed. Eng. 1990. They are scaled to each person.
 _MIDDLE = (
     _Segment("pelvis", "", (0, 0, 0), (np.inf, np.inf, np.inf)),
-    _Segment("torso", "pelvis", (-0.017, 0.082, 0), (10, 15, 8.5)),
+    _Segment("torso", "pelvis", (-0.017, 0.082, 0), (10, 15, 4.0)),
     _Segment("head", "torso", (0.017, 0.234, 0), (25, 40, 30)),
 )
 _SIDES = (
@@ -66,8 +67,15 @@ _SIDES = (
     _Segment("shank", "thigh", (0, -0.245, 0), (2, 6, 60), "knee"),
     _Segment("foot", "shank", (0, -0.246, 0), (10, 8, 30), "ankle"),
 )
-_LUMBAR_SHARE = 0.42
-"""Lumbar flexion as a share of the angle between trunk and thighs."""
+_LUMBAR_SHARE = 1 / 3
+"""Lean of the trunk against the pelvis as a share of the angle between trunk and thighs, from upright standing."""
+_LUMBAR_SD = (4.0, 0.09)
+"""Standard deviation of this lean: degrees in upright standing, and degrees more for each degree away from it."""
+_STANDING, _STANDING_SD = (2.3, 13.8), 3.5
+"""Lean of the trunk and flexion of the thighs against a level pelvis in upright standing, means of people, degrees;
+standard deviation of what they say about the tilt of the pelvis."""
+_UPRIGHT_TRUNK, _UPRIGHT_THIGHS = 20.0, (-20.0, 35.0)
+"""A person stands upright if the trunk leans by no more and both thighs are between these angles, degrees."""
 
 _LANDMARKS = {
     "mid_hip": ("pelvis", (0, 0, 0)),
@@ -91,8 +99,11 @@ _LANDMARKS = {
 """Segment and place of joints that are no origins of segments, fractions of stature; of the right side."""
 _ON_SKULL = {"body25b"}
 """Skeletons whose neck is where the neck meets the skull."""
+_HIP, _LOW_HIPS = np.array([0, 0.010, 0.006]), {"shelf14"}
+"""Place of detected hips relative to the hip joint, fractions of stature, right side: OpenPose's are slightly above and
+outside it. Hips of some skeletons are below it and move with the thigh."""
 
-_MODEL_ERROR = 0.012
+_MODEL_ERROR = 0.008
 """m; standard deviation of a joint from its landmark on a rigid body, besides its covariance: soft tissue, and what
 detectors call a joint."""
 _UNKNOWN_ERROR = {Source.MEASURED: 0.01, Source.DENOISED: 0.01, Source.COMPLETED: 0.06}
@@ -101,8 +112,10 @@ _HUBER = 3.0
 """Distance in standard deviations from which a joint pulls no stronger."""
 _STEPS, _MOST_STEP, _CONVERGED = 12, 0.6, 1e-4
 """Gauss-Newton steps, the largest rotation of one, and the largest change that ends them, rad or m."""
-_FRAMES, _FITTED = 256, 400
-"""Frames that are solved together, and frames from which the size of a body is measured."""
+_FRAMES, _FITTED, _REFINED = 256, 100, 3
+"""Frames that are solved together, frames from which the size of a body is measured, and how often it is."""
+_ENOUGH = 10
+"""Fewest frames that show where a landmark is, or how a person stands upright."""
 _DETERMINED, _LARGEST_SD = 0.6, 20.0
 """An angle is determined if its standard deviation is below this share of the prior's, and below this, degrees."""
 
@@ -119,6 +132,9 @@ class Body:
         joints: Names of the landmarks.
         on: (J,) segment of each landmark.
         landmarks: (J, 3) m, in the axes of their segment.
+        hip: (3,) m, place of the right landmark of the hips relative to the hip joint, in the axes of the pelvis.
+        standing: rad, `(1 - share) lumbar extension + share x hip flexion` in upright standing with a level pelvis.
+        lumbar_sd: rad, standard deviation of this sum in upright standing.
     """
 
     segments: tuple[str, ...]
@@ -128,6 +144,9 @@ class Body:
     joints: tuple[str, ...]
     on: tuple[int, ...]
     landmarks: np.ndarray
+    hip: np.ndarray
+    standing: float
+    lumbar_sd: float
 
     def place(self, root: np.ndarray, local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return origins (F, S, 3) and rotations (F, S, 3, 3) of the segments in the world.
@@ -201,8 +220,9 @@ def body_motion(poses: Poses3D, person: int) -> BodyMotion:
     body = _scaled(body, np.where(np.isnan(measured).all(0), points, measured))
     precision = _precision(poses, person, given)
     some = np.unique(np.linspace(0, len(points) - 1, _FITTED).astype(int))
-    first = _solve(body, points[some], precision[some], (start[0][some], start[1][some]))
-    body = _refined(first, points[some])
+    for _ in range(_REFINED):
+        motion = _solve(body, points[some], precision[some], (start[0][some], start[1][some]))
+        body = _level(_refined(motion, points[some]), motion, points[some])
     return _solve(body, points, precision, start)
 
 
@@ -226,8 +246,11 @@ def _template(skeleton: Skeleton) -> Body:
             joints.append(joint)
             on.append(names.index(f"{side}_{segment}" if f"{side}_{segment}" in names else segment))
             landmarks.append(_mirrored(place, side))
+    lean, thighs = np.radians(_STANDING)
     return Body(tuple(names), tuple(parents), np.array(origins, float), np.array(prior), tuple(joints), tuple(on),
-                np.array(landmarks, float))  # fmt: skip
+                np.array(landmarks, float), _HIP * (skeleton.name not in _LOW_HIPS),
+                _LUMBAR_SHARE * thighs - (1 - _LUMBAR_SHARE) * lean,
+                np.radians(np.hypot(_LUMBAR_SD[0], _STANDING_SD)))  # fmt: skip
 
 
 def _mirrored(place: tuple[float, float, float], side: str) -> tuple[float, float, float]:
@@ -265,38 +288,93 @@ def _scaled(body: Body, xyz: np.ndarray) -> Body:
         origins[number[f"{side}_clavicle"], 2] *= factors["upper_arm"] / factors["torso"]
     torso = np.array([body.segments[on] == "torso" for on in body.on])
     landmarks = body.landmarks * np.where(torso, factors["torso"], stature)[:, None]
-    return replace(body, origins=origins, landmarks=landmarks)
+    return replace(body, origins=origins, landmarks=landmarks, hip=stature * body.hip)
 
 
 def _refined(motion: BodyMotion, xyz: np.ndarray) -> Body:
-    """Return the body with the landmarks of head, hands and feet where they usually are, alike on both sides.
+    """Return the body with landmarks where they usually are on this person, alike on both sides.
 
-    What they are as a whole stays: a rotation of them would be a rotation of the segment. The segment with a single
-    landmark keeps its direction.
+    They move to the median place of joints (F, J, 3) in the axes of their segment. Landmarks of head, hands and feet
+    keep their direction as a whole, because a rotation of them would be a rotation of the segment. Limbs have the
+    lengths that were measured.
     """
     body = motion.body
     at, turned = body.place(motion.root, motion.local)
-    on = list(body.on)
-    local = (turned[:, on].swapaxes(-1, -2) @ (xyz - at[:, on])[..., None])[..., 0]
-    order = {joint: i for i, joint in enumerate(body.joints)}
-    twin = [order.get({"l_": "r_", "r_": "l_"}.get(j[:2], j[:2]) + j[2:], i) for i, j in enumerate(body.joints)]
-    both = np.concatenate([local, np.where(np.arange(len(on))[:, None] == np.array(twin)[:, None], local * (1, 1, -1),
-                                           local[:, twin] * (1, 1, -1))])  # fmt: skip
+    on, at_origin = np.array(body.on), ~body.landmarks.any(-1)
+    # Joints between two segments keep their place on the upper one.
+    joining = at_origin & (on > 0)
+    holder = np.where(joining, np.array(body.parents)[on], on)
+    names = np.array([body.segments[segment].removeprefix("l_").removeprefix("r_") for segment in holder])
+    # Places on pelvis, head, hands and feet are relative to the measured joint at the origin, if there is one.
+    base = at.copy()
+    for joint in np.flatnonzero(at_origin):
+        base[:, on[joint]] = xyz[:, joint]
+    base = np.where(np.isin(names, ("torso", "clavicle"))[:, None], at[:, holder], base[:, holder])
+    local = (turned[:, holder].swapaxes(-1, -2) @ (xyz - base)[..., None])[..., 0]
+    order = {joint: number for number, joint in enumerate(body.joints)}
+    twin = [order.get({"l_": "r_", "r_": "l_"}.get(joint[:2], "") + joint[2:], n) for joint, n in order.items()]
+    mirrored = local[:, twin] * (1, 1, -1)
+    mirrored[:, [n for n, other in enumerate(twin) if n == other]] = np.nan
+    both = np.concatenate([local, mirrored])
     known = ~np.isnan(both).any(-1)
-    usual = body.landmarks.copy()
-    for joint in np.flatnonzero(known.sum(0) >= 10):
+    place = np.where(joining[:, None], body.origins[on], body.landmarks)
+    usual = place.copy()
+    for joint in np.flatnonzero(known.sum(0) >= _ENOUGH):
         usual[joint] = np.median(both[known[:, joint], joint], 0)
-    landmarks = body.landmarks.copy()
-    for segment, name in enumerate(body.segments):
-        inside = [i for i, each in enumerate(on) if each == segment and np.linalg.norm(body.landmarks[i]) > 1e-9]
-        if name in ("pelvis", "torso") or not inside:
-            continue
-        if len(inside) == 1:
-            landmarks[inside] *= np.linalg.norm(usual[inside]) / np.linalg.norm(landmarks[inside])
+    ends = np.isin(names, ("head", "hand", "foot"))
+    for segment in set(holder[ends].tolist()):
+        inside = ends & (holder == segment)
+        if inside.sum() == 1:
+            usual[inside] = place[inside] * np.linalg.norm(usual[inside]) / np.linalg.norm(place[inside])
         else:
-            turn = Rotation.align_vectors(landmarks[inside], usual[inside])[0]
-            landmarks[inside] = turn.apply(usual[inside])
-    return replace(body, landmarks=landmarks)
+            usual[inside] = Rotation.align_vectors(place[inside], usual[inside])[0].apply(usual[inside])
+    moved = ends | np.isin(names, ("pelvis", "torso", "clavicle"))
+    origins, landmarks = body.origins.copy(), body.landmarks.copy()
+    origins[on[moved & joining]] = usual[moved & joining]
+    landmarks[moved & ~joining] = usual[moved & ~joining]
+    return replace(body, origins=origins, landmarks=landmarks)
+
+
+def _level(body: Body, motion: BodyMotion, xyz: np.ndarray) -> Body:
+    """Return the body whose pelvis is level while the person stands upright in frames of joints (F, J, 3).
+
+    Without such frames the mean of people applies, with a larger standard deviation.
+    """
+    lean, thighs = leans(motion)
+    needed = [n for n, joint in enumerate(body.joints) if joint[2:] in ("hip", "knee", "shoulder")]
+    upright = is_upright(lean, thighs) & ~np.isnan(xyz[:, needed]).any((1, 2))
+    if upright.sum() < _ENOUGH:
+        return body
+    lean, thighs = np.median(lean[upright]), np.median(thighs[upright].mean(-1))
+    return replace(
+        body,
+        standing=np.radians(_LUMBAR_SHARE * thighs - (1 - _LUMBAR_SHARE) * lean),
+        lumbar_sd=np.radians(_LUMBAR_SD[0]),
+    )
+
+
+def leans(motion: BodyMotion) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lean of the trunk (F,), from hips to shoulders, and the flexion of both thighs (F, 2), degrees.
+
+    They are angles from the vertical in the plane in which the person faces, positive to the front.
+    """
+    body = motion.body
+    at, turned = body.place(motion.root, motion.local)
+    segment = [body.segments.index(f"{side}_{name}") for name in ("upper_arm", "thigh") for side in "rl"]
+    right = turned[:, 0, :, 2] * (1, 1, 0)
+    ahead = np.cross((0, 0, 1), right) / np.maximum(np.linalg.norm(right, axis=-1, keepdims=True), 1e-9)
+
+    def forward(up: np.ndarray) -> np.ndarray:
+        return np.degrees(np.arctan2((up * ahead).sum(-1), up[..., 2]))
+
+    trunk = at[:, segment[:2]].mean(1) - at[:, 0]
+    return forward(trunk), np.stack([-forward(turned[:, thigh, :, 1]) for thigh in segment[2:]], -1)
+
+
+def is_upright(lean: np.ndarray, thighs: np.ndarray) -> np.ndarray:
+    """Return (F,) True where a person stands upright, given `leans`."""
+    low, high = _UPRIGHT_THIGHS
+    return (np.abs(lean) < _UPRIGHT_TRUNK) & ((thighs > low) & (thighs < high)).all(-1)
 
 
 def _precision(poses: Poses3D, person: int, given: list[int]) -> np.ndarray:
@@ -376,7 +454,7 @@ def _start(body: Body, xyz: np.ndarray, root: np.ndarray, pelvis: np.ndarray) ->
 def _solve(body: Body, xyz: np.ndarray, precision: np.ndarray, start: tuple[np.ndarray, np.ndarray]) -> BodyMotion:
     frames, count = len(xyz), len(body.segments)
     # A segment turns only where a landmark shows it.
-    levers = {on for on, place in zip(body.on, body.landmarks, strict=True) if np.linalg.norm(place) > 1e-9}
+    levers = {on for on, place in zip(body.on, body.landmarks, strict=True) if place.any()}
     levers |= {body.parents[on] for on in body.on}
     moving = sorted({above for segment in levers for above in _upwards(body.parents, segment)})
     root, local = np.empty((frames, 3)), np.empty((frames, count, 3, 3))
@@ -406,7 +484,9 @@ def _solve_part(
     lumbar, hips = body.segments.index("torso"), [body.segments.index(f"{side}_thigh") for side in "rl"]
     weight = 1 / body.prior**2
     weight[lumbar, 2] = 0  # the coupling of lumbar spine and hips takes its place
-    share = {lumbar: 1 - _LUMBAR_SHARE} | {hip: _LUMBAR_SHARE / 2 for hip in hips if hip in column}
+    # The line from hips to shoulders leans by less than the torso turns, because it turns above the hips.
+    share = {lumbar: (1 - _LUMBAR_SHARE) * _trunk_share(body)}
+    share |= {hip: _LUMBAR_SHARE / 2 for hip in hips if hip in column}
     for step in range(_STEPS + 1):
         at, turned = body.place(root, local)
         points = at[:, on] + (turned[:, on] @ body.landmarks[..., None])[..., 0]
@@ -426,7 +506,7 @@ def _solve_part(
         gradient = (J.swapaxes(-1, -2) @ residual[..., None])[..., 0]
         # A body that is not seen at all in a frame stays where it was.
         H[:, range(size), range(size)] += 1e-3
-        flexion, row = np.zeros(frames), np.zeros((frames, size))
+        flexion, folded, row = np.zeros(frames), np.zeros(frames), np.zeros((frames, size))
         for segment in moving[1:]:
             turn = Rotation.from_matrix(local[:, segment]).as_rotvec()
             by_turn, own = _inverse_right_jacobian(turn), slice(column[segment], column[segment] + 3)
@@ -435,10 +515,13 @@ def _solve_part(
             gradient[:, own] -= (weighted @ turn[..., None])[..., 0]
             if segment in share:
                 flexion += share[segment] * turn[:, 2]
+                folded += turn[:, 2] * (-1 if segment == lumbar else 0.5)
                 row[:, own] = share[segment] * by_turn[:, 2]
-        # Lumbar flexion is a share of the flexion of trunk against thighs.
-        H += row[:, :, None] * row[:, None] / body.prior[lumbar, 2] ** 2
-        gradient -= row * flexion[:, None] / body.prior[lumbar, 2] ** 2
+        # The pelvis shares the angle between trunk and thighs with the lumbar spine.
+        bent = (flexion - body.standing)[:, None]
+        variance = body.lumbar_sd**2 + (_LUMBAR_SD[1] * folded[:, None]) ** 2
+        H += row[:, :, None] * (row / variance)[:, None]
+        gradient -= row * bent / variance
         change = np.linalg.solve(H, gradient[..., None])[..., 0]
         if step == _STEPS or np.abs(change).max(initial=0) < _CONVERGED:
             break
@@ -447,6 +530,13 @@ def _solve_part(
         root = root + change[:, :3]
         local[:, moving] = local[:, moving] @ Rotation.from_rotvec(turn).as_matrix().reshape(frames, -1, 3, 3)
     return root, local, np.linalg.inv(H)
+
+
+def _trunk_share(body: Body) -> float:
+    """Return by how much the line from hips to shoulders leans as the torso turns in the pelvis."""
+    low = body.origins[body.segments.index("torso"), 1]
+    high = body.origins[body.segments.index("r_clavicle"), 1]
+    return float(high / (low + high))
 
 
 def _upwards(parents: tuple[int, ...], segment: int) -> Iterator[int]:
@@ -532,12 +622,13 @@ def joint_angles(motion: BodyMotion, up: np.ndarray = ISB.T) -> tuple[np.ndarray
         up: Rotation from our world to a world with y up, in which the pelvis has its angles.
     """
     names = {name: number for number, name in enumerate(motion.body.segments)}
+    rotations = _about_hip_joints(motion)
     values, spread = np.empty((len(motion.root), len(ANGLES))), np.empty((len(motion.root), len(ANGLES)))
     done: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     for column, angle in enumerate(ANGLES):
         number = names[angle.segment]
         if angle.segment not in done:
-            local = up @ motion.local[:, number] if number == 0 else motion.local[:, number]
+            local = up @ rotations[:, number] if number == 0 else rotations[:, number]
             turned = cardan(local)
             done[angle.segment] = turned, _spread(turned, motion.cov[:, number])
         turned, sd = done[angle.segment]
@@ -549,6 +640,20 @@ def joint_angles(motion: BodyMotion, up: np.ndarray = ISB.T) -> tuple[np.ndarray
         values[known, column] = np.unwrap(degrees[known], period=360)
         spread[:, column] = np.where(known, deviation, np.nan)
     return values, spread
+
+
+def _about_hip_joints(motion: BodyMotion) -> np.ndarray:
+    """Return the rotations (F, S, 3, 3) of segments whose thighs turn about the hip joints instead of the landmarks."""
+    body, local = motion.body, motion.local.copy()
+    for side, sign in (("r", 1), ("l", -1)):
+        thigh, shank = (body.segments.index(f"{side}_{name}") for name in ("thigh", "shank"))
+        knee = local[:, thigh] @ body.origins[shank]
+        bone = knee + body.hip * (1, 1, sign)
+        axis = np.cross(knee, bone) / np.sum(knee * knee, -1, keepdims=True)
+        turn = Rotation.from_rotvec(axis).as_matrix()
+        local[:, shank] = (turn @ local[:, thigh]).swapaxes(-1, -2) @ local[:, thigh] @ local[:, shank]
+        local[:, thigh] = turn @ local[:, thigh]
+    return local
 
 
 def _spread(turned: np.ndarray, cov: np.ndarray) -> np.ndarray:
@@ -572,7 +677,7 @@ def defining_joints(body: Body, segment: str) -> list[str]:
     number = body.segments.index(segment)
     both = {number, body.parents[number]}
     ends = {child for child, parent in enumerate(body.parents) if parent == number}
-    at_origin = np.linalg.norm(body.landmarks, axis=-1) < 1e-9
+    at_origin = ~body.landmarks.any(-1)
     return [
         joint
         for joint, on, end in zip(body.joints, body.on, at_origin, strict=True)
