@@ -25,6 +25,7 @@ from dmae.evaluation.scores import measured_by_all, score, scored_actors, summar
 from dmae.evaluation.synthetic_gaps import cut_gaps, perturb
 from dmae.formats.config import clip_range
 from dmae.formats.reading import Clips, camera_subsets, load
+from dmae.metrics.angles import leg_angles
 from dmae.metrics.comparison import GATE, match, take_matched
 from dmae.parallel import in_parallel, process_count, running_on
 from dmae.progress import duration, progress
@@ -193,9 +194,9 @@ def evaluate(config: EvaluateConfig) -> dict:
         JSON-able. None stands for a score without data. The entries are `recording`; `skeleton`; `poses`, the input in
         words; `options` and `clips`, which identify the scored data, see `dmae.evaluation.gates`; and `results`,
         with one entry for each method and number of views (0 with synthetic gaps): `method`; `views`; `mean` of the
-        scores; `intervals` (95 %, over blocks of time) of `pcp`, %, of `mpjpe` and `hidden`, mm, and of `recall` of the
-        hidden joints, %; `worst` (`pcp` and `cameras` of the subset with the lowest PCP); and `runs`, the scores of
-        each clip and subset as `score` returns them.
+        scores; `intervals` (95 %, over blocks of time) of `pcp`, %, of `mpjpe` and `hidden`, mm, of `recall` of the
+        hidden joints, %, and of `angles`, degrees, if they are scored; `worst` (`pcp` and `cameras` of the subset with
+        the lowest PCP); and `runs`, the scores of each clip and subset as `score` returns them.
 
     Raises:
         ValueError: a clip has no truth, there are no clips or methods, a method or number of views does not exist,
@@ -235,14 +236,18 @@ def _score_clip(config: EvaluateConfig, clips: Sequence[Clip], shown: bool) -> t
     """
     entries, facts = [], None
     methods = _loaded(tuple(config.methods), config.weights, config.poses)
+    truth = angles = None
     for trial, filled in filled_trials(clips, config, methods, shown=shown):
         facts = facts or scored_clip(trial.clip)
+        if config.angles and trial.truth is not truth:
+            truth, angles = trial.truth, leg_angles(trial.truth)[0]
         compared = filled_by_all([poses for name, poses in filled.items() if name != "measured"], trial)
         for name, poses in filled.items():
             entry = {"clip": trial.clip.id, "cameras": trial.cameras}
             entry |= score(
-                poses, trial.given, trial.truth, trial.actors, trial.matches, fps=trial.clip.fps, compared=compared
-            )
+                poses, trial.given, trial.truth, trial.actors, trial.matches,
+                fps=trial.clip.fps, compared=compared, angles=angles,
+            )  # fmt: skip
             entries.append(((name, len(trial.cameras)), entry))
     return (trial.clip.id, facts, trial.truth.skeleton.name, entries)
 

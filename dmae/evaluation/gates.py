@@ -22,7 +22,7 @@ _TOLERANCES = {"joints": 5e-3, "mean": 0.01, "detected": 5e-3, "pixels": 1.0, "s
 positions are in m and px."""
 _RELATIVE = {"joints", "detected", "score", "offset_px"}
 _UNDER_TEST = (
-    "data", "methods", "poses", "weights", "views", "baseline", "changed", "out", "first", "clips",
+    "data", "methods", "poses", "weights", "views", "angles", "baseline", "changed", "out", "first", "clips",
     "workers", "backend", "dry_run",
 )  # fmt: skip
 """Options of `dmae evaluate` that may differ: the scored methods, and facts that clips and results contain anyway."""
@@ -116,6 +116,7 @@ _JUDGED = {
     "mpjpe": ("MPJPE", "mm", -1, ("mpjpe", "all")),
     "hidden": ("MPJPE of unmeasured joints", "mm", -1, ("hidden", "mpjpe")),
     "recall": ("recall of unmeasured joints", "%", 1, ("hidden", "recall")),
+    "angles": ("error of angles", "°", -1, ("angles", "mae")),
 }
 """Name and unit of each figure; 1 if larger is better, -1 if smaller is; and the place of its mean in `scores.json`."""
 _AGAIN = "make them again with this version: dmae evaluate ... out=FOLDER"

@@ -12,6 +12,7 @@ import pandas as pd
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.conversion import convert
 from dmae.files.structured import read_json
+from dmae.metrics.angles import angle_errors
 from dmae.metrics.comparison import Comparison
 from dmae.metrics.pcp import correct_limbs
 from dmae.metrics.position import joints_within_threshold
@@ -21,8 +22,8 @@ from dmae.numerics.statistics import mean_known
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
 
-FIGURES = {"pcp": 100.0, "mpjpe": 1.0, "hidden": 1.0, "recall": 100.0}
-"""The scores that are summed over blocks of time, and the factor from the ratio of the sums to %, mm, mm, %."""
+FIGURES = {"pcp": 100.0, "mpjpe": 1.0, "hidden": 1.0, "recall": 100.0, "angles": 1.0}
+"""The scores that are summed over blocks of time, and the factor from the ratio of the sums to %, mm, mm, %, °."""
 PUBLISHED_ACTORS = (0, 1, 2)
 """The three of Shelf's four actors that published averages include."""
 
@@ -64,6 +65,7 @@ def score(
     *,
     fps: float = 25.0,
     compared: np.ndarray | None = None,
+    angles: np.ndarray | None = None,
 ) -> dict:
     """Return all scores of one prediction.
 
@@ -76,6 +78,7 @@ def score(
             of `dmae.metrics.comparison.match`.
         fps: Frames per second. Gaps are classified by their length in time.
         compared: (F, T, J) True for joints that count in `gaps`; by default all joints.
+        angles: True angles of the legs from `dmae.metrics.angles.leg_angles`; by default angles are not scored.
 
     Returns:
         The score of each metric by its name, see `dmae.metrics.registry.metrics`; NaN for a score without data. The
@@ -88,9 +91,10 @@ def score(
         actors = tuple(np.flatnonzero((~np.isnan(truth.xyz).any(-1)).any((0, 2))))
     skeleton = truth.skeleton
     comparison = Comparison(
-        convert(poses, skeleton), convert(captured, skeleton), truth, actors, matches, fps, compared
+        convert(poses, skeleton), convert(captured, skeleton), truth, actors, matches, fps, compared, angles
     )
-    return {metric.name: metric.function(comparison) for metric in metrics()} | {"blocks": time_blocks(comparison)}
+    found = {metric.name: metric.function(comparison) for metric in metrics()}
+    return {name: value for name, value in found.items() if value is not None} | {"blocks": time_blocks(comparison)}
 
 
 def time_blocks(comparison: Comparison) -> dict:
@@ -100,7 +104,7 @@ def time_blocks(comparison: Comparison) -> dict:
         A dictionary for JSON. `seconds` is the length of a block and `block` the B indices of the blocks. `pcp`
         (correct limbs of each actor), `mpjpe` (mm, all joints), `hidden` (mm, joints that capture did not measure) and
         `recall` (hidden joints within 0.2 m) each have `sum` and `count`, (G, B) numbers. G is the number of actors for
-        `pcp`, otherwise 1.
+        `pcp`, otherwise 1. `angles` (degrees, of the legs) is there if they are scored.
     """
     frames, actors = np.flatnonzero(comparison.known.any((1, 2))), list(comparison.actors)
     matched, truth = comparison.matched, comparison.truth.xyz
@@ -119,6 +123,10 @@ def time_blocks(comparison: Comparison) -> dict:
         }
 
     each, together = np.arange(len(actors)), np.zeros(truth.shape[1], int)
+    angles = {}
+    if comparison.angles is not None:
+        turned = np.abs(angle_errors(comparison)[0]).reshape(*truth.shape[:2], -1)
+        angles = {"angles": sums(turned, ~np.isnan(turned), together)}
     return {
         "seconds": BLOCK,
         "block": blocks.tolist(),
@@ -126,6 +134,7 @@ def time_blocks(comparison: Comparison) -> dict:
         "mpjpe": sums(error, ~np.isnan(error), together),
         "hidden": sums(error, ~np.isnan(error) & comparison.hidden, together),
         "recall": sums(joints_within_threshold(comparison), comparison.known & comparison.hidden, together),
+        **angles,
     }
 
 
@@ -149,7 +158,7 @@ def run_table(runs: list[dict], *labels: str) -> pd.DataFrame:
         if blocks.setdefault(run["clip"], times) != times:
             raise ValueError(f"clip {run['clip']!r} has other annotated frames in one run than in another")
         keys = ",".join(map(str, run["cameras"])), run["clip"], *(run[name] for name in labels)
-        for figure in FIGURES:
+        for figure in filter(run["blocks"].__contains__, FIGURES):
             pairs = zip(run["blocks"][figure]["sum"], run["blocks"][figure]["count"], strict=True)
             for person, (sums, counts) in enumerate(pairs):
                 rows += [(*keys, figure, person, *each) for each in zip(times, sums, counts, strict=True)]
@@ -195,6 +204,7 @@ def summary(runs: list[dict]) -> dict:
     pooled = {metric.name: metric.pool([run[metric.name] for run in runs]) for metric in metrics() if metric.pool}
     several = len({run["clip"] for run in runs}) > 1
     averaged = [metric.name for metric in metrics() if not metric.pool and not (several and metric.one_clip)]
+    averaged = [name for name in averaged if all(name in run for run in runs)]
     means = {
         cameras: _average([{name: run[name] for name in averaged} for run in group])
         for cameras, group in by_subset.items()
@@ -203,7 +213,9 @@ def summary(runs: list[dict]) -> dict:
     return json_numbers(
         {
             "mean": _average(list(means.values())) | pooled,
-            "intervals": {figure: list(figure_score(table, figure).interval) for figure in FIGURES},
+            "intervals": {
+                figure: list(figure_score(table, figure).interval) for figure in FIGURES if figure in runs[0]["blocks"]
+            },
             "worst": {"pcp": means[worst]["pcp"], "cameras": list(worst)},
             "runs": runs,
         }

@@ -98,6 +98,7 @@ class Comparison:
         matches: (F, T) index of the prediction that matches each true person, -1 for none; by default from `match`.
         fps: Frames per second.
         compared: (F, T, J) True where joints count for the error by gap; None for all.
+        angles: (F, T, 3, 2) true angles from `dmae.metrics.angles.leg_angles`, degrees; None if they are not scored.
 
     Raises:
         ValueError: prediction and captured poses differ in shape.
@@ -110,6 +111,7 @@ class Comparison:
     matches: np.ndarray = None
     fps: float = GAP_RATE
     compared: np.ndarray | None = None
+    angles: np.ndarray | None = None
 
     def __post_init__(self):
         if self.captured.source.shape != self.pred.source.shape:

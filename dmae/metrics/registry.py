@@ -1,8 +1,9 @@
 """The registry of metrics. Each metric is a key of `scores.json`, and may be a column of the tables.
 
 To add a metric, write a function with the decorator `metric` in a file of this folder. It takes a `Comparison` and
-returns a number, or a list or dictionary of numbers, with NaN if there is nothing to score. The first line of its
-docstring names the measured quantity and its unit. Listing the metrics imports them, as columns contain functions.
+returns a number, or a list or dictionary of numbers, with NaN if there is nothing to score, or None if an option turns
+it off. The first line of its docstring names the measured quantity and its unit. Listing the metrics imports them, as
+columns contain functions.
 """
 
 from collections.abc import Callable

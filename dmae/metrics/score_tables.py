@@ -1,6 +1,7 @@
 """Scores as tables: PCP, the columns of all metrics, errors by length of gap, and regions."""
 
 from dmae.data.clip import person_name
+from dmae.metrics.angles import JUDGED
 from dmae.metrics.position import COVERAGES, LARGE
 from dmae.metrics.registry import metrics
 from dmae.reporting.tables import Table
@@ -46,6 +47,9 @@ def score_tables(scores: dict) -> list[Table]:
             "truth, %, by how long they were unmeasured"
         )
         tables.append(Table(caption, ("method", "views", *lengths), regions))
+    turned = [(first, mean["angles"]) for first, mean in rows if mean.get("angles")]
+    if turned:
+        tables.append(_angles_table(turned))
     ranked = [(first, mean["ranking"]) for first, mean in rows if (mean.get("ranking") or {}).get("risk_100")]
     if ranked:
         tables.append(_ranking_table(ranked))
@@ -67,6 +71,19 @@ def overview(scores: dict) -> Table:
     ]
     caption = "Strict PCP, and MPJPE of unmeasured joints by frames, at 25/s, without a measurement"
     return Table(caption, ("method", "views", "PCP %", "unmeasured mm", *lengths), rows)
+
+
+def _angles_table(turned: list[tuple[tuple[str, str], dict]]) -> Table:
+    """Return the table of joint angles."""
+    return Table(
+        "Joint angles of the legs: mean absolute errors, degrees, share of angles that joints determine, share of true "
+        "angles in the 90 % intervals, %, and expected calibration error",
+        ("method", "views", *JUDGED, "determined", "in 90 %", "ECE"),
+        [
+            (*first, *(_text(score[name]) for name in (*JUDGED, "determined", "held")), _text(score["ece"], 2))
+            for first, score in turned
+        ],
+    )
 
 
 def _ranking_table(ranked: list[tuple[tuple[str, str], dict]]) -> Table:

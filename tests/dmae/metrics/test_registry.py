@@ -10,6 +10,7 @@ from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import SHELF14
 from dmae.evaluation.scores import score, summary
 from dmae.metrics import registry
+from dmae.metrics.angles import leg_angles
 from dmae.metrics.comparison import Comparison
 from dmae.metrics.score_tables import score_tables
 from tests.support.clips import walkers
@@ -30,8 +31,8 @@ def root_error(comparison) -> float:
 
 
 def compare(pred: np.ndarray, truth: np.ndarray) -> Comparison:
-    poses = Poses3D(SHELF14, pred)
-    return Comparison(poses, poses, Poses3D(SHELF14, truth), tuple(range(truth.shape[1])))
+    poses, true = Poses3D(SHELF14, pred), Poses3D(SHELF14, truth)
+    return Comparison(poses, poses, true, tuple(range(truth.shape[1])), angles=leg_angles(true)[0])
 
 
 def numbers(value) -> list[float]:
