@@ -43,18 +43,13 @@ Q = 11
 
 @dataclass(frozen=True)
 class Calibration:
-    """Cameras and their clocks.
+    """Cameras and their clocks."""
 
-    Attributes:
-        rig: V cameras, m.
-        offset: (V,) s by which the images of a camera are later than its frame numbers say: frame (t + offset) fps of
-            the camera shows a body at time t.
-        drift: (V,) growth of the offset, s/s from the start of the clip.
-    """
-
-    rig: CameraRig
+    rig: CameraRig  # V cameras, m
+    # (V,) s by which the images of a camera are later than its frame numbers say: frame (t + offset) fps of the camera
+    # shows a body at time t
     offset: np.ndarray
-    drift: np.ndarray
+    drift: np.ndarray  # (V,) growth of the offset, s/s from the start of the clip
 
     @classmethod
     def of(cls, rig: CameraRig) -> Calibration:
@@ -105,16 +100,11 @@ class Calibration:
 
 @dataclass(frozen=True)
 class Freedom:
-    """The parameters that may change, and the expected size of their changes.
+    """The parameters that may change, and the expected size of their changes."""
 
-    Attributes:
-        free: (V, Q) True for parameters that may change.
-        prior: (V, Q) standard deviation of their change, inf where nothing is known.
-        robust_prior: True if most cameras should stay and a few may move far (Cauchy); False if all move a little.
-    """
-
-    free: np.ndarray
-    prior: np.ndarray
+    free: np.ndarray  # (V, Q) True for parameters that may change
+    prior: np.ndarray  # (V, Q) standard deviation of their change, inf where nothing is known
+    # True if most cameras should stay and a few may move far (Cauchy); False if all move a little
     robust_prior: bool = False
 
     @classmethod
@@ -149,23 +139,14 @@ class Freedom:
 
 @dataclass(frozen=True)
 class ImageTracks:
-    """The image positions of tracked people.
+    """The image positions of tracked people."""
 
-    Attributes:
-        skeleton: J joints.
-        fps: 1/s.
-        xy: (F, P, V, J, 2) px, distorted; NaN where absent.
-        sigma: (F, P, V, J) m, expected error of each position at the depth of the person; NaN where absent.
-        start: (F, P, J, 3) m, a first estimate of the joints; NaN where unknown.
-        aligned: V cameras, each aligned separately with these people.
-    """
-
-    skeleton: Skeleton
-    fps: float
-    xy: np.ndarray
-    sigma: np.ndarray
-    start: np.ndarray
-    aligned: Calibration
+    skeleton: Skeleton  # J joints
+    fps: float  # 1/s
+    xy: np.ndarray  # (F, P, V, J, 2) px, distorted; NaN where absent
+    sigma: np.ndarray  # (F, P, V, J) m, expected error of each position at the depth of the person; NaN where absent
+    start: np.ndarray  # (F, P, J, 3) m, a first estimate of the joints; NaN where unknown
+    aligned: Calibration  # V cameras, each aligned separately with these people
 
     def select(self, views: list[int]) -> ImageTracks:
         """Return the tracks in some views."""
@@ -180,18 +161,13 @@ _MOST_SHARE = 0.04
 
 @dataclass(frozen=True)
 class Observations:
-    """Detections of M bodies.
+    """Detections of M bodies."""
 
-    Attributes:
-        tracks: The tracks that contain the bodies.
-        frame, person: (M,) indices of each body.
-        start: (M, J, 3) m, a first estimate of the joints; NaN where unknown.
-    """
-
-    tracks: ImageTracks
+    tracks: ImageTracks  # The tracks that contain the bodies
+    # frame, person: (M,) indices of each body
     frame: np.ndarray
     person: np.ndarray
-    start: np.ndarray
+    start: np.ndarray  # (M, J, 3) m, a first estimate of the joints; NaN where unknown
 
     @classmethod
     def of(cls, tracks: ImageTracks, calibration: Calibration, most: int, frames: np.ndarray | None = None):

@@ -29,30 +29,20 @@ from dmae.calibration.adjustment_problem import (
 
 @dataclass(frozen=True)
 class Adjusted:
-    """The outcome of an adjustment.
+    """The outcome of an adjustment."""
 
-    Attributes:
-        calibration: The cameras.
-        xyz: (M, J, 3) m, the bodies; NaN where fewer than two views see a joint.
-        error: (M, V, J) distance between detection and reprojection, in sigmas; NaN where there is no detection.
-        error_px: (M, V, J) the same in px.
-        information: (V Q, V Q) information of the parameters, with the bodies eliminated; 0 for fixed parameters.
-        cost: (M,) robust cost of each body.
-        scores: (M, V Q) contribution of each body to the gradient.
-        offset_spread: (V Q, V Q) covariance of the gradient due to offsets of joints.
-        curvature: Second derivative of the robust cost, relative to the weights in `information`.
-    """
-
-    calibration: Calibration
-    xyz: np.ndarray
+    calibration: Calibration  # The cameras
+    xyz: np.ndarray  # (M, J, 3) m, the bodies; NaN where fewer than two views see a joint
+    # (M, V, J) distance between detection and reprojection, in sigmas; NaN where there is no detection
     error: np.ndarray
-    error_px: np.ndarray
+    error_px: np.ndarray  # (M, V, J) the same in px
+    # (V Q, V Q) information of the parameters, with the bodies eliminated; 0 for fixed parameters
     information: np.ndarray
     gradient: np.ndarray
-    cost: np.ndarray
-    scores: np.ndarray
-    offset_spread: np.ndarray
-    curvature: float
+    cost: np.ndarray  # (M,) robust cost of each body
+    scores: np.ndarray  # (M, V Q) contribution of each body to the gradient
+    offset_spread: np.ndarray  # (V Q, V Q) covariance of the gradient due to offsets of joints
+    curvature: float  # Second derivative of the robust cost, relative to the weights in `information`
 
 
 def adjust(
@@ -141,35 +131,24 @@ _BODY_DAMPING = 1e-3
 
 
 class Reduced(NamedTuple):
-    """Normal equations of the cameras, with bodies and offsets eliminated.
+    """Normal equations of the cameras, with bodies and offsets eliminated."""
 
-    Attributes:
-        information, gradient: (P, P), (P,).
-        scores: (M, P) contribution of each body to the gradient.
-        offset_spread: (P, P) covariance of the gradient due to offsets with the spread of their prior.
-        eliminated: For each person with offsets, their dependence on the cameras, and their step if these stay.
-    """
-
+    # information, gradient: (P, P), (P,)
     information: np.ndarray
     gradient: np.ndarray
-    scores: np.ndarray
-    offset_spread: np.ndarray
+    scores: np.ndarray  # (M, P) contribution of each body to the gradient
+    offset_spread: np.ndarray  # (P, P) covariance of the gradient due to offsets with the spread of their prior
+    # For each person with offsets, their dependence on the cameras, and their step if these stay
     eliminated: list[tuple[np.ndarray, np.ndarray]]
 
 
 class _Parts(NamedTuple):
-    """Derivatives and weights.
+    """Derivatives and weights."""
 
-    Attributes:
-        by: (M, V, J, 2, Q) derivatives of pixels by the parameters of their camera.
-        weight: (M, V, J) 1/px^2.
-        weighted: (M, V, J, 2, 3) derivatives of pixels by the joints, times the weight.
-        blocks, gradient: (M, J, 3, 3), (M, J, 3) normal equations of the joints.
-    """
-
-    by: np.ndarray
-    weight: np.ndarray
-    weighted: np.ndarray
+    by: np.ndarray  # (M, V, J, 2, Q) derivatives of pixels by the parameters of their camera
+    weight: np.ndarray  # (M, V, J) 1/px^2
+    weighted: np.ndarray  # (M, V, J, 2, 3) derivatives of pixels by the joints, times the weight
+    # blocks, gradient: (M, J, 3, 3), (M, J, 3) normal equations of the joints
     blocks: np.ndarray
     gradient: np.ndarray
 

@@ -57,21 +57,14 @@ _EXCLUSIVE = (Fault.inverse, Fault.centre, Fault.transposed_rotation, *_LENSES, 
 
 @dataclass(frozen=True)
 class PairFit:
-    """The fit of two cameras with each other.
+    """The fit of two cameras with each other."""
 
-    Attributes:
-        cameras: Their names.
-        residual: Median distance of joints from epipolar lines in detections that agree, px; None if none agree.
-        agreeing: Share of detections that agree with one of the other camera, in frames where both detect people.
-        agreement: Mean agreement of these detections, from 0 to 1.
-        detections: Number of these detections.
-    """
-
-    cameras: tuple[str, str]
+    cameras: tuple[str, str]  # Their names
+    # Median distance of joints from epipolar lines in detections that agree, px; None if none agree
     residual: float | None
-    agreeing: float
-    agreement: float
-    detections: int
+    agreeing: float  # Share of detections that agree with one of the other camera, in frames where both detect people
+    agreement: float  # Mean agreement of these detections, from 0 to 1
+    detections: int  # Number of these detections
 
 
 @dataclass(frozen=True)

@@ -29,25 +29,15 @@ _MIN_JOINTS = 6
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """Cameras and detections of F frames, V views, D detections per view, J joints.
+    """Cameras and detections of F frames, V views, D detections per view, J joints."""
 
-    Attributes:
-        rig: V cameras.
-        xy: (F, V, D, J, 2) px; NaN where absent.
-        score: (F, V, D, J) confidence; NaN where absent.
-        skeleton: J joints.
-        fps: 1/s.
-        offsets: (V,) frames by which the detections of each camera are delayed.
-        convention: How the files are assumed to write the world and the extrinsics.
-    """
-
-    rig: CameraRig
-    xy: np.ndarray
-    score: np.ndarray
-    skeleton: Skeleton
-    fps: float
-    offsets: np.ndarray
-    convention: Convention
+    rig: CameraRig  # V cameras
+    xy: np.ndarray  # (F, V, D, J, 2) px; NaN where absent
+    score: np.ndarray  # (F, V, D, J) confidence; NaN where absent
+    skeleton: Skeleton  # J joints
+    fps: float  # 1/s
+    offsets: np.ndarray  # (V,) frames by which the detections of each camera are delayed
+    convention: Convention  # How the files are assumed to write the world and the extrinsics
 
     @classmethod
     def of(cls, clip: Clip, convention: Convention) -> Hypothesis:
@@ -80,19 +70,12 @@ class Hypothesis:
 
 @dataclass(frozen=True)
 class ViewSample:
-    """Detections of some cameras in S frames.
+    """Detections of some cameras in S frames."""
 
-    Attributes:
-        rig: V cameras without distortion.
-        xy: (V, S, D, J, 2) undistorted px; NaN where absent.
-        joints: (V, S, D, J) True where a joint was detected, even if the lens has no ray for its pixel.
-        size: (V, S, D) extent of each detection, px.
-    """
-
-    rig: CameraRig
-    xy: np.ndarray
-    joints: np.ndarray
-    size: np.ndarray
+    rig: CameraRig  # V cameras without distortion
+    xy: np.ndarray  # (V, S, D, J, 2) undistorted px; NaN where absent
+    joints: np.ndarray  # (V, S, D, J) True where a joint was detected, even if the lens has no ray for its pixel
+    size: np.ndarray  # (V, S, D) extent of each detection, px
 
     @classmethod
     def of(cls, hypothesis: Hypothesis, frames: np.ndarray, views: list[int] | None = None) -> ViewSample:
@@ -174,24 +157,19 @@ MATCH = 0.35
 
 @dataclass(frozen=True)
 class Agreement:
-    """Agreement of n pairs of views.
+    """Agreement of n pairs of views."""
 
-    Attributes:
-        total: (n, S) sum of the best fits, from 0 to 1, of the detections of either view with those of the other, in
-            frames in which both views have detections.
-        detections: (n, S) number of these detections.
-        pair, frame, a, b: (m,) the matches: detections that are each other's best fit, and fit well. Indices of the
-            pair, of the frame, and of the two detections.
-        residual: (m, J) px from joints to epipolar lines, mean of both views; NaN where a joint is not shared.
-    """
-
+    # (n, S) sum of the best fits, from 0 to 1, of the detections of either view with those of the other, in frames in
+    # which both views have detections
     total: np.ndarray
-    detections: np.ndarray
+    detections: np.ndarray  # (n, S) number of these detections
+    # pair, frame, a, b: (m,) the matches: detections that are each other's best fit, and fit well. Indices of the pair,
+    # of the frame, and of the two detections.
     pair: np.ndarray
     frame: np.ndarray
     a: np.ndarray
     b: np.ndarray
-    residual: np.ndarray
+    residual: np.ndarray  # (m, J) px from joints to epipolar lines, mean of both views; NaN where a joint is not shared
 
 
 def measure_agreement(sample: ViewSample, pairs: Pairs, other: ViewSample | None = None) -> Agreement:

@@ -80,23 +80,14 @@ CERTAIN = {Kind.moved: 0.02, Kind.turned: 0.0035, Kind.focal: 0.01, Kind.lens: 0
 
 @dataclass(frozen=True)
 class CameraDifference:
-    """A tested difference of one camera.
+    """A tested difference of one camera."""
 
-    Attributes:
-        view: The camera.
-        kind: What differs.
-        step: (Q,) from the calibration to the camera, see `Calibration.changed`.
-        gain: Cost per body that it saves in frames on which it was not fitted.
-        cost: (B,) cost per body in each stretch of time, in frames on which it was not fitted.
-        before: (B,) the same without the difference.
-    """
-
-    view: int
-    kind: Kind
-    step: np.ndarray
-    gain: float
-    cost: np.ndarray
-    before: np.ndarray
+    view: int  # The camera
+    kind: Kind  # What differs
+    step: np.ndarray  # (Q,) from the calibration to the camera, see `Calibration.changed`
+    gain: float  # Cost per body that it saves in frames on which it was not fitted
+    cost: np.ndarray  # (B,) cost per body in each stretch of time, in frames on which it was not fitted
+    before: np.ndarray  # (B,) the same without the difference
 
     @property
     def chance(self) -> float:
@@ -122,23 +113,17 @@ def _chance(worse: np.ndarray, better: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class Examination:
-    """The result of an examination.
+    """The result of an examination."""
 
-    Attributes:
-        kinds: Differences of the named camera that fit equally well, the best first; empty if no camera is named.
-        suspects: Cameras, one of which differs, if the recording does not determine which one; empty otherwise.
-        tried: All differences that were tried.
-        base: The fit of the unchanged calibration.
-        limits: By kind, (V,) smallest amount that would be named: m, rad, relative, k1, s; inf if no amount would be.
-        reference: By kind, cost per body that a change of a correct camera saves.
-    """
-
+    # Differences of the named camera that fit equally well, the best first; empty if no camera is named
     kinds: tuple[CameraDifference, ...]
+    # Cameras, one of which differs, if the recording does not determine which one; empty otherwise
     suspects: tuple[int, ...]
-    tried: tuple[CameraDifference, ...]
-    base: Adjusted
+    tried: tuple[CameraDifference, ...]  # All differences that were tried
+    base: Adjusted  # The fit of the unchanged calibration
+    # By kind, (V,) smallest amount that would be named: m, rad, relative, k1, s; inf if no amount would be
     limits: dict[Kind, np.ndarray]
-    reference: dict[Kind, float]
+    reference: dict[Kind, float]  # By kind, cost per body that a change of a correct camera saves
 
 
 def examine(tracks: ImageTracks, calibration: Calibration) -> Examination | None:
@@ -321,33 +306,22 @@ _DETERMINED_BY = {
 
 @dataclass(frozen=True)
 class CameraFit:
-    """How one camera fits the people that all cameras measure.
+    """How one camera fits the people that all cameras measure."""
 
-    Attributes:
-        camera: Its name.
-        residual: Median distance between detection and reprojection, px; None if it shares too few people.
-        limits: By kind of difference (`moved` m, `turned` degrees, `focal` relative, `lens` k1, `late` frames) the
-            smallest that is certainly noticed in this recording, in any direction; None if no difference is.
-    """
-
-    camera: str
-    residual: float | None
+    camera: str  # Its name
+    residual: float | None  # Median distance between detection and reprojection, px; None if it shares too few people
+    # By kind of difference (`moved` m, `turned` degrees, `focal` relative, `lens` k1, `late` frames) the smallest that
+    # is certainly noticed in this recording, in any direction; None if no difference is
     limits: dict[str, float | None]
 
 
 @dataclass(frozen=True)
 class Named:
-    """A camera that differs from its calibration.
+    """A camera that differs from its calibration."""
 
-    Attributes:
-        finding: The finding.
-        hypothesis: Cameras and detections with the difference undone.
-        view: The camera.
-    """
-
-    finding: Finding
-    hypothesis: Hypothesis
-    view: int
+    finding: Finding  # The finding
+    hypothesis: Hypothesis  # Cameras and detections with the difference undone
+    view: int  # The camera
 
 
 def examined(hypothesis: Hypothesis) -> tuple[Examination, ImageTracks] | None:

@@ -60,19 +60,12 @@ class Fault(StrEnum):
 
 @dataclass(frozen=True)
 class Correction:
-    """A hypothesis with one fault undone.
+    """A hypothesis with one fault undone."""
 
-    Attributes:
-        fault: The fault.
-        views: Cameras that had it.
-        hypothesis: Cameras and detections without it.
-        amount: Its amount, for faults that have one: scale of the detections, k1.
-    """
-
-    fault: Fault
-    views: tuple[int, ...]
-    hypothesis: Hypothesis
-    amount: float = 1.0
+    fault: Fault  # The fault
+    views: tuple[int, ...]  # Cameras that had it
+    hypothesis: Hypothesis  # Cameras and detections without it
+    amount: float = 1.0  # Its amount, for faults that have one: scale of the detections, k1
 
 
 Correct = Callable[[Hypothesis, list[int]], Hypothesis]

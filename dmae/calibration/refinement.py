@@ -36,32 +36,19 @@ _PRIOR = ((ROTATION, np.radians(3)), (CENTRE, 0.3), (FOCAL, 0.1), (K1, 0.3), (OF
 
 @dataclass(frozen=True)
 class CameraChange:
-    """The changes that refinement made to a camera.
+    """The changes that refinement made to a camera."""
 
-    Attributes:
-        camera: Its name.
-        refined: Whether it was free to change.
-        moved_cm: Distance between its centres before and after, in the world before.
-        turned_deg: Angle between its directions.
-        focal: Focal length after, relative to before.
-        k1: k1 after.
-        offset_frames: Frames by which its images are later than its frame numbers say, at the start.
-        drift_frames_a_minute: Growth of `offset_frames`, frames per minute.
-        error_cm: Standard error of its centre, root mean square over the axes.
-        error_deg: The same for its direction.
-        residual_before, residual_after: Median reprojection error, px.
-    """
-
-    camera: str
-    refined: bool
-    moved_cm: float
-    turned_deg: float
-    focal: float
-    k1: float
-    offset_frames: float
-    drift_frames_a_minute: float
-    error_cm: float | None
-    error_deg: float | None
+    camera: str  # Its name
+    refined: bool  # Whether it was free to change
+    moved_cm: float  # Distance between its centres before and after, in the world before
+    turned_deg: float  # Angle between its directions
+    focal: float  # Focal length after, relative to before
+    k1: float  # k1 after
+    offset_frames: float  # Frames by which its images are later than its frame numbers say, at the start
+    drift_frames_a_minute: float  # Growth of `offset_frames`, frames per minute
+    error_cm: float | None  # Standard error of its centre, root mean square over the axes
+    error_deg: float | None  # The same for its direction
+    # residual_before, residual_after: Median reprojection error, px
     residual_before: float | None
     residual_after: float | None
 

@@ -99,42 +99,26 @@ _MOST = 1200
 
 @dataclass(frozen=True)
 class Soles:
-    """Feet at rest, n of them, each in a window of time.
+    """Feet at rest, n of them, each in a window of time."""
 
-    Attributes:
-        xyz: (n, 3) m, the sole.
-        person: (n,) index.
-        sigma: (n,) m, expected error of its height, enlarged so that windows of one stance count as independent.
-        same: (n,) number of windows of the same stance, including itself.
-        spot: (n,) number of the spot where the person is; errors on a spot may all be the same.
-    """
-
-    xyz: np.ndarray
-    person: np.ndarray
+    xyz: np.ndarray  # (n, 3) m, the sole
+    person: np.ndarray  # (n,) index
+    # (n,) m, expected error of its height, enlarged so that windows of one stance count as independent
     sigma: np.ndarray
-    same: np.ndarray
-    spot: np.ndarray
+    same: np.ndarray  # (n,) number of windows of the same stance, including itself
+    spot: np.ndarray  # (n,) number of the spot where the person is; errors on a spot may all be the same
 
 
 @dataclass(frozen=True)
 class Postures:
-    """Bodies with straight legs, n of them, each in a window of time.
+    """Bodies with straight legs, n of them, each in a window of time."""
 
-    Attributes:
-        direction: (n, 3) unit vector from the ankles to the shoulders.
-        heading: (n,) rad.
-        person: (n,) index.
-        sigma: (n,) rad, expected deviation from the person's usual direction, enlarged in the same way.
-        same: (n,) number of windows of the same stance, including itself.
-        spot: (n,) number of the spot where the person is.
-    """
-
-    direction: np.ndarray
-    heading: np.ndarray
-    person: np.ndarray
-    sigma: np.ndarray
-    same: np.ndarray
-    spot: np.ndarray
+    direction: np.ndarray  # (n, 3) unit vector from the ankles to the shoulders
+    heading: np.ndarray  # (n,) rad
+    person: np.ndarray  # (n,) index
+    sigma: np.ndarray  # (n,) rad, expected deviation from the person's usual direction, enlarged in the same way
+    same: np.ndarray  # (n,) number of windows of the same stance, including itself
+    spot: np.ndarray  # (n,) number of the spot where the person is
 
 
 def soles_and_postures(poses: Poses3D, fps: float, R: np.ndarray) -> tuple[Soles, Postures]:
@@ -295,25 +279,17 @@ SIGMAS = 1.96
 
 @dataclass(frozen=True)
 class Floor:
-    """The floor and the vertical, as far as they are determined.
+    """The floor and the vertical, as far as they are determined."""
 
-    Attributes:
-        up: (3,) unit vector against gravity, in the world; None if it is not determined.
-        tilt_deg: Angle between `up` and z; None if it is not determined.
-        tilt_interval_deg: Interval that contains the tilt with a probability of 95 %.
-        place: (3,) m, a point of the floor in the middle of the people; None if it is not determined.
-        height_m: z of this point; None if it is not determined.
-        height_interval_m: Interval that contains the height with a probability of 95 %.
-        stances: Number of stances of a foot, each at its own place.
-    """
-
+    # (3,) unit vector against gravity, in the world; None if it is not determined
     up: tuple[float, float, float] | None
-    tilt_deg: float | None
-    tilt_interval_deg: tuple[float, float] | None
+    tilt_deg: float | None  # Angle between `up` and z; None if it is not determined
+    tilt_interval_deg: tuple[float, float] | None  # Interval that contains the tilt with a probability of 95 %
+    # (3,) m, a point of the floor in the middle of the people; None if it is not determined
     place: tuple[float, float, float] | None
-    height_m: float | None
-    height_interval_m: tuple[float, float] | None
-    stances: int
+    height_m: float | None  # z of this point; None if it is not determined
+    height_interval_m: tuple[float, float] | None  # Interval that contains the height with a probability of 95 %
+    stances: int  # Number of stances of a foot, each at its own place
 
     def describe(self) -> str:
         """Return one line on tilt and height."""

@@ -26,46 +26,28 @@ _KINDS = {int: "whole number", float: "number", bool: "true or false", str: "tex
 
 @dataclass(frozen=True)
 class Option:
-    """One `key=value`.
+    """One `key=value`."""
 
-    Attributes:
-        key: With its groups, as users type it.
-        kind: Of its value, or of each entry of a list: "whole number", "number", "true or false", "text", "choice".
-        default: Its value if it is not given; `REQUIRED` where it must be.
-        meaning: From the docstring.
-        choices: All values that are allowed; none where any is.
-        many: Whether it is a list.
-        keyed: Whether it is a dictionary, and `key.anything=value` is allowed.
-        optional: Whether it can be `null`.
-    """
-
-    key: str
-    kind: str
-    default: object
-    meaning: str
-    choices: tuple[str, ...] = ()
-    many: bool = False
-    keyed: bool = False
-    optional: bool = False
+    key: str  # With its groups, as users type it
+    kind: str  # Of its value, or of each entry of a list: "whole number", "number", "true or false", "text", "choice"
+    default: object  # Its value if it is not given; `REQUIRED` where it must be
+    meaning: str  # From the docstring
+    choices: tuple[str, ...] = ()  # All values that are allowed; none where any is
+    many: bool = False  # Whether it is a list
+    keyed: bool = False  # Whether it is a dictionary, and `key.anything=value` is allowed
+    optional: bool = False  # Whether it can be `null`
 
 
 @dataclass(frozen=True)
 class Group:
-    """Options under a common name.
+    """Options under a common name."""
 
-    Attributes:
-        key: With the groups that it is in; empty for a whole command.
-        meaning: From the docstring.
-        members: In the order of the dataclass.
-        presets: Names that `key=name` can be, with their help; empty if there are none.
-        preset: The one that is used if none is given; `REQUIRED` where one must be.
-    """
-
-    key: str
-    meaning: str
-    members: tuple["Option | Group", ...] = ()
+    key: str  # With the groups that it is in; empty for a whole command
+    meaning: str  # From the docstring
+    members: tuple["Option | Group", ...] = ()  # In the order of the dataclass
+    # Names that `key=name` can be, with their help; empty if there are none
     presets: dict[str, str] = field(default_factory=dict)
-    preset: str | None = None
+    preset: str | None = None  # The one that is used if none is given; `REQUIRED` where one must be
 
     def walk(self) -> Iterator["Option | Group"]:
         """All options and groups in it, at any depth."""
@@ -101,27 +83,19 @@ class Command:
 
     The module may also have `default_out(config)`, and `interrupted(config, out)`, which says what is complete and how
     to continue.
-
-    Attributes:
-        summary: What it does, in a line.
-        config: Home of the dataclass of its options, as "module:class".
-        examples: Command lines.
-        presets: Groups that have presets, and the preset of each that is used unless another is named; `REQUIRED` where
-            one must be named.
-        writes: "folder" or "file" as `out` is one; None where it has no `out`, or where that depends.
-        program: Name of the program.
-        name: As users type it.
-        registries: Presets that are no files, by group.
     """
 
-    summary: str
-    config: str
-    examples: tuple[str, ...]
+    summary: str  # What it does, in a line
+    config: str  # Home of the dataclass of its options, as "module:class"
+    examples: tuple[str, ...]  # Command lines
+    # Groups that have presets, and the preset of each that is used unless another is named; `REQUIRED` where one must
+    # be named
     presets: Mapping[str, str | None] = field(default_factory=dict)
+    # "folder" or "file" as `out` is one; None where it has no `out`, or where that depends
     writes: str | None = "folder"
-    program: str = ""
-    name: str = ""
-    registries: Registries = field(default_factory=dict)
+    program: str = ""  # Name of the program
+    name: str = ""  # As users type it
+    registries: Registries = field(default_factory=dict)  # Presets that are no files, by group
 
     def __str__(self) -> str:
         return f"{self.program} {self.name}"

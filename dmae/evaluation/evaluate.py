@@ -40,25 +40,16 @@ HANDED_IN = "poses"
 
 @dataclass(frozen=True)
 class Trial:
-    """Poses with gaps, and their truth.
+    """Poses with gaps, and their truth."""
 
-    Attributes:
-        clip: The clip of the poses.
-        cameras: Indices of the views used; empty if the gaps are synthetic.
-        given: Poses with gaps.
-        truth: True poses, on a skeleton to which `given` can be converted.
-        actors: True persons over which PCP is averaged; None for all.
-        matches: (F, T) index of the given person that matches each true person; None to match by smallest distance.
-        filled: Poses made elsewhere, to be scored; None if methods fill `given`.
-    """
-
-    clip: Clip
-    cameras: list[int]
-    given: Poses3D
-    truth: Poses3D
-    actors: tuple[int, ...] | None = None
+    clip: Clip  # The clip of the poses
+    cameras: list[int]  # Indices of the views used; empty if the gaps are synthetic
+    given: Poses3D  # Poses with gaps
+    truth: Poses3D  # True poses, on a skeleton to which `given` can be converted
+    actors: tuple[int, ...] | None = None  # True persons over which PCP is averaged; None for all
+    # (F, T) index of the given person that matches each true person; None to match by smallest distance
     matches: np.ndarray | None = None
-    filled: Poses3D | None = None
+    filled: Poses3D | None = None  # Poses made elsewhere, to be scored; None if methods fill `given`
 
 
 def filled_trials(

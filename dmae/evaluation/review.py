@@ -306,17 +306,11 @@ FIRST = 0.1
 
 @dataclass(frozen=True)
 class RankingCheck:
-    """Counts of the joints that are off, in the first entries of a ranking and in all.
+    """Counts of the joints that are off, in the first entries of a ranking and in all."""
 
-    Attributes:
-        off: Number of joints that are off, counted in each frame.
-        found: Number of these that are in the first entries.
-        entries: Number of entries with joints that the truth has.
-    """
-
-    off: int
-    found: int
-    entries: int
+    off: int  # Number of joints that are off, counted in each frame
+    found: int  # Number of these that are in the first entries
+    entries: int  # Number of entries with joints that the truth has
 
 
 def check_ranking(clip: Clip, ranking: Sequence[Doubt]) -> RankingCheck | None:

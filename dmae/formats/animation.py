@@ -38,23 +38,15 @@ _RAISED = {"upper_arm", "forearm", "hand"}
 
 @dataclass(frozen=True)
 class JointRotations:
-    """The motion of one person. Its N nodes are ordered so that parents come before children.
+    """The motion of one person. Its N nodes are ordered so that parents come before children."""
 
-    Attributes:
-        joints: Names of the nodes.
-        parents: (N,) index of the parent; -1 for the root. The only root is the first node.
-        offsets: (N, 3) m from the parent, in the rest pose: a T-pose that faces x, z up. Zero for the root.
-        root: (F, 3) position of the root, m, world.
-        rotations: (F, N, 3, 3) from the axes of each node to the axes of its parent; for the root, to the world.
-        placed: The node at `root`. Nodes before it stand at the origin of the world.
-    """
-
-    joints: tuple[str, ...]
-    parents: tuple[int, ...]
-    offsets: np.ndarray
-    root: np.ndarray
+    joints: tuple[str, ...]  # Names of the nodes
+    parents: tuple[int, ...]  # (N,) index of the parent; -1 for the root. The only root is the first node.
+    offsets: np.ndarray  # (N, 3) m from the parent, in the rest pose: a T-pose that faces x, z up. Zero for the root.
+    root: np.ndarray  # (F, 3) position of the root, m, world
+    # (F, N, 3, 3) from the axes of each node to the axes of its parent; for the root, to the world
     rotations: np.ndarray
-    placed: int = 0
+    placed: int = 0  # The node at `root`. Nodes before it stand at the origin of the world.
 
     @property
     def xyz(self) -> np.ndarray:

@@ -26,23 +26,16 @@ from dmae.registry import Entry, Registry
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationFormat(Entry):
-    """A calibration format.
+    """A calibration format."""
 
-    Attributes:
-        syntax: "json", "toml" or "yaml".
-        matches: Function that takes the content of a JSON or TOML file and returns whether it has this format.
-        write: Function that takes cameras in the convention of the file, and a path to write.
-        convention: Convention of the format for lengths, world axes and extrinsics.
-        files: Patterns of its files, relative to the folder of a recording.
-        files_above: Patterns of its files, relative to each of the two folders above the recording.
-    """
-
-    syntax: str
+    syntax: str  # "json", "toml" or "yaml"
+    # Function that takes the content of a JSON or TOML file and returns whether it has this format
     matches: Callable[[object], bool] = lambda content: True
+    # Function that takes cameras in the convention of the file, and a path to write
     write: Callable[[CameraRig, Path], None]
-    convention: Convention = OURS
-    files: tuple[str, ...]
-    files_above: tuple[str, ...] = ()
+    convention: Convention = OURS  # Convention of the format for lengths, world axes and extrinsics
+    files: tuple[str, ...]  # Patterns of its files, relative to the folder of a recording
+    files_above: tuple[str, ...] = ()  # Patterns of its files, relative to each of the two folders above the recording
 
 
 calibration_format = Registry("calibration_format", CalibrationFormat, __package__)
@@ -241,21 +234,13 @@ def orthonormal(rig: CameraRig) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True)
 class CalibrationSource:
-    """Path of the calibration of a recording, and values that its file does not state.
+    """Path of the calibration of a recording, and values that its file does not state."""
 
-    Attributes:
-        file: Calibration file, or folder that contains it; None to search for it in the recording.
-        size: Image width and height, px; None if the file states it.
-        unit: Unit of lengths; None for the unit of the format.
-        up: Axis that points up; None for the axis of the format.
-        inverse: Whether extrinsics are world_from_cam; None for the convention of the format.
-    """
-
-    file: str | None = None
-    size: tuple[int, int] | None = None
-    unit: LengthUnit | None = None
-    up: UpDirection | None = None
-    inverse: bool | None = None
+    file: str | None = None  # Calibration file, or folder that contains it; None to search for it in the recording
+    size: tuple[int, int] | None = None  # Image width and height, px; None if the file states it
+    unit: LengthUnit | None = None  # Unit of lengths; None for the unit of the format
+    up: UpDirection | None = None  # Axis that points up; None for the axis of the format
+    inverse: bool | None = None  # Whether extrinsics are world_from_cam; None for the convention of the format
 
     def read(self, recording: Path, size: tuple[int, int] | None = None) -> CameraRig:
         """Return the cameras of a recording; errors as in `read_calibration`.

@@ -48,17 +48,11 @@ _Z_UP = {
 
 @dataclass(frozen=True)
 class Convention:
-    """The convention of a file for lengths, world axes and extrinsics. The default is our convention.
+    """The convention of a file for lengths, world axes and extrinsics. The default is our convention."""
 
-    Attributes:
-        unit: Unit of lengths.
-        up: Axis of the world that points up.
-        inverse: Whether extrinsics are world_from_cam instead of cam_from_world.
-    """
-
-    unit: LengthUnit = LengthUnit.m
-    up: UpDirection = UpDirection.z
-    inverse: bool = False
+    unit: LengthUnit = LengthUnit.m  # Unit of lengths
+    up: UpDirection = UpDirection.z  # Axis of the world that points up
+    inverse: bool = False  # Whether extrinsics are world_from_cam instead of cam_from_world
 
     def points(self, xyz: np.ndarray) -> np.ndarray:
         """Return points (..., 3), given in the convention of the file, in our world, m."""

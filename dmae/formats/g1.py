@@ -78,21 +78,13 @@ _QUANTILES = (0.01, 0.1, 0.5, 0.9, 0.99)
 
 @dataclass(frozen=True)
 class Episode:
-    """One robot in one clip.
+    """One robot in one clip."""
 
-    Attributes:
-        task: What it does, in words.
-        joints: Names of the n motors.
-        qpos: (F, 7 + n) base position, m, quaternion, w first, and angles, rad.
-        flags: (F, 4) whether each foot stands and each hand touches another person.
-        measured: (F, n) whether what determines an angle was measured.
-    """
-
-    task: str
-    joints: tuple[str, ...]
-    qpos: np.ndarray
-    flags: np.ndarray
-    measured: np.ndarray
+    task: str  # What it does, in words
+    joints: tuple[str, ...]  # Names of the n motors
+    qpos: np.ndarray  # (F, 7 + n) base position, m, quaternion, w first, and angles, rad
+    flags: np.ndarray  # (F, 4) whether each foot stands and each hand touches another person
+    measured: np.ndarray  # (F, n) whether what determines an angle was measured
 
 
 def episodes(motion: RobotMotion, task: str) -> list[Episode]:

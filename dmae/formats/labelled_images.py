@@ -19,28 +19,19 @@ from dmae.formats.poses import pixel_covariances
 
 @dataclass(frozen=True)
 class JointLabels:
-    """Labels of J joints of P persons in V views and F frames.
+    """Labels of J joints of P persons in V views and F frames."""
 
-    Attributes:
-        skeleton: J joints.
-        xyz: (F, P, J, 3) m, world.
-        xy: (F, V, P, J, 2) px.
-        flags: (F, V, P, J) COCO's v: 2 visible, 1 in the image but hidden or not measured, 0 not in the image.
-        sources: (F, P, J) `Source` of the poses.
-        cause: (F, V, P, J) `Visibility`; None if unknown for all joints.
-        occluder: (F, V, P, J) index of the occluder, as in `OcclusionLabels.occluder`; None if `cause` is None.
-        cov: (F, V, P, J, 3) px^2, xx, xy and yy of the covariance of `xy`; None if unknown for all joints.
-        true: Whether the poses are the truth of the clip. Only then do its images of ids show the same persons.
-    """
-
-    skeleton: Skeleton
-    xyz: np.ndarray
-    xy: np.ndarray
-    flags: np.ndarray
-    sources: np.ndarray
-    cause: np.ndarray | None = None
+    skeleton: Skeleton  # J joints
+    xyz: np.ndarray  # (F, P, J, 3) m, world
+    xy: np.ndarray  # (F, V, P, J, 2) px
+    flags: np.ndarray  # (F, V, P, J) COCO's v: 2 visible, 1 in the image but hidden or not measured, 0 not in the image
+    sources: np.ndarray  # (F, P, J) `Source` of the poses
+    cause: np.ndarray | None = None  # (F, V, P, J) `Visibility`; None if unknown for all joints
+    # (F, V, P, J) index of the occluder, as in `OcclusionLabels.occluder`; None if `cause` is None
     occluder: np.ndarray | None = None
+    # (F, V, P, J, 3) px^2, xx, xy and yy of the covariance of `xy`; None if unknown for all joints
     cov: np.ndarray | None = None
+    # Whether the poses are the truth of the clip. Only then do its images of ids show the same persons.
     true: bool = False
 
 
@@ -147,42 +138,26 @@ SHOWN = ("rgb", "ids", "amodal")
 
 @dataclass(frozen=True)
 class PersonLabel:
-    """The labels of a person in a picture, with J joints.
+    """The labels of a person in a picture, with J joints."""
 
-    Attributes:
-        person: Index in the poses of the clip.
-        xy: (J, 2) px.
-        flags: (J,) COCO's v: 2 visible, 1 in the image but hidden or not measured, 0 not in the image.
-        box: Box around the visible pixels. If there are none or they are unknown, box around the joints in the image;
-            None if there are no joints in the image either.
-        mask: Mask of the visible pixels; None without an image of ids.
-        visible_pixels: Number of visible pixels; None without an image of ids.
-        amodal_pixels: Number of pixels that would show the person if nothing else were there; None if unknown.
-        amodal_mask: Mask of these pixels; None without an image of them.
-        amodal_box: Box around these pixels; None without an image of them.
-        xyz: (J, 3) m, world; None for detections.
-        sources: (J,) `Source`; None for detections.
-        cov: (J, 3) px^2, xx, xy and yy of the covariance of `xy`; None if unknown.
-        scores: (J,) confidences; only for detections.
-        cause: (J,) `Visibility`; None if unknown.
-        occluder: (J,) index of the person or object in front; -1 for none, None if unknown.
-    """
-
-    person: int
-    xy: np.ndarray
-    flags: np.ndarray
+    person: int  # Index in the poses of the clip
+    xy: np.ndarray  # (J, 2) px
+    flags: np.ndarray  # (J,) COCO's v: 2 visible, 1 in the image but hidden or not measured, 0 not in the image
+    # Box around the visible pixels. If there are none or they are unknown, box around the joints in the image; None if
+    # there are no joints in the image either.
     box: Box | None
-    mask: RunLengths | None = None
-    visible_pixels: int | None = None
+    mask: RunLengths | None = None  # Mask of the visible pixels; None without an image of ids
+    visible_pixels: int | None = None  # Number of visible pixels; None without an image of ids
+    # Number of pixels that would show the person if nothing else were there; None if unknown
     amodal_pixels: int | None = None
-    amodal_mask: RunLengths | None = None
-    amodal_box: Box | None = None
-    xyz: np.ndarray | None = None
-    sources: np.ndarray | None = None
-    cov: np.ndarray | None = None
-    scores: np.ndarray | None = None
-    cause: np.ndarray | None = None
-    occluder: np.ndarray | None = None
+    amodal_mask: RunLengths | None = None  # Mask of these pixels; None without an image of them
+    amodal_box: Box | None = None  # Box around these pixels; None without an image of them
+    xyz: np.ndarray | None = None  # (J, 3) m, world; None for detections
+    sources: np.ndarray | None = None  # (J,) `Source`; None for detections
+    cov: np.ndarray | None = None  # (J, 3) px^2, xx, xy and yy of the covariance of `xy`; None if unknown
+    scores: np.ndarray | None = None  # (J,) confidences; only for detections
+    cause: np.ndarray | None = None  # (J,) `Visibility`; None if unknown
+    occluder: np.ndarray | None = None  # (J,) index of the person or object in front; -1 for none, None if unknown
 
     @property
     def shown(self) -> bool:
@@ -199,25 +174,15 @@ class PersonLabel:
 
 @dataclass(frozen=True)
 class Picture:
-    """The picture of one frame by one camera.
+    """The picture of one frame by one camera."""
 
-    Attributes:
-        camera: Name of the camera.
-        view: Index of the camera in the rig.
-        frame: Index of the frame in the clip.
-        number: Number of the frame in the recording.
-        size: Width and height, px.
-        persons: Labels of the persons in the picture.
-        rgb: (H, W, 3) uint8; None if there is no colour image, or if it was not requested.
-    """
-
-    camera: str
-    view: int
-    frame: int
-    number: int
-    size: tuple[int, int]
-    persons: list[PersonLabel]
-    rgb: np.ndarray | None = None
+    camera: str  # Name of the camera
+    view: int  # Index of the camera in the rig
+    frame: int  # Index of the frame in the clip
+    number: int  # Number of the frame in the recording
+    size: tuple[int, int]  # Width and height, px
+    persons: list[PersonLabel]  # Labels of the persons in the picture
+    rgb: np.ndarray | None = None  # (H, W, 3) uint8; None if there is no colour image, or if it was not requested
 
     @property
     def path(self) -> str:

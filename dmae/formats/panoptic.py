@@ -180,22 +180,15 @@ def read_panoptic_poses(path: Path) -> PoseFile:
 
 @dataclass(frozen=True)
 class PanopticPoses:
-    """The content of 3D pose files.
+    """The content of 3D pose files."""
 
-    Attributes:
-        xyz: By frame number, (P, 19, 3) m, world; NaN where absent. Each body id in the files is one person. All frames
-            have the same P persons, in the order of their ids.
-        source: By frame number, (P, 19) `Source`; measured if the files do not state it.
-        cov: By frame number, (P, 19, 3, 3) m^2; NaN if the files do not state it.
-        fps: Frames per second; None if the files do not state it.
-        notes: Files that could not be read, and the ids of the persons if they are not 0 to P - 1.
-    """
-
+    # By frame number, (P, 19, 3) m, world; NaN where absent. Each body id in the files is one person. All frames have
+    # the same P persons, in the order of their ids.
     xyz: dict[int, np.ndarray]
-    source: dict[int, np.ndarray]
-    cov: dict[int, np.ndarray]
-    fps: float | None
-    notes: tuple[str, ...]
+    source: dict[int, np.ndarray]  # By frame number, (P, 19) `Source`; measured if the files do not state it
+    cov: dict[int, np.ndarray]  # By frame number, (P, 19, 3, 3) m^2; NaN if the files do not state it
+    fps: float | None  # Frames per second; None if the files do not state it
+    notes: tuple[str, ...]  # Files that could not be read, and the ids of the persons if they are not 0 to P - 1
 
 
 def read_poses(path: Path, convention: Convention = CONVENTION, *, completed: bool = False) -> PanopticPoses:

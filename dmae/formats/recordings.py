@@ -100,15 +100,10 @@ def frame_number(path: Path, stem: str) -> int:
 
 @dataclass
 class Confidences:
-    """Makes joints without a positive confidence absent, and counts joints with an impossible confidence.
+    """Makes joints without a positive confidence absent, and counts joints with an impossible confidence."""
 
-    Attributes:
-        odd: Number of joints with x and y, but with a negative or null confidence.
-        first: File and field of the first of these joints.
-    """
-
-    odd: int = 0
-    first: str = ""
+    odd: int = 0  # Number of joints with x and y, but with a negative or null confidence
+    first: str = ""  # File and field of the first of these joints
 
     def clean(self, place: str, joints: np.ndarray) -> np.ndarray:
         """Return joints (..., 3), x, y and confidence; NaN where the confidence is not positive.
@@ -149,22 +144,16 @@ _MAX_CELLS, _MAX_CELLS_EACH = 250_000, 50
 
 @dataclass(frozen=True)
 class NumberedDetections:
-    """Detections of several cameras, as read from their files.
+    """Detections of several cameras, as read from their files."""
 
-    Attributes:
-        skeleton: J joints.
-        views: By camera and frame number, detections (D, J, 3): x, y px, confidence; NaN where absent.
-        fps: Frames per second; None if the files do not state it.
-        unreadable: By camera, error messages of the files that could not be read.
-        notes: Decisions of the reader that can be wrong.
-        sizes: By camera, image width and height, px, if the files state them.
-    """
-
-    skeleton: Skeleton
+    skeleton: Skeleton  # J joints
+    # By camera and frame number, detections (D, J, 3): x, y px, confidence; NaN where absent
     views: dict[str, dict[int, np.ndarray]]
-    fps: float | None = None
+    fps: float | None = None  # Frames per second; None if the files do not state it
+    # By camera, error messages of the files that could not be read
     unreadable: dict[str, list[str]] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # Decisions of the reader that can be wrong
+    # By camera, image width and height, px, if the files state them
     sizes: dict[str, tuple[int, int]] = field(default_factory=dict)
 
     @property

@@ -15,20 +15,15 @@ class RecordingReader(Entry):
 
     The reader of files that state no cameras takes the path of the detections, and returns `NumberedDetections`. Their
     calibration and frame rate are added by `dmae.formats.reading`, which lists the options.
-
-    Attributes:
-        signs: Lists of file patterns. A folder is recognised if it contains a match of every pattern of one list.
-        file: Pattern of the names of files that are recognised.
-        general: Other formats contain these files too, so this format is recognised only if no other format is.
-        data_set: The path can be a data set: a folder that contains one folder per clip.
-        cameras: The reader returns a clip, with its cameras; otherwise it returns detections.
     """
 
+    # Lists of file patterns. A folder is recognised if it contains a match of every pattern of one list.
     signs: list[list[str]] = field(default_factory=list)
-    file: str = ""
+    file: str = ""  # Pattern of the names of files that are recognised
+    # Other formats contain these files too, so this format is recognised only if no other format is
     general: bool = False
-    data_set: bool = False
-    cameras: bool = True
+    data_set: bool = False  # The path can be a data set: a folder that contains one folder per clip
+    cameras: bool = True  # The reader returns a clip, with its cameras; otherwise it returns detections
 
     def takes(self, option: str) -> bool:
         """Return whether recordings of this format take an option: `calibration`, `detections`, `fps`, `skeleton`."""
@@ -37,14 +32,10 @@ class RecordingReader(Entry):
 
 @dataclass(frozen=True)
 class PoseReader(Entry):
-    """A reader of poses: a function that takes a path and returns a `dmae.formats.poses.PoseFile`.
+    """A reader of poses: a function that takes a path and returns a `dmae.formats.poses.PoseFile`."""
 
-    Attributes:
-        file: Pattern of the names of files that it reads; empty if it reads folders.
-        signs: File patterns. The reader reads a folder if the folder contains a match of one of them.
-    """
-
-    file: str = ""
+    file: str = ""  # Pattern of the names of files that it reads; empty if it reads folders
+    # File patterns. The reader reads a folder if the folder contains a match of one of them.
     signs: list[str] = field(default_factory=list)
 
 
@@ -53,31 +44,22 @@ class PoseWriter(Entry):
     """A writer of poses: a function that takes poses, their clip, and the path to write.
 
     It returns the files that it wrote, or None if that is the path alone.
-
-    Attributes:
-        folder: The writer writes a folder, not a file.
-        skeleton: Name of the only skeleton that the format supports; None if it supports any.
-        table: The format cannot say how each joint is known, so `<name>.provenance.csv` says it.
-        rigs: Names of skeletons of other programs that the format has besides.
-        fused: If the skeleton is fused from several, all joints are written by default. Otherwise only the joints of
-            the first skeleton are written.
     """
 
-    folder: bool = False
-    skeleton: str | None = None
-    table: bool = False
-    rigs: list[str] = field(default_factory=list)
+    folder: bool = False  # The writer writes a folder, not a file
+    skeleton: str | None = None  # Name of the only skeleton that the format supports; None if it supports any
+    table: bool = False  # The format cannot say how each joint is known, so `<name>.provenance.csv` says it
+    rigs: list[str] = field(default_factory=list)  # Names of skeletons of other programs that the format has besides
+    # If the skeleton is fused from several, all joints are written by default. Otherwise only the joints of the first
+    # skeleton are written.
     fused: bool = False
 
 
 @dataclass(frozen=True)
 class RecordingWriter(Entry):
-    """A writer of recordings: a function that takes a clip and the folder to write.
+    """A writer of recordings: a function that takes a clip and the folder to write."""
 
-    Attributes:
-        lacks: Options that the format cannot store, so that the user has to give them to the reader.
-    """
-
+    # Options that the format cannot store, so that the user has to give them to the reader
     lacks: list[str] = field(default_factory=list)
 
 

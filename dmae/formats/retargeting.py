@@ -76,26 +76,18 @@ _JOINTS = {
 
 @dataclass(frozen=True)
 class RobotMotion:
-    """Motions of P robots in F frames, one for each person.
+    """Motions of P robots in F frames, one for each person."""
 
-    Attributes:
-        joints: Names of the n motors, in the order of the model.
-        qpos: (F, P, 7 + n) base position, m, base quaternion, w first, and angles, rad; never NaN.
-        source: (F, P, n) weakest `Source` of the joints that determine an angle. Where it is absent or completed,
-            nobody measured it, as the wrists: a person's hands are not measured, and wrists only place palms.
-        standing: (F, P, 2) True where the left and the right foot stand flat.
-        touching: (F, P, 2) True where the left and the right hand touch another person.
-        residual: (F, P, 4) m from the robot's elbows and palms to their targets, left before right; NaN without.
-        scale: Size of the robots' floor plan relative to the people's.
-    """
-
-    joints: tuple[str, ...]
-    qpos: np.ndarray
+    joints: tuple[str, ...]  # Names of the n motors, in the order of the model
+    qpos: np.ndarray  # (F, P, 7 + n) base position, m, base quaternion, w first, and angles, rad; never NaN
+    # (F, P, n) weakest `Source` of the joints that determine an angle. Where it is absent or completed, nobody measured
+    # it, as the wrists: a person's hands are not measured, and wrists only place palms.
     source: np.ndarray
-    standing: np.ndarray
-    touching: np.ndarray
+    standing: np.ndarray  # (F, P, 2) True where the left and the right foot stand flat
+    touching: np.ndarray  # (F, P, 2) True where the left and the right hand touch another person
+    # (F, P, 4) m from the robot's elbows and palms to their targets, left before right; NaN without
     residual: np.ndarray
-    scale: float
+    scale: float  # Size of the robots' floor plan relative to the people's
 
     def every(self, frames: int) -> "RobotMotion":
         """Return one frame in `frames`."""
@@ -105,20 +97,16 @@ class RobotMotion:
 
 @dataclass(frozen=True)
 class Contact:
-    """A hand that touches a part of another person, in F frames.
+    """A hand that touches a part of another person, in F frames."""
 
-    Attributes:
-        person, side: Whose hand; 0 is the left one.
-        other, part, other_side: Whose `trunk`, `upper_arm`, `forearm` or `hand`; the side is 0 for the trunk.
-        point: (F, 3) m, world, where it touches; NaN where it does not.
-    """
-
+    # person, side: Whose hand; 0 is the left one
     person: int
     side: int
+    # other, part, other_side: Whose `trunk`, `upper_arm`, `forearm` or `hand`; the side is 0 for the trunk
     other: int
     part: str
     other_side: int
-    point: np.ndarray
+    point: np.ndarray  # (F, 3) m, world, where it touches; NaN where it does not
 
 
 _BODIES = ("hip_roll", "knee", "ankle_roll", "shoulder_roll", "elbow", "wrist_yaw")
@@ -433,19 +421,12 @@ def _runs(flags: np.ndarray) -> list[tuple[int, int]]:
 
 @dataclass(frozen=True)
 class _Touch:
-    """A hand that is led to a place of another robot.
+    """A hand that is led to a place of another robot."""
 
-    Attributes:
-        contact: What touches what. A forearm that is touched at its wrist is a hand.
-        weight: (F,) from 0 to 1, of this place for this hand.
-        along: (F,) place along the part, from 0 to 1.
-        outwards: (F, 3) unit vector from the part to the palm.
-    """
-
-    contact: Contact
-    weight: np.ndarray
-    along: np.ndarray
-    outwards: np.ndarray
+    contact: Contact  # What touches what. A forearm that is touched at its wrist is a hand.
+    weight: np.ndarray  # (F,) from 0 to 1, of this place for this hand
+    along: np.ndarray  # (F,) place along the part, from 0 to 1
+    outwards: np.ndarray  # (F, 3) unit vector from the part to the palm
 
 
 _ROBOT_RADII = {"trunk": 0.09, "upper_arm": 0.035, "forearm": 0.035, "hand": 0.035}

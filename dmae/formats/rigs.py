@@ -15,20 +15,13 @@ from dmae.formats.animation import Y_UP, JointRotations
 
 
 class _Node(NamedTuple):
-    """A node of a rig.
+    """A node of a rig."""
 
-    Attributes:
-        name: Name in the rig, without Left or Right.
-        parent: Name of the parent, without Left or Right.
-        turns: Our node whose rotation it has.
-        at: Our node at its place, or the place as a share of the way between two; empty for `offset` alone.
-        offset: Offset from there in the T-pose, m, of the left side: x forward, y left, z up.
-    """
-
-    name: str
-    parent: str
-    turns: str
-    at: tuple = ()
+    name: str  # Name in the rig, without Left or Right
+    parent: str  # Name of the parent, without Left or Right
+    turns: str  # Our node whose rotation it has
+    at: tuple = ()  # Our node at its place, or the place as a share of the way between two; empty for `offset` alone
+    # Offset from there in the T-pose, m, of the left side: x forward, y left, z up
     offset: tuple[float, float, float] = (0, 0, 0)
 
 

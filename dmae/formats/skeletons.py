@@ -93,21 +93,13 @@ _SIDE = re.compile(r"^(left|Left|LEFT|[lL](?=[_A-Z -]))|(?<=[a-z_ -])(left|Left|
 
 @dataclass(frozen=True)
 class NamedDetections:
-    """Detections in the file of one camera, with the names of their joints.
+    """Detections in the file of one camera, with the names of their joints."""
 
-    Attributes:
-        names: Names of the J joints.
-        people: (F, D, J, 3) x and y in px, confidence; NaN where absent.
-        frames: (F,) numbers of the frames; by default they count from 0.
-        edges: Pairs of indices of connected joints, the parent first.
-        skeleton: The skeleton that the file names; None if it names none.
-    """
-
-    names: Sequence[str]
-    people: np.ndarray
-    frames: Sequence[int] | None = None
-    edges: Sequence[tuple[int, int]] = ()
-    skeleton: Skeleton | None = None
+    names: Sequence[str]  # Names of the J joints
+    people: np.ndarray  # (F, D, J, 3) x and y in px, confidence; NaN where absent
+    frames: Sequence[int] | None = None  # (F,) numbers of the frames; by default they count from 0
+    edges: Sequence[tuple[int, int]] = ()  # Pairs of indices of connected joints, the parent first
+    skeleton: Skeleton | None = None  # The skeleton that the file names; None if it names none
 
 
 def named_detections(

@@ -18,15 +18,10 @@ _SUFFIXES = {"coco": ".json", "g1": ".csv", "movement": ".nc"}
 
 @dataclass(frozen=True)
 class Written:
-    """What an export wrote.
+    """What an export wrote."""
 
-    Attributes:
-        poses: The poses, on the skeleton that was written.
-        files: The files or folders of poses, and the table of their sources if the format needs one.
-    """
-
-    poses: Poses3D
-    files: tuple[Path, ...]
+    poses: Poses3D  # The poses, on the skeleton that was written
+    files: tuple[Path, ...]  # The files or folders of poses, and the table of their sources if the format needs one
 
 
 def export_path(path: Path, format: str) -> Path:

@@ -15,54 +15,36 @@ from dmae.registry import Entry, Registry
 
 @dataclass(frozen=True)
 class Column:
-    """A column of the tables of joints and of identities.
+    """A column of the tables of joints and of identities."""
 
-    Attributes:
-        heading: Heading, unique among all columns.
-        unit: Unit of the numbers: "%", "mm" or "".
-        value: Takes the score of the metric, and returns a number, or None if there is none.
-        order: Columns are sorted by this number, then by the order of the metrics.
-        table: "joints" or "identities".
-    """
-
-    heading: str
-    unit: str
+    heading: str  # Heading, unique among all columns
+    unit: str  # Unit of the numbers: "%", "mm" or ""
+    # Takes the score of the metric, and returns a number, or None if there is none
     value: Callable[[Any], float | None] = lambda score: score
-    order: int = 100
-    table: str = "joints"
+    order: int = 100  # Columns are sorted by this number, then by the order of the metrics
+    table: str = "joints"  # "joints" or "identities"
 
 
 @dataclass(frozen=True)
 class Metric(Entry):
-    """A metric.
+    """A metric."""
 
-    Attributes:
-        order: Metrics are sorted by this number, then by name.
-        columns: Its columns in the tables of joints and identities.
-        pool: Takes the scores of several runs, and returns the score of all runs; None for the mean of each number,
-            first over clips, then over subsets of cameras.
-        one_clip: True if scores of different clips cannot be averaged; then there is no mean over several clips.
-    """
-
-    order: int = 100
-    columns: tuple[Column, ...] = ()
+    order: int = 100  # Metrics are sorted by this number, then by name
+    columns: tuple[Column, ...] = ()  # Its columns in the tables of joints and identities
+    # Takes the scores of several runs, and returns the score of all runs; None for the mean of each number, first over
+    # clips, then over subsets of cameras
     pool: Callable[[list], Any] | None = None
+    # True if scores of different clips cannot be averaged; then there is no mean over several clips
     one_clip: bool = False
 
 
 @dataclass(frozen=True)
 class Protocol(Entry):
-    """A protocol: its function assigns predictions to true persons, as `dmae.metrics.comparison.match` does.
+    """A protocol: its function assigns predictions to true persons, as `dmae.metrics.comparison.match` does."""
 
-    Attributes:
-        missed_count: Whether limbs of a person without a prediction count as not correct.
-        at_half: Whether a limb with an error of exactly half its length is correct.
-        head: How the ends of the annotated head are placed (`dmae.evaluation.paper_tables.recording`).
-    """
-
-    missed_count: bool = True
-    at_half: bool = True
-    head: str = "4da"
+    missed_count: bool = True  # Whether limbs of a person without a prediction count as not correct
+    at_half: bool = True  # Whether a limb with an error of exactly half its length is correct
+    head: str = "4da"  # How the ends of the annotated head are placed (`dmae.evaluation.paper_tables.recording`)
 
 
 metric = Registry("metric", Metric, __package__)
@@ -76,17 +58,11 @@ def metrics() -> list[Metric]:
 
 @dataclass(frozen=True)
 class Protocol(Entry):
-    """A protocol: its function assigns predictions to true persons, as `dmae.metrics.comparison.match` does.
+    """A protocol: its function assigns predictions to true persons, as `dmae.metrics.comparison.match` does."""
 
-    Attributes:
-        missed_count: Whether limbs of a person without a prediction count as not correct.
-        at_half: Whether a limb with an error of exactly half its length is correct.
-        head: How the ends of the annotated head are placed (`dmae.evaluation.paper_tables.recording`).
-    """
-
-    missed_count: bool = True
-    at_half: bool = True
-    head: str = "4da"
+    missed_count: bool = True  # Whether limbs of a person without a prediction count as not correct
+    at_half: bool = True  # Whether a limb with an error of exactly half its length is correct
+    head: str = "4da"  # How the ends of the annotated head are placed (`dmae.evaluation.paper_tables.recording`)
 
 
 protocol = Registry("protocol", Protocol, __package__)

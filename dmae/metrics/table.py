@@ -69,16 +69,11 @@ class Score:
 
     The difference of two scores of the same blocks is a score, too: the same blocks are drawn for both, so that common
     errors cancel.
-
-    Attributes:
-        value: The score; NaN if there is nothing to score.
-        drawn: (draws,) the score of each draw.
-        blocks: Number of blocks of each clip.
     """
 
-    value: float
-    drawn: np.ndarray
-    blocks: list[int]
+    value: float  # The score; NaN if there is nothing to score
+    drawn: np.ndarray  # (draws,) the score of each draw
+    blocks: list[int]  # Number of blocks of each clip
 
     @cached_property
     def interval(self) -> tuple[float, float]:

@@ -32,32 +32,21 @@ _SHA256 = "42feb6110e7ad3e8e577e0fbb0602fdb21054738e1c3a4b1081517aa215020a5"
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Case:
-    """n points seen by V views, with one kind of difficulty.
+    """n points seen by V views, with one kind of difficulty."""
 
-    Attributes:
-        name: Name, unique in the pack.
-        K: (V, 3, 3) intrinsics, px.
-        dist: (V, 5) or (V, 8) OpenCV distortion k1 k2 p1 p2 k3 [k4 k5 k6], zeros for a pinhole.
-        cam_from_world: (V, 4, 4) rigid transforms, m.
-        size: (V, 2) image width and height, px.
-        xy: (n, V, 2) pixels as detected, distorted; NaN where a view does not see the point.
-        confidence: (n, V) in [0, 1], larger is more certain. NaN where `xy` is NaN, and where a view gave pixels
-            without a confidence; these pixels do not count.
-        xyz: (n, 3) true points, m, world. NaN where no view can have seen the point; a solver must return NaN there.
-        usable: (n, V) True for the views with a detection that is not a gross error.
-        sigma: Standard deviation of the usable pixels along one axis, px; 0 if they are exact.
-    """
-
-    name: str
-    K: np.ndarray
-    dist: np.ndarray
-    cam_from_world: np.ndarray
-    size: np.ndarray
-    xy: np.ndarray
+    name: str  # Name, unique in the pack
+    K: np.ndarray  # (V, 3, 3) intrinsics, px
+    dist: np.ndarray  # (V, 5) or (V, 8) OpenCV distortion k1 k2 p1 p2 k3 [k4 k5 k6], zeros for a pinhole
+    cam_from_world: np.ndarray  # (V, 4, 4) rigid transforms, m
+    size: np.ndarray  # (V, 2) image width and height, px
+    xy: np.ndarray  # (n, V, 2) pixels as detected, distorted; NaN where a view does not see the point
+    # (n, V) in [0, 1], larger is more certain. NaN where `xy` is NaN, and where a view gave pixels without a
+    # confidence; these pixels do not count.
     confidence: np.ndarray
+    # (n, 3) true points, m, world. NaN where no view can have seen the point; a solver must return NaN there.
     xyz: np.ndarray
-    usable: np.ndarray
-    sigma: float
+    usable: np.ndarray  # (n, V) True for the views with a detection that is not a gross error
+    sigma: float  # Standard deviation of the usable pixels along one axis, px; 0 if they are exact
 
     def __repr__(self) -> str:
         return f"Case({self.name!r})"

@@ -30,19 +30,13 @@ _LARGEST = 32000
 
 @dataclass(frozen=True)
 class Played:
-    """A clip in the player, and the data of its timeline.
+    """A clip in the player, and the data of its timeline."""
 
-    Attributes:
-        clip: A short clip, with or without poses and images. `window` cuts a long one.
-        first: Number of its first frame in the clip that it was cut from.
-        error: (F,) mean error of the joints of each frame, mm; NaN where unknown. None without truth.
-        notes: Sentences about missing data.
-    """
-
-    clip: Clip
-    first: int = 0
+    clip: Clip  # A short clip, with or without poses and images. `window` cuts a long one.
+    first: int = 0  # Number of its first frame in the clip that it was cut from
+    # (F,) mean error of the joints of each frame, mm; NaN where unknown. None without truth.
     error: np.ndarray | None = None
-    notes: Sequence[str] = ()
+    notes: Sequence[str] = ()  # Sentences about missing data
 
 
 def window(frames: int, most: int, centre: int) -> slice:

@@ -19,37 +19,26 @@ class Moment:
 
 @dataclass(frozen=True)
 class Choices:
-    """Decisions that a reader of the page can make on each row of a table. The page saves them as a JSON file.
+    """Decisions that a reader of the page can make on each row of a table. The page saves them as a JSON file."""
 
-    Attributes:
-        name: Name of the file.
-        options: Values that a reader can choose for a row. Rows without a choice are left out of the file.
-        rows: The file's entry for each row of the table. The page adds the chosen value as `verdict`.
-        file: Other content of the file, next to its list of `decisions`.
-    """
-
-    name: str
-    options: Sequence[str]
-    rows: Sequence[dict]
-    file: dict
+    name: str  # Name of the file
+    options: Sequence[str]  # Values that a reader can choose for a row. Rows without a choice are left out of the file.
+    rows: Sequence[dict]  # The file's entry for each row of the table. The page adds the chosen value as `verdict`.
+    file: dict  # Other content of the file, next to its list of `decisions`
 
 
 @dataclass(frozen=True)
 class Table:
-    """A caption, a header, and rows of cells. Cells are text and are written unchanged, so format numbers first.
-
-    Attributes:
-        bars: Indices of the columns that a page draws with a bar behind each number, in proportion to the largest.
-        moments: For each row, the moment that its first cell opens in the player of a page; empty for none.
-        choices: Decisions that a reader can make on each row; None for none.
-    """
+    """A caption, a header, and rows of cells. Cells are text and are written unchanged, so format numbers first."""
 
     caption: str
     header: Sequence[str]
     rows: Sequence[Sequence[str]]
+    # Indices of the columns that a page draws with a bar behind each number, in proportion to the largest
     bars: Sequence[int] = ()
+    # For each row, the moment that its first cell opens in the player of a page; empty for none
     moments: Sequence[Moment | None] = ()
-    choices: Choices | None = None
+    choices: Choices | None = None  # Decisions that a reader can make on each row; None for none
 
     def __post_init__(self):
         if self.moments and len(self.moments) != len(self.rows):

@@ -86,20 +86,15 @@ TRUE = INK
 
 @dataclass(frozen=True)
 class Layers:
-    """The layers of a clip that are drawn.
+    """The layers of a clip that are drawn."""
 
-    Attributes:
-        detections, measured, completed, truth: Whether each of these layers is drawn.
-        occlusion: Whether true joints have the colour of their occluder, and the text below the view names it.
-        lacking: Names of the layers that the clip does not have.
-    """
-
+    # detections, measured, completed, truth: Whether each of these layers is drawn
     detections: bool
     measured: bool
     completed: bool
     truth: bool
-    occlusion: bool
-    lacking: tuple[str, ...]
+    occlusion: bool  # Whether true joints have the colour of their occluder, and the text below the view names it
+    lacking: tuple[str, ...]  # Names of the layers that the clip does not have
 
     @property
     def poses(self) -> bool:
@@ -126,14 +121,11 @@ def chosen_layers(clip: Clip, config: LayersConfig) -> Layers:
 
 @dataclass
 class Drawn:
-    """Lines and marks in one view, in the order in which they are drawn.
+    """Lines and marks in one view, in the order in which they are drawn."""
 
-    Attributes:
-        lines: End points (2, 2), px, colour, and whether the line has a dark outline.
-        marks: Point (2,), px, shape and colour of each mark.
-    """
-
+    # End points (2, 2), px, colour, and whether the line has a dark outline
     lines: list[tuple[np.ndarray, RGB, bool]] = field(default_factory=list)
+    # Point (2,), px, shape and colour of each mark
     marks: list[tuple[np.ndarray, Mark, RGB]] = field(default_factory=list)
 
 
@@ -221,19 +213,13 @@ def drawn_occlusion(pixels: np.ndarray, codes: np.ndarray, bones: list[tuple[int
 
 @dataclass(frozen=True)
 class Overlay:
-    """Draws the views of a clip. For a fused skeleton, only the joints of its first part are drawn.
+    """Draws the views of a clip. For a fused skeleton, only the joints of its first part are drawn."""
 
-    Attributes:
-        clip: The clip to draw.
-        width: Width of a view in the drawing, px.
-        layers: The layers to draw.
-        rooms: An image of the room for each view, (H, W, 3) uint8, for clips without images. Without room images, a
-            grid on the floor is drawn.
-    """
-
-    clip: Clip
-    width: int
-    layers: Layers
+    clip: Clip  # The clip to draw
+    width: int  # Width of a view in the drawing, px
+    layers: Layers  # The layers to draw
+    # An image of the room for each view, (H, W, 3) uint8, for clips without images. Without room images, a grid on the
+    # floor is drawn.
     rooms: Sequence[np.ndarray] | None = None
 
     @cached_property

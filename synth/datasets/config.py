@@ -32,17 +32,11 @@ class RgbFormat(Enum):
 
 @dataclass(frozen=True)
 class ImageOptions:
-    """The images to render.
+    """The images to render."""
 
-    Attributes:
-        kinds: Kinds of images, from `dmae.data.images.KINDS`.
-        quality: Quality of the images.
-        rgb: Format of colour images.
-    """
-
-    kinds: tuple[str, ...]
-    quality: ImageQuality
-    rgb: RgbFormat
+    kinds: tuple[str, ...]  # Kinds of images, from `dmae.data.images.KINDS`
+    quality: ImageQuality  # Quality of the images
+    rgb: RgbFormat  # Format of colour images
 
 
 def image_kinds(choices: list[str] | tuple[str, ...] | str) -> tuple[str, ...]:

@@ -39,17 +39,11 @@ _PERFORMER = Body(1.70)
 
 @dataclass(frozen=True)
 class Track:
-    """The motion of one person.
+    """The motion of one person."""
 
-    Attributes:
-        name: Name for messages and tables.
-        fps: Frames per second.
-        xyz: (F, 25, 3) joints of `BODY25`, m, world, floor at z = 0; NaN where unknown.
-    """
-
-    name: str
-    fps: float
-    xyz: np.ndarray
+    name: str  # Name for messages and tables
+    fps: float  # Frames per second
+    xyz: np.ndarray  # (F, 25, 3) joints of `BODY25`, m, world, floor at z = 0; NaN where unknown
 
     @property
     def seconds(self) -> float:
@@ -175,17 +169,11 @@ _QUANTILES = (0.05, 0.5, 0.95)
 
 @dataclass(frozen=True)
 class Sample:
-    """The kinematics of a track.
+    """The kinematics of a track."""
 
-    Attributes:
-        name: Name of the track.
-        seconds: Duration that is used, s.
-        values: Values of each of `QUANTITIES`, evenly spaced over the track, in order of time.
-    """
-
-    name: str
-    seconds: float
-    values: dict[str, np.ndarray]
+    name: str  # Name of the track
+    seconds: float  # Duration that is used, s
+    values: dict[str, np.ndarray]  # Values of each of `QUANTITIES`, evenly spaced over the track, in order of time
 
 
 @dataclass(frozen=True)

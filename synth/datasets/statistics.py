@@ -29,19 +29,12 @@ from synth.rooms.config import room_choices
 
 
 class ClipContacts(NamedTuple):
-    """Contacts between different people of one clip.
+    """Contacts between different people of one clip."""
 
-    Attributes:
-        frames: Number of frames of the clip.
-        touching: Number of frames in which a person touches another.
-        touches: Number of uninterrupted stretches of such frames.
-        force: Greatest force in a frame, N: the median over the frames with contact; 0 without contact.
-    """
-
-    frames: int
-    touching: int
-    touches: int
-    force: float
+    frames: int  # Number of frames of the clip
+    touching: int  # Number of frames in which a person touches another
+    touches: int  # Number of uninterrupted stretches of such frames
+    force: float  # Greatest force in a frame, N: the median over the frames with contact; 0 without contact
 
 
 def clip_contacts(state: BodyState) -> ClipContacts:
@@ -79,19 +72,12 @@ MOST_CAMERAS = 32
 
 @dataclass(frozen=True)
 class BinnedQuantity:
-    """A quantity with a histogram.
+    """A quantity with a histogram."""
 
-    Attributes:
-        name: Key in the results.
-        meaning: Description for readers.
-        unit: Unit of the edges.
-        edges: (N + 1,) edges of the bins. Values beyond the ends count in the first and the last bin.
-    """
-
-    name: str
-    meaning: str
-    unit: str
-    edges: np.ndarray
+    name: str  # Key in the results
+    meaning: str  # Description for readers
+    unit: str  # Unit of the edges
+    edges: np.ndarray  # (N + 1,) edges of the bins. Values beyond the ends count in the first and the last bin.
 
 
 QUANTITIES = {
@@ -115,32 +101,24 @@ QUANTITIES = {
 
 @dataclass
 class Statistics:
-    """Counts of some clips, for the J joints of the skeleton's first part. `+` adds two of them.
+    """Counts of some clips, for the J joints of the skeleton's first part. `+` adds two of them."""
 
-    Attributes:
-        joints: Names of the J joints.
-        counts: `clips`, `clips_without_truth`, `frames`, `pictures`, `seconds`, and clips by number of persons,
-            `persons=3`, and of cameras, `cameras=5`.
-        causes: (J, 7) numbers of joints in views, by `Visibility`.
-        histograms: Counts in the bins of each of `QUANTITIES`, by its name.
-        occluders: Number of hidden joints by occluder: `self`, `person`, or the name of an object.
-        scenes: Number of clips by arena, interaction, and kind of motion: `arena=office`.
-        contacts: `ClipContacts` of each clip with body states, by interaction.
-        persons: Names of persons, from `synth.datasets.splits`.
-        takes: Names of takes, from `synth.datasets.splits`.
-        rigs: Names of rigs, from `synth.datasets.splits`.
-    """
-
-    joints: tuple[str, ...] = ()
+    joints: tuple[str, ...] = ()  # Names of the J joints
+    # `clips`, `clips_without_truth`, `frames`, `pictures`, `seconds`, and clips by number of persons, `persons=3`, and
+    # of cameras, `cameras=5`
     counts: Counter = field(default_factory=Counter)
-    causes: np.ndarray | None = None
+    causes: np.ndarray | None = None  # (J, 7) numbers of joints in views, by `Visibility`
+    # Counts in the bins of each of `QUANTITIES`, by its name
     histograms: dict[str, np.ndarray] = field(default_factory=dict)
+    # Number of hidden joints by occluder: `self`, `person`, or the name of an object
     occluders: Counter = field(default_factory=Counter)
+    # Number of clips by arena, interaction, and kind of motion: `arena=office`
     scenes: Counter = field(default_factory=Counter)
+    # `ClipContacts` of each clip with body states, by interaction
     contacts: dict[str, tuple[ClipContacts, ...]] = field(default_factory=dict)
-    persons: set[str] = field(default_factory=set)
-    takes: set[str] = field(default_factory=set)
-    rigs: set[str] = field(default_factory=set)
+    persons: set[str] = field(default_factory=set)  # Names of persons, from `synth.datasets.splits`
+    takes: set[str] = field(default_factory=set)  # Names of takes, from `synth.datasets.splits`
+    rigs: set[str] = field(default_factory=set)  # Names of rigs, from `synth.datasets.splits`
 
     def __add__(self, other: "Statistics") -> "Statistics":
         """Return the sum of both counts.

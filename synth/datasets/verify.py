@@ -290,20 +290,13 @@ class Problem(NamedTuple):
 
 
 class Verification(NamedTuple):
-    """The result of a verification.
+    """The result of a verification."""
 
-    Attributes:
-        clips: Names of the checked folders.
-        problems: All problems.
-        again: Names of the clips that must be generated again.
-        number: One checksum of all files: the SHA-256 of `checksums.json`; None if there is no such file.
-        without: Names of the clips without checksums. In these, only changes that cause a contradiction are found.
-    """
-
-    clips: list[str]
-    problems: list[Problem]
-    again: list[str]
-    number: str | None
+    clips: list[str]  # Names of the checked folders
+    problems: list[Problem]  # All problems
+    again: list[str]  # Names of the clips that must be generated again
+    number: str | None  # One checksum of all files: the SHA-256 of `checksums.json`; None if there is no such file
+    # Names of the clips without checksums. In these, only changes that cause a contradiction are found.
     without: list[str]
 
 

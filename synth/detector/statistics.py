@@ -29,25 +29,15 @@ _MIN_JOINTS = 4
 
 @dataclass(frozen=True)
 class Match:
-    """The assignment of D detections to P persons, in V views.
+    """The assignment of D detections to P persons, in V views."""
 
-    Attributes:
-        xy: (F, V, P, J, 2) joints of the reference, px; NaN where unknown or outside the image.
-        height: (F, V, P) height of the person, px; NaN where too few joints are in the image.
-        found: (F, V, P, J, 2) detected joints of each person, px; NaN where missed.
-        score: (F, V, P, J) confidences of the detected joints; NaN where missed.
-        matched: (F, V, P) True where a person in the image has a detection.
-        left_over: (F, V, D) True for detections without a person.
-        near: (F, V, D) True for detections without a person that are near a person.
-    """
-
-    xy: np.ndarray
-    height: np.ndarray
-    found: np.ndarray
-    score: np.ndarray
-    matched: np.ndarray
-    left_over: np.ndarray
-    near: np.ndarray
+    xy: np.ndarray  # (F, V, P, J, 2) joints of the reference, px; NaN where unknown or outside the image
+    height: np.ndarray  # (F, V, P) height of the person, px; NaN where too few joints are in the image
+    found: np.ndarray  # (F, V, P, J, 2) detected joints of each person, px; NaN where missed
+    score: np.ndarray  # (F, V, P, J) confidences of the detected joints; NaN where missed
+    matched: np.ndarray  # (F, V, P) True where a person in the image has a detection
+    left_over: np.ndarray  # (F, V, D) True for detections without a person
+    near: np.ndarray  # (F, V, D) True for detections without a person that are near a person
 
 
 def match_detections(clip: Clip, reference: Poses3D) -> Match:
@@ -107,48 +97,30 @@ class DetectorStatistics:
     """Statistics of the detections of a recording in V views.
 
     A kind is a joint name without its side. Lengths are in heights of the person in the image.
-
-    Attributes:
-        name: Name of the recording.
-        fps: Frames per second.
-        kinds: (K,) names of kinds.
-        kind: (n,) index into `kinds` of each detected joint that the reference locates.
-        error: (n,) its distance from the reference.
-        inverted: (n,) True where the same joint of the other side is nearer, by half and by `GROSS`.
-        score: (n,) its confidence.
-        missed: (V, K) fraction of missed joints among the joints in the image of detected persons.
-        missed_by_side: (K, 2) the same fraction of joints on the camera's side of the body, and on the far side.
-        joint_misses: {"a|b": fraction of the missed joints of kind b for which the joint of kind a on the same side is
-            also missed}.
-        views: (K, V + 1) fraction of the joints that are detected in 0..V views.
-        miss_seconds: (r,) lengths of uninterrupted misses, s.
-        autocorrelation: {time, s: correlation of errors that are this time apart; NaN if frames are further apart}.
-        constant: Fraction of the energy of errors that is constant for a person, view and joint.
-        person_missed: (V,) fraction of the persons in the image that are not detected at all.
-        ghosts: (V,) number of ghosts per frame.
-        ghost_joints: Median number of joints of a ghost.
-        ghost_score: Median confidence of ghosts.
-        fragments: (V,) number of detected pieces of persons per frame, without the largest piece of each person.
     """
 
-    name: str
-    fps: float
-    kinds: tuple[str, ...]
-    kind: np.ndarray
-    error: np.ndarray
-    inverted: np.ndarray
-    score: np.ndarray
-    missed: np.ndarray
+    name: str  # Name of the recording
+    fps: float  # Frames per second
+    kinds: tuple[str, ...]  # (K,) names of kinds
+    kind: np.ndarray  # (n,) index into `kinds` of each detected joint that the reference locates
+    error: np.ndarray  # (n,) its distance from the reference
+    inverted: np.ndarray  # (n,) True where the same joint of the other side is nearer, by half and by `GROSS`
+    score: np.ndarray  # (n,) its confidence
+    missed: np.ndarray  # (V, K) fraction of missed joints among the joints in the image of detected persons
+    # (K, 2) the same fraction of joints on the camera's side of the body, and on the far side
     missed_by_side: np.ndarray
+    # {"a|b": fraction of the missed joints of kind b for which the joint of kind a on the same side is also missed}
     joint_misses: dict[str, float]
-    views: np.ndarray
-    miss_seconds: np.ndarray
+    views: np.ndarray  # (K, V + 1) fraction of the joints that are detected in 0..V views
+    miss_seconds: np.ndarray  # (r,) lengths of uninterrupted misses, s
+    # {time, s: correlation of errors that are this time apart; NaN if frames are further apart}
     autocorrelation: dict[float, float]
-    constant: float
-    person_missed: np.ndarray
-    ghosts: np.ndarray
-    ghost_joints: float
-    ghost_score: float
+    constant: float  # Fraction of the energy of errors that is constant for a person, view and joint
+    person_missed: np.ndarray  # (V,) fraction of the persons in the image that are not detected at all
+    ghosts: np.ndarray  # (V,) number of ghosts per frame
+    ghost_joints: float  # Median number of joints of a ghost
+    ghost_score: float  # Median confidence of ghosts
+    # (V,) number of detected pieces of persons per frame, without the largest piece of each person
     fragments: np.ndarray
 
 

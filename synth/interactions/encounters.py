@@ -243,20 +243,14 @@ def dance(cast: Cast, *, rng: np.random.Generator) -> Script:
 
 
 class _Way(NamedTuple):
-    """The path of an arm in a hug.
+    """The path of an arm in a hug."""
 
-    Attributes:
-        via: Position of the palm before the arms close, in the frame of the other's chest as fractions of stature, y
-            towards the side of the arm.
-        elbow: Direction of the elbow.
-        heights: Least and greatest height of the palm on the back, as `on_trunk` takes it.
-        angles: Least and greatest angle of the palm from the spine, rad.
-    """
-
+    # Position of the palm before the arms close, in the frame of the other's chest as fractions of stature, y towards
+    # the side of the arm
     via: tuple[float, float, float]
-    elbow: tuple[float, float, float]
-    heights: tuple[float, float]
-    angles: tuple[float, float]
+    elbow: tuple[float, float, float]  # Direction of the elbow
+    heights: tuple[float, float]  # Least and greatest height of the palm on the back, as `on_trunk` takes it
+    angles: tuple[float, float]  # Least and greatest angle of the palm from the spine, rad
 
 
 # Nearer to the spine, a hand over the shoulder would be on the neck.
@@ -274,25 +268,18 @@ _SIDES = {"r": 1, "l": -1}
 
 @dataclass(frozen=True)
 class _Arm:
-    """An arm in a hug.
+    """An arm in a hug."""
 
-    Attributes:
-        person, side: The person and the arm.
-        way: The path of the arm.
-        height, angle: Of the palm on the other's back, as `on_trunk` takes them.
-        press: How far the palm presses into the back, m.
-        begin: Time at which the arm comes up, s.
-        pats: Rate at which the hand pats the back, 1/s; 0 if it rests.
-    """
-
+    # person, side: The person and the arm
     person: int
     side: str
-    way: _Way
+    way: _Way  # The path of the arm
+    # height, angle: Of the palm on the other's back, as `on_trunk` takes them
     height: float
     angle: float
-    press: float
-    begin: float
-    pats: float
+    press: float  # How far the palm presses into the back, m
+    begin: float  # Time at which the arm comes up, s
+    pats: float  # Rate at which the hand pats the back, 1/s; 0 if it rests
 
 
 @interaction(persons=(2, 2))

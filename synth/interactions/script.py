@@ -17,79 +17,50 @@ STOOL = "stool"
 
 @dataclass(frozen=True)
 class Cast:
-    """The people who take part, and the frames of the clip.
+    """The people who take part, and the frames of the clip."""
 
-    Attributes:
-        bodies: One for each of P people.
-        seconds: (F,) time of each frame, s.
-        fps: Frames per second.
-        radius: Greatest distance of hips from the origin, m.
-    """
-
-    bodies: tuple[Body, ...]
-    seconds: np.ndarray
-    fps: float
-    radius: float
+    bodies: tuple[Body, ...]  # One for each of P people
+    seconds: np.ndarray  # (F,) time of each frame, s
+    fps: float  # Frames per second
+    radius: float  # Greatest distance of hips from the origin, m
 
 
 @dataclass(frozen=True)
 class Role:
-    """The part of one person.
+    """The part of one person."""
 
-    Attributes:
-        path: (F, 3) x, y of the hips, m, and heading, rad, around the origin.
-        walks: Whether a walk from the motion source is bent along the path at its own pace; otherwise the legs follow
-            the path step by step.
-        hips: (F,) greatest height of the hips above the floor in sitting or crouching, m.
-        ahead: Distance of the feet ahead of the hips in sitting, m.
-        gaze: (F,) index of the person looked at; -1 leaves the head to the motion.
-        lean: (F,) angle by which the trunk is bent forward, rad.
-        hands: Shapes of the left and the right hand, of `synth.people.clothing.HANDS`; None draws them.
-    """
-
-    path: np.ndarray
+    path: np.ndarray  # (F, 3) x, y of the hips, m, and heading, rad, around the origin
+    # Whether a walk from the motion source is bent along the path at its own pace; otherwise the legs follow the path
+    # step by step
     walks: bool = False
-    hips: np.ndarray | None = None
-    ahead: float = 0.0
-    gaze: np.ndarray | None = None
-    lean: np.ndarray | None = None
+    hips: np.ndarray | None = None  # (F,) greatest height of the hips above the floor in sitting or crouching, m
+    ahead: float = 0.0  # Distance of the feet ahead of the hips in sitting, m
+    gaze: np.ndarray | None = None  # (F,) index of the person looked at; -1 leaves the head to the motion
+    lean: np.ndarray | None = None  # (F,) angle by which the trunk is bent forward, rad
+    # Shapes of the left and the right hand, of `synth.people.clothing.HANDS`; None draws them
     hands: tuple[str, str] | None = None
 
 
 @dataclass(frozen=True)
 class Reach:
-    """A hand that goes to a point.
+    """A hand that goes to a point."""
 
-    Attributes:
-        person: Index of the person.
-        side: `l` or `r`.
-        share: (F,) weight of the reach, 0 to 1; the rest is the arm's own motion.
-        palm: (F, 3) target of the skin of the palm, m.
-        normal: (F, 3) direction that the palm faces at the target.
-        elbow: Direction of the elbow in the chest's frame, y outward.
-        straight: Whether the wrist stays straight; otherwise it bends so that the palm lies on the touched surface.
-    """
-
-    person: int
-    side: str
-    share: np.ndarray
-    palm: np.ndarray
-    normal: np.ndarray
-    elbow: tuple[float, float, float] = (-0.35, 0.45, -1.0)
+    person: int  # Index of the person
+    side: str  # `l` or `r`
+    share: np.ndarray  # (F,) weight of the reach, 0 to 1; the rest is the arm's own motion
+    palm: np.ndarray  # (F, 3) target of the skin of the palm, m
+    normal: np.ndarray  # (F, 3) direction that the palm faces at the target
+    elbow: tuple[float, float, float] = (-0.35, 0.45, -1.0)  # Direction of the elbow in the chest's frame, y outward
+    # Whether the wrist stays straight; otherwise it bends so that the palm lies on the touched surface
     straight: bool = False
 
 
 @dataclass(frozen=True)
 class Poses:
-    """The people's segments before the hands reach.
+    """The people's segments before the hands reach."""
 
-    Attributes:
-        origins: (F, P, 16, 3) joints of `SEGMENTS`, m.
-        rotations: (F, P, 16, 3, 3) their orientations.
-    """
-
-    origins: np.ndarray
-    rotations: np.ndarray
+    origins: np.ndarray  # (F, P, 16, 3) joints of `SEGMENTS`, m
+    rotations: np.ndarray  # (F, P, 16, 3, 3) their orientations
 
     def point(self, person: int, segment: str, at: tuple[float, float, float]) -> np.ndarray:
         """Return the (F, 3) world position of a point `at` of a segment's frame, m."""
@@ -121,19 +92,14 @@ class Grip:
 
 @dataclass(frozen=True)
 class Load:
-    """An object that hands carry: kind as in `scenes/props/`.
-
-    Attributes:
-        at, yaw: Its middle in the first frame, m, and heading, rad.
-        half_width: Distance from its middle to the palms that hold it left and right, m.
-        grips: When each person holds it.
-    """
+    """An object that hands carry: kind as in `scenes/props/`."""
 
     kind: str
+    # at, yaw: Its middle in the first frame, m, and heading, rad
     at: tuple[float, float, float]
     yaw: float
-    half_width: float
-    grips: tuple[Grip, ...]
+    half_width: float  # Distance from its middle to the palms that hold it left and right, m
+    grips: tuple[Grip, ...]  # When each person holds it
 
 
 @dataclass(frozen=True)

@@ -278,19 +278,12 @@ a leg that hangs from a seat, as fractions of the total length of its bones."""
 
 @dataclass(frozen=True)
 class Footsteps:
-    """The lower body of a person who follows a path of F frames.
+    """The lower body of a person who follows a path of F frames."""
 
-    Attributes:
-        root: (F, 3) mid hip, m.
-        pelvis: (F, 3, 3) orientation.
-        legs: (F, 2, 3, 3, 3) orientations of thigh, shin and foot, left and right.
-        stride: (F,) distance of the left foot ahead of the right, m.
-    """
-
-    root: np.ndarray
-    pelvis: np.ndarray
-    legs: np.ndarray
-    stride: np.ndarray
+    root: np.ndarray  # (F, 3) mid hip, m
+    pelvis: np.ndarray  # (F, 3, 3) orientation
+    legs: np.ndarray  # (F, 2, 3, 3, 3) orientations of thigh, shin and foot, left and right
+    stride: np.ndarray  # (F,) distance of the left foot ahead of the right, m
 
 
 def step_along(

@@ -17,19 +17,12 @@ It halves the power at 6 Hz, a usual cut-off frequency of gait laboratories: Win
 
 @dataclass(frozen=True)
 class Quantity:
-    """A quantity measured on a person, the same for the left and the right side where there are two.
+    """A quantity measured on a person, the same for the left and the right side where there are two."""
 
-    Attributes:
-        name: Unique label for reports.
-        unit: Unit of its values.
-        span: Least and greatest value that a figure shows.
-        log: Whether the figure has a logarithmic axis.
-    """
-
-    name: str
-    unit: str
-    span: tuple[float, float]
-    log: bool = False
+    name: str  # Unique label for reports
+    unit: str  # Unit of its values
+    span: tuple[float, float]  # Least and greatest value that a figure shows
+    log: bool = False  # Whether the figure has a logarithmic axis
 
 
 def _row(kind: str, unit: str, span: tuple[float, float], *names: str) -> tuple[Quantity, ...]:

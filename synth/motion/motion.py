@@ -64,17 +64,11 @@ _HEAD_ON = 0.02
 
 @dataclass(frozen=True)
 class FloorPath:
-    """A line on the floor, given at K points.
+    """A line on the floor, given at K points."""
 
-    Attributes:
-        distance: (K,) distance along the line, m.
-        heading: (K,) rad.
-        xy: (K, 2) m.
-    """
-
-    distance: np.ndarray
-    heading: np.ndarray
-    xy: np.ndarray
+    distance: np.ndarray  # (K,) distance along the line, m
+    heading: np.ndarray  # (K,) rad
+    xy: np.ndarray  # (K, 2) m
 
     @staticmethod
     def bent(distance: np.ndarray, curvature: np.ndarray) -> "FloorPath":

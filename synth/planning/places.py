@@ -30,15 +30,10 @@ _LIFT = 1e-3
 
 @dataclass(frozen=True)
 class CameraPlaces:
-    """Places for cameras.
+    """Places for cameras."""
 
-    Attributes:
-        kind: (K,) "wall", "ceiling" or "tripod".
-        at: (K, 3) positions, m, world.
-    """
-
-    kind: np.ndarray
-    at: np.ndarray
+    kind: np.ndarray  # (K,) "wall", "ceiling" or "tripod"
+    at: np.ndarray  # (K, 3) positions, m, world
 
     def __len__(self) -> int:
         return len(self.at)
@@ -46,17 +41,11 @@ class CameraPlaces:
 
 @dataclass(frozen=True)
 class _Outline:
-    """The walls around the people, seen from the middle of their area.
+    """The walls around the people, seen from the middle of their area."""
 
-    Attributes:
-        middle: (2,) middle of the people's area, m.
-        reach: (N,) distance of the wall in each of N directions, evenly around from +x, m; inf for none.
-        top: Height of the walls, m; 0 for none.
-    """
-
-    middle: np.ndarray
-    reach: np.ndarray
-    top: float
+    middle: np.ndarray  # (2,) middle of the people's area, m
+    reach: np.ndarray  # (N,) distance of the wall in each of N directions, evenly around from +x, m; inf for none
+    top: float  # Height of the walls, m; 0 for none
 
     @property
     def walled(self) -> np.ndarray:
@@ -252,19 +241,12 @@ _AIM_OFFSET = 0.5
 
 @dataclass(frozen=True)
 class CandidateCameras:
-    """Cameras that a rig can be chosen from.
+    """Cameras that a rig can be chosen from."""
 
-    Attributes:
-        rig: C cameras. Cameras at the same place differ in direction or lens.
-        place: (C,) index of the place of each camera.
-        kind: (C,) "wall", "ceiling", "tripod", or "given" for existing cameras.
-        view_deg: (C,) horizontal field of view, degrees.
-    """
-
-    rig: CameraRig
-    place: np.ndarray
-    kind: np.ndarray
-    view_deg: np.ndarray
+    rig: CameraRig  # C cameras. Cameras at the same place differ in direction or lens.
+    place: np.ndarray  # (C,) index of the place of each camera
+    kind: np.ndarray  # (C,) "wall", "ceiling", "tripod", or "given" for existing cameras
+    view_deg: np.ndarray  # (C,) horizontal field of view, degrees
 
     def __len__(self) -> int:
         return len(self.rig)

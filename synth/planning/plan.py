@@ -158,16 +158,12 @@ _CONTACT_GAP = 0.05
 
 @dataclass(frozen=True)
 class FloorCoverage:
-    """The number of cameras that see a person at each point of a grid.
+    """The number of cameras that see a person at each point of a grid."""
 
-    Attributes:
-        x, y: (N,) and (M,) coordinates of the grid, m.
-        cameras: (N, M) number of cameras; -1 outside the people's area.
-    """
-
+    # x, y: (N,) and (M,) coordinates of the grid, m
     x: np.ndarray
     y: np.ndarray
-    cameras: np.ndarray
+    cameras: np.ndarray  # (N, M) number of cameras; -1 outside the people's area
 
     def share(self, least: int) -> float:
         """Return the share of the people's area that at least this number of cameras see, %."""
@@ -210,27 +206,20 @@ _NO_RIG = RigConfig(name="")
 
 @dataclass(frozen=True)
 class PlannedRig:
-    """The cameras that a plan proposes for one number of cameras.
+    """The cameras that a plan proposes for one number of cameras."""
 
-    Attributes:
-        rig: V cameras, counter-clockwise around the people.
-        kind: (V,) "wall", "ceiling", "tripod" or "given".
-        view_deg, pan_deg, tilt_deg: (V,) as in `synth.planning.places.CandidateCameras`.
-        prediction: Prediction of the search.
-        figures: Figures on people that were not used in the search, by name in `synth.planning.plan.FIGURES`.
-        worth: (V,) gain from each camera: the figures with it minus the figures without it; empty for two cameras.
-        floor: Coverage of the floor.
-    """
-
-    rig: CameraRig
-    kind: np.ndarray
+    rig: CameraRig  # V cameras, counter-clockwise around the people
+    kind: np.ndarray  # (V,) "wall", "ceiling", "tripod" or "given"
+    # view_deg, pan_deg, tilt_deg: (V,) as in `synth.planning.places.CandidateCameras`
     view_deg: np.ndarray
     pan_deg: np.ndarray
     tilt_deg: np.ndarray
-    prediction: RigPrediction
+    prediction: RigPrediction  # Prediction of the search
+    # Figures on people that were not used in the search, by name in `synth.planning.plan.FIGURES`
     figures: dict[str, Expected]
+    # (V,) gain from each camera: the figures with it minus the figures without it; empty for two cameras
     worth: tuple[dict[str, Expected], ...]
-    floor: FloorCoverage
+    floor: FloorCoverage  # Coverage of the floor
 
 
 @dataclass(frozen=True)
@@ -256,19 +245,12 @@ class CameraPlan:
 
 @dataclass(frozen=True)
 class PlanForecast:
-    """The estimated cost of a plan.
+    """The estimated cost of a plan."""
 
-    Attributes:
-        candidates: Number of cameras to choose from.
-        clips: Number of clips to simulate.
-        captures: Number of captures of clips.
-        seconds: Estimated time, s.
-    """
-
-    candidates: int
-    clips: int
-    captures: int
-    seconds: float
+    candidates: int  # Number of cameras to choose from
+    clips: int  # Number of clips to simulate
+    captures: int  # Number of captures of clips
+    seconds: float  # Estimated time, s
 
 
 def make_plan(config: PlanConfig) -> CameraPlan:

@@ -38,25 +38,15 @@ _PLACEHOLDER_CENTER = np.array([[0.0, 0.0, 50.0]])
 
 @dataclass(frozen=True)
 class Rehearsal:
-    """A simulated clip without cameras.
+    """A simulated clip without cameras."""
 
-    Attributes:
-        number: Number of the clip.
-        spec: The scene.
-        model: The compiled scene.
-        geom_ids: (ngeom,) ids of the owners of its geoms.
-        objects: Names of its objects.
-        qpos: (F, nq) states of the simulation.
-        joints: (F, P, 39, 3) joints of `synth.people.body.SKELETON`, m, world.
-    """
-
-    number: int
-    spec: SceneSpec
-    model: mujoco.MjModel
-    geom_ids: np.ndarray
-    objects: tuple[str, ...]
-    qpos: np.ndarray
-    joints: np.ndarray
+    number: int  # Number of the clip
+    spec: SceneSpec  # The scene
+    model: mujoco.MjModel  # The compiled scene
+    geom_ids: np.ndarray  # (ngeom,) ids of the owners of its geoms
+    objects: tuple[str, ...]  # Names of its objects
+    qpos: np.ndarray  # (F, nq) states of the simulation
+    joints: np.ndarray  # (F, P, 39, 3) joints of `synth.people.body.SKELETON`, m, world
 
     @property
     def depth(self) -> np.ndarray:
@@ -130,15 +120,11 @@ _LEAST_SCALE = 0.003
 
 @dataclass(frozen=True)
 class JointEvidence:
-    """Evidence of C candidates on N joints. Each person, joint and frame counts as one of the N.
+    """Evidence of C candidates on N joints. Each person, joint and frame counts as one of the N."""
 
-    Attributes:
-        probability: (N, C) float32 probability that the camera detects the joint.
-        information: (N, C, 6) float32 inverse covariance of the joint's position from one camera, 1/m^2, times the
-            probability: xx, yy, zz, xy, xz, yz.
-    """
-
-    probability: np.ndarray
+    probability: np.ndarray  # (N, C) float32 probability that the camera detects the joint
+    # (N, C, 6) float32 inverse covariance of the joint's position from one camera, 1/m^2, times the probability: xx,
+    # yy, zz, xy, xz, yz
     information: np.ndarray
 
     @staticmethod
@@ -228,17 +214,11 @@ _TIMED_ROWS = 2000
 
 @dataclass(frozen=True)
 class RigPrediction:
-    """Prediction of the search for a rig, before any capture.
+    """Prediction of the search for a rig, before any capture."""
 
-    Attributes:
-        score: From 0 to 1: the share of joints that are measured, each weighted by its accuracy.
-        missing: Share of joints that are not measured, %.
-        error: Median standard error of joints, mm.
-    """
-
-    score: float
-    missing: float
-    error: float
+    score: float  # From 0 to 1: the share of joints that are measured, each weighted by its accuracy
+    missing: float  # Share of joints that are not measured, %
+    error: float  # Median standard error of joints, mm
 
 
 def standard_errors(information: np.ndarray) -> np.ndarray:
@@ -256,16 +236,12 @@ def standard_errors(information: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _State:
-    """Joint evidence of some cameras on N joints.
+    """Joint evidence of some cameras on N joints."""
 
-    Attributes:
-        none, one: (N,) probabilities that no camera detects the joint, and that exactly one does.
-        information: (N, 6) sum over the cameras, as in `JointEvidence`.
-    """
-
+    # none, one: (N,) probabilities that no camera detects the joint, and that exactly one does
     none: np.ndarray
     one: np.ndarray
-    information: np.ndarray
+    information: np.ndarray  # (N, 6) sum over the cameras, as in `JointEvidence`
 
     @staticmethod
     def of(evidence: JointEvidence, chosen: list[int]) -> "_State":

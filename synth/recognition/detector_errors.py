@@ -28,29 +28,17 @@ _MIRROR = list(BODY25.mirror)
 
 @dataclass(frozen=True)
 class JointsSeen:
-    """The n joints in the images that belong to people found by a detector.
+    """The n joints in the images that belong to people found by a detector."""
 
-    Attributes:
-        joint: (n,) index into BODY25.
-        cause: (n,) `Visibility`.
-        margin: (n,) distance in depth from the occluder to the joint, m; NaN where the joint is visible.
-        size: (n,) height that the body would have if it stood upright at its distance, px.
-        crowding: (n,) distance in the image from the hips to the hips of the nearest other person, in heights.
-        direction: (n,) text from `Sightings.direction`.
-        error: (n,) distance from the true position, in heights; NaN where the joint was missed.
-        score: (n,) confidence; NaN where missed.
-        inverted: (n,) True where the same joint of the other side is nearer, by half and by `GROSS`.
-    """
-
-    joint: np.ndarray
-    cause: np.ndarray
-    margin: np.ndarray
-    size: np.ndarray
-    crowding: np.ndarray
-    direction: np.ndarray
-    error: np.ndarray
-    score: np.ndarray
-    inverted: np.ndarray
+    joint: np.ndarray  # (n,) index into BODY25
+    cause: np.ndarray  # (n,) `Visibility`
+    margin: np.ndarray  # (n,) distance in depth from the occluder to the joint, m; NaN where the joint is visible
+    size: np.ndarray  # (n,) height that the body would have if it stood upright at its distance, px
+    crowding: np.ndarray  # (n,) distance in the image from the hips to the hips of the nearest other person, in heights
+    direction: np.ndarray  # (n,) text from `Sightings.direction`
+    error: np.ndarray  # (n,) distance from the true position, in heights; NaN where the joint was missed
+    score: np.ndarray  # (n,) confidence; NaN where missed
+    inverted: np.ndarray  # (n,) True where the same joint of the other side is nearer, by half and by `GROSS`
 
     @property
     def missed(self) -> np.ndarray:
@@ -63,42 +51,27 @@ class JointsSeen:
 
 @dataclass(frozen=True)
 class PeopleSeen:
-    """The n people in the images.
+    """The n people in the images."""
 
-    Attributes:
-        hidden: (n, 25) True for joints that are hidden or outside the image.
-        visible: (n,) share of the joints that are visible.
-        unobstructed: (n,) share of the joints that are visible or hidden only by the person's own body.
-        size, crowding, direction: The same as in `JointsSeen`.
-        found: (n,) True if a detection belongs to the person.
-    """
-
-    hidden: np.ndarray
-    visible: np.ndarray
-    unobstructed: np.ndarray
+    hidden: np.ndarray  # (n, 25) True for joints that are hidden or outside the image
+    visible: np.ndarray  # (n,) share of the joints that are visible
+    unobstructed: np.ndarray  # (n,) share of the joints that are visible or hidden only by the person's own body
+    # size, crowding, direction: The same as in `JointsSeen`
     size: np.ndarray
     crowding: np.ndarray
     direction: np.ndarray
-    found: np.ndarray
+    found: np.ndarray  # (n,) True if a detection belongs to the person
 
 
 @dataclass(frozen=True)
 class DetectorObservations:
-    """The results of a detector on some clips.
+    """The results of a detector on some clips."""
 
-    Attributes:
-        joints: Joints of people that were found.
-        people: All people in the images.
-        pictures: Number of images.
-        ghosts: Number of detections far from every person.
-        duplicates: Number of further detections near a person.
-    """
-
-    joints: JointsSeen
-    people: PeopleSeen
-    pictures: int
-    ghosts: int
-    duplicates: int
+    joints: JointsSeen  # Joints of people that were found
+    people: PeopleSeen  # All people in the images
+    pictures: int  # Number of images
+    ghosts: int  # Number of detections far from every person
+    duplicates: int  # Number of further detections near a person
 
 
 def observe(clip: Clip) -> DetectorObservations:
@@ -198,43 +171,30 @@ _KINDS = np.array([kind_of(joint) for joint in BODY25.joints])
 
 @dataclass(frozen=True)
 class JointRow:
-    """The joints of a group, for people that were found. Shares are from 0 to 1; None if no joint was detected.
+    """The joints of a group, for people that were found. Shares are from 0 to 1; None if no joint was detected."""
 
-    Attributes:
-        heading, group: For example "cause" and "visible".
-        joints: Number of joints.
-        missed: Share of joints that were not detected.
-        near: Share of detected joints with an error within 5 % of the height.
-        median, p90: Median and 90 % quantile of the errors of detected joints, in heights.
-        confidence: Mean confidence of detected joints.
-        inverted: Share of detected joints at the position of the same joint of the other side.
-    """
-
+    # heading, group: For example "cause" and "visible"
     heading: str
     group: str
-    joints: int
-    missed: float
-    near: float | None
+    joints: int  # Number of joints
+    missed: float  # Share of joints that were not detected
+    near: float | None  # Share of detected joints with an error within 5 % of the height
+    # median, p90: Median and 90 % quantile of the errors of detected joints, in heights
     median: float | None
     p90: float | None
-    confidence: float | None
-    inverted: float | None
+    confidence: float | None  # Mean confidence of detected joints
+    inverted: float | None  # Share of detected joints at the position of the same joint of the other side
 
 
 @dataclass(frozen=True)
 class PeopleRow:
-    """The people of a group.
+    """The people of a group."""
 
-    Attributes:
-        heading, group: For example "visible joints" and "80 % or more".
-        people: Number of people.
-        found: Share of people that were found.
-    """
-
+    # heading, group: For example "visible joints" and "80 % or more"
     heading: str
     group: str
-    people: int
-    found: float
+    people: int  # Number of people
+    found: float  # Share of people that were found
 
 
 def joint_rows(joints: JointsSeen) -> list[JointRow]:

@@ -32,28 +32,18 @@ _INDEX = {joint: i for i, joint in enumerate(BODY25.joints)}
 
 @dataclass(frozen=True)
 class Sightings:
-    """The P people of a clip in its V views, in F frames.
+    """The P people of a clip in its V views, in F frames."""
 
-    Attributes:
-        xy: (F, V, P, 25, 2) true joints of BODY25, px; NaN behind the camera.
-        visibility: (F, V, P, 25) `Visibility`.
-        depth_margin: (F, V, P, 25) distance in depth between a hidden joint and its occluder, m.
-        height: (F, V, P) height that the body would have if it stood upright at its distance, px; NaN behind the
-            camera.
-        distance: (F, V, P) distance from the camera to the hips, m.
-        turned: (F, V, P) angle between the direction to the camera and the direction that the body faces, rad, 0 to pi.
-        bent: (F, P) True where the trunk leans by more than 45 degrees.
-        seated: (F, P) True where the hips are as low as on a chair. This includes crouching.
-    """
-
-    xy: np.ndarray
-    visibility: np.ndarray
-    depth_margin: np.ndarray
+    xy: np.ndarray  # (F, V, P, 25, 2) true joints of BODY25, px; NaN behind the camera
+    visibility: np.ndarray  # (F, V, P, 25) `Visibility`
+    depth_margin: np.ndarray  # (F, V, P, 25) distance in depth between a hidden joint and its occluder, m
+    # (F, V, P) height that the body would have if it stood upright at its distance, px; NaN behind the camera
     height: np.ndarray
-    distance: np.ndarray
+    distance: np.ndarray  # (F, V, P) distance from the camera to the hips, m
+    # (F, V, P) angle between the direction to the camera and the direction that the body faces, rad, 0 to pi
     turned: np.ndarray
-    bent: np.ndarray
-    seated: np.ndarray
+    bent: np.ndarray  # (F, P) True where the trunk leans by more than 45 degrees
+    seated: np.ndarray  # (F, P) True where the hips are as low as on a chair. This includes crouching.
 
     @property
     def visible(self) -> np.ndarray:
@@ -166,29 +156,19 @@ _BLACK = np.zeros((64, 64, 3), np.uint8)
 
 @dataclass(frozen=True)
 class Crop:
-    """One person in one image.
+    """One person in one image."""
 
-    Attributes:
-        frame, view, person: Indices in the clip.
-        found: Whether the detector found the person.
-        error: (25,) error of each joint, relative to the height; NaN where it was not reported.
-        counted: (25,) True for visible joints that the detector's skeleton has.
-        xy: (25, 2) detected joints, px of the whole image; NaN where not detected.
-        corner: (x, y) corner of the crop in the image, px.
-        side: Side of the crop, px.
-        dark: Whether a dark body is in front of a dark background.
-    """
-
+    # frame, view, person: Indices in the clip
     frame: int
     view: int
     person: int
-    found: bool
-    error: np.ndarray
-    counted: np.ndarray
-    xy: np.ndarray
-    corner: tuple[int, int]
-    side: int
-    dark: bool
+    found: bool  # Whether the detector found the person
+    error: np.ndarray  # (25,) error of each joint, relative to the height; NaN where it was not reported
+    counted: np.ndarray  # (25,) True for visible joints that the detector's skeleton has
+    xy: np.ndarray  # (25, 2) detected joints, px of the whole image; NaN where not detected
+    corner: tuple[int, int]  # (x, y) corner of the crop in the image, px
+    side: int  # Side of the crop, px
+    dark: bool  # Whether a dark body is in front of a dark background
 
     @property
     def near(self) -> int:
@@ -313,17 +293,11 @@ _SIZES = (120.0, 200.0, 400.0)
 
 @dataclass(frozen=True)
 class Judged:
-    """One person in one image, with its groups.
+    """One person in one image, with its groups."""
 
-    Attributes:
-        clip: Folder of the clip.
-        crop: The result of the detector.
-        groups: Group of the person under each heading, for example {"room": "office"}.
-    """
-
-    clip: Path
-    crop: Crop
-    groups: dict[str, str]
+    clip: Path  # Folder of the clip
+    crop: Crop  # The result of the detector
+    groups: dict[str, str]  # Group of the person under each heading, for example {"room": "office"}
 
 
 @dataclass(frozen=True)

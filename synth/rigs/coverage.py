@@ -28,15 +28,10 @@ _CUBE_DIRECTIONS /= np.linalg.norm(_CUBE_DIRECTIONS, axis=1, keepdims=True)
 
 @dataclass(frozen=True)
 class Stage:
-    """The people's area, and the room around it.
+    """The people's area, and the room around it."""
 
-    Attributes:
-        radius: Greatest distance of people from the vertical through the origin, m. Their area is 2 m high.
-        arena: MJCF file of the room; None for open ground.
-    """
-
-    radius: float = 1.9
-    arena: Path | None = None
+    radius: float = 1.9  # Greatest distance of people from the vertical through the origin, m. Their area is 2 m high.
+    arena: Path | None = None  # MJCF file of the room; None for open ground
 
     def __str__(self) -> str:
         return f"the people's area (up to {self.radius:g} m from the middle, up to {_TALLEST:g} m high)"

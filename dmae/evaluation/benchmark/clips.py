@@ -42,21 +42,13 @@ _MOST_CLIPS = 1_000_000
 
 @dataclass(frozen=True)
 class ClipSet:
-    """Clips of one level that are made with the same options.
+    """Clips of one level that are made with the same options."""
 
-    Attributes:
-        folder: `<number>_<level>/<set>`.
-        level: Index of the level.
-        options: Options of `synth generate`.
-        seed: Seed of the data set.
-        clips: Number of clips.
-    """
-
-    folder: str
-    level: int
-    options: tuple[str, ...]
-    seed: int
-    clips: int
+    folder: str  # `<number>_<level>/<set>`
+    level: int  # Index of the level
+    options: tuple[str, ...]  # Options of `synth generate`
+    seed: int  # Seed of the data set
+    clips: int  # Number of clips
 
     @property
     def ids(self) -> list[str]:
@@ -66,19 +58,12 @@ class ClipSet:
 
 @dataclass(frozen=True)
 class Level:
-    """A level of difficulty.
+    """A level of difficulty."""
 
-    Attributes:
-        name: The main cause of its holes.
-        about: One sentence about the level.
-        sets: Options of `synth generate` for each set, as on a command line, by the name of the set.
-        options: Options for all its sets. The options of a set override them.
-    """
-
-    name: str
-    about: str
-    sets: dict[str, str]
-    options: str = ""
+    name: str  # The main cause of its holes
+    about: str  # One sentence about the level
+    sets: dict[str, str]  # Options of `synth generate` for each set, as on a command line, by the name of the set
+    options: str = ""  # Options for all its sets. The options of a set override them.
 
     def __post_init__(self):
         for name in (self.name, *self.sets):
@@ -92,25 +77,17 @@ class Level:
 
 @dataclass(frozen=True)
 class Definition:
-    """A benchmark.
+    """A benchmark."""
 
-    Attributes:
-        about: One sentence about the benchmark.
-        seed: Seed of the whole benchmark.
-        small, full: Number of clips of each set, by size. The small size uses the first clips of the full size.
-        levels: Levels in the order of difficulty.
-        options: Options of `synth generate` for all clips. The options of a level override them, and those of a set
-            override both.
-        file: File of the definition.
-    """
-
-    about: str
-    seed: int
+    about: str  # One sentence about the benchmark
+    seed: int  # Seed of the whole benchmark
+    # small, full: Number of clips of each set, by size. The small size uses the first clips of the full size.
     small: int
     full: int
-    levels: list[Level]
+    levels: list[Level]  # Levels in the order of difficulty
+    # Options of `synth generate` for all clips. The options of a level override them, and those of a set override both.
     options: str = ""
-    file: str = ""
+    file: str = ""  # File of the definition
 
     def __post_init__(self):
         if self.seed < 0 or not 1 <= self.small <= self.full <= _MOST_CLIPS:

@@ -102,23 +102,14 @@ PARTS = {
 
 @dataclass(frozen=True)
 class Holes:
-    """The holes of a clip, in the order of its T true persons and on one skeleton of J joints.
+    """The holes of a clip, in the order of its T true persons and on one skeleton of J joints."""
 
-    Attributes:
-        truth: True poses, (F, T, J).
-        hidden: (F, T, J) True for joints that count as holes.
-        length: (F, T, J) index of `dmae.metrics.position.GAPS`, the class of the length of the hole.
-        cause: (F, T, J) `Cause`; -1 outside holes.
-        part: (J,) index of `PARTS`.
-        matches: (F, T) index of the captured person that matches each true person, -1 for none. Only for holes of
-            capture.
-    """
-
-    truth: Poses3D
-    hidden: np.ndarray
-    length: np.ndarray
-    cause: np.ndarray
-    part: np.ndarray
+    truth: Poses3D  # True poses, (F, T, J)
+    hidden: np.ndarray  # (F, T, J) True for joints that count as holes
+    length: np.ndarray  # (F, T, J) index of `dmae.metrics.position.GAPS`, the class of the length of the hole
+    cause: np.ndarray  # (F, T, J) `Cause`; -1 outside holes
+    part: np.ndarray  # (J,) index of `PARTS`
+    # (F, T) index of the captured person that matches each true person, -1 for none. Only for holes of capture.
     matches: np.ndarray | None = None
 
 

@@ -47,19 +47,12 @@ class Task(StrEnum):
 
 @dataclass(frozen=True)
 class HandIn:
-    """A method or capture that is scored.
+    """A method or capture that is scored."""
 
-    Attributes:
-        name: The user's name for it: a completion method, `capture`, `package.module:function`, or a folder.
-        task: The task that it solves.
-        weights: Folder of trained weights, for learned completion methods.
-        own: A Python function; `name` is then the name of the function.
-    """
-
-    name: str
-    task: Task
-    weights: str | None = None
-    own: Callable | None = None
+    name: str  # The user's name for it: a completion method, `capture`, `package.module:function`, or a folder
+    task: Task  # The task that it solves
+    weights: str | None = None  # Folder of trained weights, for learned completion methods
+    own: Callable | None = None  # A Python function; `name` is then the name of the function
 
     @property
     def folder(self) -> Path | None:

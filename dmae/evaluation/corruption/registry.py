@@ -23,27 +23,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Corruption(Entry):
-    """An axis of the stress matrix.
+    """An axis of the stress matrix."""
 
-    Attributes:
-        unit: Unit of its levels, for example "%" or "frames".
-        levels: Levels of the full matrix, increasing. Level 0, which changes nothing, is not listed.
-        small: Levels of the small matrix.
-        order: Corruptions are applied, and listed, in this order.
-        most: Greatest possible level.
-        whole: Levels are whole numbers.
-        people: Smallest number of people that must be in an image at the same time.
-        fewer_cameras: A level is the number of cameras that are left out.
-    """
-
-    unit: str = field(kw_only=True)
+    unit: str = field(kw_only=True)  # Unit of its levels, for example "%" or "frames"
+    # Levels of the full matrix, increasing. Level 0, which changes nothing, is not listed.
     levels: tuple[float, ...] = field(kw_only=True)
-    small: tuple[float, ...] = field(kw_only=True)
-    order: int = 100
-    most: float = float("inf")
-    whole: bool = False
-    people: int = 0
-    fewer_cameras: bool = False
+    small: tuple[float, ...] = field(kw_only=True)  # Levels of the small matrix
+    order: int = 100  # Corruptions are applied, and listed, in this order
+    most: float = float("inf")  # Greatest possible level
+    whole: bool = False  # Levels are whole numbers
+    people: int = 0  # Smallest number of people that must be in an image at the same time
+    fewer_cameras: bool = False  # A level is the number of cameras that are left out
 
     def check(self, level: float, clip: Clip | None = None) -> None:
         """Raise ValueError if there is no such level, or if a clip has too few cameras or people for it."""

@@ -95,38 +95,24 @@ class Origin(StrEnum):
 
 @dataclass(frozen=True)
 class TableColumn:
-    """A column.
+    """A column."""
 
-    Attributes:
-        key: Name of its cells.
-        heading: What people read.
-        unit: "%" or "mm".
-        lead: Whether rows are compared by it.
-    """
-
-    key: str
-    heading: str
-    unit: str = "%"
-    lead: bool = False
+    key: str  # Name of its cells
+    heading: str  # What people read
+    unit: str = "%"  # "%" or "mm"
+    lead: bool = False  # Whether rows are compared by it
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredRow:
-    """A row measured here.
+    """A row measured here."""
 
-    Attributes:
-        name: Of the method.
-        cells: Scores by the key of the column, or a number that has no interval.
-        note: What has to be known about it.
-        missing: Why it was not measured; then it has no cells.
-        protocol: Where it is not that of the table.
-    """
-
-    name: str
+    name: str  # Of the method
+    # Scores by the key of the column, or a number that has no interval
     cells: dict[str, Score | float] = field(default_factory=dict)
-    note: str = ""
-    missing: str = ""
-    protocol: str = ""
+    note: str = ""  # What has to be known about it
+    missing: str = ""  # Why it was not measured; then it has no cells
+    protocol: str = ""  # Where it is not that of the table
 
 
 def paper_table(

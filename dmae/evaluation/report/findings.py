@@ -45,71 +45,46 @@ class State(StrEnum):
 
 @dataclass(frozen=True)
 class WorstMoment:
-    """A frame to look at.
+    """A frame to look at."""
 
-    Attributes:
-        frame: Index of the frame.
-        person: Index of the captured person; None where a true person is missed.
-        kind: Kind of the problem, as a heading.
-        what: The problem with its joint or camera, in words.
-        size: Size of the problem.
-        amount: The size with its unit, as text.
-    """
-
-    frame: int
-    person: int | None
-    kind: str
-    what: str
-    size: float
-    amount: str
+    frame: int  # Index of the frame
+    person: int | None  # Index of the captured person; None where a true person is missed
+    kind: str  # Kind of the problem, as a heading
+    what: str  # The problem with its joint or camera, in words
+    size: float  # Size of the problem
+    amount: str  # The size with its unit, as text
 
 
 @dataclass(frozen=True)
 class Findings:
-    """Counts, errors and moments of one clip.
+    """Counts, errors and moments of one clip."""
 
-    Attributes:
-        id: Id of the clip.
-        state: Processing state of the clip.
-        frames: Number of frames.
-        fps: Frames per second.
-        cameras: Number of cameras.
-        people: Number of captured people.
-        sources: Number of joints of each `Source`, over the captured people in the frames in which they are present.
-        has_truth: Whether the clip is compared with a truth.
-        has_images: Whether the clip refers to images.
-        against_truth: "all", "measured" and "completed" joints with their errors, mm.
-        breakdowns: Joints by gap, joint, cause and number of cameras, with their errors, mm, if there is a truth.
-        regions: Counts of joints in confidence regions of stated probability, see `counts_in_regions`.
-        truth_error: Median error that the truth states of its joints, mm; None where it states none.
-        residuals: Measured joints by camera, person and joint, with their reprojection errors, px.
-        residuals_completed: The same for completed joints.
-        moments: The worst moments.
-        error: (F,) mean error of each frame, mm; None without truth.
-        doubts: The joints that are most likely to be off, by signs that need no truth.
-        poses_checksum: Checksum of the poses. Decisions on the poses refer to it.
-        floor: Height of the floor and direction of the vertical, estimated from the people; None without people.
-    """
-
-    id: str
-    state: State
-    frames: int
-    fps: float
-    cameras: int
-    people: int = 0
+    id: str  # Id of the clip
+    state: State  # Processing state of the clip
+    frames: int  # Number of frames
+    fps: float  # Frames per second
+    cameras: int  # Number of cameras
+    people: int = 0  # Number of captured people
+    # Number of joints of each `Source`, over the captured people in the frames in which they are present
     sources: dict[Source, int] = field(default_factory=dict)
-    has_truth: bool = False
-    has_images: bool = False
+    has_truth: bool = False  # Whether the clip is compared with a truth
+    has_images: bool = False  # Whether the clip refers to images
+    # "all", "measured" and "completed" joints with their errors, mm
     against_truth: dict[str, JointGroup] = field(default_factory=dict)
+    # Joints by gap, joint, cause and number of cameras, with their errors, mm, if there is a truth
     breakdowns: Groups = field(default_factory=dict)
+    # Counts of joints in confidence regions of stated probability, see `counts_in_regions`
     regions: dict[str, np.ndarray] = field(default_factory=dict)
-    truth_error: float | None = None
+    truth_error: float | None = None  # Median error that the truth states of its joints, mm; None where it states none
+    # Measured joints by camera, person and joint, with their reprojection errors, px
     residuals: Groups = field(default_factory=dict)
-    residuals_completed: Groups = field(default_factory=dict)
-    moments: list[WorstMoment] = field(default_factory=list)
-    error: np.ndarray | None = None
+    residuals_completed: Groups = field(default_factory=dict)  # The same for completed joints
+    moments: list[WorstMoment] = field(default_factory=list)  # The worst moments
+    error: np.ndarray | None = None  # (F,) mean error of each frame, mm; None without truth
+    # The joints that are most likely to be off, by signs that need no truth
     doubts: list[Doubt] = field(default_factory=list)
-    poses_checksum: str = ""
+    poses_checksum: str = ""  # Checksum of the poses. Decisions on the poses refer to it.
+    # Height of the floor and direction of the vertical, estimated from the people; None without people
     floor: Floor | None = None
 
     def share(self, *sources: Source) -> float | None:

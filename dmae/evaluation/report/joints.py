@@ -20,23 +20,14 @@ BINS = 2000
 
 @dataclass(frozen=True)
 class JointGroup:
-    """A group of joints.
+    """A group of joints."""
 
-    Attributes:
-        joints: Number of joints.
-        completed: Number of completed joints.
-        missing: Number of absent joints.
-        compared: Number of joints with an error.
-        total: Sum of the errors.
-        histogram: (BINS,) counts of errors by their whole number of units.
-    """
-
-    joints: int
-    completed: int
-    missing: int
-    compared: int
-    total: float
-    histogram: np.ndarray
+    joints: int  # Number of joints
+    completed: int  # Number of completed joints
+    missing: int  # Number of absent joints
+    compared: int  # Number of joints with an error
+    total: float  # Sum of the errors
+    histogram: np.ndarray  # (BINS,) counts of errors by their whole number of units
 
     def __add__(self, other: "JointGroup") -> "JointGroup":
         return JointGroup(*(a + b for a, b in zip(vars(self).values(), vars(other).values(), strict=True)))
@@ -98,25 +89,17 @@ def added_groups(*parts: Groups) -> Groups:
 
 @dataclass(frozen=True, eq=False)
 class Joints:
-    """Joints of N people in F frames, on one skeleton.
+    """Joints of N people in F frames, on one skeleton."""
 
-    Attributes:
-        skeleton: Skeleton of J joints.
-        counted: (F, N, J) True for joints that count: true joints, or joints of captured people who are present.
-        source: (F, N, J) `Source` of the captured or completed joint.
-        views: (F, N, J) number of cameras that measured the joint.
-        gap: (F, N, J) length of the gap around each joint that was not measured, in frames at 25/s; 0 where it was.
-        person: (F, N) index of the captured person; -1 where a true person is missed.
-        comparison: Comparison with the truth; None without truth.
-    """
-
-    skeleton: Skeleton
+    skeleton: Skeleton  # Skeleton of J joints
+    # (F, N, J) True for joints that count: true joints, or joints of captured people who are present
     counted: np.ndarray
-    source: np.ndarray
-    views: np.ndarray
+    source: np.ndarray  # (F, N, J) `Source` of the captured or completed joint
+    views: np.ndarray  # (F, N, J) number of cameras that measured the joint
+    # (F, N, J) length of the gap around each joint that was not measured, in frames at 25/s; 0 where it was
     gap: np.ndarray
-    person: np.ndarray
-    comparison: Comparison | None = None
+    person: np.ndarray  # (F, N) index of the captured person; -1 where a true person is missed
+    comparison: Comparison | None = None  # Comparison with the truth; None without truth
 
     @cached_property
     def error(self) -> np.ndarray:
@@ -160,19 +143,12 @@ _CHUNK = 256
 
 @dataclass(frozen=True)
 class Reprojection:
-    """Reprojection errors, px, of joints that were measured and of those that were completed.
+    """Reprojection errors, px, of joints that were measured and of those that were completed."""
 
-    Attributes:
-        measured: By "camera", "person", "joint" and "all".
-        completed: The same for completed joints.
-        worst: (F, P) largest error of a measured joint of each person in any camera; NaN where there is none.
-        where: (F, P, 2) indices of its camera and joint.
-    """
-
-    measured: Groups
-    completed: Groups
-    worst: np.ndarray
-    where: np.ndarray
+    measured: Groups  # By "camera", "person", "joint" and "all"
+    completed: Groups  # The same for completed joints
+    worst: np.ndarray  # (F, P) largest error of a measured joint of each person in any camera; NaN where there is none
+    where: np.ndarray  # (F, P, 2) indices of its camera and joint
 
 
 def reprojection(clip: Clip) -> Reprojection:

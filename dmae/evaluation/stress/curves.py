@@ -19,17 +19,11 @@ HIDDEN_ERROR = 100.0
 
 @dataclass(frozen=True)
 class Point:
-    """Scores of one method at one level of a corruption, over all clips and seeds.
+    """Scores of one method at one level of a corruption, over all clips and seeds."""
 
-    Attributes:
-        pcp: Strict PCP, %.
-        hidden: Error of hidden joints, mm.
-        means: Scores without an interval by name, %.
-    """
-
-    pcp: Score
-    hidden: Score
-    means: dict[str, float]
+    pcp: Score  # Strict PCP, %
+    hidden: Score  # Error of hidden joints, mm
+    means: dict[str, float]  # Scores without an interval by name, %
 
     @property
     def json(self) -> dict:

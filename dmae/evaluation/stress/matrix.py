@@ -43,17 +43,11 @@ KEPT = ("pcp", "pck", "mpjpe", "shares", "hidden", "idf1", "blocks")
 
 @dataclass(frozen=True)
 class Subject:
-    """A clip that is to be corrupted.
+    """A clip that is to be corrupted."""
 
-    Attributes:
-        clip: The clip. Its truth is the reference of the results, on the skeleton of the comparison.
-        people: The people of the clip, see `dmae.evaluation.corruption.corrupt`.
-        actors: Persons of the truth over which PCP is averaged; None for all.
-    """
-
-    clip: Clip
-    people: Poses3D
-    actors: tuple[int, ...] | None
+    clip: Clip  # The clip. Its truth is the reference of the results, on the skeleton of the comparison.
+    people: Poses3D  # The people of the clip, see `dmae.evaluation.corruption.corrupt`
+    actors: tuple[int, ...] | None  # Persons of the truth over which PCP is averaged; None for all
 
 
 def subject_of(clip: Clip, config: CaptureConfig) -> Subject:
@@ -218,27 +212,16 @@ _TRIED = 3
 
 @dataclass(frozen=True)
 class Matrix:
-    """A stress matrix that is to be computed.
+    """A stress matrix that is to be computed."""
 
-    Attributes:
-        clips: The clips. Each is read when it is accessed.
-        hashes: Hashes of the clips.
-        ids: Ids of the clips.
-        reference: Reference of the results: "truth" or "capture".
-        plan: Axes that all clips allow.
-        contenders: The contenders to compare.
-        config: Options.
-        cache: Results that exist already.
-    """
-
-    clips: Sequence[Clip]
-    hashes: tuple[str, ...]
-    ids: tuple[str, ...]
-    reference: str
-    plan: Plan
-    contenders: tuple[Contender, ...]
-    config: StressConfig
-    cache: Cache
+    clips: Sequence[Clip]  # The clips. Each is read when it is accessed.
+    hashes: tuple[str, ...]  # Hashes of the clips
+    ids: tuple[str, ...]  # Ids of the clips
+    reference: str  # Reference of the results: "truth" or "capture"
+    plan: Plan  # Axes that all clips allow
+    contenders: tuple[Contender, ...]  # The contenders to compare
+    config: StressConfig  # Options
+    cache: Cache  # Results that exist already
 
     def key(self, clip: int, cell: Cell, contender: Contender) -> str:
         return key_of(self.hashes[clip], self.config.capture, cell, contender)

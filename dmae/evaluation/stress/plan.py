@@ -30,33 +30,22 @@ _SEEDS = {StressSize.small: 1, StressSize.full: 3}
 
 @dataclass(frozen=True)
 class Cell:
-    """One corruption of a clip, to be captured once.
+    """One corruption of a clip, to be captured once."""
 
-    Attributes:
-        levels: Name and level of each corruption with a level above 0.
-        seed: Seed of the random numbers.
-    """
-
-    levels: tuple[tuple[str, float], ...]
-    seed: int
+    levels: tuple[tuple[str, float], ...]  # Name and level of each corruption with a level above 0
+    seed: int  # Seed of the random numbers
 
 
 @dataclass(frozen=True)
 class Axis:
-    """One corruption, or two at the same time.
+    """One corruption, or two at the same time."""
 
-    Attributes:
-        names: Names of the corruptions.
-        levels: Tuples with a level above 0 for each corruption. The levels of a single corruption increase.
-        asked: Whether the user named the axis. If clips do not allow it, that is then an error; otherwise the axis is
-            left out.
-        given: Whether the user gave the levels. A level that clips do not allow is then an error.
-    """
-
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # Names of the corruptions
+    # Tuples with a level above 0 for each corruption. The levels of a single corruption increase.
     levels: tuple[tuple[float, ...], ...]
+    # Whether the user named the axis. If clips do not allow it, that is then an error; otherwise the axis is left out.
     asked: bool = False
-    given: bool = False
+    given: bool = False  # Whether the user gave the levels. A level that clips do not allow is then an error.
 
     @property
     def name(self) -> str:
@@ -153,21 +142,13 @@ _SHIPPED = Path(__file__).parents[2] / "models"
 
 @dataclass(frozen=True)
 class Contender:
-    """A capture, and the completion method that fills the joints that it did not measure.
+    """A capture, and the completion method that fills the joints that it did not measure."""
 
-    Attributes:
-        name: Name in the results.
-        about: Description in words.
-        capture: Configuration of the capture.
-        method: Completion method, or `module:function`.
-        weights: Folder of the weights of a learned method; None for those that come with the package.
-    """
-
-    name: str
-    about: str
-    capture: CaptureConfig
-    method: str
-    weights: str | None
+    name: str  # Name in the results
+    about: str  # Description in words
+    capture: CaptureConfig  # Configuration of the capture
+    method: str  # Completion method, or `module:function`
+    weights: str | None  # Folder of the weights of a learned method; None for those that come with the package
 
     @property
     def fill(self) -> Callable[[Poses3D, float], Poses3D]:

@@ -10,19 +10,12 @@ from dmae.registry import Entry, Registry
 
 @dataclass(frozen=True)
 class Exporter(Entry):
-    """An exporter: a function that takes a `Selection` and the folder to write, and returns counts by split.
+    """An exporter: a function that takes a `Selection` and the folder to write, and returns counts by split."""
 
-    Attributes:
-        pictures: Whether it needs colour images.
-        skeleton: Default skeleton.
-        only: Whether the format supports only this skeleton.
-        validation: Whether readers of the format require splits for training and validation.
-    """
-
-    pictures: bool = True
-    skeleton: str = "coco17"
-    only: bool = False
-    validation: bool = False
+    pictures: bool = True  # Whether it needs colour images
+    skeleton: str = "coco17"  # Default skeleton
+    only: bool = False  # Whether the format supports only this skeleton
+    validation: bool = False  # Whether readers of the format require splits for training and validation
 
 
 exporter = Registry("exporter", Exporter, __package__, option="format")

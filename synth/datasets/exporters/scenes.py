@@ -41,45 +41,29 @@ _SENSOR_MM = 36.0
 
 @dataclass(frozen=True)
 class _Piece:
-    """A rigid piece of the scene.
+    """A rigid piece of the scene."""
 
-    Attributes:
-        name: Owner and number.
-        points, faces: (n, 3) m and (m, 3) of its mesh, in the frame of its body.
-        colour: RGBA.
-        body: Index of its body; 0 is the world, which does not move.
-    """
-
-    name: str
+    name: str  # Owner and number
+    # points, faces: (n, 3) m and (m, 3) of its mesh, in the frame of its body
     points: np.ndarray
     faces: np.ndarray
-    colour: np.ndarray
-    body: int
+    colour: np.ndarray  # RGBA
+    body: int  # Index of its body; 0 is the world, which does not move
 
 
 @dataclass(frozen=True)
 class _SceneInMotion:
-    """A clip's scene in F frames, world z up, m.
+    """A clip's scene in F frames, world z up, m."""
 
-    Attributes:
-        seconds: (F,) s.
-        pieces: Pieces with a mesh.
-        bodies: Names of the B bodies.
-        places: (F, B, 3) and turns (F, B, 4), w last, of bodies.
-        joints: Names of the true joints of all persons.
-        xyz: (F, J, 3) of joints.
-        rig: The true cameras.
-        lights: The rows of the model's lights: directional or not, place, direction, colour.
-    """
-
-    seconds: np.ndarray
-    pieces: list[_Piece]
-    bodies: list[str]
-    places: np.ndarray
+    seconds: np.ndarray  # (F,) s
+    pieces: list[_Piece]  # Pieces with a mesh
+    bodies: list[str]  # Names of the B bodies
+    places: np.ndarray  # (F, B, 3) and turns (F, B, 4), w last, of bodies
     turns: np.ndarray
-    joints: list[str]
-    xyz: np.ndarray
-    rig: CameraRig
+    joints: list[str]  # Names of the true joints of all persons
+    xyz: np.ndarray  # (F, J, 3) of joints
+    rig: CameraRig  # The true cameras
+    # The rows of the model's lights: directional or not, place, direction, colour
     lights: list[tuple[bool, np.ndarray, np.ndarray, np.ndarray]]
 
 

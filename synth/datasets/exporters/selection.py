@@ -23,27 +23,16 @@ PARTS = ".parts"
 
 @dataclass(frozen=True)
 class ClipTask:
-    """The task to export one clip, for one process.
+    """The task to export one clip, for one process."""
 
-    Attributes:
-        folder: Folder of the clip.
-        name: Name of the clip in the data set.
-        split: Split of the clip.
-        skeleton: Skeleton to write, with J joints.
-        every: Export one frame in this number; 2 for every second frame.
-        suffix: Suffix of image files, `jpg` or `png`.
-        out: Folder of the export.
-        robot: MJCF of the robot, for formats of robots; None for that of an installed package.
-    """
-
-    folder: Path
-    name: str
-    split: str
-    skeleton: Skeleton
-    every: int
-    suffix: str
-    out: Path
-    robot: str | None = None
+    folder: Path  # Folder of the clip
+    name: str  # Name of the clip in the data set
+    split: str  # Split of the clip
+    skeleton: Skeleton  # Skeleton to write, with J joints
+    every: int  # Export one frame in this number; 2 for every second frame
+    suffix: str  # Suffix of image files, `jpg` or `png`
+    out: Path  # Folder of the export
+    robot: str | None = None  # MJCF of the robot, for formats of robots; None for that of an installed package
 
     def load(self) -> Clip:
         """Return the clip with its true cameras, which made its images, as `rig`."""
@@ -93,25 +82,15 @@ class Written(NamedTuple):
 
 @dataclass(frozen=True)
 class Selection:
-    """Clips of a data set, by split.
+    """Clips of a data set, by split."""
 
-    Attributes:
-        data: The data set.
-        splits: Names of clips, by name of the split.
-        skeleton: Skeleton to write, with J joints.
-        every: Export one frame in this number; 2 for every second frame.
-        pictures: File format of images.
-        workers: Number of processes; -1 for one per core.
-        robot: MJCF of the robot, for formats of robots; None for that of an installed package.
-    """
-
-    data: Path
-    splits: dict[str, list[str]]
-    skeleton: Skeleton
-    every: int = 1
-    pictures: PictureFormat = PictureFormat.jpg
-    workers: int = 1
-    robot: str | None = None
+    data: Path  # The data set
+    splits: dict[str, list[str]]  # Names of clips, by name of the split
+    skeleton: Skeleton  # Skeleton to write, with J joints
+    every: int = 1  # Export one frame in this number; 2 for every second frame
+    pictures: PictureFormat = PictureFormat.jpg  # File format of images
+    workers: int = 1  # Number of processes; -1 for one per core
+    robot: str | None = None  # MJCF of the robot, for formats of robots; None for that of an installed package
 
     def each_clip(self, function: Callable[[ClipTask], Counter], out: Path) -> Iterator[Written]:
         """Yield the result of `function` for each clip, split by split, in the order of the clips."""

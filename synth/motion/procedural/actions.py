@@ -12,29 +12,21 @@ from synth.motion.procedural.trajectory import HIP_HEIGHT
 
 @dataclass(frozen=True)
 class PoseOffsets:
-    """Offsets from standing at ease over F frames, in the frame of the stance: x ahead, y left, z up, m; angles in rad.
+    """Offsets from standing at ease, in F frames: m in the frame of the stance (x ahead, y left, z up), and rad."""
 
-    Attributes:
-        hips: (F, 3) displacement of the mid hip.
-        pelvis, chest: (F, 3) turn to the left, lean to the front, lean to the right.
-        head: (F, 2) turn to the left, nod.
-        arms: (F, 2, 5) angles of left and right arm, as `upper_body.HANGING`.
-        raised: (F, 2) weight of these angles against those of an arm at ease, 0 to 1.
-        feet: (F, 2, 5) displacement of the ankle, turn to the left, and the pitch, toes up, by which the foot rolls.
-        leg: (F, 2, 4) of a leg in the air: thigh forward and outward of the vertical, knee flexion, dorsiflexion.
-        air: (F, 2) weight of `leg` against standing, 0 to 1.
-        supported: (F,) share of the weight that a seat carries, 0 to 1; balance does not move hips that are supported.
-    """
-
-    hips: np.ndarray
+    hips: np.ndarray  # (F, 3) displacement of the mid hip
+    # pelvis, chest: (F, 3) turn to the left, lean to the front, lean to the right
     pelvis: np.ndarray
     chest: np.ndarray
-    head: np.ndarray
-    arms: np.ndarray
-    raised: np.ndarray
+    head: np.ndarray  # (F, 2) turn to the left, nod
+    arms: np.ndarray  # (F, 2, 5) angles of left and right arm, as `upper_body.HANGING`
+    raised: np.ndarray  # (F, 2) weight of these angles against those of an arm at ease, 0 to 1
+    # (F, 2, 5) displacement of the ankle, turn to the left, and the pitch, toes up, by which the foot rolls
     feet: np.ndarray
+    # (F, 2, 4) of a leg in the air: thigh forward and outward of the vertical, knee flexion, dorsiflexion
     leg: np.ndarray
-    air: np.ndarray
+    air: np.ndarray  # (F, 2) weight of `leg` against standing, 0 to 1
+    # (F,) share of the weight that a seat carries, 0 to 1; balance does not move hips that are supported
     supported: np.ndarray
 
     @staticmethod
@@ -64,19 +56,13 @@ class Seat:
 
 @dataclass(frozen=True)
 class Action:
-    """An action on the spot.
+    """An action on the spot."""
 
-    Attributes:
-        name: Label for reports.
-        lasts: Time from the first key to the last, s.
-        pose: Function of times (F,) since the first key, s, that returns `PoseOffsets`, zero at both ends.
-        seat: The seat that the action uses, if any; its times count from the first key.
-    """
-
-    name: str
-    lasts: float
+    name: str  # Label for reports
+    lasts: float  # Time from the first key to the last, s
+    # Function of times (F,) since the first key, s, that returns `PoseOffsets`, zero at both ends
     pose: Callable[[np.ndarray], PoseOffsets]
-    seat: Seat | None = None
+    seat: Seat | None = None  # The seat that the action uses, if any; its times count from the first key
 
     @property
     def seconds(self) -> float:
@@ -147,25 +133,15 @@ def step_profile(times: np.ndarray, begin: float, end: float, lift: float = 0.05
 
 @dataclass(frozen=True)
 class Style:
-    """The style in which one person moves.
+    """The style in which one person moves."""
 
-    Attributes:
-        pace: Pace of actions, 1 on average.
-        speed: Walking speed, m/s.
-        width: Distance between the lines on which left and right ankles land in walking, m.
-        apart: Distance between the ankles in standing, m.
-        swing: Arm swing in walking, rad.
-        lean: Forward lean of the trunk in walking, rad.
-        seat: Height of the hips in sitting, m; in standing it is `legs.HIP_HEIGHT`.
-    """
-
-    pace: float
-    speed: float
-    width: float
-    apart: float
-    swing: float
-    lean: float
-    seat: float
+    pace: float  # Pace of actions, 1 on average
+    speed: float  # Walking speed, m/s
+    width: float  # Distance between the lines on which left and right ankles land in walking, m
+    apart: float  # Distance between the ankles in standing, m
+    swing: float  # Arm swing in walking, rad
+    lean: float  # Forward lean of the trunk in walking, rad
+    seat: float  # Height of the hips in sitting, m; in standing it is `legs.HIP_HEIGHT`
 
 
 def stand(style: Style, *, rng: np.random.Generator) -> Action:

@@ -50,21 +50,13 @@ _ARM_LEAST, _ARM_MOST = np.radians((-26, -8, -10, 0, -10)), np.radians((2, 6, 15
 
 @dataclass(frozen=True)
 class Carriage:
-    """The posture of one person.
+    """The posture of one person."""
 
-    Attributes:
-        drop: Distance of the hips below their height with straight legs, m.
-        lean: (2,) lean of the trunk to the front and to the right, rad.
-        nod: Nod of the head, rad.
-        arms: (2, 5) offsets that are added to the angles of both arms at ease, rad.
-        activity: Size of all small movements, 1 on average.
-    """
-
-    drop: float
-    lean: np.ndarray
-    nod: float
-    arms: np.ndarray
-    activity: float
+    drop: float  # Distance of the hips below their height with straight legs, m
+    lean: np.ndarray  # (2,) lean of the trunk to the front and to the right, rad
+    nod: float  # Nod of the head, rad
+    arms: np.ndarray  # (2, 5) offsets that are added to the angles of both arms at ease, rad
+    activity: float  # Size of all small movements, 1 on average
 
 
 def draw_carriage(*, rng: np.random.Generator) -> Carriage:

@@ -70,19 +70,12 @@ _STEP = 1e-3
 
 @dataclass(frozen=True)
 class Walk:
-    """A steady walk along a path.
+    """A steady walk along a path."""
 
-    Attributes:
-        path: The path.
-        speed: m/s, 0.6 to 1.7; determines cadence and stride.
-        width: Distance between the lines on which left and right ankles land, m.
-        toe_out: Outward turn of the feet from the path, rad.
-    """
-
-    path: FloorPath
-    speed: float
-    width: float
-    toe_out: float
+    path: FloorPath  # The path
+    speed: float  # m/s, 0.6 to 1.7; determines cadence and stride
+    width: float  # Distance between the lines on which left and right ankles land, m
+    toe_out: float  # Outward turn of the feet from the path, rad
 
     @property
     def stride(self) -> float:
@@ -248,17 +241,11 @@ class Walk:
 
 @dataclass(frozen=True)
 class _Fit:
-    """Parameters that fit the published leg to the floor.
+    """Parameters that fit the published leg to the floor."""
 
-    Attributes:
-        foot_ahead: Distance ahead of the hips at which feet are planted, m.
-        height: Mean height of the hips, m.
-        pitch: (K,) pitch of the foot over a stride, rad.
-    """
-
-    foot_ahead: float
-    height: float
-    pitch: np.ndarray
+    foot_ahead: float  # Distance ahead of the hips at which feet are planted, m
+    height: float  # Mean height of the hips, m
+    pitch: np.ndarray  # (K,) pitch of the foot over a stride, rad
 
 
 def _straight(speed: float, width: float) -> Walk:
@@ -295,24 +282,17 @@ def rolled(pitch: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True)
 class _Gait:
-    """The lower body over F frames, and the trunk and arm motion that goes with it.
+    """The lower body over F frames, and the trunk and arm motion that goes with it."""
 
-    Attributes:
-        name: Label for reports.
-        root, pelvis, ankles, feet: As in `LowerBody`.
-        heading: (F,) heading of the trunk, rad.
-        lean: (F, 2) lean of the trunk to the front and to the right, rad.
-        swing: (F,) swing of the left arm to the front and of the right arm to the back, rad.
-    """
-
-    name: str
+    name: str  # Label for reports
+    # root, pelvis, ankles, feet: As in `LowerBody`
     root: np.ndarray
     pelvis: np.ndarray
     ankles: np.ndarray
     feet: np.ndarray
-    heading: np.ndarray
-    lean: np.ndarray
-    swing: np.ndarray
+    heading: np.ndarray  # (F,) heading of the trunk, rad
+    lean: np.ndarray  # (F, 2) lean of the trunk to the front and to the right, rad
+    swing: np.ndarray  # (F,) swing of the left arm to the front and of the right arm to the back, rad
 
 
 def make_motion(config: ProceduralConfig, *, seconds: float, fps: float, rng: np.random.Generator) -> Motion:

@@ -54,18 +54,12 @@ _LARGEST_TURN = np.radians(55)
 
 @dataclass(frozen=True)
 class WalkTo:
-    """A walk from a stance to another: a first step, some steps at speed, and a last step. See `walk_to`.
+    """A walk from a stance to another: a first step, some steps at speed, and a last step. See `walk_to`."""
 
-    Attributes:
-        walk: The walk at speed.
-        first: Phase of the walk at which the first step ends.
-        last: Phase at which the last step begins.
-        start, stop: Stances at both ends.
-    """
-
-    walk: Walk
-    first: float
-    last: float
+    walk: Walk  # The walk at speed
+    first: float  # Phase of the walk at which the first step ends
+    last: float  # Phase at which the last step begins
+    # start, stop: Stances at both ends
     start: Stance
     stop: Stance
 
@@ -139,25 +133,15 @@ class WalkTo:
 
 @dataclass(frozen=True)
 class _Step:
-    """One foot in the first or the last step of a walk.
+    """One foot in the first or the last step of a walk."""
 
-    Attributes:
-        walk: The walk at speed.
-        leg: 0 for left, 1 for right.
-        stride: Number of the walk's stride in which the foot is planted.
-        own: (F,) phase of the foot in that stride.
-        since: (F,) time since the step began, s.
-        span: Duration of the step, s.
-        foot: (3,) stance of the foot before the walk or after it, as in `Stance`.
-    """
-
-    walk: Walk
-    leg: int
-    stride: float
-    own: np.ndarray
-    since: np.ndarray
-    span: float
-    foot: np.ndarray
+    walk: Walk  # The walk at speed
+    leg: int  # 0 for left, 1 for right
+    stride: float  # Number of the walk's stride in which the foot is planted
+    own: np.ndarray  # (F,) phase of the foot in that stride
+    since: np.ndarray  # (F,) time since the step began, s
+    span: float  # Duration of the step, s
+    foot: np.ndarray  # (3,) stance of the foot before the walk or after it, as in `Stance`
 
     def staying(self, within: slice) -> tuple[np.ndarray, np.ndarray]:
         """Return the ankle and the orientation of a foot that stays and rolls, at phases limited to `within`."""
@@ -250,17 +234,11 @@ def walk_to(
 
 @dataclass(frozen=True)
 class TurnTo:
-    """A turn on the spot, step by step; the foot on the side of the turn steps first.
+    """A turn on the spot, step by step; the foot on the side of the turn steps first."""
 
-    Attributes:
-        start: Stance at the beginning.
-        angle: rad, left if positive.
-        pace: Pace of the steps, 1 on average.
-    """
-
-    start: Stance
-    angle: float
-    pace: float
+    start: Stance  # Stance at the beginning
+    angle: float  # rad, left if positive
+    pace: float  # Pace of the steps, 1 on average
 
     @property
     def stop(self) -> Stance:
@@ -339,24 +317,16 @@ _TRIES = 12
 
 @dataclass(frozen=True)
 class AgendaItem:
-    """An action or a transition with its time.
+    """An action or a transition with its time."""
 
-    Attributes:
-        begin, end: Start and end, s.
-        stance: Stance in which it begins.
-        doing: The action or the transition.
-        name: Label for reports.
-        gesture: Action of the arms during a walk, if any.
-        late: Delay of the gesture after `begin`, s.
-    """
-
+    # begin, end: Start and end, s
     begin: float
     end: float
-    stance: Stance
-    doing: Action | WalkTo | TurnTo
-    name: str
-    gesture: Action | None = None
-    late: float = 0.0
+    stance: Stance  # Stance in which it begins
+    doing: Action | WalkTo | TurnTo  # The action or the transition
+    name: str  # Label for reports
+    gesture: Action | None = None  # Action of the arms during a walk, if any
+    late: float = 0.0  # Delay of the gesture after `begin`, s
 
 
 class _Ground:

@@ -99,13 +99,9 @@ def knee_directions(pelvis: np.ndarray, feet: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Stance:
-    """A stance with both feet flat on the floor.
+    """A stance with both feet flat on the floor."""
 
-    Attributes:
-        feet: (2, 3) of left and right foot: x and y of the ankle, m, and heading, rad.
-    """
-
-    feet: np.ndarray
+    feet: np.ndarray  # (2, 3) of left and right foot: x and y of the ankle, m, and heading, rad
 
     @staticmethod
     def at(x: float, y: float, heading: float, width: float, toe_out: float) -> "Stance":
@@ -228,50 +224,29 @@ _CENTRES = {
 
 @dataclass(frozen=True)
 class LowerBody:
-    """The lower body over F frames, world, and the heading and arm swing that go with it.
+    """The lower body over F frames, world, and the heading and arm swing that go with it."""
 
-    Attributes:
-        root: (F, 3) mid hip, m.
-        pelvis: (F, 3, 3) orientation.
-        ankles: (F, 2, 3) left and right, m.
-        feet: (F, 2, 3, 3) orientations of left and right foot.
-        heading: (F,) heading of the trunk, rad.
-        walking: (F,) share of walking against standing, 0 to 1.
-        swing: (F,) swing of the left arm to the front and of the right arm to the back, 1 at its widest.
-    """
-
-    root: np.ndarray
-    pelvis: np.ndarray
-    ankles: np.ndarray
-    feet: np.ndarray
-    heading: np.ndarray
-    walking: np.ndarray
-    swing: np.ndarray
+    root: np.ndarray  # (F, 3) mid hip, m
+    pelvis: np.ndarray  # (F, 3, 3) orientation
+    ankles: np.ndarray  # (F, 2, 3) left and right, m
+    feet: np.ndarray  # (F, 2, 3, 3) orientations of left and right foot
+    heading: np.ndarray  # (F,) heading of the trunk, rad
+    walking: np.ndarray  # (F,) share of walking against standing, 0 to 1
+    swing: np.ndarray  # (F,) swing of the left arm to the front and of the right arm to the back, 1 at its widest
 
 
 @dataclass(frozen=True)
 class BodyTrajectory:
-    """The whole body over F frames, world; lengths in m, angles in rad.
+    """The whole body over F frames, world; lengths in m, angles in rad."""
 
-    Attributes:
-        root: (F, 3) mid hip.
-        pelvis: (F, 3, 3) orientation.
-        ankles: (F, 2, 3) left and right.
-        feet: (F, 2, 3, 3) orientations.
-        knees: (F, 2, 3) directions in which the knees bend; not parallel to the leg.
-        chest: (F, 3) heading, lean to the front, lean to the right.
-        head: (F, 2) heading, nod.
-        arms: (F, 2, 5) angles of the left and the right arm, as `upper_body.HANGING`.
-    """
-
-    root: np.ndarray
-    pelvis: np.ndarray
-    ankles: np.ndarray
-    feet: np.ndarray
-    knees: np.ndarray
-    chest: np.ndarray
-    head: np.ndarray
-    arms: np.ndarray
+    root: np.ndarray  # (F, 3) mid hip
+    pelvis: np.ndarray  # (F, 3, 3) orientation
+    ankles: np.ndarray  # (F, 2, 3) left and right
+    feet: np.ndarray  # (F, 2, 3, 3) orientations
+    knees: np.ndarray  # (F, 2, 3) directions in which the knees bend; not parallel to the leg
+    chest: np.ndarray  # (F, 3) heading, lean to the front, lean to the right
+    head: np.ndarray  # (F, 2) heading, nod
+    arms: np.ndarray  # (F, 2, 5) angles of the left and the right arm, as `upper_body.HANGING`
 
     def motion(self, name: str, fps: float) -> Motion:
         """Return the motion. The spine bends half as far as the chest, and the legs are solved to reach the ankles."""

@@ -15,32 +15,23 @@ from dmae.registry import Entry, Registry
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """The user's corrections of missing or wrong statements of a file.
+    """The user's corrections of missing or wrong statements of a file."""
 
-    Attributes:
-        fps: Frame rate; replaces the stated rate and the known corrections for takes of the CMU database.
-        unit: Metres per unit of length; replaces the unit that follows from the leg length.
-        up: Axis of the file's world that points up, `x`, `y` or `z`; replaces the up axis of the format.
-        mapping: From names of joints or markers in the file to names of a known skeleton or marker set.
-    """
-
+    # Frame rate; replaces the stated rate and the known corrections for takes of the CMU database
     fps: float | None = None
-    unit: float | None = None
+    unit: float | None = None  # Metres per unit of length; replaces the unit that follows from the leg length
+    # Axis of the file's world that points up, `x`, `y` or `z`; replaces the up axis of the format
     up: str | None = None
+    # From names of joints or markers in the file to names of a known skeleton or marker set
     mapping: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class MotionReader(Entry):
-    """A format of motion files.
+    """A format of motion files."""
 
-    Attributes:
-        markers: Whether files contain markers, to which a skeleton must be fitted, rather than joints.
-        text: Whether files contain text and may be compressed: `.bvh.xz`, `.bvh.gz`.
-    """
-
-    markers: bool = False
-    text: bool = False
+    markers: bool = False  # Whether files contain markers, to which a skeleton must be fitted, rather than joints
+    text: bool = False  # Whether files contain text and may be compressed: `.bvh.xz`, `.bvh.gz`
 
 
 reader = Registry("reader", MotionReader, __package__, kind="motion", option="motion.kind", plain=False)

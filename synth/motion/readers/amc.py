@@ -25,21 +25,13 @@ _FPS = 120.0
 
 @dataclass
 class Bone:
-    """A bone of an Acclaim skeleton; it starts where its parent ends.
+    """A bone of an Acclaim skeleton; it starts where its parent ends."""
 
-    Attributes:
-        parent: Name of the parent bone; empty for the root.
-        end: (3,) from the bone's start to its end in the rest pose, in the file's unit.
-        axis: Rest orientation C of the frame in which the angles of the bone are given.
-        order: Axes in the order in which they turn, `xyz` for Rz Ry Rx.
-        dof: Channels among tx ty tz rx ry rz, in the order in which an AMC file lists them.
-    """
-
-    parent: str
-    end: np.ndarray
-    axis: Rotation
-    order: str
-    dof: tuple[str, ...] = ()
+    parent: str  # Name of the parent bone; empty for the root
+    end: np.ndarray  # (3,) from the bone's start to its end in the rest pose, in the file's unit
+    axis: Rotation  # Rest orientation C of the frame in which the angles of the bone are given
+    order: str  # Axes in the order in which they turn, `xyz` for Rz Ry Rx
+    dof: tuple[str, ...] = ()  # Channels among tx ty tz rx ry rz, in the order in which an AMC file lists them
 
 
 @reader("amc", text=True)

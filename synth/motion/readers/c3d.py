@@ -35,19 +35,13 @@ _OPTIONAL = {"LMT5", "RMT5"}
 
 @dataclass(frozen=True)
 class MarkerRecording:
-    """Optical markers over F frames, as stored in a file.
+    """Optical markers over F frames, as stored in a file."""
 
-    Attributes:
-        places: Positions (F, 3) by label, in the file's unit and axes; NaN where a marker was not seen.
-        fps: Frames per second.
-        unit: Name of the unit, as the file states it.
-        up: Axis that points up according to the file, `x`, `y` or `z`; z if the file does not state it.
-    """
-
+    # Positions (F, 3) by label, in the file's unit and axes; NaN where a marker was not seen
     places: dict[str, np.ndarray]
-    fps: float
-    unit: str
-    up: str
+    fps: float  # Frames per second
+    unit: str  # Name of the unit, as the file states it
+    up: str  # Axis that points up according to the file, `x`, `y` or `z`; z if the file does not state it
 
 
 @reader("c3d", markers=True)

@@ -30,26 +30,21 @@ _SPLAYED = {"foot": (0.0, 0.0, -20.0)}
 
 @dataclass(frozen=True)
 class Dialect:
-    """Joint names and rest pose of one family of files.
+    """Joint names and rest pose of one family of files."""
 
-    Attributes:
-        name: Label for reports.
-        sides: Text in the names of left joints, and in the names of right joints.
-        joints: For each of `_PARTS`, the joint that drives the segment, or the joint at the wrist or the knuckles. Each
-            joint is at the start of its segment. `{side}` stands for one of `sides`; `|` separates alternative names.
-            Empty for knuckles that files do not have: hands then turn with their joint.
-        rest: Orientations of driving joints in the T-pose, file's world from joint, as angles about x, y and z,
-            degrees, in that order; zero if not listed. They are for the left side; the right side is mirrored.
-        blend: Number of unusable frames at the start of a file: a synthetic T-pose and the frames that blend out of it.
-        elbow: Angle above the forward direction at which elbows bend in the T-pose, degrees; None if files differ, and
-            the angle is found from the motion.
-    """
-
-    name: str
-    sides: tuple[str, str]
+    name: str  # Label for reports
+    sides: tuple[str, str]  # Text in the names of left joints, and in the names of right joints
+    # For each of `_PARTS`, the joint that drives the segment, or the joint at the wrist or the knuckles. Each joint is
+    # at the start of its segment. `{side}` stands for one of `sides`; `|` separates alternative names. Empty for
+    # knuckles that files do not have: hands then turn with their joint.
     joints: tuple[str, ...]
+    # Orientations of driving joints in the T-pose, file's world from joint, as angles about x, y and z, degrees, in
+    # that order; zero if not listed. They are for the left side; the right side is mirrored.
     rest: dict[str, tuple[float, float, float]] = field(default_factory=dict)
+    # Number of unusable frames at the start of a file: a synthetic T-pose and the frames that blend out of it
     blend: int = 1
+    # Angle above the forward direction at which elbows bend in the T-pose, degrees; None if files differ, and the angle
+    # is found from the motion
     elbow: float | None = 30.0
 
     def names(self) -> dict[str, tuple[str, ...]]:

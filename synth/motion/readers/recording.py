@@ -113,27 +113,17 @@ def fill_gaps(values: np.ndarray, names: list[str], fps: float, path: Path) -> t
 
 @dataclass(frozen=True)
 class SkeletonRecording:
-    """J joints in a tree over F frames.
+    """J joints in a tree over F frames."""
 
-    Attributes:
-        path: The file that it was read from.
-        fps: Frames per second.
-        joints: J joint names, every parent before its children; the end site of a chain is `<joint>.end`.
-        parents: (J,) index of each joint's parent, -1 for the root, which comes first.
-        offsets: (J, 3) position of each joint in its parent's frame, in the file's unit; the root's is not used.
-        root: (F, 3) position of the root in the world, in the file's unit.
-        rotations: (F, J, 3, 3) orientation of each joint in its parent's frame.
-        notes: Descriptions of repairs that were made in reading it.
-    """
-
-    path: Path
-    fps: float
-    joints: tuple[str, ...]
-    parents: tuple[int, ...]
+    path: Path  # The file that it was read from
+    fps: float  # Frames per second
+    joints: tuple[str, ...]  # J joint names, every parent before its children; the end site of a chain is `<joint>.end`
+    parents: tuple[int, ...]  # (J,) index of each joint's parent, -1 for the root, which comes first
+    # (J, 3) position of each joint in its parent's frame, in the file's unit; the root's is not used
     offsets: np.ndarray
-    root: np.ndarray
-    rotations: np.ndarray
-    notes: tuple[str, ...] = ()
+    root: np.ndarray  # (F, 3) position of the root in the world, in the file's unit
+    rotations: np.ndarray  # (F, J, 3, 3) orientation of each joint in its parent's frame
+    notes: tuple[str, ...] = ()  # Descriptions of repairs that were made in reading it
 
     def __len__(self) -> int:
         return len(self.root)

@@ -74,17 +74,11 @@ _UNKNOWN = ("", "?")
 
 @dataclass(frozen=True)
 class ListedTake:
-    """A line of a list of takes.
+    """A line of a list of takes."""
 
-    Attributes:
-        path: The file of the take, with the extension of its compression, which the list may leave out.
-        subject: The person who was recorded; people recorded together count as one.
-        set: Name of the set, such as `train`, or `-` for none.
-    """
-
-    path: Path
-    subject: str
-    set: str = NO_SET
+    path: Path  # The file of the take, with the extension of its compression, which the list may leave out
+    subject: str  # The person who was recorded; people recorded together count as one
+    set: str = NO_SET  # Name of the set, such as `train`, or `-` for none
 
 
 def find_takes(path: Path, kind: str | None = None, sets: Sequence[str] = ()) -> list[Path]:
