@@ -201,11 +201,8 @@ def _apply(command: Command, module: ModuleType, config, interrupted: interrupti
 
 
 def compose(command: Command, overrides: Sequence[str]) -> object:
-    """Return the configuration that `command overrides...` would run with.
-
-    Raises:
-        ValueError: an override names no option, or has a value that the option does not take.
-    """
+    """Return the configuration that `command overrides...` would run with; ValueError for an unknown option or wrong
+    value."""
     import hydra
     from hydra.core.global_hydra import GlobalHydra
     from hydra.errors import HydraException

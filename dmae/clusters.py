@@ -121,14 +121,9 @@ CLUSTERS = {"ray": Ray, "dask": Dask}
 
 @cache
 def connect(name: str, processes: int) -> Cluster:
-    """Return the cluster of that name, to which this process stays connected until it ends.
+    """Return the cluster of one of `CLUSTERS`, to which this process stays connected until it ends.
 
-    Args:
-        name: One of `CLUSTERS`.
-        processes: Processes of a local cluster, where none is named by the environment.
-
-    Raises:
-        ValueError: the library is not installed.
+    A local one, where the environment names none, has so many processes. Raises ValueError without the library.
     """
     try:
         return CLUSTERS[name](processes)
@@ -139,12 +134,8 @@ def connect(name: str, processes: int) -> Cluster:
 def on_cluster(
     function: Callable, tasks: Iterable[tuple], cluster: Cluster, at_once: int, *, ordered: bool
 ) -> Iterator:
-    """Yield `function(*task)` of each task, run on a cluster.
-
-    Args:
-        at_once: Tasks that run at a time.
-        ordered: Whether results come in the order of the tasks; otherwise as soon as each is ready.
-    """
+    """Yield `function(*task)` of each task, run on a cluster, so many at once, in the order of tasks or as each is
+    ready."""
     carried = {name: os.environ[name] for name in _CARRIED if name in os.environ}
     remaining = ((str(Path.cwd()), carried, function, *task) for task in tasks)
     running: deque = deque()

@@ -53,10 +53,7 @@ class ClipFile:
         """Return frames `start` to `stop` (excluded) of all views, or of one view.
 
         `provenance["first_frame"]` is increased accordingly. The checksum of the arrays is not checked, because it
-        covers all frames. `synth verify` checks it.
-
-        Raises:
-            ValueError: a file is damaged; the message names it.
+        covers all frames. `synth verify` checks it. Raises ValueError if a file is damaged; the message names it.
         """
         path = self.folder / ARRAYS
         meta = _meta(self.folder / META, _modified(self.folder / META))
@@ -78,10 +75,8 @@ class ClipFile:
     def person(self, of: str, person: int, start: int, stop: int) -> Poses3D:
         """Return frames `start` to `stop` (excluded) of one person of `truth` or `poses`, without covariance and rays.
 
-        For the truth, `views` are the cameras that see a joint, if the clip has visibility labels.
-
-        Raises:
-            ValueError: a file is damaged; the message names it.
+        For the truth, `views` are the cameras that see a joint, if the clip has visibility labels. Raises ValueError if
+        a file is damaged; the message names it.
         """
         path = self.folder / ARRAYS
         try:
@@ -102,9 +97,8 @@ class ClipFile:
 def clip_files(path: Path) -> Iterator[ClipFile]:
     """Yield the clips of the data set at a path, or the single clip there. Only the file headers are read.
 
-    Raises:
-        FileNotFoundError: the path is neither a clip nor a data set, or a clip of its manifest is missing.
-        ValueError: a file is malformed; the message names it.
+    Raises FileNotFoundError if there is neither, or a clip of its manifest is missing, and ValueError for malformed
+    files.
     """
     for folder in clip_folders(Path(path)):
         meta = read_json(folder / META)
@@ -241,11 +235,8 @@ class WindowDataset(Dataset):
         return int(self._ends[-1])
 
     def place(self, index: int) -> tuple[int, int, int]:
-        """Return the number of the clip, the index of the person and the first frame of a window.
-
-        Raises:
-            IndexError: there is no window with this index.
-        """
+        """Return the number of the clip, the index of the person and the first frame of a window; IndexError if there
+        is none."""
         if not -len(self) <= index < len(self):
             raise IndexError(f"window {index}: there are {len(self)}")
         index %= len(self)
@@ -343,11 +334,7 @@ class FrameDataset(Dataset):
         return int(self._ends[-1]) if len(self._ends) else 0
 
     def place(self, index: int) -> tuple[int, int, int]:
-        """Return the number of the clip, the index of the camera and the index of the frame of an image.
-
-        Raises:
-            IndexError: there is no image with this index.
-        """
+        """Return the number of the clip, the index of the camera and the index of the frame of an image; IndexError."""
         if not -len(self) <= index < len(self):
             raise IndexError(f"picture {index}: there are {len(self)}")
         index %= len(self)

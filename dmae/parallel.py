@@ -56,14 +56,11 @@ def backend_in_use() -> Backend:
 
 
 def in_parallel(function: Callable, tasks: Iterable[tuple], workers: int, *, ordered: bool = True) -> Iterator:
-    """Yield `function(*task)` of each task, on the backend of `running_on`.
+    """Yield `function(*task)` of each task, on the backend of `running_on`, in order or as soon as each is ready.
 
-    Workers end when the main process is killed. On a cluster, if a worker dies, its task is given to another.
-
-    Args:
-        workers: Processes; -1 for one per core, on a cluster of all its machines. With 1 everything runs in this
-            process, unless the backend is a cluster.
-        ordered: Whether results come in the order of the tasks; otherwise as soon as each is ready.
+    Workers end when the main process is killed. On a cluster, if a worker dies, its task is given to another. `workers`
+    are processes; -1 for one per core, on a cluster of all its machines. With 1 everything runs in this process, unless
+    the backend is a cluster.
     """
     backend = backend_in_use()
     if backend != Backend.loky:

@@ -8,15 +8,9 @@ from pathlib import Path
 
 
 def load_function(option: str, name: str, example: str = "my_module:my_function") -> Callable:
-    """Import a function from the current folder or from the installed packages.
+    """Import a function, `package.module:function`, from the current folder or from the installed packages.
 
-    Args:
-        option: The option that names it, for messages.
-        name: `package.module:function`.
-        example: What the option can be.
-
-    Raises:
-        ValueError: no such function, or its module cannot be imported.
+    Raises ValueError, with the option and an example of it, if there is none, or its module cannot be imported.
     """
     module_name, _, function_name = name.partition(":")
     if not module_name or not function_name:

@@ -13,11 +13,9 @@ LINE_EVERY = 60.0
 
 
 def progress(items: Iterable, description: str, total: int | None = None) -> Iterator:
-    """Yield the items, and show on stderr how many are done and how long the rest takes.
+    """Yield the items, and show on stderr how many are done ("capturing") and how long the rest takes.
 
-    Args:
-        description: What is being done, as "capturing".
-        total: Number of items; by default the length of `items`, where it has one.
+    `total` is by default the length of `items`, where it has one.
     """
     console = Console(stderr=True)
     if console.is_terminal:
@@ -48,12 +46,9 @@ def duration(seconds: float) -> str:
 
 
 def counted_progress(items: Iterable, description: str, count: Callable[[], tuple[int, int]]) -> Iterator:
-    """Yield the items, and show progress and the time left on stderr.
+    """Yield the items, and show progress ("rendering images") and the time left on stderr.
 
-    Args:
-        items: The items to yield.
-        description: What is being done, as "rendering images".
-        count: Returns how many parts are done, and how many there are; called from another thread.
+    `count` returns how many parts are done, and how many there are; called from another thread.
     """
     console, over, start = Console(stderr=True), threading.Event(), time.monotonic()
 

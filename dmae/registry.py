@@ -78,14 +78,9 @@ class Registry(Mapping[str, E], Generic[E]):
         self._imported: dict[str, E] = {}
 
     def __call__(self, name: str | None = None, **settings) -> Callable[[Callable], Callable]:
-        """Register the decorated function.
+        """Register the decorated function, by default under its name, with settings: fields of the entry.
 
-        Args:
-            name: By default that of the function.
-            settings: Fields of the entry.
-
-        Raises:
-            ValueError: the name is taken, or the function has no docstring.
+        Raises ValueError if the name is taken, or the function has no docstring.
         """
 
         def register(function: Callable) -> Callable:
@@ -109,11 +104,8 @@ class Registry(Mapping[str, E], Generic[E]):
         return self._added[name] if name in self._added else self._declared[name]
 
     def find(self, name: str) -> E:
-        """Return the entry of a name, or of `package.module:function`.
-
-        Raises:
-            ValueError: there is none; the message has the nearest name.
-        """
+        """Return the entry of a name, or of `package.module:function`; ValueError with the nearest name if there is
+        none."""
         self.check(name)
         if name in self:
             return self[name]

@@ -6,17 +6,10 @@ from scipy.ndimage import gaussian_filter
 
 
 def paint(pattern: str, colours, size: int, *, rng: np.random.Generator) -> np.ndarray:
-    """Return a painted texture, (size, size, 3) uint8 RGB.
+    """Return a painted texture, (size, size, 3) uint8 RGB, in two colours: RGB triples, 0..1.
 
-    Args:
-        pattern: "plain", "stripes", "checks", "melange", "camouflage" (cloth), "planks", "tiles", "plaster", "carpet",
-            "concrete", "paving", "bricks", "sheet" (rooms).
-        colours: Two RGB triples, 0..1.
-        size: Width and height, px.
-        rng: Draws the noise.
-
-    Raises:
-        KeyError: there is no such pattern.
+    Patterns are "plain", "stripes", "checks", "melange", "camouflage" (cloth), "planks", "tiles", "plaster", "carpet",
+    "concrete", "paving", "bricks", "sheet" (rooms); KeyError for others.
     """
     if pattern not in _BLENDS:
         raise KeyError(f"no pattern {pattern!r}; expected one of {', '.join(_BLENDS)}")

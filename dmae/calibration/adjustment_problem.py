@@ -171,10 +171,7 @@ class Observations:
 
     @classmethod
     def of(cls, tracks: ImageTracks, calibration: Calibration, most: int, frames: np.ndarray | None = None):
-        """Return up to `most` bodies, evenly spread over all frames or over the given ones.
-
-        If a frame has too many bodies, the bodies that most views see are taken.
-        """
+        """Return up to `most` bodies, in the most views, evenly spread over all frames or the given ones."""
         seen = np.isfinite(tracks.sigma).sum(-1) >= 4
         usable = (seen.sum(-1) >= 2) & np.isfinite(tracks.start[..., 0]).any(-1)
         if frames is not None:
@@ -197,12 +194,10 @@ class Observations:
         return len(self) / max(len(np.unique(self.person)), 1) / seconds
 
     def seen(self, calibration: Calibration) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the detections of each body in the cameras, given their clocks.
+        """Return the detections of each body given the cameras' clocks, (M, V, J, 2) px, and velocities, px/s, 0 if
+        unknown.
 
-        Returns:
-            xy: (M, V, J, 2) px.
-            velocity: (M, V, J, 2) px/s; 0 where unknown.
-            sigma: (M, V, J) m, expected error at the depth of the body; NaN where xy is.
+        Also returns their expected error (M, V, J) m at the depth of the body, NaN where there is no detection.
         """
         tracks, fps = self.tracks, self.tracks.fps
         view = np.arange(len(calibration.rig))
@@ -217,8 +212,8 @@ class Observations:
     def _line(self, shift: np.ndarray, view: np.ndarray, diagonal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return position (M, V, J, 2), px, and velocity, px/frame, of a line fitted to the frames around each time.
 
-        The noise of a line is the same between frames as on them. Interpolation between two frames has the least noise
-        half way between them, so that any camera would seem to be half a frame late.
+        Its noise is the same between frames as on them. An interpolation has the least noise half way between two
+        frames, so that any camera would seem to be half a frame late.
         """
         middle = self._sample(self.tracks.xy, shift, view)
         if are_stills(self.tracks.fps):

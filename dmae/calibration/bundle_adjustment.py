@@ -57,17 +57,14 @@ def adjust(
     xyz: np.ndarray | None = None,
     tolerance: float = 1e-5,
 ) -> Adjusted:
-    """Return the cameras and bodies with the least robust cost.
+    """Return the cameras and bodies with the least robust cost, from given cameras and, if given, bodies `xyz` (M, J,
+    3) m.
 
     Args:
-        observations: M bodies.
-        calibration: The cameras at the start of the search.
         freedom: The parameters that may change; by default only the bodies change.
-        move_people: Whether the bodies may change.
         iterations: Largest number of steps.
         bones: Whether the bones of a person have a constant length.
         offsets: Whether to estimate a constant offset of each joint of a person in each view.
-        xyz: (M, J, 3) m, the bodies at the start of the search.
         tolerance: Relative decrease of the cost below which the search ends.
     """
     freedom = freedom or Freedom.of(len(calibration.rig))
@@ -115,10 +112,7 @@ def _adjusted(state: AdjustmentState) -> Adjusted:
 
 
 def _curvature(state: AdjustmentState) -> float:
-    """Return the mean second derivative of the robust cost over the mean weight.
-
-    For the Cauchy cost of a distance in the image with weight w, the mean over directions is w^2.
-    """
+    """Return the mean second derivative of the robust cost over the mean weight: w^2 for a Cauchy weight w."""
     weight = np.where(state.known, state.scale**2, 0)
     usual = (weight * state.robust).sum()
     return float((weight * state.robust**2).sum() / usual) if usual else 1.0
@@ -201,11 +195,7 @@ def reduced(state: AdjustmentState) -> Reduced:
 def _reduced(
     state: AdjustmentState, parts: _Parts, inverse: np.ndarray, flat: np.ndarray, move_people: bool = True
 ) -> Reduced:
-    """Return the equations of the cameras; with fixed bodies neither bodies nor offsets are eliminated.
-
-    Args:
-        inverse, flat: Matrices and gradient of the bodies.
-    """
+    """Return the equations of the cameras, from matrices and gradient of bodies; fixed bodies and offsets stay in."""
     free, (M, J) = state.problem.free, state.xyz.shape[:2]
     P = len(free)
     information, scores = np.zeros((P, P)), np.zeros((M, P))
@@ -240,11 +230,8 @@ def _reduced(
 
 
 def _of_person(state: AdjustmentState, parts: _Parts, inverse: np.ndarray, flat: np.ndarray, rows: np.ndarray):
-    """Return the terms that bodies (m,) of one person add to the equations of cameras and offsets, and to gradients
-    (m, ...).
-
-    The terms of the cameras alone are not included.
-    """
+    """Return the terms that bodies (m,) of one person add to the equations of cameras and offsets, but not of cameras
+    alone."""
     free, J = state.problem.free, state.xyz.shape[1]
     P, views = len(free), state.problem.offset_views
     L = 2 * J * len(views)
@@ -325,10 +312,10 @@ _INDEPENDENT_S = 3.0
 
 
 def covariance_of_cameras(observations: Observations, adjusted: Adjusted, freedom: Freedom) -> np.ndarray:
-    """Return the covariance (V, Q, Q) of each camera: H^-1 G H^-1.
+    """Return the covariance (V, Q, Q) of each camera: H^-1 G H^-1, with the curvature H of the robust cost.
 
     G is the covariance of the gradient: the scatter of the contributions of bodies, times the number of bodies with the
-    same error, plus the contribution of constant offsets of joints. H is the curvature of the robust cost.
+    same error, plus the contribution of constant offsets of joints.
     """
     views, free = len(adjusted.calibration.rig), np.flatnonzero(freedom.free)
     covariance = np.zeros((views * Q, views * Q))
@@ -352,13 +339,9 @@ def _root(matrix: np.ndarray) -> np.ndarray:
 
 
 def _bodies_per_error(observations: Observations, scores: np.ndarray) -> float:
-    """Return the number of bodies of a person that have the same error.
+    """Return the number of bodies of a person that have the same error, from decorrelated gradients (M, P) of M bodies.
 
-    It is the energy of the sums of scores over stretches of time, relative to the sum of the energies of the scores.
-
-    Args:
-        observations: M bodies.
-        scores: (M, P) contributions of the bodies to a gradient, decorrelated.
+    It is the energy of the sums over stretches of time, relative to the sum of energies.
     """
     seconds = (observations.frame - observations.frame.min()) / observations.tracks.fps
     duration = float(seconds.max()) + 1 / observations.tracks.fps

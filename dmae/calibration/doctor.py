@@ -98,10 +98,8 @@ def diagnose(
         clip: F frames of V cameras; only cameras and detections are read.
         convention: How the files were assumed to write the calibration; None if the format has no such options.
         offsets: (V,) frames by which the files' detections are already delayed.
-        max_offset: Largest time offset between two cameras that is tried, in frames, in both directions.
-
-    Raises:
-        ValueError: `max_offset` is negative.
+            max_offset: Largest time offset between two cameras that is tried, in frames, both ways; negative is a
+            ValueError.
     """
     if max_offset < 0:
         raise ValueError(f"max_offset={max_offset}: expected a number of frames, 0 or more")
@@ -206,7 +204,7 @@ def _explains(camera: Named, correction: Correction | None, hypothesis: Hypothes
 
 
 def _confirmed(correction: Correction, hypothesis: Hypothesis, found: Examination | None, pairs: Pairs) -> bool:
-    """Return whether a fault of lenses or of a scale explains more than a wrong pose of the cameras, which is similar.
+    """Return whether a fault of lenses or scale explains more than wrong poses of cameras, which are similar.
 
     A pose may explain more and still not be named, if the recording is too short for certainty.
     """

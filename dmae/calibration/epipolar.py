@@ -130,12 +130,10 @@ def epipolar_distances(
 
 
 def intersect(sample_a: ViewSample, sample_b: ViewSample, a, b, frame, i, j) -> tuple[np.ndarray, ...]:
-    """Find the closest points of the rays of detections i of views a and j of views b, all (m,).
+    """Return unit rays (m, J, 3) of detections i of views a and j of views b, their depths, and the sine squared
+    between them.
 
-    Returns:
-        rays_a, rays_b: (m, J, 3) unit directions.
-        depth_a, depth_b: (m, J) along the rays, in the unit of the rig.
-        sine2: (m, J) squared sine of the angle between them.
+    Depths (m, J) are those of the closest points along the rays, in the unit of the rig.
     """
     centers = sample_a.rig.centers
     rays_a, rays_b = sample_a.rays(a, frame, i), sample_b.rays(b, frame, j)
@@ -241,10 +239,11 @@ _MOST_ARROWS = 900
 
 
 def epipolar_arrows(hypothesis: Hypothesis) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return for each camera the places of its joints, (n, 2) undistorted px, and the vectors from there to the lines.
+    """Return for each camera its joints, (n, 2) undistorted px, and the vectors from there to the epipolar lines of
+    matches.
 
-    A line is the epipolar line of the joint in another camera with a matching detection. A correct camera has short
-    arrows in all directions. Arrows with a common pattern show how the image of the camera is displaced.
+    A correct camera has short arrows in all directions. A common pattern shows how the image of the camera is
+    displaced.
     """
     pairs = pairs_to_compare(len(hypothesis.rig))
     sample = ViewSample.of(hypothesis, hypothesis.sample_frames(_FRAMES))
@@ -269,11 +268,7 @@ def epipolar_arrows(hypothesis: Hypothesis) -> list[tuple[np.ndarray, np.ndarray
 
 
 def draw_arrows(hypothesis: Hypothesis, title: str, images: list[np.ndarray | None] | None = None) -> list[bytes]:
-    """Return a PNG for each camera: its epipolar arrows, enlarged ten times, on its image if there is one.
-
-    Args:
-        images: (h, w, 3) RGB by camera; None for a blank one.
-    """
+    """Return a PNG for each camera: its epipolar arrows, ten times as long, on its image (h, w, 3) RGB, if any."""
     from matplotlib.figure import Figure
 
     pictures = []

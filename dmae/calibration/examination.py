@@ -231,7 +231,7 @@ def _limits(state: Adjusted, kind: Kind, least: float) -> np.ndarray:
 
 
 def _measured_limits(observations: Observations, state: Adjusted, expected: np.ndarray, least: float) -> np.ndarray:
-    """Return the time offsets (V,), s, that cost `least`, given the offsets (V,) that were expected to cost it.
+    """Return the time offsets (V,), s, that cost `least`, given offsets (V,) expected to cost it.
 
     Expected costs count the noise of velocities as motion, although people that stand still hardly move.
     """
@@ -336,11 +336,8 @@ def examined(hypothesis: Hypothesis) -> tuple[Examination, ImageTracks] | None:
 def named_camera(
     hypothesis: Hypothesis, found: Examination, tracks: ImageTracks, offsets: list[int] | None
 ) -> Named | None:
-    """Return the camera that an examination names, if it differs by more than correct calibrations do.
-
-    Args:
-        offsets: (V,) frames by which detections are delayed already, see `remedy`.
-    """
+    """Return the camera that differs by more than correct ones do; detections are delayed by offsets (V,), see
+    `remedy`."""
     kinds = [each for each in found.kinds if _size(each, hypothesis.fps) >= _SMALLEST[each.kind]]
     if not kinds or len(kinds) < len(found.kinds):
         return None

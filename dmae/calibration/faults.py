@@ -203,13 +203,9 @@ _INCONSISTENT_FRAMES = 2
 
 
 def offset_corrections(hypothesis: Hypothesis, frames: np.ndarray, most: int) -> tuple[list[Correction], float]:
-    """Synchronise cameras by the offsets at which pairs of them agree best.
+    """Synchronise cameras by the offsets of up to `most` frames, both ways, at which pairs agree best in frames (S,).
 
-    Args:
-        frames: (S,) sampled frames.
-        most: Largest offset that is tried, in frames, in both directions.
-
-        Returns:
+    Returns:
         corrections: One correction for each single camera that may be unsynchronised, and one of several cameras.
         sensitivity: Difference between the best and the median agreement of two views over all offsets; near 0 if no
             person moves.
@@ -242,9 +238,10 @@ def offset_corrections(hypothesis: Hypothesis, frames: np.ndarray, most: int) ->
 
 
 def refine_offsets(hypothesis: Hypothesis, offsets: np.ndarray, frames: np.ndarray) -> np.ndarray:
-    """Return offsets (V,) near those given at which each view agrees best with the others.
+    """Return offsets (V,) near those given at which each view agrees best with the others, relative to the most common
+    one.
 
-    They are relative to the most common offset. A view gets 0 if the others do not find the same offset for it.
+    A view gets 0 if the others do not find the same offset for it.
     """
     offsets, pairs = offsets.copy(), pairs_to_compare(len(offsets))
     for view in np.flatnonzero(offsets != _most_common(offsets)):
@@ -270,8 +267,8 @@ def _most_common(offsets: np.ndarray) -> int:
 def _inconsistency(hypothesis: Hypothesis, view: int) -> int:
     """Return the spread, in frames, of the offsets at which a view agrees best with each of the other views.
 
-    A camera with a time offset has it relative to all others. A camera with a slightly wrong calibration seems to be
-    late for some of them and early for others.
+    A late camera is late for all others; one with a slightly wrong calibration seems late for some and early for
+    others.
     """
     pairs = [pair for pair in pairs_to_compare(len(hypothesis.rig)) if view in pair]
     offsets = np.arange(-2 * _REFINED_FRAMES, 2 * _REFINED_FRAMES + 1)
@@ -308,14 +305,10 @@ _SIGMAS = 3.0
 
 
 def find_fault(hypothesis: Hypothesis, max_offset: int) -> tuple[Correction | None, float]:
-    """Find the fault with the correction that increases the agreement of the views most, if the gain is clear.
+    """Find the fault with the correction that increases the agreement of the views most, or None without a clear gain.
 
-    Args:
-        max_offset: Largest time offset between two cameras that is tried, in frames, in both directions.
-
-    Returns:
-        correction: The correction; None if no fault gives a clear gain.
-        sensitivity: How much the agreement depends on time, see `dmae.calibration.faults.offset_corrections`.
+    `max_offset` is the largest time offset, in frames and both directions, between two cameras. Also returns how much
+    the agreement depends on time, as in `offset_corrections`.
     """
     pairs, frames = pairs_to_compare(len(hypothesis.rig)), hypothesis.sample_frames(_SCREENED_FRAMES)
     base = score_pairs(hypothesis, frames, pairs)

@@ -45,13 +45,9 @@ def corrected_fault(
     offsets: list[int] | None,
     frames: np.ndarray,
 ) -> Finding:
-    """Return the finding of a fault that was corrected.
+    """Return the finding of a fault of `before` that was corrected, judged over frames (S,).
 
-    Args:
-        before: Cameras and detections with the fault.
-        convention: The assumed convention of the files; None if the format has no options for it.
-        offsets: (V,) frames by which detections are already delayed, see `remedy`.
-        frames: (S,) frames over which the views are compared.
+    The convention of the files is None if the format has no options for it. Offsets (V,) are as in `remedy`.
     """
     rig, views = before.rig, correction.views
     pairs = [pair for pair in pairs_to_compare(len(rig)) if set(pair) & set(views)]
@@ -69,15 +65,8 @@ def corrected_fault(
 def disagreeing_cameras(
     hypothesis: Hypothesis, people: np.ndarray, found: Agreement, pairs: Pairs
 ) -> tuple[tuple[int, ...], tuple[str, ...]]:
-    """Find cameras that agree with no other.
-
-    Args:
-        people: (m, J, 3) matched detections as points.
-
-    Returns:
-        disagreeing: Indices of cameras that see the same people as the others but disagree with them.
-        apart: Names of cameras that do not see any people that the others see.
-    """
+    """Return cameras that see matched people (m, J, 3) but disagree, by index, and those that see none of them, by
+    name."""
     views, ends = len(hypothesis.rig), np.asarray(pairs)
     counted = found.detections.sum(1)
     agreement = np.where(counted >= MIN_DETECTIONS, found.total.sum(1) / np.maximum(counted, 1), np.nan)
@@ -113,15 +102,10 @@ def unexplained_fault(hypothesis: Hypothesis, views: tuple[int, ...]) -> Finding
 def world_faults(
     hypothesis: Hypothesis, people: np.ndarray, has_options: bool
 ) -> tuple[list[Finding], tuple[str, ...]]:
-    """Return findings of a wrong unit of length and of a wrong vertical axis.
+    """Return findings of a wrong unit and a wrong vertical axis, from matched people (m, J, 3), and what was not
+    decided.
 
-    Args:
-        people: (m, J, 3) matched detections as points.
-        has_options: Whether unit and up are options of the files' format.
-
-    Returns:
-        findings: The faults.
-        unknown: Questions that could not be decided.
+    `has_options` is whether unit and up are options of the files' format.
     """
     findings, unknown, names = [], (), hypothesis.rig.names
     ratio, standing = relative_size(people, hypothesis.skeleton), upright_direction(people, hypothesis.skeleton)
@@ -138,13 +122,7 @@ def world_faults(
 
 
 def tilt_fault(floor: Floor, names: tuple[str, ...]) -> list[Finding]:
-    """Return the finding of a tilted world, if it is one.
-
-    The height of the floor is no fault: where z = 0 lies is the choice of whoever calibrated.
-
-    Args:
-        names: Names of all cameras.
-    """
+    """Return the finding of a tilted world for all cameras, if it is one. Its height is the calibrator's choice."""
     if floor.tilt_deg is None or floor.tilt_interval_deg[0] <= _SOUND_TILT_DEG:
         return []
     low, high = floor.tilt_interval_deg

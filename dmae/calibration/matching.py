@@ -36,8 +36,7 @@ _ALIGNED_BODIES = 150
 def match_tracks(clip: Clip, config: CaptureConfig | None = None) -> ImageTracks:
     """Match the detections of all views to the people that capture finds, including detections of a wrong camera.
 
-    In each round, each camera is aligned with the people and its detections are assigned to them again, with a
-    narrower gate. Only the assignment depends on that alignment.
+    In each round, a camera is aligned with the people only to assign its detections again, with a narrower gate.
     """
     skeleton, kept = coarse_skeleton(clip.detections.skeleton)
     xyz = capture(clip, config or CaptureConfig()).xyz[:, :, kept].astype(np.float64)
@@ -98,12 +97,10 @@ _MIN_INLIERS = 0.5
 def initial_rig(clip: Clip) -> CameraRig:
     """Return the cameras of a clip at positions found from their detections; the positions in its rig are not read.
 
-    The relative pose of two cameras comes from the essential matrix of the joints of a person that both see
-    (Nister, PAMI 2004), its scale from the length of the limbs. The pairs that agree best are chained. The first camera
-    is at the origin and looks along y, upright.
-
-    Raises:
-        ValueError: too few frames show a single person in two cameras, or some cameras cannot be connected.
+    The relative pose of two cameras comes from the essential matrix of the joints of a person that both see (Nister,
+    PAMI 2004), its scale from the length of the limbs. The pairs that agree best are chained. The first camera is at
+    the origin and looks along y, upright. Raises ValueError if too few frames show a single person in two cameras, or
+    some cameras cannot be connected.
     """
     skeleton, kept = coarse_skeleton(clip.detections.skeleton)
     rig, found = clip.rig, clip.detections

@@ -78,14 +78,10 @@ class Refined:
 
 
 def refine(clip: Clip, config: RefineConfig | None = None) -> Refined:
-    """Return cameras that fit the detections of the people better.
+    """Return cameras that fit the people's detections better, from a clip of two or more with a roughly correct
+    calibration.
 
-    Args:
-        clip: F frames of V cameras, two or more, with a roughly correct calibration.
-        config: The parameters that may change.
-
-    Raises:
-        ValueError: there are too few cameras or people, or no camera has a given name.
+    Raises ValueError if there are too few cameras or people, or no camera has a name in the configuration.
     """
     config = config or RefineConfig()
     if len(clip.rig) < 2:

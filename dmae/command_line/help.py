@@ -34,13 +34,9 @@ def program_help(program: Program) -> str:
 
 
 def command_help(command: Command, options: Group, topic: str = "") -> str:
-    """The options of a command.
+    """The options of a command: an overview, or one `topic` (an option, a group, or "all") in full.
 
-    Args:
-        topic: The group or option to print in full; empty for the overview, "all" for everything.
-
-    Raises:
-        ValueError: the topic is not one of its options.
+    Raises ValueError if the topic is not one of its options.
     """
     if topic and topic != "all":
         found = options.find(topic)

@@ -36,12 +36,9 @@ class Interruption:
 
 @contextmanager
 def one_line(label: str) -> Iterator[Interruption]:
-    """Answer Ctrl-C and SIGTERM in the block with one line and exit status 128 plus the signal.
+    """Answer Ctrl-C and SIGTERM in the block with one line, begun by `label`, and exit status 128 plus the signal.
 
     A second signal ends the process immediately.
-
-    Args:
-        label: The command, which the line begins with.
     """
     global running
     interruption, main = Interruption(), os.getpid()

@@ -10,14 +10,9 @@ from pathlib import Path
 
 
 def check_out(out: str | Path, writes: str | None) -> None:
-    """Make sure that a folder or file can be written, before any work.
+    """Make sure that a folder or file (`writes`, None if not known) can be written, before any work.
 
-    Args:
-        out: As the user gave it.
-        writes: "folder" or "file"; None where that is not known.
-
-    Raises:
-        ValueError: a file is where a folder is needed, or the other way round.
+    Raises ValueError if a file is where a folder is needed, or the other way round.
     """
     out = Path(out)
     for parent in out.parents:
@@ -34,10 +29,7 @@ def locked(out: Path, first: int | None = None) -> Iterator[None]:
     """Lock `out` against other commands for the length of the block; where they fill it with clips, from `first` on.
 
     The lock is on a file in the parent folder, which is removed afterwards. A command that is killed leaves the file
-    behind, but no lock.
-
-    Raises:
-        ValueError: another command is writing there.
+    behind, but no lock. Raises ValueError if another command is writing there.
     """
     from filelock import FileLock, Timeout
 

@@ -18,15 +18,9 @@ _MOST_BYTES, _MOST_FILES = 1 << 20, 1000
 
 
 def copy_presets(options: Group, folder: Path, copy: Path) -> None:
-    """Copy the presets of a command's groups.
+    """Copy the presets of a command's groups from `folder/<group>/<name>.yaml` to the same place in `copy`.
 
-    Args:
-        options: Those of the command.
-        folder: Holds `<group>/<name>.yaml`.
-        copy: Folder to write, in the same layout.
-
-    Raises:
-        ValueError: a file is no preset; the message names it and the option, and says what a preset can hold.
+    Raises ValueError if a file is no preset; the message names it and the option, and says what a preset can hold.
     """
     import yaml
 

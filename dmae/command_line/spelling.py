@@ -58,10 +58,7 @@ def like(options: Group, key: str) -> str:
 def meant(options: Group, word: str, required: Iterable[str] = ()) -> str:
     """Return the text for a word without `=`: the option of this or a similar name, or else one that takes a path.
 
-    Args:
-        options: Options of the command.
-        word: As the user typed it.
-        required: Options that must be given; the first of them probably has the word as its value.
+    The first of the options that must be given probably has the word as its value.
     """
     keys = [member.key for member in options.walk()]
     if near := word if word in keys else nearest(word, keys):
@@ -89,11 +86,7 @@ _LOOKING = ("--cfg", "-c", "--info", "-i", "--shell-completion", "-sc", "--hydra
 
 
 def split_flags(arguments: list[str]) -> tuple[list[str], list[str]]:
-    """Hydra's flags, with their values, and the overrides.
-
-    Raises:
-        ValueError: there is no such flag.
-    """
+    """Hydra's flags, with their values, and the overrides; ValueError if there is no such flag."""
     flags, overrides, rest = [], [], iter(arguments)
     for argument in rest:
         if not argument.startswith("-"):
@@ -130,11 +123,8 @@ def without_flags(flags: list[str], *names: str) -> list[str]:
 
 
 def check(options: Group, overrides: list[str], flags: list[str]) -> None:
-    """Find mistyped options, presets and choices, values of the wrong type, and options that are not given.
-
-    Raises:
-        ValueError: the message names what was given, and the nearest that there is.
-    """
+    """Raise ValueError for a mistyped option, preset, choice or type, or an option not given, with the nearest there
+    is."""
     sweep = "-m" in flags or "--multirun" in flags
     given = [_check(options, override, sweep) for override in overrides]
     looking = any(flag.partition("=")[0] in _LOOKING for flag in flags)
@@ -282,8 +272,7 @@ def expand_lists(options: Group, overrides: list[str]) -> list[str]:
 def expand_data(options: Group, overrides: list[str]) -> list[str]:
     """`data=<folder>` is short for `data=<its format> data.path=<folder>`.
 
-    Raises:
-        ValueError: it is neither a format nor a folder; the message lists the formats.
+    Raises ValueError, which lists the formats, if it is neither a format nor a folder.
     """
     data = options.find("data")
     if not isinstance(data, Group) or not data.presets:

@@ -48,12 +48,8 @@ class ClipSet:
     an interrupted run, and several machines can fill one folder with `first=` and `clips=`. Manifest and checksums are
     written on leaving, after errors as well: what is whole is a data set.
 
-    Args:
-        out: Folder of the data set.
-        settings: What the clips depend on (`settings_of`).
-
-    Raises:
-        ValueError: the folder holds clips of other settings, or of another command.
+    Clips depend on settings (`settings_of`). Raises ValueError if the folder holds clips of others, or another
+    command's.
     """
 
     def __init__(self, out: Path, settings: dict):
@@ -99,12 +95,10 @@ class ClipSet:
 
 
 def settings_of(command: str, config, data: Path) -> dict:
-    """Return all that the clips of a command depend on: its options, and the content of the data set that it reads.
+    """Return all that the clips of a command ("dmae capture") depend on: its options, and the content of their data
+    set.
 
-    Args:
-        command: As "dmae capture".
-        config: Its configuration.
-        data: The data set. Its content is known by the `clip.json` of each clip, which holds a checksum of the arrays.
+    The content is known by the `clip.json` of each clip, which holds a checksum of the arrays.
     """
     files = (folder / name for folder in clip_folders(data) for name in ("clip.json", DECISIONS))
     content = hashlib.sha256(b"".join(file.read_bytes() for file in files if file.is_file())).hexdigest()
@@ -115,11 +109,7 @@ def settings_of(command: str, config, data: Path) -> dict:
 
 
 def save_alone(clip: Clip, out: Path) -> None:
-    """Write a single clip to `out`, over an earlier one.
-
-    Raises:
-        ValueError: a data set is in the folder.
-    """
+    """Write a single clip to `out`, over an earlier one; ValueError if a data set is there."""
     if (out / MANIFEST).is_file():
         raise ValueError(f"out={out}: expected a folder for one clip, found a data set; choose another folder")
     save_clip(clip, out)
@@ -148,8 +138,8 @@ def describe_sides(clip: Clip, poses: Poses3D) -> list[str]:
 def describe_joints(poses: Poses3D) -> str:
     """How much of the joints was measured and completed, and how many joints are NaN because a person is not there.
 
-    Joints that were measured and then smoothed count as measured. A "person-frame" is a person in a frame. Where no
-    joint is known there, the person is not there; the shares of joints are of the other person-frames.
+    Joints that were measured and then smoothed count as measured. A person with no known joint in a frame is not there;
+    shares of joints are of the other person-frames.
     """
     present = (poses.source != Source.ABSENT).any(-1)
     if not present.any():

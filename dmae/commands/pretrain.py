@@ -26,9 +26,8 @@ _STEPS = 7
 def run(config: PretrainCommand, out: Path) -> None:
     """Simulate, capture, train, score, and write the card. What is finished is kept.
 
-    Raises:
-        ValueError: the preset of the detector is not as `synth fit-detector` writes it.
-        FileNotFoundError: there is no such motion, calibration or file of a preset.
+    Raises ValueError if the preset of the detector is not as `synth fit-detector` writes it, and FileNotFoundError if a
+    motion, calibration or file of a preset does not exist.
     """
     import synth
 
@@ -74,10 +73,8 @@ def run(config: PretrainCommand, out: Path) -> None:
 
 
 def configurations(config: PretrainCommand, out: Path) -> dict[str, dict[str, Any]]:
-    """Return the arguments of `synth.generate` by data set: to learn from, to calibrate uncertainty on, to score on.
-
-    Raises as `run`.
-    """
+    """Return arguments of `synth.generate` by data set: to learn from, calibrate uncertainty on, score on; errors as in
+    `run`."""
     import synth
     from synth.detector.fitting import load_preset
 

@@ -32,8 +32,7 @@ def run(config: RegressCommand, out: Path | None) -> None:
 def load_solver(name: str) -> Callable:
     """The function that `package.module:function` names, from the current folder or what is installed.
 
-    Raises:
-        ValueError: there is none, its module cannot be imported, or it does not take the keywords of `check`.
+    Raises ValueError if there is none, its module cannot be imported, or it does not take the keywords of `check`.
     """
     solver = load_function("solver", name, "dmae.regression.solvers:ours")
     keywords = cases()[0].arrays()

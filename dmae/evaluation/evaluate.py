@@ -61,12 +61,8 @@ def filled_trials(
 ) -> Iterator[tuple[Trial, dict[str, Poses3D]]]:
     """Yield every trial with the poses that each method fills, smoothed and on the skeleton of the truth.
 
-    Args:
-        clips: At least one clip.
-        config: The options. Its fields `data`, `methods` and `weights` are not used.
-        methods: Functions that fill poses, by name. Poses of methods that smooth by themselves are not smoothed again.
-        to_skeleton: Function that converts filled poses to the skeleton of the truth.
-        shown: Whether to show progress.
+    Methods that smooth by themselves are not smoothed again. `to_skeleton` converts filled poses. The fields `data`,
+    `methods` and `weights` of the configuration are not used.
     """
     trials = _trials(clips, config)
     if shown:
@@ -155,10 +151,7 @@ def _captured_trials(clip: Clip, config: EvaluateConfig) -> Iterator[Trial]:
 
 
 def filled_by_all(filled: list[Poses3D], trial: Trial) -> np.ndarray:
-    """Return (F, T, J) True for the joints of true persons that all poses contain.
-
-    All poses must also match the true person with the same person.
-    """
+    """Return (F, T, J) True for the joints of true persons that all poses contain, in the same matched person."""
     common = np.ones(trial.truth.source.shape, bool)
     given = trial.matches
     gate = scale_of(trial.truth) * GATE
@@ -221,10 +214,8 @@ def evaluate(config: EvaluateConfig) -> dict:
 
 
 def _score_clip(config: EvaluateConfig, clips: Sequence[Clip], shown: bool) -> tuple[str, dict, str, list]:
-    """Return the id of the single clip in `clips`, facts about it, the skeleton of the comparison, and scores.
-
-    Scores are a list of pairs: method and number of views, and the scores of one run.
-    """
+    """Return the id of the single clip in `clips`, facts about it, the skeleton of the comparison, and for each run the
+    method, the number of views and the scores."""
     entries, facts = [], None
     methods = _loaded(tuple(config.methods), config.weights, config.poses)
     truth = angles = None
@@ -280,15 +271,7 @@ def _loaded(names: tuple[str, ...], weights: str | None, poses: str | None) -> M
 
 
 def load_methods(names: Sequence[str], weights: str | None = None) -> Methods:
-    """Return the functions of methods, by name; that of trained weights is the name of their folder.
-
-    Args:
-        names: Completion methods, `module:function`, or folders that `dmae train` wrote.
-        weights: Folder of the weights of learned methods; by default those that come with the package.
-
-    Raises:
-        ValueError: there are no methods, or one is unknown.
-    """
+    """Return methods by name, or trained weights by their folder's; ValueError if there are none, or one is unknown."""
     if not names:
         raise ValueError(f"methods=[]: expected some of {[*completion_method]}")
     found: Methods = {}

@@ -35,11 +35,11 @@ def scored_options(config) -> dict:
 
 
 def scored_clip(clip: Clip) -> dict:
-    """Return JSON-able facts that identify a clip.
+    """Return JSON-able facts that identify a clip: of a recording, a checksum.
 
-    For a recording this is a checksum. A simulation with the same seed differs in its last digits between machines.
-    For a simulated clip the facts are therefore counts and means: the number of `joints` of the truth and their
-    `mean` position, m; the number of `detected` joints and the means of their `pixels`, `score` and `offset_px`.
+    A simulation with the same seed differs in its last digits between machines, so its facts are counts and means: the
+    number of `joints` of the truth and their `mean` position, m; the number of `detected` joints and the means of their
+    `pixels`, `score` and `offset_px`.
     """
     found = clip.detections
     truth = np.empty((len(clip), 0, 0, 3)) if clip.truth is None else clip.truth.xyz.astype(np.float64)
@@ -202,13 +202,8 @@ class Gate:
 
 
 def check_baseline(baseline: dict, options: dict, changed: Collection[str] = ()) -> None:
-    """Raise ValueError if scores made with `options` cannot be compared with a baseline.
-
-    Args:
-        baseline: Content of the `scores.json` that `dmae evaluate` wrote.
-        options: As `dmae.evaluation.gates.scored_options` returns them.
-        changed: Names of options, or of groups of them, that differ on purpose.
-    """
+    """Raise ValueError if scores made with `options` (`scored_options`), save those `changed`, do not compare with a
+    baseline."""
     _check_content(baseline, "baseline")
     differing = option_differences(baseline["options"], options)
     refused = [name for name in differing if not any(f"{name}.".startswith(f"{each}.") for each in changed)]
@@ -220,18 +215,11 @@ def check_baseline(baseline: dict, options: dict, changed: Collection[str] = ())
 
 
 def compare_scores(baseline: dict, scores: dict, changed: Collection[str] = ()) -> Gate:
-    """Compare scores with those of a baseline, figure by figure, over the same blocks of time.
+    """Compare scores of `dmae evaluate` with those of a baseline, figure by figure, over the same blocks of time.
 
     A figure is worse, or better, if the 95 % interval of its difference excludes zero and the difference is large
-    enough to be printed.
-
-    Args:
-        baseline: Earlier result of `dmae.evaluation.evaluate.evaluate`, or its JSON.
-        scores: New result of the same function.
-        changed: Names of options, or of groups of them, that differ on purpose.
-
-    Raises:
-        ValueError: options, skeleton or clips differ, or the baseline is of a version that did not store sums by time.
+    enough to be printed. `changed` names options, or groups of options, that differ on purpose. Raises ValueError if
+    options, skeleton or clips differ, or the baseline is of a version that did not store sums by time.
     """
     _check_content(scores, "scores")
     check_baseline(baseline, scores["options"], changed)

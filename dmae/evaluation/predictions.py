@@ -7,7 +7,6 @@ import numpy as np
 
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.conversion import convert
-from dmae.data.skeleton import Skeleton
 from dmae.formats.poses import pose_paths, read_poses
 from dmae.numerics.statistics import mean_known
 
@@ -18,15 +17,9 @@ _UNITS = {1000: "mm", 100: "cm", 39.37: "inches", 3.281: "feet", 0.001: "km"}
 
 
 def predictions_of(path: Path, clips: Sequence[str]) -> dict[str, Path]:
-    """Return the path of the poses of each clip.
+    """Return the path of the poses of each clip: poses of one clip, or a folder with poses named after their clips.
 
-    Args:
-        path: Poses of one clip, or a folder with the poses of several clips, each named after its clip.
-        clips: Ids of the clips.
-
-    Raises:
-        FileNotFoundError: there are no poses at the path.
-        ValueError: the ids of clips and poses differ.
+    Raises FileNotFoundError if there are no poses at the path, and ValueError if the ids of clips and poses differ.
     """
     found = pose_paths(path)
     if found is None:
@@ -46,18 +39,10 @@ def predictions_of(path: Path, clips: Sequence[str]) -> dict[str, Path]:
 
 
 def read_prediction(path: Path, clip: Clip, truth: Poses3D, *, tracks: bool = False) -> Poses3D:
-    """Return the poses of a clip, read from a file and converted to the skeleton of its truth.
+    """Return the poses of a clip, read from a file and converted to the skeleton of its truth; see `fitting`.
 
-    Args:
-        path: Poses in any format that `dmae.formats.poses.read_poses` reads.
-        clip: The clip, F frames.
-        truth: True poses, (F, T, J).
-        tracks: Whether person i of the poses has to be true person i.
-
-    Raises:
-        FileNotFoundError: there is nothing at the path.
-        ValueError: the poses are malformed, or do not fit the clip: another clip, frame rate, length, skeleton, unit or
-            number of persons.
+    Raises FileNotFoundError, or ValueError if the poses are malformed, or do not fit the clip: another clip, frame
+    rate, length, skeleton, unit or number of persons.
     """
     found = read_poses(path)
     if found.clip not in (None, clip.id):
@@ -70,17 +55,10 @@ def read_prediction(path: Path, clip: Clip, truth: Poses3D, *, tracks: bool = Fa
 
 
 def fitting(poses: Poses3D, truth: Poses3D, where: str, *, tracks: bool = False) -> Poses3D:
-    """Return poses converted to the skeleton of the truth that they are compared with.
+    """Return poses (F, P, K, 3) m converted to the skeleton of the truth (F, T, J, 3) m that they are compared with.
 
-    Args:
-        poses: (F, P, K, 3) m.
-        truth: (F, T, J, 3) m.
-        where: Name of the poses in messages.
-        tracks: Whether person i of the poses has to be true person i.
-
-    Raises:
-        ValueError: poses and truth differ in length, unit or (with `tracks`) number of persons, or there is no
-            conversion between their skeletons.
+    With `tracks`, person i of the poses has to be true person i. Raises ValueError, which names the poses by `where`,
+    if they differ from the truth in length, unit or (with `tracks`) persons, or skeletons do not convert.
     """
     frames, persons = truth.xyz.shape[:2]
     if len(poses.xyz) != frames:
@@ -95,13 +73,13 @@ def fitting(poses: Poses3D, truth: Poses3D, where: str, *, tracks: bool = False)
         converted = convert(poses, truth.skeleton)
     except KeyError as error:
         raise ValueError(f"{where}: {error.args[0]}") from None
-    _check_unit(converted, truth, truth.skeleton, where)
+    _check_unit(converted, truth, where)
     return converted
 
 
-def _check_unit(poses: Poses3D, truth: Poses3D, skeleton: Skeleton, where: str) -> None:
+def _check_unit(poses: Poses3D, truth: Poses3D, where: str) -> None:
     """Raise ValueError if the unit differs from metres. Compare bone lengths, which do not depend on the position."""
-    bones = np.array(skeleton.bones, int).reshape(-1, 2)
+    bones = np.array(truth.skeleton.bones, int).reshape(-1, 2)
     ours, true = (
         np.linalg.norm(np.diff(p.xyz.astype(float)[:, :, bones], axis=-2)[..., 0, :], axis=-1) for p in (poses, truth)
     )

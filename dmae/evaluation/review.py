@@ -50,10 +50,9 @@ class Decision:
 
 
 def save_decisions(folder: Path, poses: Poses3D, decisions: Sequence[Decision]) -> None:
-    """Write decisions on the poses of a clip into its folder. They replace earlier decisions.
+    """Write decisions on the poses of a clip into its folder, over earlier ones.
 
-    Raises:
-        ValueError: a decision names a person, joint or frame that the poses do not have.
+    Raises ValueError if a decision names a person, joint or frame that the poses do not have.
     """
     for decision in decisions:
         _index(poses, decision)
@@ -62,14 +61,9 @@ def save_decisions(folder: Path, poses: Poses3D, decisions: Sequence[Decision]) 
 
 
 def load_decisions(folder: Path, poses: Poses3D | None) -> tuple[Decision, ...]:
-    """Return the decisions in the folder of a clip; none if the file does not exist.
+    """Return the decisions on the poses of a clip in its folder, if any.
 
-    Args:
-        folder: Folder of the clip.
-        poses: Poses of the clip.
-
-    Raises:
-        ValueError: the file is malformed, or its decisions were made on other poses than these.
+    Raises ValueError if the file is malformed, or its decisions were made on other poses than these.
     """
     path = Path(folder) / DECISIONS
     if not path.is_file():
@@ -102,11 +96,7 @@ def decided(poses: Poses3D, decisions: Sequence[Decision], *verdicts: ReviewVerd
 
 
 def with_decisions(clip: Clip, folder: Path) -> Clip:
-    """Return a clip without the joints that the decisions in its folder blank or hand back.
-
-    Raises:
-        ValueError: as for `load_decisions`.
-    """
+    """Return a clip without the joints that the decisions in its folder blank or hand back; see `load_decisions`."""
     decisions = load_decisions(folder, clip.poses)
     if not decisions:
         return clip
@@ -256,14 +246,9 @@ class Doubt:
 
 
 def rank_doubts(clip: Clip, decisions: Sequence[Decision] = ()) -> list[Doubt]:
-    """Return entries of one joint over 0.2 s, the most doubtful first. Together the entries cover the poses.
+    """Return entries of one joint over 0.2 s, the most doubtful first; joints with a decision are left out.
 
-    Args:
-        clip: Clip with captured or completed poses. Its truth is not used.
-        decisions: Joints with a decision are left out.
-
-    Raises:
-        ValueError: the clip has no poses.
+    Together the entries cover the captured or completed poses. Truth is not used. Raises ValueError without poses.
     """
     if clip.poses is None:
         raise ValueError(f"clip {clip.id!r} has no poses to review; run dmae capture on it first")
@@ -316,7 +301,7 @@ class RankingCheck:
 def check_ranking(clip: Clip, ranking: Sequence[Doubt]) -> RankingCheck | None:
     """Return the number of joints that are off, in the first tenth of the entries and in all; None without truth.
 
-    Only joints with the same name in the skeletons of truth and poses count. Entries without these joints are left out.
+    Only joints with the same name in the skeletons of truth and poses count.
     """
     if clip.truth is None or not np.isfinite(clip.truth.xyz).any():
         return None

@@ -32,11 +32,7 @@ _VIEWS = 3
 
 
 def truth_of(clip: Clip) -> Poses3D:
-    """Return the truth of a clip.
-
-    Raises:
-        ValueError: the clip has no truth, or the truth has infinite coordinates.
-    """
+    """Return the truth of a clip; ValueError if it has none, or infinite coordinates."""
     if clip.truth is None:
         raise ValueError(f"clip {clip.id!r} has no truth to score against")
     if np.isinf(clip.truth.xyz).any():
@@ -67,7 +63,7 @@ def score(
     compared: np.ndarray | None = None,
     angles: np.ndarray | None = None,
 ) -> dict:
-    """Return all scores of one prediction.
+    """Return all scores of one prediction, each by the name of its metric, NaN without data.
 
     Args:
         poses: The prediction, on any skeleton that `convert` can convert to the skeleton of the truth.
@@ -80,12 +76,7 @@ def score(
         compared: (F, T, J) True for joints that count in `gaps`; by default all joints.
         angles: True angles of the legs from `dmae.metrics.angles.leg_angles`; by default angles are not scored.
 
-    Returns:
-        The score of each metric by its name, see `dmae.metrics.registry.metrics`; NaN for a score without data. The
-        entry `blocks` contains the sums from which intervals are computed, see `time_blocks`.
-
-    Raises:
-        ValueError: `poses` and `captured` differ in their persons.
+    The entry `blocks` contains the sums from which intervals are computed, see `time_blocks`.
     """
     if actors is None:
         actors = tuple(np.flatnonzero((~np.isnan(truth.xyz).any(-1)).any((0, 2))))
@@ -98,13 +89,12 @@ def score(
 
 
 def time_blocks(comparison: Comparison) -> dict:
-    """Return sums over the blocks of time that contain a true joint.
+    """Return JSON-able sums over the blocks of time that contain a true joint.
 
-    Returns:
-        A dictionary for JSON. `seconds` is the length of a block and `block` the B indices of the blocks. `pcp`
-        (correct limbs of each actor), `mpjpe` (mm, all joints), `hidden` (mm, joints that capture did not measure) and
-        `recall` (hidden joints within 0.2 m) each have `sum` and `count`, (G, B) numbers. G is the number of actors for
-        `pcp`, otherwise 1. `angles` (degrees, of the legs) is there if they are scored.
+    `seconds` is the length of a block and `block` the B indices of the blocks. `pcp` (correct limbs of each actor),
+    `mpjpe` (mm, all joints), `hidden` (mm, joints that capture did not measure) and `recall` (hidden joints within
+    0.2 m) each have `sum` and `count`, (G, B) numbers. G is the number of actors for `pcp`, otherwise 1.
+    `angles` (degrees, of the legs) is there if they are scored.
     """
     frames, actors = np.flatnonzero(comparison.known.any((1, 2))), list(comparison.actors)
     matched, truth = comparison.matched, comparison.truth.xyz
@@ -139,17 +129,10 @@ def time_blocks(comparison: Comparison) -> dict:
 
 
 def run_table(runs: list[dict], *labels: str) -> pd.DataFrame:
-    """Return the score table of runs.
+    """Return the score table of runs: results of `score`, each with the entries `clip` and `cameras` added.
 
-    Args:
-        runs: Results of `score`, each with the entries `clip` and `cameras` added.
-        labels: Names of other entries of the runs, which become key columns.
-
-    Returns:
-        A row for each `cameras`, `clip`, `figure` (of `FIGURES`), `person` and `block`, and for each of the labels.
-
-    Raises:
-        ValueError: a clip has true joints at other times in one run than in another.
+    It has a row for each `cameras`, `clip`, `figure` (of `FIGURES`), `person` and `block`, and for each of the labels,
+    which are other entries of the runs. Raises ValueError if a clip has true joints at other times in some run.
     """
     columns = ["cameras", "clip", *labels, "figure", "person", "block", "value", "count"]
     blocks, rows = {}, []
@@ -168,35 +151,23 @@ def run_table(runs: list[dict], *labels: str) -> pd.DataFrame:
 def figure_score(table: pd.DataFrame, figure: str, *labels: str) -> Score:
     """Return a score of runs with its interval: the mean over actors, then clips, then subsets of cameras.
 
-    Args:
-        table: The result of `run_table`.
-        figure: One of `FIGURES`.
-        labels: Labels of runs with the same clip and cameras, over which scores are averaged before the clips.
+    `table` is made by `run_table`. `labels` are those of runs with the same clip and cameras, over which scores are
+    averaged before the clips.
     """
     part = table[table["figure"] == figure]
     return score_of(part, "cameras", "clip", *labels, "person", scale=FIGURES[figure])
 
 
 def read_scores(path: Path) -> dict:
-    """Return the content of the `scores.json` that `dmae evaluate` wrote. The path is the file or its folder.
-
-    Raises:
-        FileNotFoundError: the file does not exist.
-        ValueError: the file is not JSON.
-    """
+    """Return what `dmae evaluate` wrote to `scores.json`, given as file or folder; FileNotFoundError, ValueError if not
+    JSON."""
     path = Path(path)
     return read_json(path / "scores.json" if path.is_dir() else path)
 
 
 def summary(runs: list[dict]) -> dict:
-    """Return the scores of one method and number of views, over clips and subsets of cameras.
-
-    Args:
-        runs: Results of `score`, each with the entries `clip` and `cameras` added.
-
-    Returns:
-        JSON-able `mean`, `intervals`, `worst` and `runs`, see `evaluate`.
-    """
+    """Return the scores of one method and number of views: JSON-able `mean`, `intervals`, `worst` and `runs`, see
+    `evaluate`. Runs are results of `score`, each with the entries `clip` and `cameras` added."""
     table = run_table(runs)
     by_subset: dict[tuple[int, ...], list[dict]] = {}
     for run in runs:

@@ -24,14 +24,7 @@ _OUTLIER_SIZE = (0.05, 0.5)
 
 
 def cut_gaps(truth: Poses3D, fps: float, config: GapConfig, *, rng: np.random.Generator) -> Poses3D:
-    """Return true poses with synthetic gaps. Each gap has a known sample before and after it.
-
-    Args:
-        truth: Poses of P persons.
-        fps: Frames per second.
-        config: Number and length of the gaps.
-        rng: Source of randomness.
-    """
+    """Return true poses with synthetic gaps. Each gap has a known sample before and after it."""
     known = ~np.isnan(truth.xyz).any(-1)
     bursts = MaskingConfig(bursts=config.bursts, longest=config.longest, absence=config.absence)
     hidden = mask_bursts(*known.shape[:2], truth.skeleton, fps, bursts, rng=rng)

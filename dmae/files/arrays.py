@@ -23,12 +23,10 @@ _MOST_ARRAYS = 1000
 
 
 def read_npy(path: Path):
-    """Return the content of a `.npy` file: an array, or the pickled object.
+    """Return the content of a `.npy` file: an array, or the pickled object. Nothing in the file is run.
 
-    Raises:
-        FileNotFoundError: no such file.
-        ValueError: it is not a `.npy` file, or refers to anything but arrays and Python's own containers; the message
-            names it. Nothing in the file has been run.
+    Raises FileNotFoundError, or ValueError if it is no such file, or refers to more than arrays and Python's
+    containers.
     """
     try:
         value = _array(read_bytes(path), pickled=True)
@@ -38,12 +36,11 @@ def read_npy(path: Path):
 
 
 def read_arrays(path: Path, what: str, needed: Sequence[str], also: Sequence[str] = ()) -> dict[str, np.ndarray]:
-    """Return some arrays of an `.npz` archive. Nothing in it is run, and no other array is read.
+    """Return arrays of an `.npz` archive, required and optional ones, by name. Nothing in it is run, no other array is
+    read.
 
     Args:
         what: The kind of archive expected, for messages.
-        needed: Names of required arrays.
-        also: Names of optional arrays.
 
     Raises:
         FileNotFoundError: no such file.
@@ -149,9 +146,7 @@ def digest_of(pieces: Iterator[bytes], digest) -> Iterator[bytes]:
 def read_tensors(path: Path, sha256: str) -> dict[str, np.ndarray]:
     """Return the arrays of a file, read-only. Those of a large file are read when they are accessed.
 
-    Raises:
-        FileNotFoundError, ValueError: as `dmae.files.contents.check_file`, or the file has another checksum, or is
-            malformed.
+    Errors are those of `dmae.files.contents.check_file`, or ValueError if it has another checksum, or is malformed.
     """
     path = Path(path)
     large = check_file(path) >= LARGE

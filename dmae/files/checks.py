@@ -20,15 +20,9 @@ _LONGEST = 230
 
 
 def child(folder: Path, name: str, what: str) -> Path:
-    """Return the path of a file or folder with this name directly in a folder.
+    """Return the path of a file or folder with this name, of a `what` such as "camera", directly in a folder.
 
-    Args:
-        folder: The folder that will contain it.
-        name: The name, as it was read.
-        what: The kind of thing named, for messages, such as "camera".
-
-    Raises:
-        ValueError: the name leads elsewhere, or not every file system accepts it; the message gives the reason.
+    Raises ValueError, with the reason, if the name leads elsewhere, or not every file system accepts it.
     """
     reason = _wrong(name)
     if reason:

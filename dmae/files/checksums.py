@@ -39,12 +39,7 @@ def checksum(path: Path) -> Checksum:
 
 
 def write_checksums(folder: Path, files: dict[str, Checksum] | None = None) -> None:
-    """Write `checksums.json` into a folder.
-
-    Args:
-        folder: The folder of a clip or a data set.
-        files: Checksums by path in the folder; by default those of all files in the folder.
-    """
+    """Write `checksums.json` of a folder: the given ones by path, or those of all its files."""
     folder = Path(folder)
     if files is None:
         files = {name: checksum(folder / name) for name in _names(folder)}
@@ -52,11 +47,8 @@ def write_checksums(folder: Path, files: dict[str, Checksum] | None = None) -> N
 
 
 def read_checksums(folder: Path) -> dict[str, Checksum] | None:
-    """Read `checksums.json` of a folder; None if there is none, as in folders written before version 0.2.
-
-    Raises:
-        ValueError: the file is not as `write_checksums` wrote it.
-    """
+    """Read `checksums.json` of a folder; None if there is none, as before version 0.2, and ValueError if it is
+    malformed."""
     path = Path(folder) / CHECKSUMS
     if not path.is_file():
         return None
@@ -88,12 +80,10 @@ def begin_data_set(path: Path) -> dict[str, Checksum | None]:
 
 
 def end_data_set(path: Path, own: Iterable[str], clips: dict[str, Checksum | None]) -> None:
-    """Write `checksums.json` of a data set: of its own files, and of the `checksums.json` of its clips.
+    """Write `checksums.json` of a data set: of its manifest, its own files that exist, and the `checksums.json` of its
+    clips.
 
-    Args:
-        path: The data set.
-        own: Names of its own files in addition to the manifest. Those that do not exist are ignored.
-        clips: Checksums of clips by name, see `clip_checksum`; None for clips without one.
+    `clips` are checksums by name, see `clip_checksum`; None for clips without one.
     """
     path = Path(path)
     files = {name: checksum(path / name) for name in (MANIFEST, *own) if (path / name).is_file()}
@@ -117,14 +107,9 @@ def _keeps_own_checksum(path: Path) -> bool:
 
 
 def find_damage(folder: Path, *, fast: bool = False) -> list[str]:
-    """Compare the files of a clip with its checksums.
+    """Return descriptions of missing, foreign and changed files of a clip; none if it has no checksums.
 
-    Args:
-        folder: The clip.
-        fast: Whether to compare only sizes, and contents only of JSON files.
-
-    Returns:
-        Descriptions of missing, foreign and changed files; empty if there are no checksums.
+    `fast` compares sizes, and contents only of JSON files.
     """
     try:
         files = read_checksums(folder)
@@ -141,14 +126,9 @@ def find_damage(folder: Path, *, fast: bool = False) -> list[str]:
 
 
 def find_data_set_damage(path: Path, clips: Collection[str]) -> list[tuple[str | None, str]]:
-    """Compare the own files of a data set, and the places of its clips, with its checksums. Clips are not read.
+    """Compare the own files of a data set, and the places of its complete clips, by name, with its checksums.
 
-    Args:
-        path: The data set.
-        clips: Names of the complete clips in its manifest.
-
-    Returns:
-        Pairs of the name of a clip, or None for the data set, and a description; empty if there are no checksums.
+    Returns pairs of the name of a clip, or None for the data set, and a description; none without checksums.
     """
     path = Path(path)
     try:
@@ -183,11 +163,8 @@ def find_data_set_damage(path: Path, clips: Collection[str]) -> list[tuple[str |
 def refuse_damaged(path: Path, instead: str | None) -> None:
     """Raise ValueError if files of a data set or clip are missing, foreign, of another size, or exchanged.
 
-    Sizes are compared, and the contents of JSON files. Without checksums, nothing is compared.
-
-    Args:
-        path: A clip or a data set.
-        instead: Option that skips this check, for the message; None if there is none.
+    Sizes are compared, and the contents of JSON files, if there are checksums. The message names the option `instead`
+    that skips this check, if there is one.
     """
     path = Path(path)
     if (path / "clip.json").is_file():

@@ -21,9 +21,7 @@ _UNPACKING_MEMORY = 256 << 20
 def check_file(path: Path, most: int = MOST_BYTES) -> int:
     """Return the size of a file, bytes, without opening it, because a named pipe or a device would block.
 
-    Raises:
-        FileNotFoundError: no such file.
-        ValueError: it is not a regular file, or larger than `most` bytes.
+    Raises FileNotFoundError, or ValueError if it is not a regular file, or larger than `most` bytes.
     """
     path = Path(path)
     try:
@@ -59,11 +57,7 @@ def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
 
 
 def read_text(path: Path, most: int = 1 << 30) -> str:
-    """Return the text of a file in UTF-8, with line ends as `\\n`.
-
-    Raises:
-        FileNotFoundError, ValueError: as in `check_file`, or it is not text.
-    """
+    r"""Return a file's text in UTF-8, with line ends as `\n`; errors as in `check_file`, or ValueError if no text."""
     try:
         text = read_bytes(path, most).decode()
     except UnicodeDecodeError as error:
@@ -77,15 +71,10 @@ def without_compression(name: str) -> str:
 
 
 def read_unpacked(path: Path, most: int) -> bytes:
-    """Return the contents of a file, unpacked if its name ends with `.xz` or `.gz`.
+    """Return the contents of a file of up to `most` bytes, packed and unpacked, unpacked if its name ends with `.xz` or
+    `.gz`.
 
-    Args:
-        path: The file.
-        most: Largest size, packed and unpacked, bytes.
-
-    Raises:
-        FileNotFoundError, ValueError: as in `check_file`, or the file is damaged, not compressed as its name says, or
-            larger after unpacking.
+    Errors are those of `check_file`, or ValueError if it is damaged or not compressed as its name says.
     """
     data = read_bytes(path, most)
     if without_compression(path.name) == path.name:
@@ -121,13 +110,10 @@ def written(lines: Iterable[str]) -> Iterator[bytes]:
 
 
 def write_atomic(path: Path, data: bytes | str | Iterable[bytes], *, lasting: bool = True) -> None:
-    """Write a file completely or not at all: write to a temporary name, fsync, rename.
+    """Write a file and its folder completely or not at all: write to a temporary name, fsync, rename.
 
-    Args:
-        path: The file. Its folder is created.
-        data: Content, complete or in pieces.
-        lasting: Whether to fsync. Without it, a loss of power can damage the file. It is unnecessary for files that are
-            checked when they are read, and that can be made again.
+    Without `lasting` there is no fsync, and a loss of power can damage the file. That suits files that are checked when
+    they are read, and that can be made again.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -150,15 +136,7 @@ def write_atomic(path: Path, data: bytes | str | Iterable[bytes], *, lasting: bo
 
 
 def check_vacant(out: Path, contents: str) -> None:
-    """Check that a folder does not exist yet, or is empty.
-
-    Args:
-        out: The folder.
-        contents: Name of the content that will be written into it, for the message: "the data set".
-
-    Raises:
-        ValueError: the path is a file, or a folder that is not empty.
-    """
+    """Raise ValueError unless a folder is empty or does not exist; `contents` is to be in it ("the data set")."""
     out = Path(out)
     if out.is_file() or (out.is_dir() and any(out.iterdir())):
         there = "a file" if out.is_file() else f"a folder with {min(path.name for path in out.iterdir())}"
@@ -170,11 +148,7 @@ def check_vacant(out: Path, contents: str) -> None:
 
 @contextmanager
 def whole_folder(out: Path) -> Iterator[Path]:
-    """Yield a temporary folder. It is renamed to `out` if the block ends without an error, and is removed otherwise.
-
-    Args:
-        out: A folder that does not exist or is empty (`check_vacant`).
-    """
+    """Yield a temporary folder, to become the vacant folder `out` if the block ends without an error, or be removed."""
     out = Path(out)
     partial = out.with_name(f".{out.name}.partial")
     shutil.rmtree(partial, ignore_errors=True)

@@ -24,11 +24,8 @@ _SHORTEST = 48
 
 
 class Hdf5:
-    """An open HDF5 file. Links to other files are not followed.
-
-    Raises (in all methods):
-        ValueError: the file is damaged, or lacks what is asked for; the message names the file.
-    """
+    """An open HDF5 file. Links to other files are not followed. Methods raise ValueError if it is damaged, or lacks a
+    part."""
 
     def __init__(self, path: Path, what: str, file):
         self._path, self._what, self._file = path, what, file
@@ -115,14 +112,9 @@ class Hdf5:
 
 @contextmanager
 def open_hdf5(path: Path, what: str) -> Iterator[Hdf5]:
-    """Open an HDF5 file.
+    """Open an HDF5 file. Messages name the kind, `what`, of file expected.
 
-    Args:
-        what: The kind of file expected, for messages.
-
-    Raises:
-        FileNotFoundError: no such file.
-        ValueError: it is not an HDF5 file, or h5py is not installed.
+    Raises FileNotFoundError, or ValueError if it is not an HDF5 file, or h5py is not installed.
     """
     path = Path(path)
     check_file(path)

@@ -28,12 +28,9 @@ _mappings: WeakSet[mmap.mmap] = WeakSet()
 
 
 def empty(shape: tuple[int, ...], dtype: type | np.dtype) -> np.ndarray:
-    """Return an array to be filled: in memory or, if it is large, in a temporary file that is removed with the array.
+    """Return an array to be filled: in memory or, if it is large, in a file in `TMPDIR` that is removed with the array.
 
-    The file is in the folder named by `TMPDIR`.
-
-    Raises:
-        OSError: the disk is full.
+    Raises OSError if the disk is full.
     """
     size = prod(shape) * np.dtype(dtype).itemsize
     if size < LARGE:
@@ -108,8 +105,7 @@ def by_frames(function: Callable[..., np.ndarray], *arrays: np.ndarray) -> np.nd
 def column_blocks(array: np.ndarray, most: int | None = None) -> Iterator[tuple[slice, np.ndarray]]:
     """Yield blocks of the n paths of (F, n, C), over all frames: their slice, and a copy (F, k, C) in memory.
 
-    Args:
-        most: Largest size of a copy of more than one path, bytes; by default that of a block.
+    A copy of more than one path has at most `most` bytes; by default those of a block.
     """
     frames, columns, components = array.shape
     step = max((most or _BLOCK) // max(frames * components * array.itemsize, 1), 1)

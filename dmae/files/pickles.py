@@ -66,11 +66,10 @@ class _Unfilled:
 
 
 def pickled_values(data: bytes):
-    """Return the content of a pickle: dictionaries, lists, tuples, texts, bytes, numbers, and arrays of these.
+    """Return the content of a pickle: dictionaries, lists, tuples, texts, bytes, numbers, and arrays of these. Nothing
+    is run.
 
-    Raises:
-        ValueError: it is malformed, refers to anything else, or contains more values than its size justifies. Nothing
-            in it has been run.
+    Raises ValueError if it is malformed, refers to anything else, or contains more values than its size justifies.
     """
     machine = _Machine()
     try:
@@ -246,11 +245,8 @@ def _expect(value, kind: type):
 
 
 def _expanded(value, known: dict[int, tuple[int, int]], depth: int) -> tuple[int, int]:
-    """Return the number of values in a value, and their depth; repeated containers count each time.
-
-    Args:
-        known: Number and depth of containers by identity, so that each is visited once.
-    """
+    """Return the number of values in a value, and their depth; repeated containers count each time, and are visited
+    once."""
     if depth > MOST_DEPTH:
         raise ValueError(f"it has containers within each other deeper than {MOST_DEPTH}")
     if isinstance(value, _Global | _Type | _Unfilled):

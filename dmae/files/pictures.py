@@ -1,7 +1,4 @@
-"""Pictures and videos, whose size is checked before a decoder allocates memory.
-
-Videos that refer to other files are not decoded.
-"""
+"""Pictures and videos, their size checked before memory is allocated. Videos that refer to others are not decoded."""
 
 import os
 import struct
@@ -30,9 +27,7 @@ _FRAMES = {0xC0, 0xC1, 0xC2, 0xC3, 0xC5, 0xC6, 0xC7, 0xC9, 0xCA, 0xCB, 0xCD, 0xC
 def check_picture(path: Path) -> tuple[int, int]:
     """Return width and height of a PNG, JPEG or BMP file, px.
 
-    Raises:
-        FileNotFoundError: no such file.
-        ValueError: it is none of these, or has more than `MOST_PIXELS` pixels; the message names the file.
+    Raises FileNotFoundError, or ValueError if it is none of these, or has more than `MOST_PIXELS` pixels.
     """
     check_file(path)
     with Path(path).open("rb") as file:
@@ -65,10 +60,7 @@ def _jpeg_size(file) -> tuple[int, int]:
 
 
 def read_picture(path: Path, channels: tuple[int, ...]) -> np.ndarray:
-    """Return a picture (H, W) or (H, W, C) with one of the given numbers of channels, in OpenCV's order.
-
-    Errors as in `check_picture`.
-    """
+    """Return a picture (H, W) or (H, W, C), C one of `channels`, in OpenCV's order; errors as in `check_picture`."""
     check_picture(path)
     try:
         image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
@@ -82,10 +74,8 @@ def read_picture(path: Path, channels: tuple[int, ...]) -> np.ndarray:
 
 
 def upright_size(path: Path) -> tuple[int, int]:
-    """Return width and height of a PNG, JPEG, BMP, WebP or TIFF file, px, as viewers show it.
-
-    Errors as in `read_upright`.
-    """
+    """Return width and height of a PNG, JPEG, BMP, WebP or TIFF file, px, as viewers show it; errors as in
+    `read_upright`."""
     with _opened(path) as image:
         width, height = image.size
         turned = _has_exif(image) and image.getexif().get(_ORIENTATION, 1) >= 5
@@ -95,9 +85,7 @@ def upright_size(path: Path) -> tuple[int, int]:
 def read_upright(path: Path) -> np.ndarray:
     """Return a picture (H, W, 3) uint8 RGB as viewers show it: phones record their orientation in the EXIF data.
 
-    Raises:
-        FileNotFoundError: no such file.
-        ValueError: it is damaged, none of these formats, or has more than `MOST_PIXELS` pixels; the message names it.
+    Raises FileNotFoundError, or ValueError if it is damaged, of another format, or has more than `MOST_PIXELS` pixels.
     """
     with _opened(path) as image:
         upright = ImageOps.exif_transpose(image) if _has_exif(image) else image
@@ -132,9 +120,7 @@ def _opened(path: Path) -> Iterator[Image.Image]:
 def open_video(path: Path):
     """Return the PyAV container of a video file; other files that it names are not opened.
 
-    Raises:
-        FileNotFoundError: no such file.
-        ValueError: it contains no readable video, or one with too many pixels.
+    Raises FileNotFoundError, or ValueError if it contains no readable video, or one with too many pixels.
     """
     import av
 
@@ -159,14 +145,7 @@ def open_video(path: Path):
 
 
 class VideoFrames:
-    """The frames of an open video, in any order.
-
-    Args:
-        path: The video.
-
-    Raises:
-        FileNotFoundError: there is no such video.
-    """
+    """The frames of an open video, in any order; FileNotFoundError if there is no such file."""
 
     def __init__(self, path: Path):
         self._path = path
@@ -181,11 +160,7 @@ class VideoFrames:
         """Time of the frame that was decoded last."""
 
     def read(self, number: int) -> np.ndarray:
-        """Return frame `number`, (H, W, 3) uint8.
-
-        Raises:
-            FileNotFoundError: the video has fewer frames, or is cut short.
-        """
+        """Return frame `number`, (H, W, 3) uint8; FileNotFoundError if the video has fewer, or is cut short."""
         if number >= len(self._times):
             raise FileNotFoundError(f"{self._path}: expected a frame {number}, found {len(self._times)} frames")
         wanted = self._times[number]
@@ -210,7 +185,7 @@ def kept_open(path: Path) -> VideoFrames:
 def _videos_of(process: int) -> Callable[[Path, int], VideoFrames]:
     """Return the cache of the open videos of a process.
 
-    A forked process opens its own videos, because an open file has one position. It does not close those of its parent:
-    that would wait for threads of the decoder, which do not exist in the forked process.
+    A forked process opens its own, because an open file has one position. It does not close those of its parent: that
+    would wait for threads of the decoder, which do not exist in the forked process.
     """
     return lru_cache(maxsize=4)(lambda path, modified: VideoFrames(path))

@@ -26,10 +26,8 @@ _PLAIN = (str, int, float, bool, type(None))
 def read_json(path: Path):
     """Read a JSON file.
 
-    Raises:
-        FileNotFoundError: no such file.
-        ValueError: the JSON is malformed or nested too deeply, or an object has a key twice; the message names the
-            file, line and column, or the key.
+    Raises FileNotFoundError, or ValueError with line and column if it is malformed or nested too deeply, or has a key
+    twice.
     """
     text = read_text(path, _MOST_JSON)
     try:
@@ -58,14 +56,10 @@ def _unique(pairs: list[tuple]) -> dict:
 
 
 def read_yaml(path: Path, *, texts: bool = False):
-    """Read a YAML file; the value of an empty one is None.
+    """Read a YAML file, all scalars as texts if `texts`; an empty one is None.
 
-    Args:
-        texts: Whether to return all scalars as texts.
-
-    Raises:
-        FileNotFoundError: no such file.
-        ValueError: the YAML is malformed or nested too deeply, or has aliases, tags, or a key twice in a table.
+    Raises FileNotFoundError, or ValueError if it is malformed or nested too deeply, or has aliases, tags, or a key
+    twice.
     """
     text = read_text(path, _MOST_YAML)
     try:
@@ -128,12 +122,7 @@ def _check_events(events, yaml) -> None:
 
 
 def read_toml(path: Path) -> dict:
-    """Read a TOML file.
-
-    Raises:
-        FileNotFoundError: no such file.
-        ValueError: the TOML is malformed or nested too deeply.
-    """
+    """Read a TOML file. Raises FileNotFoundError, or ValueError if it is malformed or nested too deeply."""
     text = read_text(path, _MOST_YAML)
     try:
         # The parser's memory grows with the square of their number.

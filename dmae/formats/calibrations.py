@@ -62,10 +62,8 @@ class ParsedCamera(NamedTuple):
 
 @dataclass(frozen=True)
 class CameraTable:
-    """The values of one camera in a calibration file, by key.
-
-    Every method raises ValueError that names file, camera and key, the expected value and the value found.
-    """
+    """The values of one camera in a calibration file, by key. Methods raise ValueError with file, camera, key and
+    values."""
 
     path: Path
     camera: str
@@ -111,12 +109,7 @@ class CameraTable:
             raise self.error(key, "of positive focal lengths", ", ".join(f"{length:g}" for length in lengths))
 
     def rotation(self, key: str, matrix: np.ndarray | None = None) -> np.ndarray:
-        """Return the checked rotation matrix (3, 3) of a key.
-
-        Args:
-            key: The key.
-            matrix: The matrix, if it is a part of a larger array of this key.
-        """
+        """Return the checked rotation matrix (3, 3) of a key, or `matrix`, a part of a larger array of this key."""
         R = self.numbers(key, 9).reshape(3, 3) if matrix is None else matrix
         # The file can contain numbers that overflow.
         with np.errstate(all="ignore"):
@@ -154,16 +147,11 @@ class LacksSize(ValueError):
 
 
 def make_rig(path: Path, cameras: Iterable[ParsedCamera], size: tuple[int, int] | None) -> CameraRig:
-    """Return the rig of the cameras in a file, in the units and world axes of the file.
+    """Return the rig of the cameras in a file, in its units and world axes; `size` (px) is for those without image
+    size.
 
-    Args:
-        path: Path of the file, for messages.
-        cameras: The cameras in the file.
-        size: Image width and height, px, of cameras for which the file states no size.
-
-    Raises:
-        LacksSize: the image size of a camera is unknown.
-        ValueError: there are no cameras, two cameras have the same name, or `size` contradicts the file.
+    Raises LacksSize if a size is unknown, and ValueError if there are no cameras, two have one name, or `size`
+    contradicts the file.
     """
     cameras = list(cameras)
     if not cameras:
@@ -198,18 +186,7 @@ def make_rig(path: Path, cameras: Iterable[ParsedCamera], size: tuple[int, int] 
 
 
 def require(format: str, rig: CameraRig, *, coefficients: int, fisheye: bool = False, skew: bool = True) -> None:
-    """Check that a format can store the lenses of a rig.
-
-    Args:
-        format: Name of the format, for messages.
-        rig: The cameras.
-        coefficients: Number of OpenCV's distortion coefficients that the format stores.
-        fisheye: Whether the format stores fisheye lenses.
-        skew: Whether the format stores the skew of K.
-
-    Raises:
-        ValueError: the format cannot store a lens; the message names the camera and the values that would be lost.
-    """
+    """Raise ValueError if a format cannot store a lens: more OpenCV coefficients, a fisheye, or skew in K."""
     for view, name in enumerate(rig.names):
         lost = None
         if rig.fisheye[view] and not fisheye:
@@ -224,10 +201,8 @@ def require(format: str, rig: CameraRig, *, coefficients: int, fisheye: bool = F
 
 
 def orthonormal(rig: CameraRig) -> tuple[np.ndarray, np.ndarray]:
-    """Return the exact rotations (V, 3, 3) nearest to those of a rig, and translations (V, 3) m for the same centres.
-
-    Published rotation matrices are rounded. A Rodrigues vector can only describe an exact rotation.
-    """
+    """Return the exact rotations (V, 3, 3) nearest to a rig's, which may be rounded, and translations (V, 3) m, same
+    centres."""
     R = Rotation.from_matrix(rig.cam_from_world[:, :3, :3]).as_matrix()
     return R, -np.einsum("vij,vj->vi", R, rig.centers)
 
@@ -243,11 +218,9 @@ class CalibrationSource:
     inverse: bool | None = None  # Whether extrinsics are world_from_cam; None for the convention of the format
 
     def read(self, recording: Path, size: tuple[int, int] | None = None) -> CameraRig:
-        """Return the cameras of a recording; errors as in `read_calibration`.
+        """Return the cameras of a recording, a folder to search or a file in it; errors as in `read_calibration`.
 
-        Args:
-            recording: Folder to search for the calibration, or a file in that folder.
-            size: Image width and height, px, if neither `self.size` nor the calibration states it.
+        `size` (width and height, px) is used if neither `self.size` nor the calibration states one.
         """
         path = Path(self.file or (recording.parent if recording.is_file() else recording))
         try:

@@ -61,10 +61,7 @@ def _camera(entry: CameraTable) -> ParsedCamera:
 
 
 def write_cameras(rig: CameraRig, path: Path) -> None:
-    """Write cameras to a file, with rotations as matrices.
-
-    The number of a camera is its name if that is a number, or else its index in the rig.
-    """
+    """Write cameras with rotations as matrices, numbered by names that are numbers, or else by index in the rig."""
     require("a Caliscope calibration", rig, coefficients=8, fisheye=True)
     R, t = orthonormal(rig)
     tables = {}
@@ -91,9 +88,8 @@ def write_cameras(rig: CameraRig, path: Path) -> None:
 def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
     """TOML tables cameras.0 and on with matrix, distortions, rotation (Caliscope).
 
-    Return the cameras of the file: cam_from_world, m. The file contains rotations as matrices or Rodrigues vectors.
-
-    The name of a camera is the name of its table, a number. Cameras that the project ignores are left out.
+    Return cam_from_world, m, of the cameras that the project does not ignore, named as their tables. Rotations are
+    matrices or Rodrigues vectors.
     """
     entries = (CameraTable(path, name, table) for name, table in _tables(read_toml(path)).items())
     return make_rig(path, (_camera(entry) for entry in entries if entry.values.get("ignore") is not True), size)

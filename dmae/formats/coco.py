@@ -48,15 +48,10 @@ def category_joints(file: Path, categories) -> list[str] | None:
 
 
 def recognise_skeleton(path: Path, names: list[str] | None, joints: int | None) -> Skeleton:
-    """Return the skeleton with the joints that a category names, or else the default for a number of joints.
+    """Return the skeleton with the joints that a category names, or else the default for a number of joints, if not
+    None.
 
-    Args:
-        path: Path of the annotations, for messages.
-        names: Names of the joints, as `category_joints` returns them.
-        joints: Number of joints in the annotations; None if there are no annotations.
-
-    Raises:
-        ValueError: no skeleton has these joints.
+    Raises ValueError, with the path, if no skeleton has these joints.
     """
     for skeleton in SKELETONS.values():
         if names and names in (joint_names(skeleton), list(skeleton.joints)):
@@ -142,10 +137,8 @@ def clip_entry(clip: Clip) -> dict:
 
 
 def write_json(path: Path, info: dict, skeleton: Skeleton, pictures: Iterable[Picture], folder: str = "") -> None:
-    """Write pictures and their persons as one JSON file, with one picture in memory at a time.
-
-    The `file_name` of an image is `folder` + `<camera>/<frame>.jpg`.
-    """
+    """Write pictures, with `file_name` `folder` + `<camera>/<frame>.jpg`, and persons as JSON, one picture in memory at
+    a time."""
     with TemporaryFile(prefix="dmae-") as annotations:
         write_atomic(Path(path), _pieces(info, skeleton, pictures, folder, annotations))
 
@@ -349,7 +342,8 @@ def write_annotations(
     sources: np.ndarray | None = None,
     first: int = 0,
 ) -> None:
-    """Write people as annotations, to 0.001 px: one image per camera and frame, one annotation per person in it.
+    """Write people as annotations, to 0.001 px: one image per camera and frame from `first`, one annotation per person
+    in it.
 
     Additional keys: `camera` and `frame` of images, `fps` of `info`, and of annotations `keypoint_scores` if `scores`
     are given, and `joint_source` and `track_id`, the index of the person, if `sources` are given.
@@ -359,7 +353,6 @@ def write_annotations(
         flags: (F, V, D, J) 0 not labelled, 1 hidden or not measured, 2 visible.
         scores: (F, V, D, J) confidences.
         sources: (F, D, J) `Source`. The D detections are then persons with the same index in all frames.
-        first: Number of the first frame.
     """
     pictures = array_pictures(rig, xy, flags, scores=scores, sources=sources, first=first)
     write_json(path, {"fps": fps, "pictures": False}, skeleton, pictures)

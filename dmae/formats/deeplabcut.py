@@ -25,20 +25,15 @@ Labels = list[tuple[str, ...]]
 def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> NumberedDetections:
     """DeepLabCut's <camera>DLC_<network>.h5 or .csv of each camera, with a calibration of any format.
 
-    Read one file per camera. The name of the file starts with the name of the camera, followed by `DLC`.
-
-    If a camera has an .h5 and a .csv file, the .h5 file is read. A joint without coordinates is absent. An animal
-    without joints is also absent.
+    If a camera has both, the .h5 file is read. A joint without coordinates is absent; an animal without joints also.
 
     Args:
         path: Folder of the files.
-        skeleton: By default a skeleton for the names of the joints, see
-            `dmae.formats.skeletons.named_skeleton`.
+        skeleton: By default one for the names of the joints, see `dmae.formats.skeletons.named_skeleton`.
 
     Raises:
         FileNotFoundError: there are no such files.
-        ValueError: a file is malformed, a camera has several files with the same suffix, or the joints are not the
-            joints of the skeleton.
+        ValueError: a file is malformed, a camera has several files with the same suffix, or other joints.
     """
     return named_detections(_files(Path(path)), _read, skeleton)
 

@@ -1,7 +1,4 @@
-"""EasyMocap: one JSON file of detections per view and frame.
-
-Its calibration is `intri.yml` and `extri.yml`, in the YAML dialect of OpenCV's FileStorage.
-"""
+"""EasyMocap: a JSON file of detections per view and frame; `intri.yml` and `extri.yml` in OpenCV's YAML dialect."""
 
 import json
 import re
@@ -38,10 +35,8 @@ _MOST_BYTES = 16 << 20
 
 
 def _read_storage(path: Path) -> dict:
-    """Return the top level of an OpenCV FileStorage: matrices as flat arrays, lists of texts, numbers.
-
-    OpenCV's own reader is not used, because it corrupts memory if a file is cut short.
-    """
+    """Return an OpenCV FileStorage: flat arrays, lists of texts, numbers. OpenCV's own reader crashes on files cut
+    short."""
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file; EasyMocap keeps {INTRINSICS} and {EXTRINSICS} side by side")
     try:
@@ -103,11 +98,8 @@ def _camera(folder: Path, name: str, intrinsics: dict, extrinsics: dict) -> Pars
 
 
 def write_cameras(rig: CameraRig, path: Path) -> None:
-    """Write `intri.yml` and `extri.yml` into a folder; rounded rotations become exact.
-
-    This module formats the text itself, because YAML libraries cannot write the header and matrices of OpenCV's
-    dialect.
-    """
+    """Write `intri.yml` and `extri.yml`, with exact rotations. YAML libraries cannot write OpenCV's header and
+    matrices."""
     require("an EasyMocap calibration", rig, coefficients=8)
     R, t = orthonormal(rig)
     intrinsics, extrinsics = [_names(rig)], [_names(rig)]
@@ -144,11 +136,8 @@ def _matrix(key: str, values: np.ndarray) -> str:
 def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
     """intri.yml and extri.yml (EasyMocap).
 
-    Return the cameras that `extri.yml` names: cam_from_world, in the unit of the files.
-
-    Args:
-        path: One of `intri.yml` and `extri.yml`, or the folder that contains both.
-        size: Image width and height, px, if the files do not state them.
+    Return the cameras that `extri.yml` names: cam_from_world, in the unit of the files. `path` is one of the two files
+    or their folder; `size` is width and height, px, if the files do not state them.
     """
     folder = path if path.is_dir() else path.parent
     intrinsics, extrinsics = (_read_storage(folder / name) for name in (INTRINSICS, EXTRINSICS))
@@ -176,8 +165,8 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
 
     Raises:
         FileNotFoundError: there are no such files.
-        ValueError: a file is JSON but not EasyMocap's, a person has a different number of joints than the skeleton,
-            images of a camera differ in size, a frame occurs twice, or no file could be read.
+        ValueError: a file is JSON but not EasyMocap's, a person has another number of joints, images of a camera differ
+            in size, a frame occurs twice, or no file could be read.
     """
     folders = _camera_folders(Path(path))
     views: dict[str, dict[int, np.ndarray]] = {name: {} for name in folders}
@@ -253,11 +242,8 @@ def _people(file: Path, content, skeleton: Skeleton, confidences: Confidences) -
 
 
 def write_detections(detections: Detections2D, rig: CameraRig, folder: Path, first: int = 0) -> None:
-    """Write `annots/<camera>/<frame number>.json` into the folder of a recording, to 0.001 px.
-
-    Args:
-        first: Number of the first frame.
-    """
+    """Write `annots/<camera>/<frame number>.json` into the folder of a recording, to 0.001 px, with frames from
+    `first`."""
     values = np.concatenate([detections.xy.astype(np.float64), detections.score[..., None]], -1)
     boxes = np.concatenate([np.fmin.reduce(values[..., :2], -2), np.fmax.reduce(values[..., :2], -2)], -1)
     seen = detections.observed.any(-1)

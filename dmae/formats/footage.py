@@ -28,12 +28,11 @@ def video_rate(folder: Path) -> float | None:
 
 
 def with_videos(clip: Clip, folder: Path) -> Clip:
-    """Return the clip with the videos of a folder, one per camera, as its colour images.
+    """Return the clip with the videos of a folder, one per camera as in `match_cameras`, as its colour images.
 
-    Videos are matched to cameras by `match_cameras`, like detections. Frame n of a video, counted from 0, is frame
-    number n of the detections. If the videos are too short for this but long enough for the clip, their first frame is
-    the first frame of the clip. If a video has another image size than the calibration, its images are stretched when
-    they are drawn. A note in `provenance["notes"]` reports each of these cases.
+    Frame n of a video, counted from 0, is frame number n of the detections. If the videos are too short for this but
+    long enough for the clip, they start at its first frame. Videos with another image size than the calibration are
+    stretched when they are drawn. A note in `provenance["notes"]` reports each of these cases.
 
     Raises:
         FileNotFoundError: the folder contains no videos.
@@ -63,12 +62,13 @@ def with_videos(clip: Clip, folder: Path) -> Clip:
 
 
 def with_pictures(clip: Clip, folder: Path) -> Clip:
-    """Return the clip with the image files of a folder as its colour images. The folder contains one folder per camera.
+    """Return the clip with the image files of a folder, in one folder per camera as in `match_cameras`, as its colour
+    images.
 
-    Folders are matched to cameras by `match_cameras`, like detections. A file is the first frame of the clip if its
-    name ends with the number of that frame, and if it has the same position in every folder. Otherwise the first file
-    is frame 0 or, if there are too few files for this, the first frame of the clip; a note states the assumption.
-    Another note says if images have another size than in the calibration.
+    A file is the first frame of the clip if its name ends with the number of that frame, and if it has the same
+    position in every folder. Otherwise the first file is frame 0 or, if there are too few files for this, the first
+    frame of the clip; a note states the assumption. Another note says if images have another size than in the
+    calibration.
 
     Raises:
         FileNotFoundError: the folder contains no folders of images.

@@ -41,9 +41,7 @@ def read_freemocap(
         fps: Frames per second; by default the rate of the synchronised videos.
         skeleton: Skeleton of the first points; by default MediaPipe's 33 body landmarks.
 
-    Raises:
-        FileNotFoundError: the points or the calibration are missing.
-        ValueError: a file is malformed, or the files do not fit together.
+    Raises FileNotFoundError if points or calibration are missing, ValueError if files are malformed or do not fit.
     """
     unit, up = calibration.unit or LengthUnit.mm, calibration.up or UpDirection.minus_y
     rig = replace(calibration, unit=unit, up=up).read(path)
@@ -53,13 +51,11 @@ def read_freemocap(
 
 
 def read_detections(path: Path, cameras: tuple[str, ...], skeleton: Skeleton = BLAZEPOSE33) -> NumberedDetections:
-    """Read an array of points (cameras, frames, points, 2 or 3): x, y in px and, in older recordings, a confidence.
+    """Read an array of points (cameras, frames, points, 2 or 3): x, y in px and, in older recordings, a confidence,
+    else 1.
 
-    The first J points are used for the J joints of the skeleton. Without a confidence in the file, it is 1.
-
-    Raises:
-        FileNotFoundError: there is no such file.
-        ValueError: there are several files, or the array has another shape.
+    The first J points are the J joints of the skeleton. Raises FileNotFoundError if there is no such file, and
+    ValueError if there are several, or the array has another shape.
     """
     file = _file(Path(path))
     values = read_npy(file)

@@ -36,16 +36,11 @@ class JointLabels:
 
 
 def joint_labels(clip: Clip, poses: Poses3D, skeleton: Skeleton) -> JointLabels:
-    """Return the labels of the joints of poses in each view of a clip.
+    """Return the labels of the joints of poses, converted to a skeleton with J joints, in each view of a clip.
 
-    For the truth of a simulated clip, its occlusion labels state which joints in the image are visible. For other
-    poses, completed joints count as hidden and the others as visible. A joint that is derived from several joints has
-    the visibility and the occluder of the least visible of them.
-
-    Args:
-        clip: The clip. Its `true_rig`, if it has one, projects the truth; its `rig` projects other poses.
-        poses: The truth of the clip, or other poses of its frames.
-        skeleton: Skeleton of the labels, with J joints.
+    Truth of a simulated clip has its occlusion labels, and is projected with its `true_rig`. For other poses, completed
+    joints count as hidden and the others as visible. A joint that is derived from several joints has the visibility and
+    the occluder of the least visible of them.
     """
     true = poses is clip.truth
     rig = clip.true_rig if true and clip.true_rig is not None else clip.rig
@@ -73,8 +68,8 @@ def _converted_causes(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return cause and occluder of one view, (F, P, J) each, for the joints of another skeleton.
 
-    This uses `convert`: for a derived joint it returns the smallest `views` of the joints that it is derived from. Here
-    `views` are replaced by the ranks of the joints by visibility, with 1 for the least visible.
+    For a derived joint, `convert` returns the smallest `views` of its sources: here their ranks, 1 for the least
+    visible.
     """
     order = np.argsort(-visibility.astype(int), -1, kind="stable")
     ranks = np.empty(order.shape, np.uint8)
@@ -204,17 +199,10 @@ def file_part(name: str) -> str:
 
 
 def read_pictures(clip: Clip, labels: JointLabels, *, every: int = 1, rgb: bool = True) -> Iterator[Picture]:
-    """Yield the pictures of a clip, view by view. One picture is in memory at a time.
+    """Yield the pictures of a clip, view by view, one frame in `every`, in colour if `rgb` and the clip has any.
 
-    Args:
-        clip: A clip with or without images.
-        labels: Labels of the joints in all its frames and views.
-        every: Yield one frame in this number; 2 for every second frame.
-        rgb: Whether to read colour images, if the clip has any.
-
-    Raises:
-        ValueError: an image has another size than its camera.
-        FileNotFoundError: an image is missing.
+    One picture is in memory at a time. Raises ValueError if an image has another size than its camera, and
+    FileNotFoundError if it is missing.
     """
     frames = range(0, len(clip), every)
     kinds = _kinds(clip, labels, rgb)
@@ -244,7 +232,7 @@ def array_pictures(
     sources: np.ndarray | None = None,
     first: int = 0,
 ) -> list[Picture]:
-    """Return pictures without colour or masks, frame by frame, with all people that have a labelled joint.
+    """Return pictures without colour or masks, frame by frame from `first`, with all people that have a labelled joint.
 
     Args:
         rig: V cameras.
@@ -252,7 +240,6 @@ def array_pictures(
         flags: (F, V, D, J) COCO's v.
         scores: (F, V, D, J) confidences.
         sources: (F, D, J) `Source`. The D detections are then persons with the same index in all frames.
-        first: Number of the first frame.
     """
 
     def label(frame: int, view: int, person: int) -> PersonLabel:
@@ -289,12 +276,9 @@ def label_persons(
     *,
     masks: bool = True,
 ) -> list[PersonLabel]:
-    """Return the labels of the persons with a joint or a pixel in one picture.
+    """Return the labels of the persons with a joint or a pixel in the picture of a frame and a view, given by index.
 
     Args:
-        clip: The clip, with its counts of pixels.
-        labels: Labels of the joints in all frames and views of the clip.
-        frame, view: Indices of the picture.
         ids: (H, W) image of ids, if there is one: 1 + p is person p.
         amodal: (H, W) image of whole persons, if there is one: bit p is 1 at pixels that would show person p if
             nothing else were there.

@@ -38,9 +38,7 @@ def read_mediapipe(
         fps: Frames per second. The files do not state it.
         skeleton: Must be the skeleton of the 33 landmarks.
 
-    Raises:
-        FileNotFoundError: there are no such files, or no calibration.
-        ValueError: a file is malformed, or the files do not fit together.
+    Raises FileNotFoundError if files or calibration are missing, ValueError if files are malformed or do not fit.
     """
     if skeleton not in (None, BLAZEPOSE33):
         raise ValueError(f"{path}: MediaPipe's landmarks are {BLAZEPOSE33.name}, not {skeleton.name}")
@@ -50,19 +48,14 @@ def read_mediapipe(
 
 
 def read_detections(path: Path, rig: CameraRig) -> NumberedDetections:
-    """Read one file per camera. A file contains a list of frames, each with its people.
+    """Read one file per camera from a folder, or one file: a list of frames, each with its people.
 
     A frame is null, a person, a list of people, or an object. An object contains the people as `landmarks`,
     `poseLandmarks` or `pose_landmarks`, and can contain the number of the frame as `frame`. A person is a list of 33
-    landmarks. A landmark has x and y, from 0 to 1 across the image, and `visibility`, which is 1 by default.
+    landmarks. A landmark has x and y, from 0 to 1 across the image of the camera in `rig`, and `visibility`, by default
+    1.
 
-    Args:
-        path: Folder of the files, or one file.
-        rig: The cameras. Their image sizes convert x and y to px.
-
-    Raises:
-        FileNotFoundError: there are no such files.
-        ValueError: a file is malformed, or its name matches no camera of the rig.
+    Raises FileNotFoundError if there are no such files, and ValueError if one is malformed or named after no camera.
     """
     path = Path(path)
     files = [path] if path.is_file() else sorted(path.glob("*.json"), key=lambda file: natural(file.name))

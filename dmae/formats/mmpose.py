@@ -26,11 +26,9 @@ _WHOLE_BODY = 133
 def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> NumberedDetections:
     """Predictions of MMPose or RTMPose, <camera>.json or <camera>.pkl of all frames, with a calibration of any format.
 
-    Read one file per camera. A file contains a list of frames, each with its people.
-
-    A frame is a list of people, or an object. An object contains the people as `instances` or `predictions`, and can
-    contain the number of the frame as `frame_id`. A person has `keypoints`: x and y in px, and the confidence of each
-    joint, unless the confidences are in `keypoint_scores`.
+    A file contains a list of frames. A frame is a list of people, or an object, which contains the people as
+    `instances` or `predictions`, and can contain the number of the frame as `frame_id`. A person has `keypoints`: x and
+    y in px, and the confidence of each joint, unless the confidences are in `keypoint_scores`.
 
     Args:
         path: Folder of the files, or one file.

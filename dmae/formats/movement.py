@@ -40,11 +40,11 @@ _MOST = {"time": 10_000_000, "individuals": 1000}
 def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> NumberedDetections:
     """movement's <camera>.nc, poses in 2D of each camera, with a calibration of any format.
 
-    Read one file per camera, with the name of the camera. A missing confidence of a keypoint becomes 1.
+    A missing confidence of a keypoint becomes 1.
 
     Args:
         path: Folder of the files.
-        skeleton: By default the skeleton that the files name, or else a skeleton for their keypoints, see
+        skeleton: By default the one that the files name, or else one for their keypoints, see
             `dmae.formats.skeletons.named_skeleton`.
 
     Raises:
@@ -90,18 +90,13 @@ def read_movement_poses(path: Path) -> PoseFile:
 def write_movement(poses: Poses3D, clip: Clip, path: Path) -> None:
     """A netCDF file of movement: positions, sources and standard errors of all joints.
 
-    Raises:
-        ValueError: xarray or h5netcdf is not installed.
+    Raises ValueError if xarray or h5netcdf is not installed.
     """
     write_atomic(path, bytes(movement_data_set(poses, clip.fps).to_netcdf(engine="h5netcdf")))
 
 
 def movement_data_set(poses: Poses3D, fps: float):
-    """Return poses as an xarray data set, which the docstring of this module describes.
-
-    Raises:
-        ValueError: xarray or h5netcdf is not installed.
-    """
+    """Return poses as an xarray data set, as above; ValueError if xarray or h5netcdf is not installed."""
     try:
         import h5netcdf  # noqa: F401
         import xarray

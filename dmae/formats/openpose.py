@@ -99,11 +99,8 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
 def camera_folders(path: Path) -> dict[str, Path]:
     """Return the folders of frames by camera name, from `path` or from one of `FOLDERS` in it.
 
-    The name of the camera is the name of its folder, without `_json` or `_keypoints` at the end.
-
-    Raises:
-        FileNotFoundError: there are no such folders.
-        ValueError: two folders have the name of the same camera.
+    The name of a camera is its folder's, without `_json` or `_keypoints` at the end. Raises FileNotFoundError if there
+    are no such folders, and ValueError if two have the same name.
     """
     for place in (path, *(path / name for name in FOLDERS)):
         if not place.is_dir():
@@ -193,11 +190,9 @@ def write_detections(
     sources: np.ndarray | None = None,
     covariances: np.ndarray | None = None,
 ) -> None:
-    """Write detections as OpenPose does, `<camera>/<camera>_<frame number>_keypoints.json`, to 0.001 px.
+    """Write `<camera>/<camera>_<frame number>_keypoints.json`, to 0.001 px, of V cameras, with frames from `first`.
 
     Args:
-        cameras: V names.
-        first: Number of the first frame.
         sources: (F, D, J) `Source` of the joints if `detections` are reprojected poses, with the same D persons in
             each view. People then have a `person_id`, and `joint_source` in addition to `pose_keypoints_2d`.
         covariances: (F, V, D, J, 3) px^2, xx, xy and yy. People then have `joint_covariance`, null where unknown.
@@ -234,10 +229,8 @@ def write_people(
 
 
 def reproject(poses: Poses3D, rig: CameraRig) -> Detections2D:
-    """Return poses projected into the cameras of a rig, as one detection per person and view.
-
-    The confidence is `COMPLETED_SCORE` for completed joints and 1 for the others. Joints outside the image are absent.
-    """
+    """Return poses as one detection per person and view, inside images, with confidence `COMPLETED_SCORE` or, if
+    measured, 1."""
     xy, _ = rig.project(poses.xyz)
     score = np.where(poses.source == Source.COMPLETED, COMPLETED_SCORE, 1.0)[:, None]
     inside = rig.inside(xy)

@@ -74,13 +74,9 @@ def export_npz(poses: Poses3D, fps: float, path: Path) -> None:
 
 
 def read_npz(path: Path) -> tuple[Poses3D, float]:
-    """Return the poses and the frames per second of a file that `export_npz` wrote.
+    """Return the poses and the frames per second of a file that `export_npz` wrote; before 0.2, without covariances.
 
-    Files from versions before 0.2 contain no covariances.
-
-    Raises:
-        FileNotFoundError: the file does not exist.
-        ValueError: the file is not an archive of poses; the message names the missing arrays.
+    Raises FileNotFoundError if there is no file, and ValueError, which names missing arrays, if it is no such archive.
     """
     path = Path(path)
     needed = ("joints", "source", "views", "names", "skeleton", "fps")

@@ -49,10 +49,8 @@ def _camera(path: Path, number: int, values: dict) -> ParsedCamera:
 
 
 def write_cameras(rig: CameraRig, path: Path) -> None:
-    """Write cameras to a file. The transforms in `cam_from_world` are not changed.
-
-    A name such as 00_12 gives panel and node. Cameras with other names become nodes of panel 0.
-    """
+    """Write cameras, with `cam_from_world` as it is. Names such as 00_12 give panel and node; others become nodes of
+    panel 0."""
     require("a Panoptic calibration", rig, coefficients=5)
     cameras = []
     for view, name in enumerate(rig.names):
@@ -128,10 +126,8 @@ def read_panoptic(
             to the truth.
         detections: Folder that contains the folders of the cameras; by default found in `path`.
         fps: Frames per second; by default the rate that the pose files state.
-        skeleton: As in `dmae.formats.openpose.read_detections`.
-
-    Raises:
-        FileNotFoundError, ValueError: as `dmae.formats.openpose.read_detections`, `read_poses` and `with_cameras`.
+            skeleton: As in `dmae.formats.openpose.read_detections`, from which errors come, or `read_poses`,
+            `with_cameras`.
     """
     try:
         found = openpose.read_detections(detections or path, skeleton=skeleton)
@@ -194,14 +190,13 @@ class PanopticPoses:
 def read_poses(path: Path, convention: Convention = CONVENTION, *, completed: bool = False) -> PanopticPoses:
     """Read `hdPose3d_stage1_coco19/body3DScene_<frame number>.json`: PANOPTIC19 joints, cm, y down.
 
-    Joints without positive confidence are absent. By default, joints that `write_poses` marked as completed are also
-    absent, because they are not truth. If a file is not valid JSON, for example because it is cut short, its frame is
-    absent, and `notes` names the first such file.
+    Joints without positive confidence are absent, and, unless `completed`, those that `write_poses` marked as
+    completed, because they are not truth. If a file is not valid JSON, for example because it is cut short, its frame
+    is absent, and `notes` names the first such file.
 
     Args:
         path: The recording, or the folder that contains the files.
         convention: Unit of lengths and up axis of the files.
-        completed: Whether joints that are marked as completed are read.
 
     Raises:
         FileNotFoundError: there are no such files.
@@ -262,10 +257,7 @@ def _matrices(six: np.ndarray) -> np.ndarray:
 
 
 def _bodies(file: Path, content, completed: bool) -> dict[int, np.ndarray]:
-    """Return joints (19, 10) by body id: x, y, z, `Source`, and six entries of the covariance; NaN where unknown.
-
-    Units and axes are those of the file.
-    """
+    """Return joints (19, 10) by body id: x, y, z, `Source`, and covariance as in the file; NaN where unknown."""
     bodies = content.get("bodies") if isinstance(content, dict) else None
     if not isinstance(bodies, list):
         raise ValueError(f"{file}: expected an object with a list of bodies, found {content!r:.60}")
@@ -307,18 +299,13 @@ def _flat(found, place: str, count: int, most: float = 100 * MOST_METRES) -> np.
 
 
 def write_poses(poses: Poses3D, fps: float, folder: Path, first: int = 0) -> None:
-    """Write `hdPose3d_stage1_coco19/body3DScene_<frame number>.json` into the folder of a recording.
+    """Write `hdPose3d_stage1_coco19/body3DScene_<frame number>.json` into the folder of a recording, frames from
+    `first`.
 
     The confidence is `COMPLETED_SCORE` for completed joints, -1 for absent joints, which are at 0, 0, 0, and 1 for the
     others. Bodies also have `joint_source`, the `Source` of their joints. If covariances are known, bodies have
     `joint_covariance`: six numbers per joint, xx, xy, xz, yy, yz, zz, in cm^2 and the axes of the file; null where
-    unknown.
-
-    Args:
-        first: Number of the first frame.
-
-    Raises:
-        ValueError: the poses have another skeleton than PANOPTIC19.
+    unknown. Raises ValueError if the poses have another skeleton than PANOPTIC19.
     """
     if poses.skeleton != PANOPTIC19:
         raise ValueError(f"expected poses of panoptic19, found {poses.skeleton.name}; convert them first")

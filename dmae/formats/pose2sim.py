@@ -122,10 +122,9 @@ def read_pose2sim(
         calibration: Path of the calibration, and the values that its file does not state.
         detections: Folder that contains the folders of the cameras; by default `pose-sync` or `pose` in `path`.
         fps: Frames per second; by default the rate of the session.
-        skeleton: Skeleton of the detections; by default the skeleton of the session.
+        skeleton: By default the skeleton of the session.
 
-    Raises:
-        FileNotFoundError, ValueError: as `read_detections` and `with_cameras`.
+    Errors are those of `read_detections` and `with_cameras`.
     """
     return with_cameras(read_detections(path, detections, skeleton), path, calibration, fps)
 
@@ -133,13 +132,11 @@ def read_pose2sim(
 def read_detections(path: Path, detections: Path | None = None, skeleton: Skeleton | None = None) -> NumberedDetections:
     """Read the detections of a trial, in `pose-sync/` or else `pose/`.
 
-    Pose2Sim's associated detections are not read, because capture associates persons itself. A setting is read from
-    the nearest Config.toml that contains it: `pose.pose_model` is the skeleton, `project.frame_rate` the frame rate. If
-    no file states the frame rate, it is the rate of `videos/*`, or else of `pose-3d/*.trc` in the trial.
+    Pose2Sim's associated detections are not read, because capture associates persons itself. A setting is read from the
+    nearest Config.toml that contains it: `pose.pose_model` is the skeleton, `project.frame_rate` the frame rate. If no
+    file states the frame rate, it is the rate of `videos/*`, or else of `pose-3d/*.trc` in the trial.
 
-    Raises:
-        FileNotFoundError: the folder is not a trial; the message lists the trials in it.
-        ValueError: a file is malformed.
+    Raises FileNotFoundError, which lists trials, if the folder is none, and ValueError if a file is malformed.
     """
     path = Path(path).resolve()
     folder = detections or next((path / name for name in _POSES if (path / name).is_dir()), None)

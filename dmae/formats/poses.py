@@ -60,17 +60,11 @@ def read_poses(path: Path) -> PoseFile:
 
 
 def pose_paths(path: Path) -> dict[str, Path] | None:
-    """Return the paths of the poses of several clips, by clip id: `<id>.npz`, `<id>.trc`, `<id>/` and so on.
+    """Return the paths of the poses of several clips, by clip id, `<id>.npz`, `<id>.trc`, `<id>/`; None if there is one
+    clip.
 
-    Args:
-        path: A folder of pose files, or a data set of clips.
-
-    Returns:
-        Paths by clip id; None if the path contains the poses of only one clip.
-
-    Raises:
-        FileNotFoundError: the path does not exist, or the folder contains no poses.
-        ValueError: a clip has poses in two files.
+    The path is a folder of pose files, or a data set of clips. Raises FileNotFoundError if it does not exist or has no
+    poses, and ValueError if a clip has poses in two files.
     """
     path = Path(path)
     if _reader(path) is not None:
@@ -120,15 +114,11 @@ _ROWS, _COLUMNS = np.triu_indices(3)
 
 
 def write_provenance(path: Path, poses: Poses3D, fps: float, first: int) -> None:
-    """Write `<name>.provenance.csv`: which joint of which person was measured when; one row per run of equal sources.
+    """Write `<name>.provenance.csv` beside any pose file: when each joint of each person was measured, in runs of one
+    source.
 
-    It also has the joints that `convert` derives, so that all files of one run share it, whatever their skeleton.
-    Frames are numbered as in the recording; times count from the first frame of the file, as in all formats.
-
-    Args:
-        path: Any pose file of the run.
-        poses: All persons, on the skeleton they were captured on.
-        first: Number of the first frame in the recording.
+    It also has the joints that `convert` derives, so that all files of one run share it, whatever their skeleton. Poses
+    have the skeleton of the capture. Frames are numbered from `first`; times count from the first frame of the file.
     """
     skeleton = poses.skeleton
     if not skeleton.defined and len(skeleton.parts) == 1:
@@ -162,15 +152,9 @@ def _sources_on(poses: Poses3D, skeleton: Skeleton) -> np.ndarray:
 
 
 def read_provenance(path: Path, joints: Sequence[str], frames: int) -> np.ndarray | None:
-    """Return the sources (F, J) of the joints in a file of one person; None if there is no table beside it.
+    """Return the sources (F, J) of the named joints in a file of `person_paths`; None if there is no table beside it.
 
-    Args:
-        path: A file of `person_paths`.
-        joints: Names of its J joints.
-        frames: F, number of frames in the file.
-
-    Raises:
-        ValueError: the table is malformed, or has other frames or joints.
+    Raises ValueError if the table is malformed, or has other frames or joints.
     """
     table, person = provenance_table(path), "P1"
     if _PERSON.search(path.stem):
@@ -213,17 +197,14 @@ def write_covariance_table(
     axes: Sequence[int] = (0, 1, 2),
     metre: float = 1.0,
 ) -> None:
-    """Write `<name>.covariance.csv`: six columns per joint, xx to zz, in the axes and the squared unit of the file.
+    """Write `<name>.covariance.csv` beside a pose file: six columns per joint, xx to zz, in its axes and squared unit.
 
     If no covariance is known, no table is written, and a table of earlier poses is removed.
 
     Args:
-        cov: (F, J, 3, 3) m^2, world; NaN where unknown, which becomes an empty cell.
+        cov: (F, J, 3, 3) m^2, world, of named joints, with frames from `first`; NaN, an empty cell, where unknown.
         axes: The axes of the file in the order in which they are taken from the world's.
         metre: m in a unit of the file.
-        path: The pose file that the table belongs to.
-        names: J names of joints, as in the pose file.
-        first: Number of the first frame.
     """
     if all(np.isnan(cov[part]).all() for part in frame_blocks(cov)):
         covariance_table(path).unlink(missing_ok=True)
@@ -246,15 +227,10 @@ def _in_axes(cov: np.ndarray, axes: Sequence[int], metre: float) -> np.ndarray:
 
 
 def read_covariance_table(path: Path, frames: int, joints: int) -> np.ndarray | None:
-    """Return the covariances (F, J, 3, 3) that `write_covariance_table` wrote; None if there is no table.
+    """Return the covariances (F, J, 3, 3) that `write_covariance_table` wrote beside a pose file; None if there is no
+    table.
 
-    Args:
-        path: The pose file that the table belongs to.
-        frames: F, number of frames in the pose file.
-        joints: J, number of joints in the pose file.
-
-    Raises:
-        ValueError: the table is malformed, or has other numbers of frames or joints.
+    Raises ValueError if the table is malformed, or has other numbers of frames or joints.
     """
     table = covariance_table(path)
     if not table.is_file():
@@ -290,10 +266,8 @@ _STEP_M = 1e-4
 
 
 def pixel_covariances(poses: Poses3D, rig: CameraRig) -> np.ndarray | None:
-    """Return the covariances (F, V, P, J, 3) px^2 of projected joints, to first order: xx, xy, yy.
-
-    NaN where unknown. None if the covariances of all joints are unknown.
-    """
+    """Return covariances (F, V, P, J, 3) px^2, xx, xy, yy, of projected joints, to first order; None if all are
+    unknown."""
     if not np.isfinite(poses.cov).any():
         return None
     xyz, cov = poses.xyz.astype(np.float64), poses.cov.astype(np.float64)

@@ -174,11 +174,7 @@ def _folders(config: DataConfig, entry: RecordingReader) -> list[Path]:
 
 
 def _arguments(config: DataConfig, entry: RecordingReader, path: Path) -> dict:
-    """Return the arguments that a reader takes, by name.
-
-    Raises:
-        ValueError: the configuration has options that the reader does not take.
-    """
+    """Return the arguments that a reader takes, by name; ValueError if the configuration has others."""
     refusable = {name for option, names in _OPTIONS.items() if not entry.takes(option) for name in names}
     given = [field.name for field in fields(config) if getattr(config, field.name) is not None]
     refused = [name for name in given if name in refusable]
@@ -203,14 +199,10 @@ def _skeleton(name: str) -> Skeleton:
 
 
 def offsets_of_all(offsets: Sequence[int | str] | None, names: Sequence[str]) -> list[int] | None:
-    """Return the number of frames by which each camera started late.
+    """Return the frames by which each named camera started late, from a number per camera or entries `name:frames`, or
+    None.
 
-    Args:
-        offsets: One number per camera in the order of `names`, or entries `name:frames`. None returns None.
-        names: Names of the cameras.
-
-    Raises:
-        ValueError: an entry is malformed, names an unknown camera, or names a camera for the second time.
+    Raises ValueError if an entry is malformed, or its camera is unknown or named twice.
     """
     if offsets is None or all(isinstance(each, int) for each in offsets):
         return None if offsets is None else list(offsets)
@@ -227,12 +219,10 @@ def offsets_of_all(offsets: Sequence[int | str] | None, names: Sequence[str]) ->
 
 
 def shift_views(clip: Clip, offsets: list[int] | None) -> Clip:
-    """Return the clip with the detections of each camera moved later by `offsets` (V,) frames; None moves nothing.
+    """Return the clip with the detections of each camera moved later by `offsets` (V,) frames, and absent where it has
+    none.
 
-    Detections are absent in frames for which the clip contains none. Images cannot be moved, so they are removed.
-
-    Raises:
-        ValueError: the number of offsets is not the number of cameras.
+    Images cannot be moved, so they are removed. Raises ValueError if there is not one offset per camera.
     """
     if offsets is None or not any(offsets):
         return clip
@@ -264,11 +254,7 @@ def shift_views(clip: Clip, offsets: list[int] | None) -> Clip:
 
 
 def select_frames(clip: Clip, frames: list[int] | None) -> Clip:
-    """Return the clip with only the frames [first, end); None selects all.
-
-    Raises:
-        ValueError: the clip lacks some of the frames.
-    """
+    """Return the clip with only the frames [first, end), or all for None; ValueError if it lacks some."""
     if frames is None:
         return clip
     if len(frames) != 2 or not 0 <= frames[0] < frames[1] <= len(clip):
@@ -281,13 +267,10 @@ def select_frames(clip: Clip, frames: list[int] | None) -> Clip:
 
 
 def select_views(clip: Clip, cameras: Sequence[int | str] | None) -> Clip:
-    """Return the clip with only some cameras, given by name; None selects all.
+    """Return the clip with only some cameras, given by name, as a note says; None selects all.
 
-    A whole number is the camera whose name is that number, as `2` or `02`; it never counts cameras. A note in
-    `provenance["notes"]` names the cameras.
-
-    Raises:
-        ValueError: the clip lacks one of the cameras, or one is given twice.
+    A whole number is the camera whose name is that number, as `2` or `02`; it never counts cameras. Raises ValueError
+    if a camera is missing or given twice.
     """
     if cameras is None:
         return clip
@@ -315,10 +298,9 @@ def camera_indices(clip: Clip, cameras: Sequence[int | str], option: str) -> lis
 
 
 def camera_subsets(clip: Clip, sizes: Sequence[int]) -> list[list[int]]:
-    """Return all subsets of the cameras of a clip with these sizes; without sizes, only the set of all cameras.
+    """Return all subsets of a clip's cameras with these sizes, of at least two; without sizes, the set of all cameras.
 
-    Raises:
-        ValueError: there are not enough cameras, or a size is less than two.
+    Raises ValueError if there are not enough cameras, or a size is less than two.
     """
     views = len(clip.rig)
     sizes = list(dict.fromkeys(sizes)) or [views]

@@ -21,25 +21,14 @@ _OPTIONS = "data.calibration=... or data.detections=..."
 def match_cameras(
     names: Sequence[str], rig: CameraRig, path: Path, what: str = "detections", options: str = _OPTIONS
 ) -> tuple[list[int], str | None]:
-    """Match the cameras of detections to the cameras of a rig.
+    """Return the index in the rig of each camera of a recording, and a note if not matched by name, or if some are left
+    out.
 
     Cameras are matched by name, ignoring case and punctuation; or else by the last number in the name; or else, if
-    names have no numbers, by order. The rig may contain further cameras only if the cameras match by name.
+    names have no numbers, by order. The rig may contain further cameras only if the cameras match by name. Messages use
+    `path`, `what` the cameras have ("detections" for example), and the `options` by which to give other files.
 
-    Args:
-        names: Names of the cameras of the detections.
-        rig: Calibrated cameras.
-        path: Path of the recording, for messages.
-        what: The data of the cameras with these names, "detections" for example, for messages.
-        options: Options by which the user can give other files, for messages.
-
-    Returns:
-        index: Index of a camera in the rig, one for each name.
-        note: How cameras were matched if not by name, and the calibrated cameras that are left out; None if neither
-            applies.
-
-    Raises:
-        ValueError: the cameras do not match; the message lists both.
+    Raises ValueError if the cameras do not match; the message lists both.
     """
     calibrated, found = [_plain(name) for name in rig.names], [_plain(name) for name in names]
     both = f"{what} of {', '.join(names)} and calibration of {', '.join(rig.names)}"
@@ -87,11 +76,7 @@ def _ranks(keys: list) -> list[int]:
 
 
 def frame_number(path: Path, stem: str) -> int:
-    """Return the last number in the name of a file.
-
-    Raises:
-        ValueError: the name contains no number.
-    """
+    """Return the last number in the name of a file; ValueError if it has none."""
     number = _number(stem)
     if number is None:
         raise ValueError(f"{path}: expected a file name that ends in the frame number")
@@ -106,12 +91,7 @@ class Confidences:
     first: str = ""  # File and field of the first of these joints
 
     def clean(self, place: str, joints: np.ndarray) -> np.ndarray:
-        """Return joints (..., 3), x, y and confidence; NaN where the confidence is not positive.
-
-        Args:
-            place: File and field of the joints, for the note.
-            joints: (..., 3) x, y and confidence as the file states them.
-        """
+        """Return joints (..., 3), x, y and confidence, NaN where that is not positive. A note names their `place`."""
         confidence = joints[..., 2]
         odd = np.isfinite(joints[..., :2]).all(-1) & ((confidence < 0) | np.isnan(confidence))
         if odd.any():
@@ -181,12 +161,9 @@ def to_clip(
         rig: The cameras. Cameras without detections are left out.
         fps: Frames per second.
         path: Path of the recording, for the id of the clip and for messages.
-        truth: By frame number, (P, K, 3) m; P is the same in all frames.
-        truth_skeleton: Skeleton of the truth, with K joints.
+        truth: By frame number, (P, K, 3) m on `truth_skeleton`; P is the same in all frames.
 
-    Raises:
-        ValueError: cameras of detections and calibration do not match, nothing could be read, or the numbers in the
-            names of files are not frame numbers.
+    Raises ValueError if cameras do not match, nothing could be read, or numbers in file names are not frame numbers.
     """
     index, how = match_cameras(list(found.views), rig, path)
     numbers = [number for view in found.views.values() for number in view]
@@ -234,16 +211,8 @@ def with_cameras(
 ) -> Clip:
     """Return the clip of a recording, from its detections and the calibration that this function reads.
 
-    Args:
-        found: The detections.
-        path: Path of the recording.
-        calibration: Path of the calibration, and the values that its file does not state.
-        fps: Frames per second; None for the rate that the files state.
-        truth, truth_skeleton: As in `to_clip`.
-
-    Raises:
-        FileNotFoundError: there is no calibration.
-        ValueError: as `to_clip`, or the calibration is malformed, or the frame rate is unknown.
+    Without `fps`, the files state the frame rate. Truth is as in `to_clip`. Raises FileNotFoundError if there is no
+    calibration, and ValueError as `to_clip`, or if it is malformed or the frame rate is unknown.
     """
     rig = calibration.read(path, found.size)
     return to_clip(found, rig, known_rate(fps, found, path), path, truth, truth_skeleton)
@@ -298,16 +267,10 @@ def _absences(found: NumberedDetections, names: list[str], first: int, frames: i
 
 
 def csv_rows(file: Path, lines: Sequence[list[str]], columns: int, first: int) -> np.ndarray:
-    """Return the numbers (n, columns) in the cells of lines; NaN where a cell is empty.
+    """Return the numbers (n, columns) in the cells of n lines; NaN where a cell is empty.
 
-    Args:
-        file: The file, for messages.
-        lines: The cells of n lines.
-        columns: Expected number of cells in a line.
-        first: Number of the first line in the file.
-
-    Raises:
-        ValueError: a line has another number of cells, or a cell is no number.
+    Raises ValueError, with the file and the line counted from `first`, if a line has other cells, or a cell is no
+    number.
     """
     rows = np.full((len(lines), columns), np.nan)
     for number, cells in enumerate(lines):

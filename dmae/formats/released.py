@@ -1,7 +1,6 @@
 """The `.npy` dictionaries of the paper's released code: cameras, detections and truth of Shelf.
 
-They are pickles. A pickle can run any code when NumPy or `pickle` loads it. `dmae.files.pickles` reads them without
-running code.
+They are pickles, which can run any code when loaded. `dmae.files.pickles` reads them without running code.
 """
 
 from pathlib import Path

@@ -104,11 +104,7 @@ def _axes(name: str) -> np.ndarray:
 
 
 def as_rig(motion: JointRotations, rig: str) -> JointRotations:
-    """Return the motion of a person on a rig of `RIGS`.
-
-    Raises:
-        ValueError: a limb of the person was never known.
-    """
+    """Return the motion of a person on a rig of `RIGS`; ValueError if a limb was never known."""
     turned = motion.rotations.copy()
     rest = motion.offsets.copy()
     for node, parent in enumerate(motion.parents):

@@ -245,20 +245,17 @@ _MIN_AFFINITY = 0.05
 def assemble(
     counts: Sequence[int], affinities: Sequence[np.ndarray], links: Sequence[tuple[int, int]] = BODY25_LINKS
 ) -> np.ndarray:
-    """Join the candidates of one image into skeletons.
+    """Join the candidates of one image into skeletons (D, J): indices of candidates, -1 for none, the fullest ones
+    first.
 
     This is Kruskal's algorithm on the graph of candidates. It takes links from the strongest to the weakest. Each link
     joins two parts of a skeleton, unless both parts contain the same joint. Links may form loops, the order of joints
-    does not matter, and incomplete skeletons are kept.
+    does not matter, and incomplete skeletons are kept, even of one joint.
 
     Args:
         counts: Numbers of candidates of the J joints.
         affinities: One (n_a, n_b) array of affinities in [0, 1] for each of `links`.
         links: Pairs (a, b) of joints.
-
-    Returns:
-        (D, J) index of the candidate for each joint of each skeleton; -1 if there is none. A candidate without links
-        is a skeleton of one joint. Skeletons with more joints come first.
     """
     first = np.concatenate([[0], np.cumsum(counts)]).astype(int)
     total = int(first[-1])

@@ -26,21 +26,11 @@ def guess_skeleton(
 ) -> tuple[Skeleton, tuple[str, ...]]:
     """Return the skeleton with the shortest bones in the image: with the wrong order of joints, bones cross the body.
 
-    For each person, the mean length of the bones, relative to the extent of the person's joints, is compared between
-    the skeletons. Each person counts as one vote.
+    For each person (D, J, 3) of `people`, x, y in px and confidence, the mean length of the bones, relative to the
+    extent of the person's joints, is compared between the candidates, the most common first. Each person counts as one
+    vote. Notes give the margin of the decision, unless the most common skeleton fits at least 95% of the people best.
 
-    Args:
-        path: Path of the detections, for the message.
-        candidates: Skeletons of J joints, the most common one first.
-        people: Arrays (D, J, 3) of x, y in px and confidence; NaN where absent.
-
-    Returns:
-        skeleton: The skeleton; the most common one if there are no people.
-        notes: A note with the margin of the decision. It is left out if the skeleton is the most common one and at
-            least 95% of the people fit it best.
-
-    Raises:
-        ValueError: too few people show enough joints, or too few of them agree.
+    Raises ValueError, with the path, if too few people show enough joints, or too few of them agree.
     """
     arrays = [found[..., :2] for found in people if len(found)]
     if not arrays:
@@ -105,18 +95,10 @@ class NamedDetections:
 def named_detections(
     files: Mapping[str, Path], read: Callable[[Path], NamedDetections], wanted: Skeleton | None
 ) -> NumberedDetections:
-    """Return the detections of all cameras on one skeleton, which `named_skeleton` finds.
+    """Return the detections of all cameras, read from the file of each, on one skeleton, which `named_skeleton` finds.
 
-    A joint without coordinates or confidence is absent. A person without joints is also absent.
-
-    Args:
-        files: The file of each camera, by name of the camera.
-        read: Function that reads one file.
-        wanted: The skeleton that the user requested; None if there was no request.
-
-    Raises:
-        ValueError: coordinates are impossible, or the joints differ from the joints of the skeleton or of the other
-            cameras.
+    A joint without coordinates or confidence is absent. A person without joints is also absent. Raises ValueError if
+    coordinates are impossible, or joints differ from the `wanted` skeleton or another camera.
     """
     views: dict[str, dict[int, np.ndarray]] = {}
     first: list[str] = []
@@ -142,24 +124,11 @@ def named_detections(
 def named_skeleton(
     names: Sequence[str], edges: Sequence[tuple[int, int]], wanted: Skeleton | None, path: Path
 ) -> tuple[Skeleton, list[int], tuple[str, ...]]:
-    """Return a skeleton for the joints in a file, and the index of each of its joints in the file.
+    """Return a skeleton for the named joints in a file, the index (J,) of each joint in `names`, and notes.
 
-    Without a requested skeleton, it is a skeleton of this package with the same joints. If there is none, a new
-    skeleton is defined by the names, the edges, and left and right in the names.
-
-    Args:
-        names: Names of the joints in the file.
-        edges: Pairs of indices of connected joints, the parent first.
-        wanted: The requested skeleton. All its joints have to be in the file.
-        path: Path of the file, for messages.
-
-    Returns:
-        skeleton: The skeleton, with J joints.
-        index: (J,) indices into `names`.
-        notes: Decisions that can be wrong.
-
-    Raises:
-        ValueError: a joint occurs twice or is missing; the message lists the joints.
+    Without a `wanted` skeleton, it is a skeleton of this package with the same joints. If there is none, a new skeleton
+    is defined by the names, the edges (pairs of indices, the parent first), and left and right in the names. Raises
+    ValueError, which lists joints of the file, if a joint occurs twice or a wanted one is missing.
     """
     plain = [_plain(name) for name in names]
     if len(set(plain)) < len(plain) or not names:

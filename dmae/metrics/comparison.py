@@ -17,20 +17,13 @@ GATE = 0.5
 
 
 def match(pred: np.ndarray, truth: np.ndarray, gate: float = GATE) -> np.ndarray:
-    """Assign predictions to true persons, frame by frame, each at most once (Hungarian algorithm).
+    """Assign predictions (F, P, J, 3) m to true persons (F, T, J, 3) m, each at most once in a frame (Hungarian
+    algorithm).
 
-    The cost of a pair is the mean distance over the true joints, with each distance limited to the gate. A joint that
-    is not predicted costs the gate, so that a single hand does not replace a whole body. A pair is allowed if the mean
-    distance of its common joints is within the gate. The assignment matches as many persons as possible, with the least
-    cost.
-
-    Args:
-        pred: (F, P, J, 3) m.
-        truth: (F, T, J, 3) m.
-        gate: m.
-
-    Returns:
-        (F, T) index of the prediction, -1 if a true person is missed or absent.
+    The cost of a pair is the mean distance over the true joints, with each distance limited to the gate, m. A joint
+    that is not predicted costs the gate, so that a single hand does not replace a whole body. A pair is allowed if the
+    mean distance of its common joints is within the gate. The assignment matches as many persons as possible, with the
+    least cost. Returns indices (F, T) of predictions, -1 if a true person is missed or absent.
     """
     matches = np.full(truth.shape[:2], -1)
     distance = distances(pred, truth)
@@ -47,10 +40,8 @@ def match(pred: np.ndarray, truth: np.ndarray, gate: float = GATE) -> np.ndarray
 
 
 def match_nearest(pred: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """Assign to every true person the prediction at the least mean distance, without a gate. Persons may share one.
-
-    Arguments and result are as in `match`.
-    """
+    """Assign to every true person the nearest prediction, without a gate, which persons may share; arrays as in
+    `match`."""
     if not pred.shape[1]:
         return np.full(truth.shape[:2], -1)
     mean = mean_known(distances(pred, truth), -1)
@@ -58,10 +49,7 @@ def match_nearest(pred: np.ndarray, truth: np.ndarray) -> np.ndarray:
 
 
 def match_claimed(pred: np.ndarray, truth: np.ndarray, gate: float = GATE) -> np.ndarray:
-    """Assign every prediction to its nearest true person within the gate. The first prediction of a person counts.
-
-    Arguments and result are as in `match`.
-    """
+    """Assign predictions to their nearest true person within the gate; the first one counts; arrays as in `match`."""
     if 0 in (pred.shape[1], truth.shape[1]):
         return np.full(truth.shape[:2], -1)
     mean = np.nan_to_num(mean_known(distances(pred, truth), -1), nan=np.inf)

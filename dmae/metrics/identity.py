@@ -9,12 +9,9 @@ from dmae.numerics.statistics import mean_known
 
 
 def identity_switches(matches: np.ndarray) -> int:
-    """Count how often a true person is matched to another prediction than at the previous match.
+    """Count how often a true person is matched, in (F, T) of `match`, to another prediction than at the previous match.
 
     If two predictions of one person are the nearest one in turn, each change counts.
-
-    Args:
-        matches: (F, T) index of the prediction, -1 for none, from `match`.
     """
     switches = 0
     for person in matches.T:
@@ -24,17 +21,12 @@ def identity_switches(matches: np.ndarray) -> int:
 
 
 def idf1(pred: np.ndarray, truth: np.ndarray, gate: float = GATE) -> float:
-    """Return the identity F1 score (Ristani et al. 2016), %; NaN where there is neither a person nor a prediction.
+    """Return the identity F1 score (Ristani et al. 2016), %, of predictions (F, P, J, 3) m and truth (F, T, J, 3) m.
 
     Each true person is assigned at most one prediction for the whole clip, and each prediction at most one person. The
     assignment maximises the number of frames in which the two match: their mean distance, over the joints that both
-    have, is within the gate. The score is twice the number of these frames, divided by the number of frames of true
-    persons plus that of predictions. It is too low if some persons are not annotated.
-
-    Args:
-        pred: (F, P, J, 3) m.
-        truth: (F, T, J, 3) m.
-        gate: m.
+    have, is within the gate, m. The score is twice the number of these frames, divided by the number of frames of true
+    persons plus that of predictions; NaN where there are neither. It is too low if some persons are not annotated.
     """
     here, predicted = (~np.isnan(xyz).any(-1) for xyz in (truth, pred))
     total = here.any(-1).sum() + (predicted.any(-1) & here.any((1, 2))[:, None]).sum()

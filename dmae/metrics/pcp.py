@@ -50,7 +50,6 @@ def correct_limbs(
     Args:
         matched: (F, T, J, 3) predictions in the order of the truth, from `take_matched`, m.
         truth: (F, T, J, 3) m.
-        skeleton: Skeleton of both.
         at_half: Whether a limb is correct at exactly half the length.
 
     Returns:
@@ -126,17 +125,9 @@ def _hkbu(pred: np.ndarray, truth: np.ndarray) -> np.ndarray:
 def count_limbs(
     rules: Protocol, pred: np.ndarray, truth: np.ndarray, skeleton: Skeleton
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return which limbs of the true persons are correct, and which count.
+    """Return which limbs of the true persons are correct by a protocol, and which count, (F, T, L) bool each.
 
-    Args:
-        rules: The protocol.
-        pred: (F, P, J, 3) m, with the head placed as in the protocol.
-        truth: (F, T, J, 3) m.
-        skeleton: Skeleton of both, with L limbs.
-
-    Returns:
-        correct: (F, T, L) bool.
-        counted: (F, T, L) bool.
+    Predictions (F, P, J, 3) and truth (F, T, J, 3), m, are on one skeleton, with the head placed as in the protocol.
     """
     matches = rules.function(pred, truth)
     correct, counted = correct_limbs(take_matched(pred, matches), truth, skeleton, at_half=rules.at_half)
@@ -146,20 +137,12 @@ def count_limbs(
 def better_limbs(
     rules: Protocol, first: np.ndarray, second: np.ndarray, truth: np.ndarray, skeleton: Skeleton
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the limbs of the better of two predictions, chosen for each person and frame by means of the truth.
+    """Return the limbs of the better of two predictions of the same persons, chosen for each person and frame by the
+    truth.
 
     The released evaluation of Jiang et al. 2022 does this with the poses before and after their fusion. No system can
-    make this choice. The score is therefore an upper bound for both, and comparable only with that publication.
-
-    Args:
-        rules: The protocol.
-        first: (F, P, J, 3) m; determines the assignment.
-        second: (F, P, J, 3) m, the same persons.
-        truth: (F, T, J, 3) m.
-        skeleton: Skeleton of all three.
-
-        Returns:
-        correct, counted: As from `count_limbs`.
+    make this choice. The score is therefore an upper bound for both, and comparable only with that publication. The
+    first prediction determines the assignment. Arrays are as in `count_limbs`.
     """
     matches = rules.function(first, truth)
     (one, counted), (other, _) = (
@@ -172,11 +155,7 @@ def better_limbs(
 def published_pcp(pred: np.ndarray, truth: np.ndarray, skeleton: Skeleton, actors: Sequence[int]) -> dict[str, float]:
     """Return the average PCP, %, of some true persons by each published protocol, without its placement of the head.
 
-    Args:
-        pred: (F, P, J, 3) m.
-        truth: (F, T, J, 3) m.
-        skeleton: Skeleton of both.
-        actors: Indices of true persons.
+    Predictions (F, P, J, 3) and truth (F, T, J, 3), m, are on one skeleton; `actors` are indices of true persons.
     """
     counts = {name: count_limbs(rules, pred, truth, skeleton) for name, rules in protocol.items() if name != "strict"}
     return {name: float(mean_known(percent(*found, (0, 2))[list(actors)])) for name, found in counts.items()}

@@ -15,11 +15,9 @@ def percent(counted: np.ndarray, known: np.ndarray, axis=None):
 
 
 def source_shares(source: np.ndarray, known: np.ndarray) -> dict[str, float]:
-    """Return the percentages of the true joints that are absent, measured, denoised and completed.
+    """Return the percentages of the known joints (F, T, J) that are absent, measured, denoised and completed.
 
-    Args:
-        source: (F, T, J) `Source` of the matched predictions, ABSENT for missed persons.
-        known: (F, T, J) True for joints that are true.
+    `source` (F, T, J) are the matched predictions', ABSENT for missed persons.
     """
     return {kind.name.lower(): float(percent(source == kind, known)) for kind in Source}
 
@@ -54,16 +52,12 @@ def correct_joints(matched: np.ndarray, truth: np.ndarray, threshold: float = PC
 
 
 def pck(pred: np.ndarray, truth: np.ndarray, matches: np.ndarray, threshold: float = PCK_THRESHOLD) -> dict[str, float]:
-    """Return the share of joints within the threshold, %: `recall` of true joints, `precision` of predicted joints.
+    """Return the share of joints within the threshold, m, in %: `recall` of true joints, `precision` of predicted
+    joints.
 
     In annotated frames, joints that are too far off, and all joints of a prediction without a match, are false
-    positives. Joints of a matched person without a true position do not count.
-
-    Args:
-        pred: (F, P, J, 3) m.
-        truth: (F, T, J, 3) m.
-        matches: (F, T) from `match`.
-        threshold: m.
+    positives. Joints of a matched person without a true position do not count. Predictions are (F, P, J, 3) m, truth
+    (F, T, J, 3) m, and matches (F, T) from `match`.
     """
     matched = take_matched(pred, matches)
     correct = correct_joints(matched, truth, threshold)
@@ -105,14 +99,9 @@ LARGE = 50.0
 
 
 def in_region(error: np.ndarray, cov: np.ndarray) -> np.ndarray:
-    """Return which errors are inside the ellipsoid that contains `REGION_PROBABILITY` of a Gaussian.
+    """Return 1 for errors (..., 3) m inside the ellipsoid that contains `REGION_PROBABILITY` of a Gaussian, or else 0.
 
-    Args:
-        error: (..., 3) m.
-        cov: (..., 3, 3) covariances of the Gaussians, m^2.
-
-    Returns:
-        (...) 1 inside, 0 outside, NaN where either is unknown.
+    `cov` (..., 3, 3) are covariances of the Gaussians, m^2. NaN where either is unknown.
     """
     within = np.full(error.shape[:-1], np.nan)
     known = ~np.isnan(error).any(-1) & ~np.isnan(cov).any((-1, -2))
@@ -122,16 +111,11 @@ def in_region(error: np.ndarray, cov: np.ndarray) -> np.ndarray:
 
 
 def rank_scores(error: np.ndarray, stated: np.ndarray) -> dict[str, float]:
-    """Return how well stated errors rank the true errors of n joints.
+    """Return how well stated errors (n,), in any unit, rank the true errors (n,) mm of joints; NaN where undefined.
 
-    Args:
-        error: (n,) mm.
-        stated: (n,) in any unit.
-
-        Returns:
-        `spearman`, the rank correlation; `auc`, the probability that a joint with an error over `LARGE` has a larger
-        stated error than a joint without (area under the ROC curve); `risk_10` and so on for `COVERAGES`, the mean
-        error, mm, of that percentage of the joints with the smallest stated errors. NaN where undefined.
+    These are `spearman`, the rank correlation; `auc`, the probability that a joint with an error over `LARGE` has a
+    larger stated error than a joint without (area under the ROC curve); `risk_10` and so on for `COVERAGES`, the mean
+    error, mm, of that percentage of the joints with the smallest stated errors.
     """
     scores = dict.fromkeys(("spearman", "auc", *(f"risk_{share}" for share in COVERAGES)), float("nan"))
     if len(error) < 2:
@@ -164,12 +148,9 @@ GAPS = ((1, 5), (6, 15), (16, 40), (41, None))
 
 
 def mpjpe(matched: np.ndarray, truth: np.ndarray, counted: np.ndarray | None = None) -> float:
-    """Return the mean distance, mm, over the `counted` joints that are known in both; NaN if there are none.
+    """Return the mean distance, mm, over the `counted` joints (by default all) known in both; NaN if there are none.
 
-    Args:
-        matched: (F, T, J, 3) predictions in the order of the truth, from `take_matched`, m.
-        truth: (F, T, J, 3) m.
-        counted: (F, T, J) True for joints that count; by default all.
+    `matched` (F, T, J, 3) m are predictions in the order of the truth, from `take_matched`.
     """
     error = np.linalg.norm(matched - truth.astype(np.float64), axis=-1)
     return 1000 * float(mean_known(error if counted is None else np.where(counted, error, np.nan), None))

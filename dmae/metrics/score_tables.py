@@ -11,12 +11,9 @@ _COLUMN_TABLES = {"joints": "Joints within 0.2 m", "identities": "Identities"}
 
 
 def score_tables(scores: dict) -> list[Table]:
-    """Return the tables of scores, with a row for each method and number of views.
+    """Return the tables of scores from `evaluate`, or its JSON, with a row for each method and number of views.
 
     They are narrow enough, at up to four persons, for a terminal of 80 columns.
-
-    Args:
-        scores: The result of `dmae.evaluation.evaluate.evaluate`, or its JSON.
     """
     results = scores["results"]
     means = [result["mean"] for result in results]

@@ -31,16 +31,13 @@ def block_of(frames: np.ndarray, fps: float) -> np.ndarray:
 def tally(
     value: np.ndarray, counted: np.ndarray, *, among: np.ndarray | bool | None = None, **keys: np.ndarray
 ) -> pd.DataFrame:
-    """Sum an array by keys.
+    """Sum an array by keys, into a sorted table with a row for each combination of keys.
 
     Args:
         value: Numbers of any shape. Where they are not counted they may be NaN.
         counted: True for the numbers that count, of the same shape.
         among: True for entries whose keys get a row, even if none of them counts; by default `counted`.
         keys: Key columns by name, arrays that broadcast to the shape.
-
-    Returns:
-        A table with a row for each combination of keys, sorted.
     """
     among = np.broadcast_to(counted if among is None else among, value.shape)
     columns = {name: np.broadcast_to(key, value.shape)[among] for name, key in keys.items()}
@@ -49,14 +46,8 @@ def tally(
 
 
 def ratios(table: pd.DataFrame, *by: str, value: str = "value", count: str = "count", scale: float = 1) -> pd.Series:
-    """Return sum / count of each group, times `scale`; NaN where nothing was counted.
-
-    Args:
-        table: A score table.
-        by: Key columns. Groups are in the order of their first rows.
-        value, count: Columns to divide, for tables with several.
-        scale: Factor to the unit of the score, for example 100 for %.
-    """
+    """Return value / count of each group of key columns `by`, times `scale`, in the order of first rows; NaN for no
+    count."""
     groups = table.groupby(list(by), sort=False)
     # Added in the order of rows, unlike pandas' compensated sums, so that published figures round as they did.
     total, counted = (np.bincount(groups.ngroup(), table[name]) for name in (value, count))
@@ -67,8 +58,7 @@ def ratios(table: pd.DataFrame, *by: str, value: str = "value", count: str = "co
 class Score:
     """A score, and the same score of other draws of its blocks of time.
 
-    The difference of two scores of the same blocks is a score, too: the same blocks are drawn for both, so that common
-    errors cancel.
+    The difference of two scores of the same draws is a score, too: common errors cancel.
     """
 
     value: float  # The score; NaN if there is nothing to score
@@ -109,22 +99,18 @@ def score_of(
     draws: int = 1000,
     seed: int = 0,
 ) -> Score:
-    """Return the mean of ratios, with its variation over blocks of time.
+    """Return the mean of ratios of a table, times `scale`, with its variation over blocks of time.
 
     Errors of neighbouring frames are nearly the same, so whole blocks of time are drawn (the block bootstrap of Künsch
     1989, with blocks that do not overlap). Clips are not drawn: an interval covers other moments of these recordings,
     not other recordings. With the same seed and the same blocks, the same blocks are drawn.
 
     Args:
-        table: A score table.
         average: Key columns. There is one ratio for each combination, and ratios are averaged over the last key first:
             `"cameras", "clip", "person"` is the mean over persons, then over clips, then over subsets of cameras.
             Ratios with a count of 0 do not count in the mean.
         within, draw: Key columns: the blocks that are drawn, and what they are drawn from, one of `average`.
         value, count: Columns to divide, for tables with several.
-        scale: Factor to the unit of the score.
-        draws: Number of draws.
-        seed: Of the draws.
     """
     if not len(table):
         return Score(np.nan, np.full(draws, np.nan), [])

@@ -70,11 +70,7 @@ class Case:
 
 @cache
 def cases() -> tuple[Case, ...]:
-    """Return the cases of the pack, easy ones first.
-
-    Raises:
-        ValueError: the file is not the one this version was released with.
-    """
+    """Return the cases of the pack, easy ones first; ValueError if the file is not the one of this version."""
     data = _FILE.read_bytes()
     if hashlib.sha256(data).hexdigest() != _SHA256:
         raise ValueError(f"{_FILE}: does not match its checksum; the installation is damaged, install it again")
@@ -230,7 +226,7 @@ def _gross_cases() -> list[Case]:
 def crowd_cases(clip: Clip) -> list[Case]:
     """Return two cases of some frames and joints of a simulated clip: with its five views, and with three of them.
 
-    Detections are sorted by person. If a person has several detections in a view, the one with most joints is used.
+    Detections are sorted by person. If a person has several in a view, the one with most joints is used.
     """
     clip = clip.select(_CROWD_FRAMES)
     joints = clip.detections.skeleton.index(*_CROWD_JOINTS)

@@ -30,10 +30,7 @@ def dlt(*, K, dist, cam_from_world, size, xy, confidence) -> np.ndarray:
 
 
 def opencv(*, K, dist, cam_from_world, size, xy, confidence) -> np.ndarray:
-    """Triangulate by `cv2.triangulatePoints` from two views: the first two that saw the point.
-
-    It fails as `dlt` does, and does not use the other views.
-    """
+    """Triangulate by `cv2.triangulatePoints` from the first two views that saw the point. It fails as `dlt` does."""
     xy, P = _undistort(K, dist, _rated(xy, confidence)), K @ cam_from_world[:, :3]
     observed = np.isfinite(xy[..., 0])
     pairs = np.argsort(~observed, axis=-1, kind="stable")[:, :2]
@@ -51,10 +48,7 @@ def _rated(xy: np.ndarray, confidence: np.ndarray) -> np.ndarray:
 
 
 def _undistort(K: np.ndarray, dist: np.ndarray, xy: np.ndarray) -> np.ndarray:
-    """Return (n, V, 2) pixels of pinhole cameras of the same K, undistorted by OpenCV's defaults.
-
-    OpenCV ignores the skew of K, so it gets normalised points.
-    """
+    """Return (n, V, 2) undistorted px. OpenCV ignores the skew of K, so it gets normalised points."""
     undistorted = np.empty_like(xy)
     for v, (axes, centre) in enumerate(zip(K[:, :2, :2], K[:, :2, 2], strict=True)):
         points = np.linalg.solve(axes, (xy[:, v] - centre).T).T

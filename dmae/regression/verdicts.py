@@ -117,18 +117,16 @@ def text(measure: str, value: float) -> str:
 
 
 def check(solver: Callable, skip: Sequence[str] = (), seconds: float = SECONDS) -> list[Verdict]:
-    """Check a solver against every case of the pack, except those to skip.
+    """Check a solver against every case of the pack, except those to skip, by name.
 
     Args:
         solver: Takes keywords `K` (V, 3, 3), `dist` (V, 5) or (V, 8), `cam_from_world` (V, 4, 4) m, `size` (V, 2) px,
             `xy` (n, V, 2) px, distorted, NaN where absent, and `confidence` (n, V), NaN where a view does not count;
             returns (n, 3) m, NaN where it refuses. Cameras are OpenCV's, none a fisheye; pixel (0, 0) is the centre of
             the first pixel.
-        skip: Names of cases.
         seconds: Time limit for one case.
 
-    Raises:
-        ValueError: `skip` has a name that no case has.
+    Raises ValueError if `skip` has a name that no case has.
     """
     names = [case.name for case in cases()]
     unknown = [name for name in skip if name not in names]
@@ -237,15 +235,12 @@ def _bounds(case: Case) -> dict[str, float]:
 
 
 def oracle(case: Case, steps: int = 10) -> tuple[np.ndarray, np.ndarray]:
-    """Return the best estimate possible when the views with gross errors are known; cameras have no distortion.
+    """Return the best estimate possible, (n, 3) m, and its covariance, if the views with gross errors are known.
 
-    Gauss-Newton from the truth on the reprojection errors of the usable views. Where they are normal this is the
-    maximum likelihood estimate, and its covariance, (J^T J)^-1 sigma^2, the Cramer-Rao bound (Hartley & Zisserman,
-    2nd ed., 5.2).
-
-    Returns:
-        xyz: (n, 3) m; the truth where fewer than two views are usable.
-        cov: (n, 3, 3) m^2; NaN there.
+    Gauss-Newton from the truth on the reprojection errors of the usable views, without distortion. Where they are
+    normal this is the maximum likelihood estimate, and its covariance, (J^T J)^-1 sigma^2, the Cramer-Rao bound
+    (Hartley & Zisserman, 2nd ed., 5.2). With fewer than two usable views, the estimate is the truth and the covariance
+    NaN.
     """
     xyz, cov = case.xyz.copy(), np.full((len(case.xyz), 3, 3), np.nan)
     P, due = case.K @ case.cam_from_world[:, :3], case.due

@@ -17,8 +17,7 @@ _COLUMNS = 4
 def views_figure(clip: Clip, frame: int) -> Figure:
     """Draw every view of one frame with `clip.poses` projected into it, then the world from the side and from above.
 
-    Measured joints have the colour of their person. Completed joints are red. Views without images are drawn on a grey
-    area with the size of the image.
+    Measured joints have the colour of their person; completed joints are red; views without images are grey.
     """
     if clip.poses is None:
         raise ValueError(f"clip {clip.id!r} has no poses to draw; capture it first")
@@ -51,11 +50,8 @@ def views_figure(clip: Clip, frame: int) -> Figure:
 
 
 def gaps_figure(scores: dict) -> Figure:
-    """Draw the mean error of unmeasured joints by the length of the gap, with one panel for each number of views.
-
-    Args:
-        scores: The result of `dmae.evaluation.evaluate.evaluate`, or its JSON.
-    """
+    """Draw the mean error of unmeasured joints by gap length, a panel for each number of views, from scores of
+    `evaluate`."""
     results = [result for result in scores["results"] if any(gap["filled"] for gap in result["mean"]["gaps"])]
     views = list(dict.fromkeys(result["views"] for result in results)) or [0]
     figure = Figure(figsize=(4.6 * len(views) + 1.6, 3.4), layout="constrained")
@@ -128,11 +124,8 @@ def _draw_bones(axes: Axes, poses: Poses3D, frame: int, points: np.ndarray) -> N
 
 
 def frames_to_draw(clip: Clip, number: int) -> list[int]:
-    """Return the frames with the most completed joints.
-
-    Without completed joints, return those with the most missing joints of present persons. Without missing joints,
-    return those with the most known joints.
-    """
+    """Return the frames with the most completed joints, or else those with the most missing, or else the most known
+    joints."""
     source = clip.poses.source
     present = (source != Source.ABSENT).any(-1, keepdims=True)
     kinds = (source == Source.COMPLETED, (source == Source.ABSENT) & present, source != Source.ABSENT)

@@ -75,15 +75,9 @@ def write_report(
 ) -> None:
     """Write the page as one file that loads nothing from elsewhere.
 
-    Its content security policy lets the browser run only the scripts of this module. A name that comes from a file
-    can therefore never run as a script.
-
-    Args:
-        path: The file to write.
-        title: Heading of the page.
-        sections: Sections of the page, in order.
-        summary: Paragraphs under the title.
-        players: Clips of the player, see `dmae.reporting.player.player_data`. Without clips there is no player.
+    Its content security policy lets the browser run only the scripts of this module. A name that comes from a file can
+    therefore never run as a script. Paragraphs of `summary` stand under the title. The player shows clips from
+    `dmae.reporting.player.player_data`; without clips there is none.
     """
     script = "\n".join((_ASSETS / name).read_text(encoding="utf-8") for name in _SCRIPTS[: None if players else 2])
     template = jinja2.Template(

@@ -139,10 +139,7 @@ def _detections(detections: Detections2D) -> dict:
 
 
 def _steady(xy: np.ndarray) -> np.ndarray:
-    """Reorder detections (F, V, D, J, 2) so that each index follows the nearest detection over time.
-
-    Such series compress well. Indices that no frame uses are left out.
-    """
+    """Reorder detections (F, V, D, J, 2) to series of the nearest one, which compress well; drop unused indices."""
     centre = mean_known(xy, 3)
     order = np.zeros(xy.shape[:3], int)
     for view in range(xy.shape[1]):
@@ -183,10 +180,9 @@ _WIDTHS = {200_000: 480, 400_000: 640, 800_000: 960}
 
 
 def small_videos(clip: Clip) -> tuple[list[str | None], str | None]:
-    """Return an H.264 video in base64 for each view, and a sentence on images that cannot be read.
+    """Return an H.264 video in base64 for each view, None without images, and a sentence on unreadable images, if any.
 
-    The video is None for a view without images. The sentence is None if all images can be read. Frame i of a video is
-    frame i of the clip. Keyframes are half a second apart, so that a player can seek quickly.
+    Frame i of a video is frame i of the clip. Keyframes are half a second apart, so that a player can seek quickly.
     """
     if clip.images is None or "rgb" not in clip.images.kinds or not len(clip):
         return [None] * len(clip.rig), None

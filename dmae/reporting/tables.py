@@ -64,3 +64,8 @@ def print_tables(tables: Sequence[Table]) -> None:
 def counted(number: int, noun: str, plural: str = "") -> str:
     """Return "1 clip" or "2 clips"; the plural of `noun` ends in s unless it is given."""
     return f"{number} {noun if number == 1 else plural or noun + 's'}"
+
+
+def number_text(value: float | None, digits: int = 1) -> str:
+    """Return a number as text, "-" if it is not known."""
+    return "-" if value is None else f"{value:.{digits}f}"

@@ -146,13 +146,11 @@ def drawn_detections(xy: np.ndarray, bones: list[tuple[int, int]]) -> Drawn:
 
 
 def drawn_poses(pixels: np.ndarray, source: np.ndarray, bones: list[tuple[int, int]], layers: Layers) -> Drawn:
-    """Return the drawing of poses: discs in the colour of the person, and red squares for completed joints.
+    """Return the drawing of poses (P, J, 2) px: discs in the colour of the person, and red squares where completed.
 
     Args:
-        pixels: (P, J, 2) px.
         source: (P, J) `Source`.
         bones: (parent, child) pairs.
-        layers: The layers to draw.
     """
     drawn, above = Drawn(), Drawn()
     for person, joints in enumerate(pixels):
@@ -172,10 +170,8 @@ def drawn_poses(pixels: np.ndarray, source: np.ndarray, bones: list[tuple[int, i
 
 
 def drawn_truth(pixels: np.ndarray, bones: list[tuple[int, int]], layers: Layers) -> Drawn:
-    """Return the drawing of true joints (P, J, 2), px: rings that are connected by thin lines.
-
-    They are white if the poses are drawn, too, and otherwise have the colour of the person.
-    """
+    """Return the drawing of true joints (P, J, 2), px: rings connected by thin lines, white if the poses are drawn,
+    too."""
     drawn = Drawn()
     for person, joints in enumerate(pixels):
         known = np.isfinite(joints).all(-1)
@@ -186,13 +182,7 @@ def drawn_truth(pixels: np.ndarray, bones: list[tuple[int, int]], layers: Layers
 
 
 def drawn_occlusion(pixels: np.ndarray, codes: np.ndarray, bones: list[tuple[int, int]]) -> Drawn:
-    """Return the drawing of true joints in the colours of their occluders.
-
-    Args:
-        pixels: (P, J, 2) px.
-        codes: (P, J) `Visibility`.
-        bones: (parent, child) pairs.
-    """
+    """Return the drawing of true joints (P, J, 2), px, in the colours of their occluders, by `Visibility` (P, J)."""
     hidden, seen = Drawn(), Drawn()
     for person, joints in enumerate(pixels):
         known = np.isfinite(joints).all(-1)

@@ -39,10 +39,7 @@ def write_sheet(
     width: int = 480,
     rooms: Sequence[np.ndarray] | None = None,
 ) -> None:
-    """Write a PNG with a row for each of some frames and a column for each view.
-
-    With many views a frame takes several rows.
-    """
+    """Write a PNG with a row, or several with many views, for each of some frames and a column for each view."""
     if rows < 1:
         raise ValueError(f"frames={rows}: expected 1 or more frames in the contact sheet")
     columns = min(len(clip.rig), _COLUMNS)
@@ -80,10 +77,7 @@ def write_overlay_video(
 
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
-    """Yield the path of a temporary file next to `path`.
-
-    The file replaces `path` when it is completely written. It is removed on failure.
-    """
+    """Yield a temporary path next to `path`, to replace it when completely written, or to be removed on failure."""
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f".{path.stem}.part{path.suffix}")
     try:

@@ -20,13 +20,8 @@ Rooms = Callable[[Clip], Sequence[np.ndarray]]
 def show(config: ShowConfig, out: Path, rooms: Rooms | None = None) -> None:
     """Draw the clips that a configuration names. Print what each clip lacks, and the files that were written.
 
-    Args:
-        config: The clips to draw and the options.
-        out: Output folder.
-        rooms: Function that draws the room of a clip without images; by default a grid on the floor is drawn.
-
-    Raises:
-        ValueError: there is no clip, a clip has no camera of a given name, or Rerun is requested but not installed.
+    `rooms` draws the room of a clip without images; by default a grid on the floor. Raises ValueError if there is no
+    clip, a clip has no camera of a given name, or Rerun is requested but not installed.
     """
     clips, several = load(config.data), is_data_set(config.data)
     if not clips:
@@ -68,13 +63,10 @@ def show_clip(
     rerun: bool = False,
     rooms: Sequence[np.ndarray] | None = None,
 ) -> list[Path]:
-    """Draw one clip. For its options see `ShowConfig`; `rooms` are the backgrounds of a clip without images.
+    """Draw one clip and return the paths of the files: `sheet.png`, `clip.mp4`, `clip.rrd`.
 
-    Returns:
-        The paths of the files: `sheet.png`, `clip.mp4`, `clip.rrd`.
-
-    Raises:
-        ValueError: the clip has no frames or no camera of a given name, or Rerun is requested but not installed.
+    For its options see `ShowConfig`; `rooms` are the backgrounds of a clip without images. Raises ValueError if the
+    clip has no frames or no camera of a given name, or Rerun is requested but not installed.
     """
     if rerun and util.find_spec("rerun") is None:
         raise ValueError("rerun=true: rerun-sdk is not installed; pip install 'dmae-synth[viz]' adds it")

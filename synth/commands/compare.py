@@ -22,8 +22,7 @@ from synth.detector.statistics import measure, measure_all, read_recording
 def run(config: CompareCommand, out: Path) -> None:
     """Print the comparison and write its page.
 
-    Raises:
-        FileNotFoundError, ValueError: there is nothing to measure, or skeletons differ; the message says where.
+    Raises FileNotFoundError, ValueError if there is nothing to measure, or skeletons differ; the message says where.
     """
     (_compare_motion if config.by is CompareBy.motion else _compare_detections)(config, out)
 

@@ -25,9 +25,8 @@ def default_out(config: SplitCommand) -> Path:
 def run(config: SplitCommand, out: Path) -> None:
     """Divide or check, and write the result.
 
-    Raises:
-        ValueError: there are leaks, the shares do not add up to 1, or there is too little to divide.
-        FileNotFoundError: there is neither a clip nor a take.
+    Raises ValueError if there are leaks, shares do not add up to 1, or there is too little to divide, and
+    FileNotFoundError.
     """
     data = Path(config.data)
     if not data.exists():

@@ -17,11 +17,7 @@ def default_out(config: VerifyCommand) -> Path:
 
 
 def run(config: VerifyCommand, out: Path) -> None:
-    """Print the number of clips that fail each check, and write all problems to `out`.
-
-    Raises:
-        ValueError: there are problems.
-    """
+    """Print the number of clips that fail each check, and write all problems to `out`; ValueError if there are any."""
     found = verify(Path(config.data), fast=config.fast)
     written = found._asdict() | {"problems": [problem._asdict() for problem in found.problems]}
     write_atomic(out, json.dumps(written, indent=1))

@@ -50,13 +50,9 @@ def label_clip(
     Args:
         line: The clip's line in the manifest. `occlusion` is added to it and, if the calibration has errors,
             `calibration_error`.
-        spec: The scene.
-        scene: Its `model`, `geom_ids` and `objects`: a `synth.scene.build.Scene` or a simulation.
+        scene: Has `model`, `geom_ids` and `objects`: a `synth.scene.build.Scene` or a simulation.
         qpos: (F, nq) states.
-        rig: V cameras.
-        detector: The simulated detector.
         occlusion: Settings of the summary of occlusion, and the target that the clip must meet.
-        error: Errors of the calibration.
         stage: The people's area, for the error of the calibration.
 
     Raises:
@@ -176,11 +172,7 @@ def generate_clip(config: GenerateConfig, index: int) -> Clip:
 
 
 def simulate_clip(config: GenerateConfig, index: int) -> tuple[Clip, BodyState]:
-    """Generate clip `index` of a data set, without images, and its body states.
-
-    Raises:
-        FailedSimulation, ValueError: the same cases as in `generate_clip`.
-    """
+    """Generate clip `index` of a data set, without images, and its body states. Raises as `generate_clip`."""
     for attempt in range(config.retries):
         with suppress(FailedSimulation):
             return _attempt(config, index, attempt)

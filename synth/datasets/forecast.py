@@ -86,10 +86,7 @@ def forecast(config: GenerateConfig) -> Forecast:
 
     Up to three short clips are made: with the median, and if there are many clips also with the least and the greatest
     number of people. The requested number of processes is used, and a few pictures are rendered. Nothing is written to
-    `config.out`. Of a few clips it takes about a third of the time of the clips themselves.
-
-    Raises:
-        ValueError, FileNotFoundError, FailedSimulation: the same cases as in `synth.datasets.generate.generate`.
+    `config.out`. Of a few clips it takes about a third of the time of the clips themselves. Raises as `generate`.
     """
     with running_on(config.backend):
         return _forecast(config)

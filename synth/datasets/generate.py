@@ -94,10 +94,8 @@ def generate(config: GenerateConfig) -> list[dict]:
 def seal(out: Path, made: list[dict], checksums: dict[str, Checksum | None]) -> None:
     """Write the manifest and the checksums of a data set, with the clips that other machines have noted meanwhile.
 
-    Args:
-        out: The data set.
-        made: Lines of the manifest of the clips that were made or kept.
-        checksums: Checksums of clips, by name, before that (`begin_data_set`).
+    `made` are lines of the manifest of clips that were made or kept; `checksums` those of clips before
+    (`begin_data_set`).
     """
     lock = out / ".manifest.lock"
     with FileLock(lock):
@@ -163,12 +161,10 @@ def _is_kept(folder: Path, config: GenerateConfig, expected: Checksum | None) ->
 
 
 def claim(out: Path, settings: dict) -> None:
-    """Claim a folder for a data set, and store the settings in it. The folder is new, empty, or contains a part of it.
+    """Claim a folder for a data set: it is new, empty, or contains a part of it. Store the settings in it.
 
-    Args:
-        out: The folder.
-        settings: All settings that the clips depend on, as JSON values. `images`, `quality` and `rgb` may differ when
-            images are added to existing clips.
+    `settings` are all settings that the clips depend on, as JSON values. `images`, `quality` and `rgb` may differ when
+    images are added to existing clips.
 
     Raises:
         ValueError: the folder contains something else, or a data set of another configuration.
@@ -202,12 +198,7 @@ def as_settings(config, leave: Collection[str] = ()) -> dict:
 
 
 class PictureTally:
-    """Numbers of rendered pictures and of all pictures of each clip, in a file that processes share.
-
-    Args:
-        folder: Folder of the data set.
-        numbers: Numbers of the clips.
-    """
+    """Numbers of rendered pictures and of all pictures of each clip, by its number, in a file that processes share."""
 
     def __init__(self, folder: Path, numbers: range):
         self._path, self._numbers = Path(folder) / f".pictures.{numbers.start}", numbers
@@ -226,10 +217,7 @@ class PictureTally:
 
     @contextmanager
     def clip(self, number: int, pictures: int) -> Iterator[Callable[[], None]]:
-        """Store the number of pictures of a clip, and yield a function to call after each picture.
-
-        Nothing is counted if the file does not exist.
-        """
+        """Store a clip's number of pictures, and yield a function to call after each picture, if the file exists."""
         if not self._path.is_file():
             yield lambda: None
             return

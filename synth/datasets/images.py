@@ -38,11 +38,7 @@ def check_images(options: ImageOptions, rig: CameraRig) -> None:
 
 
 def missing_kinds(clip: Clip, options: ImageOptions) -> tuple[str, ...]:
-    """Return the kinds of images that a clip lacks.
-
-    Raises:
-        ValueError: the clip has images of another quality or format.
-    """
+    """Return the kinds of images that a clip lacks. Raises ValueError if it has images of another quality or format."""
     if clip.images is None or not options.kinds:
         return options.kinds
     found = clip.provenance.get("images", {}).get("quality", options.quality.name), clip.images.rgb
@@ -58,17 +54,10 @@ def missing_kinds(clip: Clip, options: ImageOptions) -> tuple[str, ...]:
 def add_images(
     clip: Clip, state: BodyState, folder: Path, options: ImageOptions, seen: Callable[[], None] = lambda: None
 ) -> Clip:
-    """Render the missing images of a clip, write them and the clip to its folder, and return the clip.
+    """Render the missing images of a clip from its states, write them and the clip to its folder, and return the clip.
 
     Labels do not change, except that id images add the numbers of pixels of each person. The clip refers to the new
-    images only when all of them are complete.
-
-    Args:
-        clip: A simulated clip.
-        state: Its states.
-        folder: The clip's folder.
-        options: The images.
-        seen: Called after each view of each frame.
+    images only when all of them are complete. `seen` is called after each view of each frame.
 
     Raises:
         ValueError: the clip has images of another quality or format, or the scene is of another version.

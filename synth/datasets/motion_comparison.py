@@ -57,20 +57,14 @@ def take_tracks(
     """Read recorded takes in the same way as the generator: on the floor, on one body, at one frame rate.
 
     The directions of limbs come from the files. The body determines the positions of joints on limbs, and of nose, ears
-    and toes, as for simulated people.
+    and toes, as for simulated people. `names` are patterns of file names without suffix, with the wildcards `*` and
+    `?`.
 
-    Args:
-        path: A file, or a folder with files at any depth.
-        fps: Frames per second.
-        names: Patterns of file names without suffix; `*` and `?` match anything.
-        reading: Overrides of values in the files.
-
-    Returns:
-        tracks: One track per take.
-        repeated: Descriptions of files that are left out because they contain one of the takes in another format.
+    Returns a track for each take, and descriptions of files that are left out because they contain a take in another
+    format.
 
     Raises:
-        FileNotFoundError: there are no takes at the path.
+        FileNotFoundError: there are no takes at the path, which is a file or is searched at any depth.
         ValueError: no take matches the patterns, or a file is malformed.
     """
     reading = reading or ReadingConfig()
@@ -104,15 +98,10 @@ def take_tracks(
 
 
 def clip_tracks(path: Path, *, captured: bool) -> list[Track]:
-    """Read the track of every person of a clip, or of the clips of a data set.
-
-    Args:
-        path: Folder of the clip or the data set.
-        captured: Whether to prefer the captured poses of clips that have them to the truth.
+    """Read the track of every person of a clip, or of the clips of a data set; see `tracks_of`.
 
     Raises:
         FileNotFoundError: there are no clips at the path.
-        ValueError: the clips have no persons, or a clip has no such poses or another frame rate than the first clip.
     """
     clips = load(DataConfig("clip", str(path)))
     named = zip(map(str, clips.folders), clips, strict=True)
@@ -120,14 +109,10 @@ def clip_tracks(path: Path, *, captured: bool) -> list[Track]:
 
 
 def tracks_of(clips: Iterable[tuple[str, Clip]], *, captured: bool) -> list[Track]:
-    """Return the track of every person of clips.
-
-    Args:
-        clips: Pairs of a name and a clip.
-        captured: Whether to prefer the captured poses of clips that have them to the truth.
+    """Return the track of every person of named clips: of the captured poses if wanted and there, else of the truth.
 
     Raises:
-        ValueError: the same cases as in `clip_tracks`.
+        ValueError: the clips have no persons, or a clip has no such poses or another frame rate than the first clip.
     """
     tracks: list[Track] = []
     names = []
@@ -226,10 +211,7 @@ def measure(tracks: Sequence[Track], longest: float) -> list[Sample]:
 def compare(real: Sequence[Sample], sim: Sequence[Sample], *, rng: np.random.Generator) -> list[Difference]:
     """Compare recorded and generated tracks in every quantity that both have.
 
-    Args:
-        real: Recorded tracks. The halves of a single track are the first and the second half of its time.
-        sim: Generated tracks.
-        rng: Draws halves of the recorded tracks.
+    Random halves of the recorded tracks are compared too. Those of a single track are the two halves of its time.
     """
     pieces = max(1, 2 // len(real))
     orders = [rng.permutation(len(real) * pieces) for _ in range(_SPLITS)]

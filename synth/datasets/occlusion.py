@@ -30,15 +30,10 @@ DETECTED = slice(0, 25)
 
 
 def histogram(visibility: np.ndarray, *, by_self: bool = True) -> np.ndarray:
-    """Return the fractions of joints that are hidden in 0, 1, ... V cameras.
+    """Return the fractions (V + 1,) of joints that are hidden in 0, 1, ... V cameras; all zero if no person is present.
 
-    Args:
-        visibility: (F, V, P, J) `Visibility`. Joints of absent persons do not count. A joint outside the image does not
-            count as hidden.
-        by_self: Whether joints hidden by their own person's body count as hidden.
-
-    Returns:
-        (V + 1,) fractions with a sum of 1; all zero if no person is present.
+    `visibility` is (F, V, P, J) `Visibility`. Joints of absent persons do not count. A joint outside the image does not
+    count as hidden; one hidden by the person's own body does if `by_self`.
     """
     first = Visibility.HIDDEN_BY_SELF if by_self else Visibility.HIDDEN_BY_PERSON
     hidden = (visibility >= first) & (visibility <= Visibility.HIDDEN_BY_OBJECT)
@@ -47,17 +42,12 @@ def histogram(visibility: np.ndarray, *, by_self: bool = True) -> np.ndarray:
 
 
 def summary(visibility: np.ndarray, config: OcclusionConfig) -> dict:
-    """Return the summary of a clip's occlusion for the manifest.
+    """Return the summary of a clip's occlusion for the manifest, from (F, V, P, J) `Visibility` of the joints of
+    `SKELETON`.
 
-    Args:
-        visibility: (F, V, P, J) `Visibility` of the joints of `synth.people.body.SKELETON`.
-        config: The target.
-
-    Returns:
-        The fraction of all joints with each `Visibility`, by its name; `hidden_in`, the fractions of the joints of
-        BODY_25 that are hidden in 0, 1, ... V cameras; and `hidden_in_by_others`, the same without occlusion by a
-        person's own body. If the configuration has a `target`: also `target`, `views`, `by_self`, and the achieved
-        `share`.
+    It has the fraction of all joints with each `Visibility`, by its name; `hidden_in`, the fractions of the joints of
+    BODY_25 that are hidden in 0, 1, ... V cameras; and `hidden_in_by_others`, the same without occlusion by a person's
+    own body. If the configuration has a `target`: also `target`, `views`, `by_self`, and the achieved `share`.
     """
     found = {code.name.lower(): round(float((visibility == code).mean()), 4) for code in Visibility}
     joints = visibility[..., DETECTED]
@@ -79,22 +69,14 @@ def share(visibility: np.ndarray, config: OcclusionConfig) -> float:
 
 
 def hidden_share(hidden_in: np.ndarray, views: int | None) -> float:
-    """Return the fraction of joints hidden from `views` cameras or more; without `views` from a camera, on average.
-
-    Args:
-        hidden_in: (V + 1,) as `histogram` returns it.
-    """
+    """Return the fraction of joints hidden from `views` cameras or more; without `views` from a camera, on average."""
     if views is None:
         return float(hidden_in @ np.arange(len(hidden_in))) / (len(hidden_in) - 1)
     return float(hidden_in[views:].sum())
 
 
 def confirm(visibility: np.ndarray, config: OcclusionConfig) -> None:
-    """Check that a clip meets the target; (F, V, P, J) as for `summary`.
-
-    Raises:
-        FailedSimulation: it does not meet the target; the message says what would help.
-    """
+    """Raise FailedSimulation if a clip does not meet the target; (F, V, P, J) as for `summary`."""
     found = share(visibility, config)
     if config.target and not config.target[0] <= found <= config.target[1]:
         raise unmet([histogram(visibility[..., DETECTED], by_self=config.by_self)], config)

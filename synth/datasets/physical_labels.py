@@ -6,7 +6,6 @@ from pathlib import Path
 
 from dmae.data.store import MANIFEST, clip_folders, load_clip
 from dmae.files.checksums import (
-    Checksum,
     begin_data_set,
     checksum,
     clip_checksum,
@@ -38,11 +37,6 @@ def add_labels(data: Path, kinds: Sequence[str] = KINDS, *, workers: int = 1) ->
 
     A clip gets the file `physics.safetensors`. Its other files do not change. Checksums are updated.
 
-    Args:
-        data: Data set that `synth generate` made, or one clip of it.
-        kinds: Kinds from `synth.labels.physical_labels.KINDS`. Existing labels of a clip are kept.
-        workers: Processes; -1 for one per core.
-
     Raises:
         FileNotFoundError: there is no clip, or it contains no body states.
         ValueError: a kind is unknown, a clip is damaged, or its frames are too far apart.
@@ -55,7 +49,9 @@ def add_labels(data: Path, kinds: Sequence[str] = KINDS, *, workers: int = 1) ->
         load_state(folder)
     data_set = data if (data / MANIFEST).is_file() else data.parent
     sealed = (data_set / MANIFEST).is_file() and any(clip_checksum(folder) for folder in folders)
-    checksums = _checksums(data_set) if sealed else {}
+    # Their file is removed until the changes are complete.
+    checksums = {folder.name: clip_checksum(folder) for folder in clip_folders(data_set)} if sealed else {}
+    checksums |= begin_data_set(data_set) if sealed else {}
     made = 0
     try:
         tasks = ((folder, kinds) for folder in folders)
@@ -67,12 +63,6 @@ def add_labels(data: Path, kinds: Sequence[str] = KINDS, *, workers: int = 1) ->
         if sealed:
             end_data_set(data_set, (CONFIG,), checksums)
     return made
-
-
-def _checksums(data_set: Path) -> dict[str, Checksum | None]:
-    """Return the checksums of all clips of a data set, and remove their file until the changes are complete."""
-    there = {folder.name: clip_checksum(folder) for folder in clip_folders(data_set)}
-    return there | begin_data_set(data_set)
 
 
 def _label(folder: Path, kinds: tuple[str, ...]) -> bool:

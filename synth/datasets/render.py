@@ -2,7 +2,6 @@
 
 import json
 import shutil
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -58,9 +57,9 @@ def render(config: RenderConfig) -> list[dict]:
     rig = clip.rig if config.rig == _NO_RIG else _new_rig(config, settings, _spec(clip))
     check_images(config.image_options, rig)
     claim(out, settings)
-    frames = {line["id"]: line["frames"] for line in _lines(folders)}
+    lines = [read_json(folder / "clip.json")["provenance"]["manifest"] for folder in folders]
     tally = PictureTally(out, range(len(folders)))
-    tally.begin([frames[folder.name] * len(rig) for folder in folders])
+    tally.begin([line["frames"] * len(rig) for line in lines])
     limit_threads(config.workers)
     begin_data_set(out)
     made: list[dict] = []
@@ -75,11 +74,6 @@ def render(config: RenderConfig) -> list[dict]:
         write_manifest(out, made)
         end_data_set(out, (CONFIG,), {line["id"]: clip_checksum(out / line["id"]) for line in made})
     return read_manifest(out)
-
-
-def _lines(folders: list[Path]) -> Iterator[dict]:
-    for folder in folders:
-        yield read_json(folder / "clip.json")["provenance"]["manifest"]
 
 
 def _settings(config: RenderConfig, folder: Path) -> dict:

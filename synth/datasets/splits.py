@@ -7,7 +7,7 @@ import json
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -47,12 +47,10 @@ class Take:
 
 
 def list_takes(path: Path, shares: Mapping[str, float], *, seed: int = 0) -> list[Take]:
-    """Read all takes at a path. Takes of a folder are divided into sets that share no subject.
+    """Read all takes at a path: a folder, a file or a list. Takes of a folder are divided into sets that share no
+    subject.
 
-    Args:
-        path: A folder, a file, or a list of takes. Subjects and sets of a list are kept.
-        shares: Share of the total duration by name of set; empty for no sets.
-        seed: Seed of the order in which subjects are drawn.
+    `shares` of the total duration are by name of set; empty for no sets. Subjects and sets of a list are kept.
 
     Raises:
         FileNotFoundError: there is no take.
@@ -102,15 +100,8 @@ def _divided(takes: Sequence[Take], shares: Mapping[str, float], *, seed: int) -
         eligible = empty if empty and left <= len(empty) else list(shares)
         chosen[people[index]] = max(eligible, key=lambda name: lacking[name])
         lacking[chosen[people[index]]] -= seconds[people[index]]
-    return [
-        Take(
-            ListedTake(take.listed.path, take.listed.subject, chosen[take.listed.subject] if take.readable else NO_SET),
-            take.seconds,
-            take.fps,
-            take.notes,
-        )
-        for take in takes
-    ]
+    sets = [chosen[take.listed.subject] if take.readable else NO_SET for take in takes]
+    return [replace(take, listed=replace(take.listed, set=name)) for take, name in zip(takes, sets, strict=True)]
 
 
 def as_table(takes: Sequence[Take], folder: Path) -> str:
@@ -119,17 +110,9 @@ def as_table(takes: Sequence[Take], folder: Path) -> str:
     table = csv.writer(buffer, delimiter="\t", lineterminator="\n")
     table.writerow(["file", "subject", "set", "seconds", "fps", "notes"])
     for take in takes:
-        line = take.listed
-        table.writerow(
-            [
-                _relative_path(line.path, folder),
-                line.subject,
-                line.set,
-                f"{take.seconds:.2f}",
-                f"{take.fps:.4g}",
-                take.notes,
-            ]
-        )
+        path = _relative_path(take.listed.path, folder)
+        numbers = f"{take.seconds:.2f}", f"{take.fps:.4g}"
+        table.writerow([path, take.listed.subject, take.listed.set, *numbers, take.notes])
     return buffer.getvalue()
 
 
@@ -208,16 +191,7 @@ def split(data: Path, shares: dict[str, float], by: SplitBy = SplitBy.person, *,
     """Divide the clips of a data set so that clips that share something are in the same split.
 
     Groups of such clips are taken in random order. Each group goes to the split that lacks most clips, and every split
-    gets at least one group.
-
-    Args:
-        data: The data set.
-        shares: Share of the clips by name of split. Splits with a share of 0 are left out.
-        by: Property that two splits must not share.
-        seed: Seed of the order.
-
-    Returns:
-        The names of the clips of each split, by its name, in the order of the data set.
+    gets at least one group. Returns the names of clips by split, in the order of the data set.
 
     Raises:
         ValueError: the shares do not add up to 1, or there are fewer groups than splits.
@@ -259,11 +233,6 @@ def _groups(found: dict[str, set[str]]) -> list[list[str]]:
 def find_leaks(data: Path, splits: dict[str, list[str]], kinds: Iterable[SplitBy] = tuple(SplitBy)) -> list[Leak]:
     """Return every person, motion, subject and rig that is in several splits, and every clip that is.
 
-    Args:
-        data: The data set.
-        splits: Names of clips by name of split.
-        kinds: Properties to check.
-
     Raises:
         ValueError: persons or motions are checked, but the provenance of a clip has no scene.
     """
@@ -284,11 +253,7 @@ def write_splits(path: Path, splits: dict[str, list[str]], by: SplitBy, seed: in
 
 
 def read_splits(path: Path, clips: list[str]) -> dict[str, list[str]]:
-    """Read a file of splits of a data set.
-
-    Args:
-        path: JSON file of `write_splits`.
-        clips: Names of the clips of the data set.
+    """Read the splits that `write_splits` wrote, of a data set with these clips.
 
     Raises:
         FileNotFoundError: there is no such file.

@@ -121,11 +121,7 @@ class Statistics:
     rigs: set[str] = field(default_factory=set)  # Names of rigs, from `synth.datasets.splits`
 
     def __add__(self, other: "Statistics") -> "Statistics":
-        """Return the sum of both counts.
-
-        Raises:
-            ValueError: the clips have different skeletons.
-        """
+        """Return the sum of both counts. Raises ValueError if the clips have different skeletons."""
         if self.joints and other.joints and self.joints != other.joints:
             raise ValueError(f"expected clips of one skeleton, found joints {self.joints} and {other.joints}")
         together = {each.name: (getattr(self, each.name), getattr(other, each.name)) for each in fields(self)}
@@ -145,11 +141,7 @@ def _sum(one: np.ndarray | None, two: np.ndarray | None) -> np.ndarray | None:
 
 
 def measure(data: Path | list[Path], *, workers: int = 1) -> Statistics:
-    """Return the statistics of data sets, or of clips.
-
-    Args:
-        data: One folder, or several.
-        workers: Processes; -1 for one per core.
+    """Return the statistics of the clips and data sets in folders.
 
     Raises:
         FileNotFoundError: there is neither a clip nor a data set.
@@ -251,11 +243,7 @@ _PROCEDURAL = "procedural"
 
 
 def terms(scenes: Counter[str]) -> str:
-    """Return the section on rights for the page of a data set, in Markdown.
-
-    Args:
-        scenes: Numbers of clips by `motion=` and `arena=`, as `Statistics.scenes`.
-    """
+    """Return the section on rights for the page of a data set, in Markdown, from `Statistics.scenes`."""
     motion, rooms = _by(scenes, "motion="), _by(scenes, "arena=")
     recorded = {kind: count for kind, count in motion.items() if kind != _PROCEDURAL}
     foreign = {room: count for room, count in rooms.items() if room not in room_choices()}
@@ -375,16 +363,11 @@ _OCCLUDERS = 12
 
 
 def describe(data: Path | list[Path], out: Path, *, workers: int = 1) -> Statistics:
-    """Write the page of data sets, its figure, and the numbers of both.
-
-    Args:
-        data: The data set or clip, or several.
-        out: Folder to write; it must not exist, be empty, or contain an earlier page.
-        workers: Processes; -1 for one per core.
+    """Write the page of data sets or clips, its figure, and the numbers of both, to a folder.
 
     Raises:
         FileNotFoundError: there is neither a clip nor a data set.
-        ValueError: the folder contains something else, or a clip is damaged.
+        ValueError: the folder contains something other than an earlier page, or a clip is damaged.
     """
     data, out = [Path(path) for path in (data if isinstance(data, list) else [data])], Path(out)
     if workers == 0:

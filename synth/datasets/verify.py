@@ -301,15 +301,8 @@ class Verification(NamedTuple):
 
 
 def verify(path: Path, *, fast: bool = False) -> Verification:
-    """Check a clip, or all clips of a data set and its manifest.
-
-    Args:
-        path: The clip or data set.
-        fast: Compare only the sizes of files, and the contents of JSON files with their checksums.
-
-    Raises:
-        FileNotFoundError: the path is neither a clip nor a data set.
-    """
+    """Check a clip, or all clips of a data set and its manifest. If `fast`, compare only the sizes of files, and the
+    contents of JSON files with their checksums. Raises FileNotFoundError if the path is neither."""
     path = Path(path)
     if (path / "clip.json").is_file() or (_is_clip(path) and not (path / MANIFEST).is_file()):
         return _result(path.parent, [path.name], verify_clip(path, fast=fast)[1], number_of(path))

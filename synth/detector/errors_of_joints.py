@@ -230,11 +230,8 @@ class Misses:
         return 1 - (1 - missed) * (1 - person[..., None])
 
     def person_probability(self, hidden: np.ndarray) -> np.ndarray:
-        """Return the probability (...) that a person is not detected at all.
-
-        Args:
-            hidden: (..., 25) True for joints that are hidden or outside the image.
-        """
+        """Return the probability (...) that a person is not detected, by the joints (..., 25) hidden or outside the
+        image."""
         weight = np.where(_OF_LIMBS, 1.0, self.trunk_weight)
         share = (hidden * weight).sum(-1) / weight.sum()
         return (

@@ -144,11 +144,8 @@ class Merges:
 def _merge(arrays: dict[str, np.ndarray], frame, host, guest, limbs, keep_rest) -> None:
     """Move limbs of the guest to the host, in place.
 
-    Args:
-        arrays: `xy`, `score`, `owner` and `kind` of the view.
-        frame, host, guest: (n,) frames, and the persons merged in them.
-        limbs: (n, limbs) True for the limbs that the host gets from the guest.
-        keep_rest: (n,) True where the rest of the guest is reported as well.
+    `limbs` (n, limbs) are those that the host gets in each of the n frames; `keep_rest` (n,) is True where the rest of
+    the guest is reported as well.
     """
     given = (limbs[..., None] & _LIMBS).any(1) & np.isfinite(arrays["score"][frame, guest])
     n, joint = np.nonzero(given)

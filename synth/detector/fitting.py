@@ -26,12 +26,7 @@ from synth.detector.statistics import DetectorStatistics, measure_all
 
 
 def preset_yaml(config: DetectorConfig, name: str, comments: list[str]) -> str:
-    """Return a preset as YAML: the options of a detector that differ from the defaults, one group per line.
-
-    Args:
-        name: Name of the preset.
-        comments: Comment lines at the beginning of the file.
-    """
+    """Return a preset as YAML: the options that differ from the defaults, one group per line, after comment lines."""
     # The name of a recording may contain line breaks. Without this, the further lines would become options.
     lines = [*(f"# {' '.join(comment.split())}" for comment in comments), f"name: {json.dumps(name)}"]
     for group, options in _changed(config, DetectorConfig()).items():
@@ -318,9 +313,7 @@ def fit(
         real: Statistics of the recording.
         clips: Simulated clips with truth and visibility, of a scene similar to the recording's.
         start: Start of the fit. Parameters that the recording does not determine keep its values.
-        rounds: Number of simulations; each takes as long as measuring the clips.
-        seed: Seed of the detector, the same in all rounds.
-        workers: Processes; -1 for one per core.
+        rounds: Number of simulations. The detector has the same `seed` in all of them.
         reference: Reference for the detections of the clips, the same as for the recording.
 
     Raises:

@@ -117,10 +117,8 @@ def kind_of(joint: str) -> str:
 def joint_groups(groups: dict[str, str], otherwise: str, *, sided: tuple[str, ...]) -> dict[str, np.ndarray]:
     """Group joints by kind: (25,) True for the joints of each group.
 
-    Args:
-        groups: Name of the group of each kind of joint.
-        otherwise: Name of the group of all other kinds.
-        sided: Groups that are split into a left and a right one, `l_<name>` and `r_<name>`.
+    `groups` has the name of the group of each kind; all other kinds are in `otherwise`. Groups in `sided` are split
+    into a left and a right one, `l_<name>` and `r_<name>`.
     """
     names = []
     for joint in BODY25.joints:

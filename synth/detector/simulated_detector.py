@@ -108,12 +108,7 @@ def _columns(truth: Poses3D) -> list[int]:
 
 
 def _shuffled(view: View) -> tuple[View, np.ndarray]:
-    """Put the detections of each frame in random order, with empty ones last.
-
-    Returns:
-        view: The view with its detections in this order.
-        person: (F, D) int16 index of the person of each detection; -1 for ghosts and for empty detections.
-    """
+    """Put the detections of each frame in random order, empty ones last; with their persons (F, D), -1 for none."""
     detected = view.observed.any(-1)
     order = np.argsort(view.random(ErrorStream.ORDER).uniform(size=detected.shape) + ~detected, axis=1)
     rows = np.arange(len(order))[:, None]

@@ -217,9 +217,7 @@ def _reference(clip: Clip, reference: ErrorReference) -> Poses3D:
 def _errors(clip: Clip, view: int, reference: ErrorReference) -> tuple:
     """Measure the errors of detected joints in one view, against the truth or people captured from the other views.
 
-    Returns:
-        error, inverted, score, joint: (n,) each; and the energies from which the ratios `autocorrelation` and
-            `constant` are computed.
+    Returns error, inverted, score, joint, (n,) each, and the energies for the ratios `autocorrelation` and `constant`.
     """
     others = [other for other in range(len(clip.rig)) if other != view]
     match = match_detections(clip.select(views=[view]), _reference(clip.select(views=others), reference))
@@ -242,10 +240,7 @@ def _errors(clip: Clip, view: int, reference: ErrorReference) -> tuple:
 
 
 def _correlation(off: np.ndarray, size: np.ndarray, frames: int) -> tuple[float, float]:
-    """Return the sums of products of errors `frames` apart, and of their squares. Gross errors are left out.
-
-    At a frame rate that is too low for this time, nothing is known.
-    """
+    """Return the sums of products of errors `frames` apart, and of their squares. Gross errors are left out."""
     if not frames:
         return 0.0, 0.0
     both = (size[:-frames] < GROSS) & (size[frames:] < GROSS)

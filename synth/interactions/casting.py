@@ -28,16 +28,6 @@ _ARMS = {side: [SEGMENTS.index(f"{side}_{part}") for part in ("upper_arm", "fore
 _HEAD, _CHEST, _SPINE = (SEGMENTS.index(name) for name in ("head", "chest", "spine"))
 
 
-def follow(base: Motion, role: Role, body: Body, *, bend: bool, rng: np.random.Generator) -> Motion:
-    """Return a motion along a role's path.
-
-    Args:
-        base: The motion, at the body's size.
-        bend: Whether the motion is a walk, and is bent along the path; otherwise new legs step along it.
-    """
-    return _along(base, role.path, body) if bend else _over_steps(base, role, body, rng=rng)
-
-
 def heading(rotations: np.ndarray, fps: float) -> np.ndarray:
     """Return the (F,) smoothed and continuous heading of a pelvis, from segments (F, 16, 3, 3), rad."""
     forward = gaussian_filter1d(rotations[:, 0, :2, 0], 0.4 * fps, axis=0, mode="nearest")
@@ -161,18 +151,10 @@ def draw_motions(
     seed: int,
     clip: int,
 ) -> tuple[list[Motion], Script | None]:
-    """Draw the motions of all people of a clip, at the size of their bodies.
+    """Draw the motions of P people of a clip, bystanders last, at the size of their bodies.
 
-    Args:
-        interaction: What people do together.
-        bodies: Bodies of P people, bystanders last.
-        frames, fps: Length and frame rate of the clip.
-        radius: Greatest distance of hips from the middle, m.
-        seed, clip: Seed of the data set and number of the clip.
-
-    Returns:
-        P motions, and the script of the interaction, if any. Motions of a script are placed around the origin, others
-        anywhere.
+    Returns the motions, and the script of the interaction, if any. Motions of a script are placed around the origin,
+    with hips within `radius`, m; others are anywhere.
     """
     rng = generator(seed, clip, Stream.MOTION)
     if not interaction.together:
@@ -187,21 +169,13 @@ def draw_motions(
 
 
 def cast_roles(script: Script, cast: Cast, config: MotionConfig, *, rng: np.random.Generator) -> list[Motion]:
-    """Draw a motion for each role of a script and let it follow the role.
+    """Draw a motion for each role of a script, at the size of the person, and let it follow the role.
 
     A role that walks takes a walk of the motion source, bent along the path. If none of a few draws is a walk, and for
     all other roles, the legs follow the path step by step. The trunk, arms and head then come from a motion of the
     source that is upright throughout, or else from a procedural person who stands.
 
     Recordings of two people together are played unchanged where the script asks for that.
-
-    Args:
-        script: The roles, around the origin.
-        cast: The people.
-        rng: Draws motions and steps.
-
-    Returns:
-        One motion for each person, in place, of the person's size.
     """
     pair = _recorded_pair(cast, config, rng=rng) if script.paired else None
     if pair:
@@ -209,7 +183,8 @@ def cast_roles(script: Script, cast: Cast, config: MotionConfig, *, rng: np.rand
     motions = []
     for role, body in zip(script.roles, cast.bodies, strict=True):
         base, fits = _draw(role, body, cast, config, rng=rng)
-        motions.append(follow(base, role, body, bend=role.walks and fits, rng=rng))
+        follows = role.walks and fits
+        motions.append(_along(base, role.path, body) if follows else _over_steps(base, role, body, rng=rng))
     poses = poses_of(cast.bodies, motions)
     for person, role in enumerate(script.roles):
         if role.gaze is not None:

@@ -50,11 +50,8 @@ class InteractionConfig:
             )
 
     def participants(self, asked: Sequence[int] | None, usual: tuple[int, int]) -> tuple[int, int]:
-        """Return the least and greatest number of people who take part.
-
-        Args:
-            asked: The least and greatest number that the user asks for; None if there is no such request.
-            usual: The default for people without an interaction.
+        """Return the least and greatest number of people who take part: those asked for, if any, or `usual` without
+        interaction.
 
         Raises:
             ValueError: the interaction takes none of the requested numbers; the message lists what it takes.

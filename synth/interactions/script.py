@@ -188,17 +188,9 @@ def meeting(cast: Cast, longest: float, *, rng: np.random.Generator) -> tuple[fl
 def face_to_face(
     cast: Cast, apart: float, aside: float, *, come: float, when: float, rng: np.random.Generator
 ) -> tuple[tuple[Role, ...], np.ndarray]:
-    """Return the roles of two people who walk up to each other.
-
-    Args:
-        cast: The two people.
-        apart, aside: Distance between them at the end, along and across their walking direction, m.
-        come: Distance that each of them walks, m.
-        when: Time at which they arrive, s.
-
-    Returns:
-        Their roles, in which they look at each other, and the direction (2,) from the first to the second.
-    """
+    """Return the roles of two people who walk up to each other, and look at each other, and the direction (2,) from the
+    first to the second. They walk `come`, m, each, arrive at `when`, s, and are then `apart` along and `aside` across
+    it, m."""
     yaw = rng.uniform(0, 2 * np.pi)
     ahead, left = np.array((np.cos(yaw), np.sin(yaw))), np.array((-np.sin(yaw), np.cos(yaw)))
     roles = []
@@ -239,15 +231,13 @@ def thickness(body: Body) -> float:
 
 
 def on_trunk(body: Body, height: float, angle: float, press: float) -> tuple[str, np.ndarray, np.ndarray]:
-    """Return a point on the clothed skin of the trunk, and the direction out of it there.
+    """Return a point on the clothed skin of the trunk: its segment, the point (3,) in its frame, m, and the unit normal
+    (3,).
 
     Args:
         height: Height above the hip joints, as a fraction of stature, of a person with an average trunk.
         angle: Direction from the middle of the trunk: 0 to the front, pi / 2 to the left, rad.
         press: Depth of the point below the skin, m.
-
-    Returns:
-        The segment that the point moves with, the point (3,) in its frame, m, and the unit normal (3,).
     """
     ahead, up, depth, breadth = trunk_sections(body, np.array([height]))[0]
     segment = "pelvis" if height < 0.05 else "spine" if height < 0.13 else "chest"
@@ -263,14 +253,10 @@ def on_trunk(body: Body, height: float, angle: float, press: float) -> tuple[str
 
 
 def nearest_reached(points: np.ndarray, bodies: Sequence[Body], shoulders: Sequence[np.ndarray]) -> np.ndarray:
-    """Return points (F, 3), m, moved as little as necessary for a palm of each person to reach them.
+    """Return points (F, 3), m, moved as little as necessary for a palm of each person to reach them from a shoulder (F,
+    3), m.
 
     Alternating projections find them. If no point is in reach of all people, the result is between them.
-
-    Args:
-        points: (F, 3) m.
-        bodies: Bodies of the people.
-        shoulders: (F, 3) m of each person, the shoulder of the arm.
     """
     for _ in range(_PROJECTIONS):
         for body, shoulder in zip(bodies, shoulders, strict=True):
@@ -283,8 +269,8 @@ def nearest_reached(points: np.ndarray, bodies: Sequence[Body], shoulders: Seque
 def within_reach(bodies: Sequence[Body], away: Sequence[float]) -> tuple[float, float]:
     """Return the least and greatest height at which the palms of all people can be, standing upright, m.
 
-    The palm is a horizontal distance `away`, m, from each person's shoulder. If there is no such height, the
-    least exceeds the greatest.
+    The palm is a horizontal distance `away`, m, from each person's shoulder. Without such a height, the least is
+    greater.
     """
     low, high = 0.0, np.inf
     for body, far in zip(bodies, away, strict=True):

@@ -80,16 +80,10 @@ def holding_place(bodies: Sequence[Body]) -> tuple[list[float], float]:
 def hand_over(
     cast: Cast, people: tuple[int, int], paths: Sequence[np.ndarray], taken: float
 ) -> tuple[Load, Callable[[Poses], list[Reach]]]:
-    """Return a box that the first of two people holds at the start of the clip and the second takes.
+    """Return a box that the first of two people holds at the start and the second takes, and the reaches of their
+    hands.
 
-    Args:
-        cast: All people.
-        people: Indices of the person who gives and of the person who takes.
-        paths: (F, 3) of both; they face each other at the time `taken`, with the box between them.
-        taken: Time at which the second person has the box, s.
-
-    Returns:
-        The box, and the function for the reaches of both people's hands.
+    Their paths (F, 3) face each other at the time `taken`, s, with the box between them; then the second person has it.
     """
     half_width = float(prop_size(_BOX).reach[1])
     seconds = cast.seconds

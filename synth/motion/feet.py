@@ -31,17 +31,12 @@ _STRETCH = 0.999
 _CLEAR = 0.04
 """Least height of a swinging foot while no foot stands, or while it is flat and the other foot stands, m."""
 SOLE = np.array(((-0.038, 0, -ANKLE_HEIGHT), (0.106, 0, -ANKLE_HEIGHT)))
-"""(2, 3) heel, and the tip over which a foot rolls forward, in the foot's frame, fractions of stature; as in `legs`."""
+"""(2, 3) heel, and the tip over which a foot rolls forward, in the foot's frame, fractions of stature."""
 
 
 def sole_points(body: Body, root: np.ndarray, rotations: np.ndarray, points: np.ndarray = SOLE) -> np.ndarray:
-    """Return points on the soles, (F, 2, K, 3) m, of the left and the right foot.
-
-    Args:
-        root: (F, 3) mid hip, m.
-        rotations: (F, 16, 3, 3) world orientation of each of `SEGMENTS`.
-        points: (K, 3) points in the foot's frame, fractions of stature.
-    """
+    """Return points on the soles, (F, 2, K, 3) m, of the left and the right foot. `points` (K, 3) are in the foot's
+    frame, in fractions of stature; `root` (F, 3), m, and `rotations` (F, 16, 3, 3) as in `Motion`."""
     ankles = segment_origins(body, root, rotations)[:, FEET, None]
     return ankles + np.einsum("fsij,kj->fski", rotations[:, FEET], points * body.stature)
 
@@ -49,16 +44,10 @@ def sole_points(body: Body, root: np.ndarray, rotations: np.ndarray, points: np.
 def foot_contacts(
     body: Body, root: np.ndarray, rotations: np.ndarray, fps: float, *, turn: float, recorded: bool = False
 ) -> np.ndarray:
-    """Detect when each foot stands on the floor.
+    """Return (F, 2) True where the left and the right foot stand on the floor.
 
-    Args:
-        root: (F, 3) mid hip, m.
-        rotations: (F, 16, 3, 3) world orientation of each of `SEGMENTS`.
-        turn: Rate at which the motion has been bent, rad/s; the slip of feet that this causes is allowed.
-        recorded: Whether the motion was recorded. Recorded people may shift their weight between frames.
-
-    Returns:
-        (F, 2) True where the left and the right foot stand.
+    `turn` is the rate at which the motion has been bent, rad/s; the slip of feet that this causes is allowed. Recorded
+    people may shift their weight between frames.
     """
     if len(root) == 1:
         return sole_points(body, root, rotations)[..., 2].min(2) < _STILL[0][0]
@@ -86,16 +75,8 @@ def foot_contacts(
 
 
 def weight_on_feet(body: Body, root: np.ndarray, rotations: np.ndarray, standing: np.ndarray, fps: float) -> np.ndarray:
-    """Share the weight between the feet; it passes from one to the other within about 0.1 s.
-
-    Args:
-        root: (F, 3) mid hip, m.
-        rotations: (F, 16, 3, 3) world orientation of each of `SEGMENTS`.
-        standing: (F, 2) True where the left and the right foot stand.
-
-    Returns:
-        (F, 2) shares of the weight on the left and the right foot, with a sum of at most 1.
-    """
+    """Return (F, 2) shares of the weight on the left and the right foot, with a sum of at most 1. The weight passes
+    from one to the other within about 0.1 s; `standing` (F, 2) as from `foot_contacts`."""
     share = standing * np.exp(-sole_points(body, root, rotations)[..., 2].min(2).clip(0) / 0.01)
     share = gaussian_filter1d(share, 0.03 * fps, axis=0, mode="nearest")
     return share / np.maximum(share.sum(1, keepdims=True), 1)
@@ -110,22 +91,14 @@ def lock_feet(
     *,
     recorded: bool = False,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Remove foot skate: hold standing feet in place and keep all feet above the floor.
+    """Remove foot skate: hold standing feet (`foot_contacts`) in place and keep all feet above the floor.
 
     While a foot stands, its heading and the part of its sole that bears weight stay fixed; the swing phase makes up for
     the difference. The tip or the heel may be below the floor in recordings, because toes bend. The foot is then turned
     about its ankle and, if that is not enough, raised. Thigh and shin are solved by the law of cosines to reach the
-    ankle, with the knee on its original side. The hips sink where the legs are too short.
+    ankle, with the knee on its original side. The hips sink where the legs are too short. Recorded motions may leap.
 
-    Args:
-        root: (F, 3) mid hip, m.
-        rotations: (F, 16, 3, 3) world orientation of each of `SEGMENTS`.
-        standing: (F, 2) True where the left and the right foot stand.
-        recorded: Whether the motion was recorded and may contain leaps.
-
-    Returns:
-        root: (F, 3) mid hip with corrected heights, m.
-        rotations: (F, 16, 3, 3) with corrected thighs, shins and feet.
+    Returns the root (F, 3), m, with corrected heights, and the rotations (F, 16, 3, 3) with corrected legs.
     """
     root, rotations = root.copy(), rotations.copy()
     origins = segment_origins(body, root, rotations)
@@ -186,12 +159,8 @@ def _eased(offsets: np.ndarray, known: np.ndarray) -> np.ndarray:
 
 
 def _on_floor(feet: np.ndarray, ankles: np.ndarray) -> np.ndarray:
-    """Turn feet (F, 3, 3) up or down so that neither tip nor heel is below the floor, as far as that is possible.
-
-    Args:
-        feet: Orientations.
-        ankles: (F,) height of the ankles above the floor, as a fraction of stature.
-    """
+    """Turn feet (F, 3, 3) up or down so that neither tip nor heel is below the floor, as far as that is possible;
+    `ankles` (F,) are above it by these fractions of stature."""
     down = np.arcsin(np.clip(-feet[:, 2, 0], -1, 1))
     least, most = (
         # Pitch at which heel and tip touch the floor, from their distance and direction from the ankle.
@@ -295,13 +264,10 @@ def step_along(
     hips: np.ndarray | None = None,
     ahead: float = 0.0,
 ) -> Footsteps:
-    """Follow a path with steps; feet that bear weight stay in place.
+    """Follow a path (F, 3) of mid hip, m, and heading, rad, with steps; feet that bear weight stay in place.
 
-    Args:
-        path: (F, 3) x and y of the mid hip, m, and heading, rad.
-        rng: Draws which foot steps first and how wide the feet stand.
-        hips: (F,) greatest height of the mid hip, m, for sitting, crouching or bent knees.
-        ahead: Distance of the feet ahead of the hips, m, as in sitting.
+    `hips` (F,) is the greatest height of the mid hip, m, for sitting, crouching or bent knees. `ahead` is the distance
+    of the feet ahead of the hips, m, as in sitting. `rng` draws which foot steps first and how wide the feet stand.
     """
     seconds = np.arange(len(path)) / fps
     width, out = rng.uniform(0.055, 0.08) * body.stature, np.radians(rng.uniform(4, 14))

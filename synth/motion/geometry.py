@@ -20,16 +20,8 @@ def about(axis: str, angle: np.ndarray | float) -> np.ndarray:
 
 
 def aligned(along: np.ndarray, forward: np.ndarray, axis: tuple[float, float, float]) -> np.ndarray:
-    """Return rotations that turn `axis` to one direction, and x as close as possible to another direction.
-
-    Args:
-        along: (F, 3) directions of any length.
-        forward: (F, 3) directions of any length, not parallel to `along`.
-        axis: Unit vector orthogonal to x.
-
-    Returns:
-        (F, 3, 3) rotations.
-    """
+    """Return rotations (F, 3, 3) that turn `axis`, a unit vector orthogonal to x, to directions `along` (F, 3), and x
+    as close as possible to `forward` (F, 3). Both may have any length, and are not parallel."""
     along = along / np.linalg.norm(along, axis=1, keepdims=True)
     forward = forward - (forward * along).sum(1, keepdims=True) * along
     forward /= np.linalg.norm(forward, axis=1, keepdims=True)
@@ -66,16 +58,13 @@ _BENT, _STRAIGHT = 0.35, 0.995
 
 
 def two_bone_ik(start: np.ndarray, end: np.ndarray, lengths: tuple[float, float], side: np.ndarray) -> np.ndarray:
-    """Return the middle joint and the tip of a limb, by the law of cosines.
+    """Return the middle joint and the tip of a limb, (F, 2, 3) m, by the law of cosines.
 
     Args:
         start: (F, 3) root of the limb, m.
         end: (F, 3) target of the tip, m. If the target is out of reach, the limb points towards it.
         lengths: Lengths of both bones, m.
         side: (F, 3) direction in which the middle joint bends; not parallel to the limb.
-
-    Returns:
-        (F, 2, 3) middle joint and tip, m.
     """
     upper, lower = lengths
     reach = end - start
@@ -100,19 +89,15 @@ def reach_with_arm(
     *,
     straight: bool = False,
 ) -> np.ndarray:
-    """Return the orientations of an arm with its palm at a point. The wrist bends so that the palm lies flat there.
+    """Return orientations (F, 3, 3, 3) of upper arm, forearm and hand with the palm at a point. The wrist bends so that
+    the palm lies flat there, unless it is `straight`, as in a punch.
 
     Args:
-        side: `l` or `r`.
         chest: (F, 3, 3) orientation of the chest.
         shoulder: (F, 3) shoulder of that side, m.
         palm: (F, 3) target of the skin of the palm, m.
         normal: (F, 3) direction in which the palm faces, as far as the direction of the forearm allows.
         elbow: Direction in which the elbow bends, in the chest's frame, y outward; not towards the palm.
-        straight: Whether the wrist stays straight, as in a punch.
-
-    Returns:
-        (F, 3, 3, 3) orientations of upper arm, forearm and hand.
     """
     sign = SIDES[side]
     lengths = tuple(

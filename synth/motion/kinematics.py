@@ -77,19 +77,15 @@ QUANTITIES = tuple(quantity for group in GROUPS.values() for quantity in group)
 
 
 def kinematics(xyz: np.ndarray, fps: float) -> dict[str, np.ndarray]:
-    """Return all `QUANTITIES` in every frame.
+    """Return all `QUANTITIES` in every frame by name: (F,), or (F, 2) for quantities with two sides; NaN where unknown.
 
-    Angles are between lines from joint to joint, so they mean the same for any skeleton. Angles of hips and arms
-    are relative to the trunk (mid hip to neck) and the line through both hips or shoulders. "From hips" is relative to
-    the mid hip, in axes that turn about the vertical with the hips.
+    Angles are between lines from joint to joint, so they mean the same for any skeleton. Angles of hips and arms are
+    relative to the trunk (mid hip to neck) and the line through both hips or shoulders. "From hips" is relative to the
+    mid hip, in axes that turn about the vertical with the hips.
 
     Args:
         xyz: (F, 25, 3) joints of `BODY25`, m, world, floor at z = 0; NaN where unknown.
         fps: Frames per second. Speeds are central differences of smoothed positions; see `SMOOTHING`.
-
-    Returns:
-        The values of each quantity by its name, in its unit: (F,), or (F, 2) for quantities with two sides. NaN where
-        joints are unknown.
     """
     xyz = local_parabola(np.asarray(xyz, np.float64), SMOOTHING * fps)
     hip, knee, ankle, toe, heel, shoulder, elbow, wrist, ear = (

@@ -90,14 +90,8 @@ class FloorPath:
 
 
 def redirect(motion: Motion, start: tuple[float, float], yaw: float, turn: float) -> Motion:
-    """Return a motion with another start and direction, bent along a curve.
-
-    Args:
-        motion: The motion, on the floor.
-        start: Position of the mid hip in the first frame, m, world.
-        yaw: Turn of the whole motion about the vertical, rad.
-        turn: Further turn, rad/s: a straight walk becomes a walk around a circle.
-    """
+    """Return a motion with another start of the mid hip, m, turned about the vertical by `yaw`, rad, and bent along a
+    curve by `turn`, rad/s: a straight walk becomes a walk around a circle."""
     root = motion.root.copy()
     root[:, :2] = redirected_path(motion, start, yaw, turn)
     return replace(motion, root=root, rotations=_turns(motion, yaw, turn)[:, None] @ motion.rotations)
@@ -116,19 +110,16 @@ def _turns(motion: Motion, yaw: float, turn: float) -> np.ndarray:
 
 
 def avoid_collisions(paths: np.ndarray, fps: float, *, clearance: float, obstacles: np.ndarray) -> np.ndarray:
-    """Return sidesteps that keep people apart from each other and from obstacles.
+    """Return sidesteps (F, P, 2), m, that keep people apart from each other and from obstacles.
 
-    Where two paths come closer than the clearance, each person steps aside by half of the missing distance, sideways
-    to the direction in which they pass each other. The sidestep begins one second before. One sidestep may cause
-    another, so the paths are checked again; a few rounds resolve most conflicts.
+    Where two paths come closer than the clearance, each person steps aside by half of the missing distance, sideways to
+    the direction in which they pass each other. The sidestep begins one second before. One sidestep may cause another,
+    so the paths are checked again; a few rounds resolve most conflicts.
 
     Args:
         paths: (F, P, 2) mid hips, m.
         clearance: Least distance between the mid hips of two people, m.
         obstacles: (K, 3) x, y and radius, m. Paths keep half the clearance from the edge of each.
-
-    Returns:
-        (F, P, 2) shift of each path, m.
     """
     frames, persons = paths.shape[:2]
     still = np.broadcast_to(obstacles[:, :2], (frames, len(obstacles), 2))
@@ -156,10 +147,8 @@ def avoid_collisions(paths: np.ndarray, fps: float, *, clearance: float, obstacl
 
 
 def _sidestep(apart: np.ndarray, fps: float, clearance: float) -> np.ndarray | None:
-    """Return a smooth shift, (F, 2) m, that lengthens the shortest vector of `apart`, (F, 2) m, to the clearance.
-
-    None if the clearance is already kept.
-    """
+    """Return a smooth shift, (F, 2) m, that lengthens the shortest vector of `apart`, (F, 2) m, to the clearance; None
+    if the clearance is already kept."""
     distance = np.linalg.norm(apart, axis=1)
     nearest = int(distance.argmin())
     missing = clearance - distance[nearest]

@@ -29,20 +29,14 @@ _LOWEST = 0.05
 
 
 def level_floor(ankles: np.ndarray, fps: float, ankle_height: float) -> tuple[np.ndarray, float]:
-    """Fit the floor of a recording.
+    """Fit the floor of a recording from ankles (F, 2, 3), m, z roughly up: a rotation (3, 3) that levels it, and the
+    height to subtract afterwards, m.
 
     Recorded floors are up to 7 cm away from zero height and tilt by up to 2 cm per metre. This is a calibration error,
     not a slope. The floor is fitted robustly as the plane at `ankle_height` below the standing ankles. An ankle stands
     if it stays in place for at least 0.1 s and is at most 5 cm above the lower ankle. Only the lowest level counts,
     because feet that stand higher are on steps, platforms or bars. A prior of one degree limits the tilt: the data do
     not determine it if a person stays on one spot.
-
-    Args:
-        ankles: (F, 2, 3) m, z roughly up.
-        ankle_height: Height of an ankle above its flat foot, m.
-
-    Returns:
-        (3, 3) rotation that levels the floor, and the height to subtract after the rotation, m.
     """
     speed = np.linalg.norm(np.gradient(ankles, 1 / fps, axis=0), axis=2) if len(ankles) > 1 else np.zeros((1, 2))
     standing = (speed < _STANDING_SPEED) & (ankles[..., 2] < ankles[..., 2].min(1, keepdims=True) + 0.05)
@@ -79,19 +73,12 @@ def _on_lowest_level(heights: np.ndarray) -> np.ndarray:
 
 
 def flatten_soles(feet: np.ndarray, heights: np.ndarray, ankle_height: float) -> np.ndarray:
-    """Return feet turned about their length so that soles near the floor are flat on it.
+    """Return feet (F, 3, 3) turned about their length so that soles near the floor are flat on it; `heights` (F,) of
+    ankles, m.
 
-    The ankles of CMU's skeletons cannot tilt sideways, so soles lean with the shins, by 35 degrees in a wide stance.
-    A sole is fully levelled if its ankle is at most 2 cm above the height of a standing ankle. The correction fades out
+    The ankles of CMU's skeletons cannot tilt sideways, so soles lean with the shins, by 35 degrees in a wide stance. A
+    sole is fully levelled if its ankle is at most 2 cm above the height of a standing ankle. The correction fades out
     up to 12 cm.
-
-    Args:
-        feet: (F, 3, 3) orientations, world.
-        heights: (F,) of the ankles above the floor, m.
-        ankle_height: Height of an ankle above its flat foot, m.
-
-    Returns:
-        (F, 3, 3) orientations.
     """
     lean = np.arctan2(feet[:, 2, 1], feet[:, 2, 2])
     # The sideways lean is undefined for a foot that stands on its toes.
@@ -132,15 +119,12 @@ _ODD = 0.1
 
 
 def repair(motion: Motion, path: Path) -> Motion:
-    """Return a motion without frames in which joints jump.
+    """Return a take without frames in which joints jump.
 
     A fault is one jump, or several jumps less than 0.25 s apart, together with the adjacent frozen frames. A fault of
-    up to 0.25 s is bridged by slerp and straight lines, if people can move that fast. Other faults are cut out, and
-    the longest stretch between them is returned. The name lists the changes; `first` is the new first frame. A single
-    step at no more than 8 m/s is not changed.
-
-    Args:
-        motion: A whole take.
+    up to 0.25 s is bridged by slerp and straight lines, if people can move that fast. Other faults are cut out, and the
+    longest stretch between them is returned. The name lists the changes; `first` is the new first frame. A single step
+    at no more than 8 m/s is not changed.
 
     Raises:
         ValueError: a take of more than one second has less than one second left.
@@ -265,9 +249,6 @@ def retarget_take(recording: SkeletonRecording, options: ReadOptions) -> Motion:
 
     If the options have no rate, the stated rate is corrected: from known facts about the take, or from the speed of
     falls in it.
-
-    Raises:
-        ValueError: as `retarget` and `synth.motion.readers.dialects.renamed`.
     """
     recording = replace(
         recording,
@@ -334,18 +315,12 @@ def retarget(
 def put_on_floor(motion: Motion, ankles: np.ndarray, path: Path, *, lies: bool = False) -> Motion:
     """Put a motion on a level floor at z = 0, lay soles near the floor flat on it, and repair frames that jump.
 
-    The ankles determine the floor height: they stand as high above it as the ankles of an adult with the same leg
-    length. The feet of the file are not used.
-
-    Args:
-        motion: Motion with z up and any floor.
-        ankles: (F, 2, 3) of left and right foot in the same world, m.
-        path: File that it was read from, for messages.
-        lies: Whether a body that is not upright is known to belong to a lying person.
+    The ankles (F, 2, 3), m, in the world of the motion, determine the floor height: they stand as high above it as the
+    ankles of an adult with the same leg length. The feet of the file are not used. `lies`: people are known to lie.
 
     Raises:
         ValueError: the motion is too fast for a person, or the body lies along an axis, as with axes in another order;
-            or as `synth.motion.retargeting.repair`.
+            or as `repair`.
     """
     _check_axes(motion, path, lies)
     _check_speed(motion, path)
@@ -367,11 +342,7 @@ def check_rate(fps: float, path: Path) -> None:
 
 
 def unit_of(leg: float, path: Path, unit: float | None) -> tuple[str, float]:
-    """Return the name of the unit of length and its size in metres.
-
-    Args:
-        leg: Length of thigh and shin together, mean of both legs, in the file's unit.
-        unit: Metres per unit; None to find the unit from `leg`.
+    """Return the name of the unit of length and its size in metres, from the mean length of thigh and shin together.
 
     Raises:
         ValueError: no unit gives `leg` the length of a human leg, and `unit` is None.
@@ -432,13 +403,9 @@ def _segments(
 
 
 def _elbow_angle(dialect: Dialect, arm: np.ndarray, forearm: np.ndarray) -> float:
-    """Return the angle above the forward direction at which an elbow bends in the T-pose, rad.
-
-    Args:
-        dialect: Its elbow angle is used; if it has none, the median over the frames with a bent elbow.
-        arm: (F, 3, 3) rotations of the upper arm since the T-pose.
-        forearm: (F, 3) vectors along the forearm, in canonical axes.
-    """
+    """Return the angle above the forward direction at which an elbow bends in the T-pose, rad: that of the dialect, or
+    the median over the frames with a bent elbow. `arm` (F, 3, 3) turns since the T-pose, `forearm` (F, 3) in canonical
+    axes."""
     if dialect.elbow is not None:
         return np.radians(dialect.elbow)
     forward, _, up = (arm.swapaxes(-1, -2) @ forearm[..., None])[..., 0].T

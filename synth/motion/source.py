@@ -10,12 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dmae.files.checks import check_numbers
-from synth.motion.config import (
-    PROCEDURAL,
-    RECORDED,
-    MotionConfig,
-    UpAxis,
-)
+from synth.motion.config import PROCEDURAL, RECORDED, MotionConfig, UpAxis
 from synth.motion.geometry import about
 from synth.motion.motion import Motion
 from synth.motion.procedural.gait import make_motion
@@ -33,17 +28,10 @@ _FARTHEST = 10_000.0
 def load_motion(
     config: MotionConfig, *, seconds: float, fps: float, rng: np.random.Generator, seated: float = SEATED
 ) -> Motion:
-    """Draw a stretch of motion.
+    """Draw a stretch of motion: round(seconds * fps) frames, anywhere on the floor; `place` moves them.
 
     For recorded motion, a take of `takes(config)` is drawn with equal probability, and a start within it (see `cut`).
-
-    Args:
-        config: The source.
-        seconds: Length, s.
-        seated: For procedural motion, hip height when sitting on a stool, as a fraction of the standing hip height.
-
-    Returns:
-        round(seconds * fps) frames, anywhere on the floor; `place` moves them.
+    In procedural motion, `seated` is the hip height on a stool as a fraction of the standing hip height.
 
     Raises:
         FileNotFoundError: there is no such file or folder, or no file of the format in it.
@@ -107,18 +95,10 @@ def read_take(
     up: UpAxis = UpAxis.auto,
     mapping: str | None = None,
 ) -> Motion:
-    """Read a whole take, retargeted and on a level floor. It is cached until its file changes.
+    """Read a whole take, retargeted and on a level floor, with read-only arrays. It is cached until its file changes.
 
-    Args:
-        path: A file of a format that has a reader.
-        fps: Frame rate that replaces the stated rate and the known corrections for the CMU database.
-        unit, up, mapping: As in `MotionConfig`.
-
-    Returns:
-        The take, with read-only arrays. Its name lists what was repaired.
-
-    Raises:
-        FileNotFoundError, ValueError: as `load_motion`.
+    `fps`, `unit`, `up` and `mapping` are as in `MotionConfig`. The name of the take lists what was repaired. Raises as
+    `load_motion`.
     """
     if not path.is_file():
         raise FileNotFoundError(f"no motion file {path}")
@@ -152,10 +132,8 @@ def cut(take: Motion, *, start: float, seconds: float, fps: float) -> Motion:
     smoothly. People then sometimes walk backwards, which is physically possible. A loop would make them jump, and a
     repeated last frame would make them freeze.
 
-    Args:
-        start: Position of the start, 0 to 1: 0 is the first frame, 1 is the last start from which the take is long
-            enough. A take that is too short may start anywhere, in either direction.
-        seconds: Length, s.
+    `start` is from 0, the first frame, to 1, the last from which the take is long enough. A take that is too short may
+    start anywhere, in either direction.
     """
     frames = max(round(seconds * fps), 1)
     times = np.arange(frames) / fps
@@ -189,13 +167,8 @@ def cut(take: Motion, *, start: float, seconds: float, fps: float) -> Motion:
 
 
 def place(motion: Motion, xy: tuple[float, float], yaw: float, leader: Motion | None = None) -> Motion:
-    """Move a motion over the floor.
-
-    Args:
-        xy: Target of the mean of the root, m, world.
-        yaw: Target of the mean heading of the pelvis (the direction of the mean of its x axis), rad from +x to +y.
-        leader: Another motion. Its mean root and heading are moved to the target instead, and `motion` moves with it as
-            its partner.
+    """Move a motion over the floor: the mean of its root to `xy`, m, world, and the mean heading of its pelvis to
+    `yaw`, rad from +x to +y. With a leader, the leader would be moved there, and `motion` moves with it as its partner.
     """
     leader = leader or motion
     facing = leader.rotations[:, 0, :2, 0].mean(0)

@@ -1,6 +1,5 @@
 """Places in a room where cameras can be mounted, and candidate cameras at them."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -53,10 +52,8 @@ class _Outline:
         return np.isfinite(self.reach)
 
     def holds(self, points: np.ndarray, margin: float) -> np.ndarray:
-        """Return whether points (n, 2), m, are inside the walls by at least a margin, m.
-
-        In a direction without a wall, no point counts as inside.
-        """
+        """Return whether points (n, 2), m, are inside the walls by at least a margin, m. Where no wall is, no point is
+        inside."""
         offset = points - self.middle
         angle = np.arctan2(offset[:, 1], offset[:, 0]) / (2 * np.pi) * len(self.reach)
         reach = np.where(self.walled, self.reach, 0)[np.round(angle).astype(int) % len(self.reach)]
@@ -64,16 +61,10 @@ class _Outline:
 
 
 def find_places(config: MountConfig, arena: Path, middle: np.ndarray, radius: float) -> CameraPlaces:
-    """Return evenly spread places in a room where a camera may be mounted.
+    """Return evenly spread places in a room (an MJCF file) where a camera may be mounted.
 
     Walls are vertical surfaces that face the people, are at least 1.5 m long, and end at a height of 1.8 m or more. In
-    a room without a ceiling, cameras hang at the top of the walls.
-
-    Args:
-        config: The allowed places.
-        arena: MJCF file of the room.
-        middle: (2,) middle of the people's area, m.
-        radius: Radius of the people's area, m.
+    a room without a ceiling, cameras hang at the top of the walls. The people's area is around `middle` (2,), m.
 
     Raises:
         ValueError: the room has no walls although they are needed, a height is outside the room, or no place is left.
@@ -220,14 +211,10 @@ def _possible(model: mujoco.MjModel, data: mujoco.MjData, at: np.ndarray) -> np.
 
 def _spread(at: np.ndarray, count: int) -> np.ndarray:
     """Return the indices of at most `count` places. Each next place is the one farthest from the places before it."""
-    return _farthest(at, count, lambda place: np.linalg.norm(at - place, axis=1))
-
-
-def _farthest(at: np.ndarray, count: int, distance: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    chosen, gap = [0], distance(at[0])
+    chosen, gap = [0], np.linalg.norm(at - at[0], axis=1)
     while len(chosen) < count and gap.max() > 1e-6:
         chosen.append(int(gap.argmax()))
-        gap = np.minimum(gap, distance(at[chosen[-1]]))
+        gap = np.minimum(gap, np.linalg.norm(at - at[chosen[-1]], axis=1))
     return np.sort(chosen)
 
 
@@ -266,17 +253,10 @@ class CandidateCameras:
 def aimed_cameras(
     places: CameraPlaces, lens: LensConfig, middle: np.ndarray, radius: float, stage: Stage, *, steepest: float = 90.0
 ) -> CandidateCameras:
-    """Return cameras at all places, aimed at the middle of the people's area and at four points around it.
+    """Return cameras at all places, aimed at the middle (2,), m, of the people's area and at four points around it.
 
-    Places from which no people can be seen are left out.
-
-    Args:
-        places: K places.
-        lens: The available lenses.
-        middle: (2,) middle of the people's area, m.
-        radius: Radius of the people's area, m.
-        stage: The people's area around the origin, for the checks of `synth.rigs.coverage`.
-        steepest: Greatest angle at which cameras look down, degrees.
+    Places from which no people can be seen are left out (`stage`, see `synth.rigs.coverage`), and cameras that look
+    down more than `steepest`, degrees.
 
     Raises:
         ValueError: people can be seen from fewer than two places.

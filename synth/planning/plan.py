@@ -14,7 +14,6 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.conversion import convert
 from dmae.data.rng import Stream, generator
-from dmae.data.skeleton import Skeleton, get_skeleton
 from dmae.metrics.comparison import Comparison
 from dmae.metrics.identity import identity_switches, idf1
 from dmae.metrics.pcp import correct_limbs
@@ -26,7 +25,6 @@ from dmae.parallel import in_parallel, process_count, running_on
 from dmae.progress import progress
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
-from synth.detector.config import DetectorConfig
 from synth.planning.config import PlanConfig
 from synth.planning.places import CandidateCameras, aimed_cameras, find_places, given_cameras, stage_of
 from synth.planning.search import JointEvidence, RigPrediction, choose, gather, predict, rehearse, seconds_of_search
@@ -58,13 +56,7 @@ class Expected:
 
 
 def measure(captured: Poses3D, truth: Poses3D, fps: float) -> dict[str, float]:
-    """Return the figures of `FIGURES` of one capture. A figure without data is NaN.
-
-    Args:
-        captured: Poses from `dmae.capture`.
-        truth: (F, T) true people, on the skeleton of the comparison.
-        fps: Frames per second.
-    """
+    """Return the `FIGURES` of one capture against the truth (F, T), on its skeleton. A figure without data is NaN."""
     filled = convert(smooth(fill_world(captured, fps, linear), fps, _SMOOTH), truth.skeleton)
     actors = tuple(np.flatnonzero(np.isfinite(truth.xyz).all(-1).any((0, 2))))
     compared = Comparison(filled, convert(captured, truth.skeleton), truth, actors, fps=fps)
@@ -80,26 +72,12 @@ def measure(captured: Poses3D, truth: Poses3D, fps: float) -> dict[str, float]:
     }
 
 
-def scored_skeleton(clip: Clip) -> Skeleton:
-    """Return the skeleton that captures are scored on. For a fused skeleton this is its second part."""
-    return get_skeleton(clip.truth.skeleton.parts[-1].name)
-
-
 def check_rigs(
     config: PlanConfig, cameras: CameraRig, rigs: Sequence[Sequence[int]], numbers: Sequence[int]
 ) -> dict[str, np.ndarray]:
-    """Capture clips with each rig.
+    """Capture N clips with each of R rigs, given by indices of at least two cameras. Return the `FIGURES`, (R, N) each.
 
     People are simulated once for all rigs. A camera has the same detections in every rig that contains it.
-
-    Args:
-        config: The plan.
-        cameras: All cameras of the rigs.
-        rigs: Indices of the cameras of each of R rigs; each rig has at least two.
-        numbers: Numbers of N clips.
-
-    Returns:
-        The figures of `FIGURES`, (R, N) each.
 
     Raises:
         FailedSimulation: a clip failed with every seed.
@@ -111,27 +89,20 @@ def check_rigs(
 
 
 def _check_clip(config: PlanConfig, cameras: CameraRig, rigs: list[list[int]], number: int) -> list[dict]:
-    return capture_all(_seen(config, config.detector, cameras, number), rigs)
-
-
-def _seen(config: PlanConfig, detector: DetectorConfig, cameras: CameraRig, number: int) -> Clip:
-    return rehearse(config, number).seen_by(cameras, detector)
+    return capture_all(rehearse(config, number).seen_by(cameras, config.detector), rigs)
 
 
 def capture_all(clip: Clip, rigs: Sequence[Sequence[int]]) -> list[dict[str, float]]:
-    """Return the figures of a clip for each subset of its cameras in `rigs`."""
-    truth = convert(clip.truth, scored_skeleton(clip))
+    """Return the figures of a clip for each subset of its cameras in `rigs`; of a fused skeleton on its last part."""
+    truth = convert(clip.truth, clip.truth.skeleton.parts[-1])
     return [measure(capture(clip.select(views=list(rig)), CaptureConfig()), truth, clip.fps) for rig in rigs]
 
 
 def expected(figures: np.ndarray, least: float = -np.inf, greatest: float = np.inf) -> Expected:
     """Return the mean of a figure over N clips, with its interval for clips of other people (Student's t).
 
-    Clips without the figure are left out. The interval is NaN if fewer than two clips remain.
-
-    Args:
-        figures: (N,) the figure in each clip.
-        least, greatest: Possible range of the figure. The interval is cut at these limits.
+    Clips without the figure are left out. The interval is cut at the possible range of the figure, and NaN if fewer
+    than two clips remain.
     """
     known = figures[np.isfinite(figures)]
     if not len(known):
@@ -172,13 +143,10 @@ class FloorCoverage:
 
 
 def cover_floor(rig: CameraRig, arena: Path, middle: np.ndarray, radius: float) -> FloorCoverage:
-    """Return the number of cameras that see a person at each point of the people's area.
+    """Return the number of cameras that see a person at each point of the people's area, a circle around `middle` (2,),
+    m.
 
-    Args:
-        rig: V cameras.
-        arena: MJCF file of the room. Props and other people are ignored.
-        middle: (2,) middle of the people's area, m.
-        radius: Radius of the people's area, m.
+    Only the room, an MJCF file, hides a person; props and other people are ignored.
     """
     model = compile_mjcf(arena)
     data = mujoco.MjData(model)
@@ -283,11 +251,8 @@ def make_plan(config: PlanConfig) -> CameraPlan:
 
 
 def find_candidates(config: PlanConfig) -> CandidateCameras:
-    """Return the candidate cameras: those of `rig`, or, without a rig, aimed cameras at all places of `mount`.
-
-    Raises:
-        ValueError, FailedSimulation: the same cases as in `make_plan`.
-    """
+    """Return the candidate cameras: those of `rig`, or, without a rig, aimed cameras at all places of `mount`. Raises
+    as `make_plan`."""
     scene = config.setting()
     arena, middle = arena_file(scene.arena), np.array(scene.middle, float)
     stage = stage_of(arena, middle, scene.radius)
@@ -322,10 +287,8 @@ def check_numbers(config: PlanConfig) -> range:
 
 
 def with_one_less(cameras: Sequence[int]) -> list[list[int]]:
-    """Return a rig, then the same rig without its first camera, without its second, ...
-
-    For a rig of two cameras, only the rig itself is returned.
-    """
+    """Return a rig, then the same rig without its first camera, without its second, ...; of two cameras only the rig
+    itself."""
     less = combinations(cameras, len(cameras) - 1) if len(cameras) > 2 else ()
     # `combinations` leaves out the last camera first.
     return [list(cameras), *(list(rig) for rig in reversed(list(less)))]
@@ -370,11 +333,8 @@ def _planned(
 
 
 def forecast_plan(config: PlanConfig) -> PlanForecast:
-    """Estimate the time of a plan from one short clip, which is simulated, detected and captured.
-
-    Raises:
-        ValueError, FailedSimulation: the same cases as in `make_plan`.
-    """
+    """Estimate the time of a plan from one short clip, which is simulated, detected and captured. Raises as
+    `make_plan`."""
     candidates = find_candidates(config)
     scene = config.setting()
     short = replace(config, scene=replace(config.scene, seconds=min(scene.seconds, 1.0)))

@@ -59,10 +59,7 @@ class Rehearsal:
         return moved_with(self.model, [person.body for person in self.spec.persons])
 
     def seen_by(self, rig: CameraRig, detector: DetectorConfig) -> Clip:
-        """Return the clip that these cameras record: truth, visibility and simulated detections.
-
-        The detections of a view do not depend on the other cameras.
-        """
+        """Return the clip that these cameras record, each independently: truth, visibility and simulated detections."""
         stage = stage_of(arena_file(self.spec.arena), np.zeros(2), self.spec.radius)
         line = {"id": f"{self.number:06d}"}
         return label_clip(
@@ -73,10 +70,6 @@ class Rehearsal:
 
 def rehearse(config: PlanConfig, number: int) -> Rehearsal:
     """Simulate the people of a clip. The result does not depend on cameras or on other clips.
-
-    Args:
-        config: The plan.
-        number: Number of the clip.
 
     Raises:
         FailedSimulation: the clip failed with every seed; the message is that of the last attempt.
@@ -136,16 +129,10 @@ class JointEvidence:
 
 
 def gather(rehearsal: Rehearsal, candidates: CandidateCameras, detector: DetectorConfig, frames: int) -> JointEvidence:
-    """Return the evidence of candidates on the joints of a clip.
+    """Return the evidence of candidates on the joints of a clip, in `frames` frames, evenly spread.
 
     Visibility is computed once for each place, by rays through the simulated scene. The detector's preset gives the
     probability and the accuracy of a detection for each kind of visibility.
-
-    Args:
-        rehearsal: The clip.
-        candidates: C cameras.
-        detector: The detector.
-        frames: Number of frames that are used, evenly spread.
     """
     chosen = np.unique(np.linspace(0, len(rehearsal.qpos) - 1, frames).round().astype(int))
     joints = rehearsal.joints[chosen][:, :, DETECTED]
@@ -222,11 +209,8 @@ class RigPrediction:
 
 
 def standard_errors(information: np.ndarray) -> np.ndarray:
-    """Return the standard errors (...) of positions, m.
-
-    Args:
-        information: (..., 6) inverse covariances, 1/m^2, as in `JointEvidence`.
-    """
+    """Return the standard errors (...) of positions, m, from inverse covariances (..., 6), 1/m^2, as in
+    `JointEvidence`."""
     xx, yy, zz, xy, xz, yz = np.moveaxis(np.asarray(information, np.float64), -1, 0)
     xx, yy, zz = xx + _RIDGE, yy + _RIDGE, zz + _RIDGE
     minors = yy * zz - yz * yz, xx * zz - xz * xz, xx * yy - xy * xy
@@ -281,16 +265,10 @@ def predict(evidence: JointEvidence, chosen: list[int]) -> RigPrediction:
 
 
 def choose(evidence: JointEvidence, place: np.ndarray, numbers: range, exchanges: int) -> dict[int, list[int]]:
-    """Choose cameras for each number, by greedy search and exchange.
+    """Choose cameras for each number, by greedy search and exchange. Return sorted indices of the cameras.
 
-    Args:
-        evidence: Evidence of C candidates.
-        place: (C,) index of each candidate's place; each place is used at most once.
-        numbers: Numbers of cameras.
-        exchanges: Greatest number of times that each camera is exchanged for the best other one.
-
-    Returns:
-        Sorted indices of the cameras, by number of cameras.
+    `place` (C,) is the index of each candidate's place; each place is used at most once. Each camera is exchanged for
+    the best other one at most `exchanges` times.
 
     Raises:
         ValueError: there are fewer places than cameras.
@@ -300,7 +278,7 @@ def choose(evidence: JointEvidence, place: np.ndarray, numbers: range, exchanges
         raise ValueError(f"cameras: {max(numbers)} cameras do not fit into {places} places; raise mount.places")
     chosen, found = [], {}
     for number in progress(range(1, max(numbers) + 1), "choosing cameras"):
-        chosen = [*chosen, _best(evidence, place, chosen)]
+        chosen = [*chosen, int(_scores(evidence, place, chosen).argmax())]
         if number in numbers:
             chosen = _exchanged(evidence, place, chosen, exchanges)
             found[number] = sorted(chosen)
@@ -308,13 +286,7 @@ def choose(evidence: JointEvidence, place: np.ndarray, numbers: range, exchanges
 
 
 def seconds_of_search(evidence: JointEvidence, rows: int, cameras: int, numbers: range) -> float:
-    """Return the estimated time of `choose`, s, from the measured time for a few cameras.
-
-    Args:
-        evidence: Evidence of a few cameras.
-        rows, cameras: Numbers of joints and of cameras in the search.
-        numbers: Numbers of cameras to choose.
-    """
+    """Estimate the time of `choose`, s, with so many joints (`rows`) and cameras, measured with a few cameras."""
     found, few = evidence.probability.shape
     repeats = -(-_TIMED_ROWS // max(1, found))
     larger = JointEvidence(np.tile(evidence.probability, (repeats, 1)), np.tile(evidence.information, (repeats, 1, 1)))
@@ -323,11 +295,6 @@ def seconds_of_search(evidence: JointEvidence, rows: int, cameras: int, numbers:
     each = (time.perf_counter() - start) / (few - 1) / (found * repeats)
     # Usually no camera changes any more after two rounds of exchanges.
     return each * rows * cameras * (max(numbers) + 2 * sum(numbers))
-
-
-def _best(evidence: JointEvidence, place: np.ndarray, others: list[int]) -> int:
-    """Return the camera with the highest score when it is added to others."""
-    return int(_scores(evidence, place, others).argmax())
 
 
 def _scores(evidence: JointEvidence, place: np.ndarray, others: list[int]) -> np.ndarray:
@@ -344,7 +311,7 @@ def _exchanged(evidence: JointEvidence, place: np.ndarray, chosen: list[int], ro
         before = list(chosen)
         for index in range(len(chosen)):
             others = chosen[:index] + chosen[index + 1 :]
-            chosen[index] = _best(evidence, place, others)
+            chosen[index] = int(_scores(evidence, place, others).argmax())
         if chosen == before:
             break
     return chosen

@@ -20,7 +20,7 @@ from synth.detector.config import DetectorConfig
 from synth.detector.fitting import redetect
 from synth.detector.parts import kind_of
 from synth.detector.statistics import FRAGMENT, GROSS, match_detections
-from synth.recognition.realism import NEAR, UNOBSTRUCTED, Sightings, sightings
+from synth.recognition.realism import NEAR, UNOBSTRUCTED, Sightings, percent, sightings
 
 _IN_IMAGE = Visibility.HIDDEN_BY_OBJECT
 _MIRROR = list(BODY25.mirror)
@@ -240,15 +240,12 @@ def numbers(found: DetectorObservations) -> dict:
 
 
 def tables(studied: dict[str, dict]) -> list[Table]:
-    """Return tables with one column per detector, from the results of `numbers`. Kinds of joints are left out.
-
-    The first detector determines the rows.
-    """
+    """Return tables with one column per detector and the rows of the first, without kinds of joints; see `numbers`."""
     names, made = list(studied), []
     for of, column, title in _COLUMNS:
         keyed = {name: {_name(row): row for row in studied[name][of]} for name in names}
         rows = [
-            (key, str(row[of]), *(_percent(keyed[name].get(key, {}).get(column)) for name in names))
+            (key, str(row[of]), *(percent(keyed[name].get(key, {}).get(column)) for name in names))
             for key, row in keyed[names[0]].items()
             if not row["heading"].startswith("joint")
         ]
@@ -293,10 +290,6 @@ def _joint_row(heading: str, group: str, some: JointsSeen) -> JointRow:
     )
 
 
-def _percent(share: float | None) -> str:
-    return "-" if share is None else f"{100 * share:.1f}"
-
-
 # Curves of the errors of several detectors.
 
 _FIGURE_COLUMNS = (
@@ -312,11 +305,7 @@ _SHORT = (("hidden by ", ""), ("the own body", "self"), ("another person", "pers
 
 
 def draw_errors(studied: dict[str, dict]) -> Figure:
-    """Return curves of near joints, confidence and misses by cause, margin, size and crowding, a line per detector.
-
-    Args:
-        studied: Results of `synth.recognition.detector_errors.numbers` by name of the detector.
-    """
+    """Return curves of near joints, confidence and misses by cause, margin, size and crowding, a line per detector."""
     figure = Figure(figsize=(14, 8), layout="constrained")
     axes = figure.subplots(len(_ROWS), len(_FIGURE_COLUMNS), sharey="row", squeeze=False)
     for column, (heading, label) in enumerate(_FIGURE_COLUMNS):
@@ -355,15 +344,7 @@ def study(
 ) -> dict[str, dict]:
     """Measure the errors of the detections in clips, and of simulated detectors on the same clips.
 
-    Args:
-        folders: Folders of data sets or clips with truth and visibility labels.
-        simulated: Simulated detectors by name.
-        seed: Seed of the simulated detectors.
-        workers: Processes; -1 for one per core.
-
-    Returns:
-        The tables of each detector, by its name, see `synth.recognition.detector_errors.numbers`. The detector of the
-        clips is first.
+    Returns the `numbers` of each detector by its name. The detector of the clips is first.
 
     Raises:
         FileNotFoundError: there are no clips.

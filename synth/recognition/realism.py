@@ -67,10 +67,7 @@ class Sightings:
 
     @property
     def crowding(self) -> np.ndarray:
-        """(F, V, P) distance in the image from the hips of each person to the nearest other hips, in heights.
-
-        It is inf for a person without others.
-        """
+        """(F, V, P) distance in the image from hips to the nearest other hips, in heights; inf for a person alone."""
         hips = self.xy[..., _INDEX["mid_hip"], :]
         apart = np.linalg.norm(hips[..., :, None, :] - hips[..., None, :, :], axis=-1)
         people = np.arange(apart.shape[-1])
@@ -178,13 +175,9 @@ class Crop:
 
 
 def crops(clip: Clip, seen: Sightings, detector: PictureDetector, every: int = 1) -> Iterator[Crop]:
-    """Yield each person in plain sight.
+    """Yield each person in plain sight, in each frame that is used.
 
-    Args:
-        clip: A clip with colour images.
-        seen: `sightings` of the clip.
-        detector: The detector. It gets a black image before each crop, so that it keeps no state of the previous one.
-        every: Number of frames from one used frame to the next.
+    The detector gets a black image before each crop, so that it keeps no state of the previous one.
 
     Raises:
         ValueError: the clip has no colour images.
@@ -323,13 +316,7 @@ class Rate:
 
 
 def judge(folders: Sequence[Path], config: PoseDetectorConfig, every: int = 1, workers: int = 1) -> list[Judged]:
-    """Run a detector on each person in plain sight in the images of clips.
-
-    Args:
-        folders: Folders of data sets or clips with truth and colour images.
-        config: The detector.
-        every: Number of frames from one used frame to the next.
-        workers: Processes; -1 for one per core.
+    """Run a detector on each person in plain sight in the images of clips, every so many frames.
 
     Raises:
         FileNotFoundError: there are no clips.
@@ -431,7 +418,7 @@ def _range(value: float, edges: Sequence[float], unit: str) -> str:
 def described(row: Rate) -> tuple[str, ...]:
     """Return the cells of a row: group, people, found, joints, near, median."""
     name = f"{row.heading}: {row.group}" if row.group else row.heading
-    return (name, str(row.people), _percent(row.found), str(row.joints), _percent(row.near), _percent(row.median))
+    return (name, str(row.people), percent(row.found), str(row.joints), percent(row.near), percent(row.median))
 
 
 HEAD = ("people in plain sight", "people", "found, %", "visible joints", f"within {NEAR:.0%} of the height, %",
@@ -439,7 +426,7 @@ HEAD = ("people in plain sight", "people", "found, %", "visible joints", f"withi
 """Headings of the columns of `described`."""
 
 
-def _percent(share: float | None) -> str:
+def percent(share: float | None) -> str:
     return "-" if share is None else f"{100 * share:.1f}"
 
 

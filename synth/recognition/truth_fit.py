@@ -48,12 +48,8 @@ def fit_to_truth(
 ) -> Fit:
     """Fit a detector to detections of clips with truth and visibility labels, by simulating it on the same clips.
 
-    Args:
-        recordings: Clips with equal numbers of cameras.
-        start: Start of the fit. Parameters that the clips do not determine keep its values.
-        rounds: Number of simulations in each of the two parts of the fit.
-        seed: Seed of the detector, the same in all rounds.
-        workers: Processes; -1 for one per core.
+    Each of the two parts of the fit takes `rounds` simulations, all with the same seed. Parameters that the clips do
+    not determine keep the values of `start`.
 
     Raises:
         ValueError: a clip has no truth or labels, or the clips have different numbers of cameras.
@@ -108,11 +104,7 @@ def real_distances(recordings: Sequence[Clip], others: Sequence[Clip], workers: 
 
 
 def on_body25(clip: Clip) -> Clip:
-    """Return a clip with its detections on BODY25.
-
-    Raises:
-        ValueError: the clip has no truth, or no visibility labels.
-    """
+    """Return a clip with its detections on BODY25. Raises ValueError if it has no truth, or no visibility labels."""
     if clip.truth is None or clip.occlusion is None:
         raise ValueError(
             f"clip {clip.id!r}: truth=annotated fits to clips with truth and labels of visibility, as "

@@ -38,10 +38,7 @@ class Stage:
 
 
 def area(stage: Stage) -> np.ndarray:
-    """Return the (R, S, L, 3) corners of cells, m: R rings, S sectors, L levels.
-
-    The convex hulls of the cells together contain the people's area.
-    """
+    """Return the (R, S, L, 3) corners of cells, m: R rings, S sectors, L levels. They cover the area."""
     # The polygon is circumscribed about the circle, so it contains the circle.
     rings = np.linspace(0, stage.radius / np.cos(np.pi / _SECTORS), _RINGS)
     angle = 2 * np.pi * np.arange(_SECTORS) / _SECTORS
@@ -88,11 +85,7 @@ def find_faults(rig: CameraRig, stage: Stage) -> dict[int, str]:
 def check_rig(rig: CameraRig, source: str, stage: Stage, origin: Sequence[float] | None = None) -> None:
     """Check that every camera is at a possible place and sees some of the people's area.
 
-    Args:
-        rig: Cameras.
-        source: Name of the rig, for the message.
-        stage: The people's area and the room.
-        origin: `rig.origin`, m, for cameras that are given in another world.
+    `origin` is `rig.origin`, m, for cameras that are given in another world.
 
     Raises:
         FailedSimulation: a camera is under the floor, inside an object of the room, or sees no people; the message
@@ -105,10 +98,8 @@ def check_rig(rig: CameraRig, source: str, stage: Stage, origin: Sequence[float]
 
 
 def _origin_hint(rig: CameraRig, origin: Sequence[float], stage: Stage) -> str:
-    """Return the advice to build the scene where the cameras look.
-
-    The text is empty if the cameras look at the people's area, or if their axes do not meet.
-    """
+    """Return the advice to build the scene where the cameras look; empty if they look at the people's area, or do not
+    meet."""
     meeting = meeting_point(rig)
     if meeting is None or np.hypot(*meeting[:2]) <= stage.radius:
         return ""
@@ -130,15 +121,7 @@ def meeting_point(rig: CameraRig) -> np.ndarray | None:
 
 
 def check_outside(rig: CameraRig, model: mujoco.MjModel, geom_ids: np.ndarray) -> None:
-    """Check that no camera is inside an object of a compiled scene. People are ignored.
-
-    Args:
-        rig: Cameras.
-        geom_ids: (ngeom,) id of each geom, 256 + k for object k.
-
-    Raises:
-        FailedSimulation: a camera is inside an object; the message names both.
-    """
+    """Raise FailedSimulation if a camera is inside an object, given the scene and the ids (ngeom,) of its geoms."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     for name, center in zip(rig.names, rig.centers, strict=True):
@@ -148,10 +131,8 @@ def check_outside(rig: CameraRig, model: mujoco.MjModel, geom_ids: np.ndarray) -
 
 
 def _surroundings(arena: Path | None, center: np.ndarray, points: np.ndarray) -> tuple[str | None, str | None]:
-    """Return the object of the room around a camera centre, and an object that hides all (n, 3) points from it.
-
-    Either is None if there is no such object.
-    """
+    """Return the object of the room around a camera centre, and an object that hides all (n, 3) points from it; or
+    None."""
     if arena is None:
         return None, None
     model, data = _arena(arena, arena.stat().st_mtime_ns)

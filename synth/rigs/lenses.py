@@ -96,9 +96,8 @@ def _edge(width: int, height: int) -> np.ndarray:
 def warps(camera: CameraRig) -> list[np.ndarray] | None:
     """Return the positions of one camera's pixels in the images of its `pinholes`; None if they are the same.
 
-    Returns:
-        One (H, W, 2) float32 array for each pinhole, px. It is negative where the pixel comes from another pinhole or
-        where the lens shows nothing.
+    Each pinhole has an (H, W, 2) float32 array, px. It is negative where the pixel comes from another pinhole or where
+    the lens shows nothing.
     """
     if not camera.distorted[0]:
         return None

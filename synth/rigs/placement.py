@@ -18,12 +18,7 @@ def intrinsics(focal: float, size: list[int]) -> np.ndarray:
 
 
 def look_at(centers: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Return (V, 3, 3) rotations cam_from_world of upright cameras.
-
-    Args:
-        centers: (V, 3) centres of the cameras, m, world.
-        target: (3,) or (V, 3) points that they look at, m, world.
-    """
+    """Return (V, 3, 3) rotations cam_from_world of upright cameras at centres (V, 3) that look at (3,) or (V, 3), m."""
     forward = target - centers
     forward /= np.linalg.norm(forward, axis=-1, keepdims=True)
     right = np.cross(forward, [0, 0, 1])
@@ -46,10 +41,6 @@ def pose(rotation: np.ndarray, centers: np.ndarray) -> np.ndarray:
 
 def listed_cameras(cameras: Sequence[CameraConfig], source: str) -> CameraRig:
     """Return the rig of listed cameras.
-
-    Args:
-        cameras: At least one.
-        source: Name of the rig, for messages.
 
     Raises:
         ValueError: numbers are missing or do not define a camera; the message names the rig, the camera and the field.
@@ -206,10 +197,8 @@ def _draw(config: RandomConfig, view: int, stage: Stage, *, rng: np.random.Gener
 
 
 def _distortion(lens: Lens, focal: float, size: list[int], *, rng: np.random.Generator) -> np.ndarray:
-    """Return (5,) distortion coefficients of a lens.
-
-    Barrel distortion moves the corner of the image inward by at most an eighth, at any focal length.
-    """
+    """Return (5,) distortion of a lens. Barrel distortion moves the corner inward by at most an eighth, at any focal
+    length."""
     strength, left, right = rng.uniform(0.02, 0.12), *rng.normal(0, 5e-4, 2)
     corner = np.hypot(*size) / 2 / focal
     if lens is Lens.radial:

@@ -14,12 +14,8 @@ from synth.rigs.placement import dome, listed_cameras, pose, ring, scatter
 
 
 def displace(rig: CameraRig, position: float, rotation: float, *, rng: np.random.Generator) -> CameraRig:
-    """Return the rig with each camera moved and turned at random, normally distributed.
-
-    Args:
-        rig: V cameras.
-        position, rotation: Standard deviations along each axis, m, and about each axis, rad.
-    """
+    """Return the rig with each camera moved and turned at random, normally distributed, with standard deviations along
+    each axis, m, and about each axis, rad."""
     shift, turn = rng.normal(size=(2, len(rig), 3))
     turned = Rotation.from_rotvec(rotation * turn).as_matrix() @ rig.cam_from_world[:, :3, :3]
     return replace(rig, cam_from_world=pose(turned, rig.centers + position * shift))
@@ -57,11 +53,9 @@ _MIDDLE = Stage()
 
 
 def make_rig(config: RigConfig, *, rng: np.random.Generator, stage: Stage = _MIDDLE) -> CameraRig:
-    """Make the true cameras of a clip. Rotations are exactly orthonormal.
+    """Make the true cameras of a clip. Rotations are exactly orthonormal. Every camera sees some of the people's area.
 
-    Args:
-        rng: Draws placements. Jitter is drawn from a child stream, so it changes no other draw.
-        stage: The people's area and the room. Every camera sees some of the area.
+    Jitter is drawn from a child stream, so it changes no other draw.
 
     Raises:
         ValueError: numbers are missing or do not define a camera, or no random cameras see enough; the message names

@@ -34,8 +34,6 @@ from dmae.registry import unknown
 _GROUPS = ("scene", "props", "motion", "interaction", "rig", "detector", "occlusion", "retries")
 """Options of `synth generate` that a definition can contain. The others set the output and the number of clips."""
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
-
-
 _MOST_CLIPS = 1_000_000
 """Of a set."""
 
@@ -124,11 +122,7 @@ class Definition:
 
 
 def split_options(options: str) -> list[str]:
-    """Return the options of a command line as a list.
-
-    Raises:
-        ValueError: one of them is not an option of `synth generate` that a definition can contain.
-    """
+    """Return the options of a command line; ValueError if a definition cannot contain such an option."""
     found = shlex.split(options)
     for option in found:
         if "=" not in option or re.split(r"[.=]", option)[0] not in _GROUPS:
@@ -139,8 +133,7 @@ def split_options(options: str) -> list[str]:
 def find_definition(name: str) -> Definition:
     """Return the benchmark of this name, or the benchmark that a YAML file defines.
 
-    Raises:
-        ValueError: the benchmark does not exist, or its file is malformed; the message names the file and the field.
+    Raises ValueError if it does not exist, or its file is malformed; the message names the file and the field.
     """
     file = Path(name)
     if file.suffix != ".yaml":
@@ -189,11 +182,8 @@ def clip_checksums(clip: Clip) -> dict[str, str]:
 
 
 def freeze(clips: dict[str, Clip], file: Path) -> None:
-    """Write the checksums of all clips by id, and the versions of the packages that made them.
-
-    Raises:
-        ValueError: the file exists. Frozen checksums never change; a new version of a benchmark has its own file.
-    """
+    """Write checksums of all clips by id, and the versions of packages that made them, once: ValueError if the file
+    exists."""
     if Path(file).exists():
         raise ValueError(
             f"{file}: exists; stored checksums are not overwritten. Remove the file only if no scores are published yet"
@@ -211,10 +201,8 @@ def check_clip(name: str, clip: Clip, file: Path) -> FrozenMatch:
     """Compare a clip with the frozen checksums and, if they differ, with the frozen sample of the clip.
 
     Contacts in the simulation amplify rounding differences between processors: without AVX2, joints differ by
-    millimetres. Clips with such differences are `near`.
-
-    Raises:
-        ValueError: the clip is a different one; the message names the clip, the differences, and the likely reason.
+    millimetres. Clips with such differences are `near`. Raises ValueError if the clip is another one; the message names
+    it, the differences, and the likely reason.
     """
     frozen = read_json(file)
     if name not in frozen["clips"]:
@@ -280,23 +268,12 @@ CLIPS, GIVEN = "clips", "given"
 
 
 def make_clips(definition: Definition, size: BenchmarkSize, data: Path, workers: int = 1) -> FrozenMatch:
-    """Generate, check and capture those clips of a benchmark that do not exist yet.
+    """Generate, check and capture those clips of a benchmark that do not exist yet; return the agreement of the worst
+    one.
 
     In `data`, the folder `clips/<id>` contains each clip with its truth and labels. The folder `given/<id>` contains
-    the data that methods get: cameras, detections, and the poses that our capture computes from them.
-
-    Args:
-        definition: The benchmark.
-        size: Size of the benchmark, which sets the number of clips.
-        data: The data folder. Its whole content can be regenerated.
-        workers: Number of processes; -1 for one per core.
-
-    Returns:
-        The agreement of the clips with the frozen ones: that of the worst clip.
-
-    Raises:
-        ValueError: the folder contains another benchmark, a clip cannot be generated, or a clip differs from the frozen
-            one.
+    the data that methods get: cameras, detections, and the poses that our capture computes from them. Raises ValueError
+    if the folder contains another benchmark, a clip cannot be generated, or differs from the frozen one.
     """
     claim_folder(data / "benchmark.json", asdict(replace(definition, file=definition.name)), "a benchmark")
     # Captured poses depend on more settings than clips.
@@ -322,10 +299,7 @@ def given_clip(data: Path, name: str) -> Clip:
 
 
 def _generate(each: ClipSet, data: Path, workers: int) -> None:
-    """Generate a set of clips unless it is complete.
-
-    It runs the command `synth generate`, because this package does not import the simulator.
-    """
+    """Generate a set of clips, unless complete, by a command, because this package does not import the simulator."""
     folder = data / CLIPS / each.folder
     if all((data / CLIPS / name / "clip.json").is_file() for name in each.ids):
         return

@@ -46,7 +46,7 @@ _CODES = {
 
 
 def causes(occlusion: OcclusionLabels, hidden: np.ndarray) -> np.ndarray:
-    """Return, for each hidden joint, the cause of its gap. A gap has one cause.
+    """Return the cause of the gap of each hidden joint, (F, T, J) `Cause`, -1 where not `hidden` (F, T, J).
 
     A gap is a run of frames in which one joint of one person is hidden. Its cause is
 
@@ -56,15 +56,7 @@ def causes(occlusion: OcclusionLabels, hidden: np.ndarray) -> np.ndarray:
     3. the one of `thing`, `person` and `edge` that hides the joint most often, counted over the frames and cameras of
        the gap.
 
-    Args:
-        occlusion: Labels of V views, T persons and J joints in F frames.
-        hidden: (F, T, J) True in gaps.
-
-    Returns:
-        (F, T, J) `Cause`, -1 where not hidden.
-
-    Raises:
-        ValueError: the shape of the labels does not fit the shape of `hidden`.
+    Raises ValueError if labels and `hidden` differ in shape.
     """
     visibility = occlusion.visibility
     if (len(visibility), *visibility.shape[2:]) != hidden.shape:
@@ -114,13 +106,10 @@ class Holes:
 
 
 def holes_of_capture(clip: Clip, captured: Poses3D) -> Holes:
-    """Return the joints of captured persons that capture did not measure.
+    """Return the joints of captured persons, not filled, that capture did not measure, on a clip with occlusion labels.
 
-    Args:
-        clip: Clip with truth and occlusion labels.
-        captured: Captured poses of the clip, not filled. `dmae.metrics.comparison.match` assigns them to true people.
-            In a time without a match, a true person keeps its captured person if that is the same before and after.
-            Persons that were not captured have no holes.
+    `dmae.metrics.comparison.match` assigns captured to true people. In a time without a match, a true person keeps its
+    captured person if that is the same before and after. Persons that were not captured have no holes.
     """
     truth, occlusion = labels_on(clip, captured.skeleton)
     matches = _bridged(match(captured.xyz, truth.xyz))
@@ -138,11 +127,7 @@ def holes_of_sight(clip: Clip, skeleton: Skeleton) -> Holes:
 
 
 def labels_on(clip: Clip, skeleton: Skeleton) -> tuple[Poses3D, OcclusionLabels]:
-    """Return the truth of a clip and its labels on one of the skeletons of its truth.
-
-    Raises:
-        ValueError: the clip has no truth or no labels on this skeleton.
-    """
+    """Return a clip's truth and labels on a skeleton of its truth; ValueError if it has none."""
     if clip.truth is None or clip.occlusion is None:
         raise ValueError(f"clip {clip.id!r}: expected truth and labels of occlusion, as simulated clips have")
     own = clip.truth.skeleton
@@ -154,11 +139,7 @@ def labels_on(clip: Clip, skeleton: Skeleton) -> tuple[Poses3D, OcclusionLabels]
 
 
 def part_of(joint: str) -> int:
-    """Return the index in `PARTS` of a joint.
-
-    Raises:
-        KeyError: no part contains the joint.
-    """
+    """Return the index in `PARTS` of a joint; KeyError if no part contains it."""
     bare = joint.removeprefix("l_").removeprefix("r_")
     for number, joints in enumerate(PARTS.values()):
         if bare in joints:
@@ -198,17 +179,11 @@ NEAR = 0.1
 
 
 def completion_cells(holes: Holes, given: Poses3D, linear: Poses3D, poses: Poses3D) -> dict:
-    """Return the scores of completed poses on the holes of capture.
+    """Return the scores of completed poses on the holes of the captured poses `given`, which `linear` fills linearly.
 
     Only the holes that linear filling fills are counted: the person stays or returns within a second, and the joint was
     measured before and after the hole, or within half a second. If a method does not fill such a hole, it gets the
     error of linear filling there, so that no method gains by leaving out difficult joints.
-
-    Args:
-        holes: Holes of the captured poses.
-        given: Captured poses, not filled.
-        linear: The same poses, linearly filled.
-        poses: Poses of the method, with the persons of `given`.
 
     Returns:
         JSON-able. Flat lists over the cells in the order of `AXES`: `holes`; `filled`, the number of holes that the
@@ -237,17 +212,12 @@ def completion_cells(holes: Holes, given: Poses3D, linear: Poses3D, poses: Poses
 
 
 def capture_cells(sight: Holes, poses: Poses3D) -> dict:
-    """Return the scores of poses of any capture on the joints that fewer than two cameras saw.
+    """Return the scores of poses, matched frame by frame, on `sight`: the true joints that fewer than two cameras saw.
 
-    Args:
-        sight: The true joints that fewer than two cameras saw.
-        poses: Poses of P persons. They are matched to true persons frame by frame.
-
-    Returns:
-        JSON-able. For each cell: `holes`; `filled`, the number of holes with a position; `near`, the number of holes
-        within `NEAR` of the truth; `mm`, the sum of errors of the filled holes. For the other true joints: `seen`,
-        `seen_found`, `seen_near` and `seen_mm`. For strict PCP: the numbers `limbs` and `correct`. For persons, summed
-        over frames: their number `persons`, and `extra`, the number of persons that match no true person.
+    JSON-able. For each cell: `holes`; `filled`, the number of holes with a position; `near`, the number of holes within
+    `NEAR` of the truth; `mm`, the sum of errors of the filled holes. For the other true joints: `seen`, `seen_found`,
+    `seen_near` and `seen_mm`. For strict PCP: the numbers `limbs` and `correct`. For persons, summed over frames: their
+    number `persons`, and `extra`, the number of persons that match no true person.
     """
     truth = sight.truth.xyz.astype(np.float64)
     matches = match(poses.xyz, sight.truth.xyz)

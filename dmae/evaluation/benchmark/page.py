@@ -12,7 +12,7 @@ from dmae.evaluation.benchmark.holes import AXES
 from dmae.files.contents import write_atomic
 from dmae.reporting.figures import PERSONS
 from dmae.reporting.page import CaptionedFigure, Section, write_report
-from dmae.reporting.tables import Table
+from dmae.reporting.tables import Table, number_text
 
 NOT_MEASURED = "not measured"
 CHECKED = {
@@ -26,11 +26,7 @@ _MARKERS = "osD^vP*X<>h"
 
 
 def benchmark_tables(scores: dict) -> dict[str, Table]:
-    """Return the tables of a benchmark by name: `difficulty`, `levels`, `cause`, `frames`, `part`, `cells` and more.
-
-    Args:
-        scores: Result of `dmae.evaluation.benchmark.run.benchmark`. The summaries are sufficient.
-    """
+    """Return the tables of a benchmark by name: `difficulty`, `levels`, `cause`, `frames`, `part`, `cells` and more."""
     completion = {name: entry["summary"] for name, entry in scores["completion"].items()}
     tables = {"difficulty": _difficulty(scores)}
     if completion:
@@ -47,13 +43,8 @@ def benchmark_tables(scores: dict) -> dict[str, Table]:
 
 
 def write_scores(scores: dict, folder: Path) -> None:
-    """Write `scores.json` and the page `benchmark.html`."""
+    """Write `scores.json` and `benchmark.html`: the tables, and figures of the error by level and length of holes."""
     write_atomic(folder / "scores.json", json.dumps(scores))
-    write_page(scores, folder / "benchmark.html")
-
-
-def write_page(scores: dict, path: Path) -> None:
-    """Write the tables, and figures of the error by level and by length of holes, as one HTML page."""
     completion = {name: entry["summary"] for name, entry in scores["completion"].items() if entry["summary"]["mm"]}
     best = min(completion, key=lambda name: completion[name]["mm"]["value"], default=None)
     clips = sum(level["clips"] for level in scores["levels"])
@@ -79,7 +70,7 @@ def write_page(scores: dict, path: Path) -> None:
         ]
     heading = f"{scores['benchmark']}, {scores['size']}"
     sections = [Section(heading, text, tables=[*benchmark_tables(scores).values()], figures=figures)]
-    write_report(path, f"Benchmark {scores['benchmark']}", sections)
+    write_report(folder / "benchmark.html", f"Benchmark {scores['benchmark']}", sections)
 
 
 def _difficulty(scores: dict) -> Table:
@@ -87,8 +78,9 @@ def _difficulty(scores: dict) -> Table:
     for number, level in enumerate(scores["levels"], 1):
         main = max(level["causes"], key=lambda name: level["causes"][name] or 0)
         rows.append((
-            f"{number} {level['name']}", str(level["clips"]), str(level["persons"]), _text(level["hidden"]),
-            _text(level["linear"]), f"{main} {_text(level['causes'][main])}", _text(level["uncaptured"]),
+            f"{number} {level['name']}", str(level["clips"]), str(level["persons"]),
+            *map(number_text, (level["hidden"], level["linear"])), f"{main} {number_text(level['causes'][main])}",
+            number_text(level["uncaptured"]),
         ))  # fmt: skip
     header = ("level", "clips", "people", "unmeasured %", "linear mm", "main cause %", "missed people %")
     return Table("Difficulty: true joints that capture did not measure, and linear filling of them", header, rows)
@@ -99,13 +91,13 @@ def _levels(scores: dict, completion: dict) -> Table:
     rows = []
     for name, each in completion.items():
         if each["mm"] is None:
-            rows.append((name, NOT_MEASURED, *[""] * (len(header) - 3), _text(each["seen"])))
+            rows.append((name, NOT_MEASURED, *[""] * (len(header) - 3), number_text(each["seen"])))
             continue
         low, high = each["mm"]["low"], each["mm"]["high"]
         interval = "-" if low is None else f"{low:.1f} to {high:.1f}"
         rows.append((
-            name, _text(each["mm"]["value"]), interval, *map(_text, each["levels"]), _text(each["filled"]),
-            _text(each["seen"]),
+            name, number_text(each["mm"]["value"]), interval,
+            *map(number_text, (*each["levels"], each["filled"], each["seen"])),
         ))  # fmt: skip
     return Table("Mean error of holes, mm: mean over levels, and by level", header, rows)
 
@@ -113,7 +105,7 @@ def _levels(scores: dict, completion: dict) -> Table:
 def _by_axis(scores: dict, completion: dict, axis: str) -> Table:
     titles = {"cause": "by what made them", "frames": "by their length in frames at 25/s", "part": "by body part"}
     rows = [
-        (name, *(_text(each[axis][column]) for column in AXES[axis])) if each[axis] else (name, NOT_MEASURED)
+        (name, *(number_text(each[axis][column]) for column in AXES[axis])) if each[axis] else (name, NOT_MEASURED)
         for name, each in completion.items()
     ]
     counts = _holes(scores).sum(tuple(number for number, other in enumerate(AXES) if other != axis))
@@ -127,7 +119,7 @@ def _cells(scores: dict, completion: dict) -> Table:
     rows = []
     for number, (cause, frames, part) in enumerate(product(*AXES.values())):
         if holes[number]:
-            found = [_text(each["cells"][number]) if each["cells"] else "-" for each in completion.values()]
+            found = [number_text(each["cells"][number]) if each["cells"] else "-" for each in completion.values()]
             rows.append((f"{cause} {frames} {part}", str(holes[number]), *found))
     header = ("cause, frames, part", "holes", *completion)
     return Table("Mean error of holes, mm, by cause, length and body part", header, rows)
@@ -135,7 +127,7 @@ def _cells(scores: dict, completion: dict) -> Table:
 
 def _regions(completion: dict) -> Table:
     rows = [
-        (name, *map(_text, (each["held"], *each["held_frames"].values(), *each["held_cause"].values())))
+        (name, *map(number_text, (each["held"], *each["held_frames"].values(), *each["held_cause"].values())))
         for name, each in completion.items()
         if each["held"] is not None
     ]
@@ -152,7 +144,7 @@ def _captures(scores: dict) -> Table:
     for name, entry in scores["capture"].items():
         each = entry["summary"]
         measured = each["pcp"] is not None
-        rows.append((name, *(map(_text, (each[key] for key in keys)) if measured else (NOT_MEASURED,))))
+        rows.append((name, *(map(number_text, (each[key] for key in keys)) if measured else (NOT_MEASURED,))))
     caption = (
         "From detections to poses: strict PCP; joints within 0.1 m, and mean error of those given, that two cameras or "
         "more saw (seen) and that fewer saw (unseen); the share of the unseen that were given a place"
@@ -196,7 +188,3 @@ def _holes(scores: dict) -> np.ndarray:
 def _padded(table: Table) -> Table:
     rows = [(*row, *[""] * (len(table.header) - len(row))) for row in table.rows]
     return Table(table.caption, table.header, rows)
-
-
-def _text(value: float | None) -> str:
-    return "-" if value is None else f"{value:.1f}"

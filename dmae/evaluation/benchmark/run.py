@@ -25,7 +25,7 @@ from dmae.evaluation.benchmark.holes import (
 )
 from dmae.evaluation.config import OURS, BenchmarkConfig, BenchmarkSize
 from dmae.evaluation.predictions import fitting
-from dmae.files.structured import read_json
+from dmae.evaluation.scores import read_scores
 from dmae.formats.poses import pose_paths, read_poses
 from dmae.metrics.table import Score, ratios, score_of
 from dmae.parallel import in_parallel, running_on
@@ -61,15 +61,8 @@ class HandIn:
         return Path(self.name) if not known and Path(self.name).is_dir() else None
 
     def check(self, clips: list[str]) -> None:
-        """Check the hand-in before anything is computed.
-
-        Args:
-            clips: Ids of the clips of the benchmark.
-
-        Raises:
-            ValueError: the method, function or folder does not exist.
-            FileNotFoundError: the folder lacks clips; the message names them.
-        """
+        """Raise ValueError if the method, function or folder does not exist, and FileNotFoundError if the folder lacks
+        clips of the benchmark."""
         if self.folder is None:
             self.function()
             return
@@ -97,14 +90,9 @@ class HandIn:
         return load_function("captures", self.name)
 
     def poses(self, name: str, given: Clip) -> Poses3D:
-        """Return the poses of one clip, checked.
+        """Return the poses of a clip, made from the data that methods get, with our captured poses.
 
-        Args:
-            name: Id of the clip.
-            given: The data that methods get, with our captured poses.
-
-        Raises:
-            ValueError: the poses do not fit the clip; the message names both.
+        Raises ValueError, which names clip and hand-in, if the poses do not fit the clip.
         """
         where = f"{self.name}, clip {name}"
         if self.folder is not None:
@@ -130,17 +118,10 @@ def find_hand_in(given: str | Callable, task: Task, weights: str | None = None) 
 
 
 def check_poses(poses: Poses3D, given: Poses3D, task: Task, where: str) -> Poses3D:
-    """Return poses that were handed in, converted to the skeleton of the captured poses.
+    """Return poses that were handed in, converted to the skeleton of the captured poses `given`.
 
-    Args:
-        poses: The poses that were handed in.
-        given: Captured poses of the clip.
-        task: Task that the poses solve.
-        where: Name of the poses in messages.
-
-    Raises:
-        ValueError: the poses are not `Poses3D`; differ in length, number of persons or unit; have a skeleton without a
-            conversion; or are not finite.
+    Raises ValueError, which names them by `where`, if they are not `Poses3D`; differ in length, number of persons or
+    unit; have a skeleton without a conversion; or are not finite.
     """
     if not isinstance(poses, Poses3D):
         raise ValueError(f"{where}: expected dmae.Poses3D, found {type(poses).__name__}")
@@ -160,11 +141,7 @@ def _loaded(hand_in: HandIn) -> Callable:
 
 
 def completion_summary(levels: dict[str, int], cells: dict[str, dict]) -> dict:
-    """Return the scores of completed poses.
-
-    Args:
-        levels: The index of the level of each clip, by id.
-        cells: What `completion_cells` returned for each clip, by id.
+    """Return the scores of completed poses, from the level of each clip and its `completion_cells`, by id.
 
     Returns:
         JSON-able; None stands for "not measured". `mm`, the mean error of holes, is the mean over levels with its 95 %
@@ -190,9 +167,7 @@ def completion_summary(levels: dict[str, int], cells: dict[str, dict]) -> dict:
 
 
 def capture_summary(levels: dict[str, int], cells: dict[str, dict]) -> dict:
-    """Return the scores of poses of any capture.
-
-    Arguments are as for `completion_summary`, of what `capture_cells` returned.
+    """Return the scores of poses of any capture, from the level of each clip and its `capture_cells`, by id.
 
     Returns:
         JSON-able; None stands for "not measured". `pcp`, strict, %. Of joints that fewer than two cameras saw `near`, %
@@ -259,11 +234,7 @@ def _rounded(value: float, digits: int = 2) -> float | None:
 
 
 def check_same(earlier: dict, benchmark: str, size: str) -> None:
-    """Check that earlier scores are scores of this benchmark and size.
-
-    Raises:
-        ValueError: they are of another benchmark or size; the message names both.
-    """
+    """Raise ValueError if earlier scores are not of this benchmark and size."""
     found = (earlier.get("benchmark"), earlier.get("size")) if isinstance(earlier, dict) else (None, None)
     if found != (benchmark, size):
         raise ValueError(
@@ -273,21 +244,14 @@ def check_same(earlier: dict, benchmark: str, size: str) -> None:
 
 
 def differences(scores: dict, earlier: dict) -> list[dict]:
-    """Return the differences of errors between methods and earlier methods. Positive differences are worse.
+    """Return the differences of errors between methods and earlier methods, of the same benchmark and size; positive:
+    worse.
 
     A method is compared with the earlier method of the same name. If there is none, it is compared with each earlier
-    method. The bootstrap draws the same clips for both.
+    method. The bootstrap draws the same clips for both. An entry has `method`; `against`; `mm`, the difference of the
+    mean over levels with its 95 % interval; and `shown`, whether the interval excludes zero.
 
-    Args:
-        scores: Result of `benchmark`.
-        earlier: Scores of the same benchmark and size.
-
-    Returns:
-        An entry for each pair: `method`; `against`; `mm`, the difference of the mean over levels with its 95 %
-        interval; and `shown`, whether the interval excludes zero.
-
-    Raises:
-        ValueError: the scores are of other clips or other holes; the message names the first one.
+    Raises ValueError if the scores are of other clips or other holes; the message names the first one.
     """
     levels = {clip["id"]: clip["level"] for clip in scores["clips"]}
     new, old = (
@@ -323,9 +287,7 @@ def _check_holes(cells: dict[str, dict], earlier: dict[str, dict]) -> None:
 def benchmark(config: BenchmarkConfig, methods: Sequence[Callable] = (), captures: Sequence[Callable] = ()) -> dict:
     """Generate the clips of a benchmark unless they exist, and score methods and captures on them.
 
-    Args:
-        config: Configuration of the run.
-        methods, captures: Functions that are scored in addition to the methods and captures of the configuration.
+    Functions given are scored in addition to the methods and captures of the configuration.
 
     Returns:
         JSON-able. `benchmark`; `size`; `checksums`, the agreement of the clips with the frozen ones (`FrozenMatch`);
@@ -350,7 +312,7 @@ def benchmark(config: BenchmarkConfig, methods: Sequence[Callable] = (), capture
     ids = [name for each in sets for name in each.ids]
     for hand_in in hand_ins:
         hand_in.check(ids)
-    earlier = _earlier(config.against)
+    earlier = None if config.against is None else read_scores(Path(config.against))
     if earlier:
         check_same(earlier, definition.name, config.size)
     data = Path(config.data_folder) if config.data_folder else Path(config.out) / "data"
@@ -391,17 +353,11 @@ def benchmark(config: BenchmarkConfig, methods: Sequence[Callable] = (), capture
 def score_clip(data: Path, name: str, hand_ins: list[HandIn]) -> dict:
     """Return the scores of all hand-ins on one clip.
 
-    Args:
-        data: Folder of the benchmark's clips.
-        name: Id of the clip.
-        hand_ins: The hand-ins to score.
-
-    Returns:
-        JSON-able. `id`, `frames`, `persons`, `cameras`; `joints`, the number of true joints; `uncaptured`, the number
-        of joints of persons that capture missed; `hidden`, the number of joints of other persons that capture did not
-        measure; `causes`, the number of hidden joints by cause; `holes`, the number of holes in each cell; `linear_mm`,
-        the sum of errors of linear filling in each cell; `completion` and `capture`, the cells of each hand-in by name.
-        Completed poses are also scored as a capture: `capture + <method>`.
+    JSON-able. `id`, `frames`, `persons`, `cameras`; `joints`, the number of true joints; `uncaptured`, the number of
+    joints of persons that capture missed; `hidden`, the number of joints of other persons that capture did not measure;
+    `causes`, the number of hidden joints by cause; `holes`, the number of holes in each cell; `linear_mm`, the sum of
+    errors of linear filling in each cell; `completion` and `capture`, the cells of each hand-in by name. Completed
+    poses are also scored as a capture: `capture + <method>`.
     """
     clip, given = clip_of(data, name), given_clip(data, name)
     holes, sight = holes_of_capture(clip, given.poses), holes_of_sight(clip, given.poses.skeleton)
@@ -452,10 +408,3 @@ def _difficulty(scored: list[dict]) -> dict:
             for name, count in zip(AXES["cause"], by_cause, strict=True)
         },
     }
-
-
-def _earlier(against: str | None) -> dict | None:
-    if against is None:
-        return None
-    path = Path(against)
-    return read_json(path / "scores.json" if path.is_dir() else path)

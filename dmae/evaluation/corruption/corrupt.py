@@ -30,19 +30,13 @@ _LIMBS = {
 
 
 def corrupt(clip: Clip, levels: Mapping[str, float], *, seed: int = 0, people: Poses3D | None = None) -> Clip:
-    """Return the clip with corruptions applied; the clip itself if all levels are 0.
+    """Return the clip with corruptions applied, at a level each by name or `module:function`; itself if all are 0.
 
     The truth does not change, except that some frames may be removed. Images and poses are removed, because they do not
-    belong to the new detections.
+    belong to the new detections. A corruption draws the same numbers from the seed with and without others. `people`
+    are by default `people_of(clip)`.
 
-    Args:
-        clip: Simulated or real.
-        levels: Level of each corruption by name (`dmae.evaluation.corruption.registry`), or by `module:function`.
-        seed: Seed of random numbers. A corruption draws the same numbers with and without other corruptions.
-        people: The people of the clip; by default `people_of(clip)`.
-
-    Raises:
-        ValueError: there is no such corruption or level, or the clip has too few cameras or people for it.
+    Raises ValueError if there is no such corruption or level, or the clip has too few cameras or people for it.
     """
     found = {find_corruption(name): level for name, level in levels.items()}
     for entry, level in found.items():
@@ -136,10 +130,8 @@ def heights(xy: np.ndarray) -> np.ndarray:
 
 
 def redetected(clip: Clip, xy: np.ndarray, score: np.ndarray) -> Clip:
-    """Return the clip with other detections (F, V, D, J, ...); a joint is absent where either is NaN.
-
-    Labels of the previous detections are removed, because they do not apply to the new ones.
-    """
+    """Return the clip with other detections (F, V, D, J, ...), absent where NaN, and without labels of the previous
+    ones."""
     absent = np.isnan(xy).any(-1) | np.isnan(score)
     xy, score = np.where(absent[..., None], np.nan, xy), np.where(absent, np.nan, score)
     return replace(clip, detections=Detections2D(clip.detections.skeleton, xy, score), detection_labels=None)
@@ -152,10 +144,8 @@ def undetected(clip: Clip, joints: np.ndarray) -> Clip:
 
 
 def undetected_nearest(clip: Clip, margin: np.ndarray, percent: float) -> Clip:
-    """Return the clip without the detected joints of the smallest margins (F, V, D, J), a percentage of all.
-
-    Joints with an unknown margin (NaN) stay, and do not count.
-    """
+    """Return the clip without a percentage of the detected joints, those of the smallest margins (F, V, D, J) that are
+    known."""
     margin = np.where(clip.detections.observed, margin, np.nan)
     nearest = _lowest(margin, percent)
     return undetected(clip, nearest) if nearest.any() else clip

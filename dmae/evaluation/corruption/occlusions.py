@@ -148,15 +148,10 @@ def closeness(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
 def _with_people(clip: Clip, distance: np.ndarray, angle: np.ndarray, delay: np.ndarray) -> Clip:
     """Return the clip with detections of N additional people, which hide others and are hidden by them.
 
-    They are copies of the clip's people in turn, each moved and delayed. A joint of a copy is detected as the same
-    joint of the copied person at the copied time: with the same error, in proportion to the height in the image, and
-    the same confidence, or not at all. Joints behind any other body or outside the image are not detected.
-
-    Args:
-        clip: With P people.
-        distance: (N,) m; horizontal distance of each copy from the copied person.
-        angle: (N or more,) rad; direction of the copy from that person.
-        delay: (N or more,) frames by which each copy is delayed.
+    They are copies of the clip's people in turn, each moved by `distance` (N,) m at an `angle` (N or more,) rad, and
+    delayed by frames (N or more,). A joint of a copy is detected as the same joint of the copied person at the copied
+    time: with the same error, in proportion to the height in the image, and the same confidence, or not at all. Joints
+    behind any other body or outside the image are not detected.
     """
     rig, skeleton, found = clip.true_rig or clip.rig, clip.poses.skeleton, clip.detections
     people, count = clip.poses.xyz.astype(np.float64), clip.poses.xyz.shape[1]
@@ -190,14 +185,10 @@ def _with_people(clip: Clip, distance: np.ndarray, angle: np.ndarray, delay: np.
 
 
 def companion(people: np.ndarray, person: int, distance: float, angle: np.ndarray | float, delay: int) -> np.ndarray:
-    """Return a copy (F, J, 3) of a person, at a constant distance from that person.
+    """Return a copy (F, J, 3) of a person of `people` (F, P, J, 3) m, at a constant horizontal distance, m.
 
-    Args:
-        people: (F, P, J, 3) m, world, z up.
-        person: Index of the copied person.
-        distance: m, horizontal distance between the middles of both bodies.
-        angle: rad, direction of the copy from the person, (F,) or constant.
-        delay: Frames by which the copy is delayed; at the ends of the clip its motion is reversed.
+    The angle, rad, is the direction of the copy from the person, (F,) or constant. The copy is delayed by frames; at
+    the ends of the clip its motion is reversed.
     """
     copy = people[delayed(len(people), delay), person]
     to = np.stack([np.cos(angle), np.sin(angle)], -1) * distance
@@ -215,13 +206,8 @@ def delayed(frames: int, delay: int) -> np.ndarray:
 def clearance(centres: np.ndarray, joints: np.ndarray, bodies: np.ndarray, skeleton: Skeleton) -> np.ndarray:
     """Return distances (F, V, P, J), m, from the line of sight to each joint to the surface of the nearest other body.
 
-    It is negative where a body hides the joint, NaN where the joint is unknown, and infinite where no body is known.
-
-    Args:
-        centres: (V, 3) camera centres, m, world.
-        joints: (F, P, J, 3) joints to be seen, m.
-        bodies: (F, B, J, 3) bodies that hide them, m.
-        skeleton: Skeleton of the bodies.
+    Lines go from camera centres (V, 3) to joints (F, P, J, 3), bodies are (F, B, J, 3) on a skeleton, m. A distance is
+    negative where a body hides the joint, NaN where the joint is unknown, and infinite where no body is known.
     """
     points, radii = _surface(bodies, skeleton)
     flat = points.reshape(len(points), -1, 3)
@@ -261,10 +247,7 @@ def _surface(bodies: np.ndarray, skeleton: Skeleton) -> tuple[np.ndarray, np.nda
 
 
 def _clearance(centres: np.ndarray, joints: np.ndarray, points: np.ndarray, radii: np.ndarray) -> np.ndarray:
-    """Return distances (F, V, P, J) from lines of sight to joints (F, P, J, 3) to points (F, N, 3), less radii (N,).
-
-    Frames are processed one at a time, as there are many pairs of a line and a point.
-    """
+    """Return distances of lines of sight to joints (F, P, J, 3) from points (F, N, 3), less radii (N,), by frame."""
     frames, people, skeleton = joints.shape[:3]
     found = np.full((frames, len(centres), people * skeleton), np.inf)
     for frame in range(frames):

@@ -186,11 +186,8 @@ def _by_number(cameras: np.ndarray, most: int) -> dict[str, np.ndarray]:
 
 
 def counts_in_regions(joints: Joints) -> dict[str, np.ndarray]:
-    """Return the number of joints in each region, for measured and for completed joints with covariance and truth.
-
-    Returns:
-        Counts (1 + number of `PROBABILITIES`,) by name; the first is the number of joints. Empty without truth.
-    """
+    """Return by name, for measured and completed joints with covariance and truth, their number, then those in each
+    region."""
     if joints.comparison is None:
         return {}
     error = (joints.comparison.matched - joints.comparison.truth.xyz).astype(np.float64)

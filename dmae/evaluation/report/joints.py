@@ -12,7 +12,7 @@ from dmae.data.skeleton import Skeleton
 from dmae.files.mapped import in_steps
 from dmae.metrics.comparison import GAP_RATE, Comparison, match, take_matched
 from dmae.numerics.paths import gap_lengths
-from dmae.reporting.tables import Table
+from dmae.reporting.tables import Table, number_text
 
 BINS = 2000
 """Errors are counted in bins of one unit, mm or px; the last holds all larger ones."""
@@ -48,12 +48,7 @@ class JointGroup:
 
 
 def tally(error: np.ndarray, source: np.ndarray) -> JointGroup:
-    """Return the tally of joints.
-
-    Args:
-        error: (...) errors, mm or px; NaN where there is none.
-        source: (...) `Source` of each joint.
-    """
+    """Count joints by `source` (...) and their errors (...), mm or px; NaN where there is none."""
     known = error[np.isfinite(error)]
     return JointGroup(
         source.size,
@@ -202,10 +197,8 @@ def reprojection_errors(clip: Clip, poses: Poses3D) -> np.ndarray:
 
 
 def residual_tables(measured: Groups, completed: Groups, names: Sequence[str]) -> list[Table]:
-    """Return a table for each breakdown: how far joints with a detection reproject from it, px.
-
-    Columns of completed joints are left out where there are none.
-    """
+    """Return a table per breakdown: how far joints reproject from their detections, px; without completed joints if
+    none are."""
     some_completed = any(each.compared for groups in completed.values() for each in groups.values())
     tables = []
     for name in (name for name in names if name in measured):
@@ -214,8 +207,8 @@ def residual_tables(measured: Groups, completed: Groups, names: Sequence[str]) -
             other = completed.get(name, {}).get(group)
             if each.compared or (other and other.compared):
                 figures = (each.mean, each.quantile(0.5), each.quantile(0.9))
-                row = (group, f"{each.compared:,}", *(text(figure, 1) for figure in figures))
-                more = (f"{other.compared:,}" if other else "0", text(other and other.mean, 1))
+                row = (group, f"{each.compared:,}", *(number_text(figure) for figure in figures))
+                more = (f"{other.compared:,}" if other else "0", number_text(other and other.mean))
                 rows.append(row + more if some_completed else row)
         header = (name, "measured", "mean px", "median px", "90 % under")
         if some_completed:
@@ -223,8 +216,3 @@ def residual_tables(measured: Groups, completed: Groups, names: Sequence[str]) -
         if rows:
             tables.append(Table(f"By {name}", header, rows, bars=(2, 6) if some_completed else (2,)))
     return tables
-
-
-def text(value: float | None, digits: int = 0) -> str:
-    """Return a number as text, "-" if it is not known."""
-    return "-" if value is None else f"{value:.{digits}f}"

@@ -19,7 +19,7 @@ from dmae.evaluation.report.findings import (
     State,
     examine,
 )
-from dmae.evaluation.report.joints import JointGroup, added, added_groups, residual_tables, text
+from dmae.evaluation.report.joints import JointGroup, added, added_groups, residual_tables
 from dmae.evaluation.review import DECISIONS, FORMAT, ReviewVerdict
 from dmae.files.structured import read_json
 from dmae.metrics.score_tables import score_tables
@@ -27,7 +27,7 @@ from dmae.progress import progress
 from dmae.reporting.figures import COMPLETED, PERSONS, gaps_figure
 from dmae.reporting.page import CaptionedFigure, Section, write_report
 from dmae.reporting.player import Played, player_data, window
-from dmae.reporting.tables import Choices, Moment, Table
+from dmae.reporting.tables import Choices, Moment, Table, number_text
 
 MOST_CLIPS = 6
 """Greatest number of clips in the player."""
@@ -55,17 +55,8 @@ def write_clips_report(
 ) -> list[Findings]:
     """Write the report of clips, captured or not, and of scores, as one HTML file that loads nothing from elsewhere.
 
-    Clips are read one at a time, so that memory does not grow with their number. Clips in the player are read twice.
-
-    Args:
-        path: The file to write.
-        clips: Any number of clips; None for a page with scores only.
-        scores: Scores that `dmae evaluate` wrote.
-        title: Heading of the page.
-        about: Paragraphs under it, before those on the clips.
-
-    Returns:
-        The findings of each clip, in order.
+    Clips are read one at a time, so that memory does not grow with their number; those in the player are read twice.
+    Without clips the page has scores only. `about`: paragraphs under the title. Returns the findings of each clip.
     """
     findings = [examine(clip) for clip in progress(clips or (), "reporting")]
     shown = _worst_clips(findings)
@@ -92,10 +83,8 @@ def write_clips_report(
 
 
 def _worst_clips(findings: Sequence[Findings]) -> list[int]:
-    """Return the sorted indices of the clips that have the worst frames.
-
-    These are the frames with the largest errors or, without truth, with the fewest measured joints.
-    """
+    """Return the sorted indices of clips with the worst frames: the largest errors or, without truth, the fewest
+    joints."""
 
     def badness(index: int) -> tuple[float, float]:
         each = findings[index]
@@ -276,9 +265,9 @@ def clips_section(findings: Sequence[Findings], played: Collection[str]) -> list
                 str(each.state),
                 str(each.frames),
                 str(each.people) if each.sources else "-",
-                *(text(None if part is None else 100 * part, 1) for part in shares),
-                *(text(error and error.mean) for error in errors),
-                text(residual and residual.mean, 1),
+                *(number_text(None if part is None else 100 * part) for part in shares),
+                *(number_text(error and error.mean, 0) for error in errors),
+                number_text(residual and residual.mean),
             )
         )
     header = ("clip", "state", "frames", "people", "measured %", "completed %", "missing %", "error mm",
@@ -408,13 +397,13 @@ def _breakdown_table(name: str, groups: dict[str, JointGroup], known: bool) -> T
         "joints": [f"{each.joints:,}" for each in groups.values()],
     }
     if known:
-        columns["mean mm"] = [text(each.mean) for each in groups.values()]
-        columns["90 % under"] = [text(each.quantile(0.9)) for each in groups.values()]
+        columns["mean mm"] = [number_text(each.mean, 0) for each in groups.values()]
+        columns["90 % under"] = [number_text(each.quantile(0.9), 0) for each in groups.values()]
     if any(each.completed for each in groups.values()):
-        columns["completed %"] = [text(100 * each.completed / each.joints, 1) for each in groups.values()]
+        columns["completed %"] = [number_text(100 * each.completed / each.joints) for each in groups.values()]
     if any(each.missing for each in groups.values()):
         heading = "not found %" if known else "missing %"
-        columns[heading] = [text(100 * each.missing / each.joints, 1) for each in groups.values()]
+        columns[heading] = [number_text(100 * each.missing / each.joints) for each in groups.values()]
     return Table(f"By {name}", list(columns), list(zip(*columns.values(), strict=True)), bars=(2,))
 
 
@@ -469,12 +458,7 @@ def _finished(figure: Figure) -> Figure:
 
 
 def read_scores(path: Path) -> dict:
-    """Return the scores in a file that `dmae evaluate` wrote.
-
-    Raises:
-        FileNotFoundError: the file does not exist.
-        ValueError: the file does not contain scores, or lacks entries that `scores_section` shows.
-    """
+    """Return scores that `dmae evaluate` wrote to a file; FileNotFoundError, or ValueError if entries are missing."""
     scores = read_json(path)
     try:
         scores_section(scores)
@@ -484,11 +468,7 @@ def read_scores(path: Path) -> dict:
 
 
 def scores_section(scores: dict) -> Section:
-    """Return the tables of scores, and a figure of the error by length of gap.
-
-    Args:
-        scores: Result of `dmae.evaluation.evaluate.evaluate`, or its JSON.
-    """
+    """Return the tables of scores of `dmae evaluate`, and a figure of the error by length of gap."""
     poses = f" ({scores['poses']})" if "poses" in scores else ""
     return Section(
         f"Scores on {scores['recording']}{poses}",

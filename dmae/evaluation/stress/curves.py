@@ -35,16 +35,11 @@ class Point:
 def curves(plan: Plan, contenders: Sequence[Contender], runs: list[dict], clips: Sequence[str], reference: str) -> dict:
     """Return all curves of a matrix, JSON-able. None stands for values that were not measured.
 
-    Args:
-        plan: Axes, pairs and seeds.
-        contenders: The methods.
-        runs: Scores of each method in each cell of each clip, with `method`, `levels` and `seed` of the cell, `clip`
-            and `cameras`.
-        clips: Ids of the clips.
-        reference: "truth" or "capture".
+    `runs` are the scores of each method in each cell of each clip, with `method`, `levels` and `seed` of the cell,
+    `clip` and `cameras`; `reference` is "truth" or "capture".
 
     Returns:
-        `clips`, their ids; `reference`, "truth" or "capture"; `seeds`; `methods`, their descriptions by name; `notes`.
+        `clips`, their ids; `reference`; `seeds`; `methods`, their descriptions by name; `notes`.
 
         `axes`, each with `name`, `about`, `unit` and `methods`: name to `points` and `breaks`. A point has `level`,
         `pcp` % and `hidden` mm, each [value, low, high] with the 95 % interval over blocks of time, `recall` and
@@ -72,7 +67,7 @@ def curves(plan: Plan, contenders: Sequence[Contender], runs: list[dict], clips:
 
 
 def breaking_point(levels: np.ndarray, values: np.ndarray, broken: np.ndarray) -> np.ndarray:
-    """Return the level at which each curve first breaks; infinite for a curve that does not break.
+    """Return the level (N,) at which each curve first breaks; infinite for a curve that does not break.
 
     Curves are straight lines between levels. Levels without a measurement are skipped.
 
@@ -80,9 +75,6 @@ def breaking_point(levels: np.ndarray, values: np.ndarray, broken: np.ndarray) -
         levels: (L,) increasing levels, the first is 0.
         values: (N, L) distance of each curve above its bound, negative below it; NaN without a measurement.
         broken: (N, L) True where a curve is below its bound.
-
-    Returns:
-        (N,) levels.
     """
     found = np.full(len(values), np.inf)
     for curve in np.flatnonzero(broken.any(1)):

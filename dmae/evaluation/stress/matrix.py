@@ -54,10 +54,7 @@ def subject_of(clip: Clip, config: CaptureConfig) -> Subject:
     """Return a clip prepared to be corrupted and scored.
 
     The reference is its truth; of a fused skeleton, the second part. Without truth, the reference is the captured
-    joints that three views or more measured, with all cameras.
-
-    Raises:
-        ValueError: the clip has neither truth nor joints that three views measured.
+    joints that three views or more measured, with all cameras; ValueError if there are none.
     """
     people = people_of(clip, config)
     clip = replace(clip, images=None, poses=None, occlusion=None, detection_labels=None)
@@ -76,8 +73,7 @@ def subject_of(clip: Clip, config: CaptureConfig) -> Subject:
 def run_cell(subject: Subject, cell: Cell, contenders: Sequence[Contender]) -> dict[str, dict]:
     """Return the scores of contenders in a cell, by name. Contenders with the same capture share its result.
 
-    Raises:
-        ValueError: a method returned poses of another shape.
+    Raises ValueError if a method returned poses of another shape.
     """
     clip = corrupt(subject.clip, dict(cell.levels), seed=cell.seed, people=subject.people)
     captured: dict[CaptureConfig, Poses3D] = {}
@@ -126,11 +122,10 @@ _VERSIONS = ("numpy", "scipy", "torch", "opencv-python-headless")
 
 
 class Cache:
-    """Scores of cells by key, in one file of JSON lines: a line is appended as soon as there is a result.
+    """Scores of cells by key, in one file of JSON lines, appended as soon as there is a result, or without file in
+    memory.
 
-    Args:
-        file: Created with the first result. A line that is damaged, as by a kill while it was written, is left out.
-            None keeps the results in memory.
+    A line that is damaged, as by a kill while it was written, is left out.
     """
 
     def __init__(self, file: Path | None):
@@ -158,11 +153,7 @@ class Cache:
 def key_of(clip_hash: str, people: CaptureConfig, cell: Cell, contender: Contender) -> str:
     """Return the key of a contender's scores in a cell of a clip: a hash of everything that they depend on.
 
-    Args:
-        clip_hash: Hash of the clip, from `hash_of_clip`.
-        people: Configuration that captures the people of a clip without truth.
-        cell: The corruptions.
-        contender: The contender that is scored.
+    `people` captures the people of a clip without truth.
     """
     own = {name: source_hash(name) for name, _ in cell.levels}
     settings = [clip_hash, asdict(people), asdict(cell), own, settings_of(contender), code_hash()]
@@ -172,7 +163,7 @@ def key_of(clip_hash: str, people: CaptureConfig, cell: Cell, contender: Contend
 def hash_of_clip(clip: Clip) -> str:
     """Return a hash of a clip without images, poses and provenance, on which results do not depend.
 
-    The hash includes the format of the clip's files, because the scored persons depend on it
+    It includes the format of the clip's files: the scored persons depend on it
     (`dmae.evaluation.scores.scored_actors`).
     """
     digest = hashlib.sha256(str(clip.provenance.get("format")).encode())
@@ -253,15 +244,10 @@ class Matrix:
 
 
 def prepare(clips: Sequence[Clip], config: StressConfig, cache: Path | None = None) -> Matrix:
-    """Return the matrix of clips: read each clip, plan the cells, and look for existing results.
+    """Return the matrix of clips: read each clip, plan the cells, and look for existing results in a file, if given.
 
-    Args:
-        clips: Simulated or real clips. Either all have truth or none has.
-        config: Options. The fields `data` and `out` are not used.
-        cache: File of results; None to keep them in memory.
-
-    Raises:
-        ValueError: there are no clips, two have the same id, only some have truth, or a requested axis is not possible.
+    The fields `data` and `out` of the configuration are not used. Raises ValueError if there are no clips, two have the
+    same id, only some have truth, or a requested axis is not possible.
     """
     if not len(clips):
         raise ValueError("no clip to stress: expected one or more")

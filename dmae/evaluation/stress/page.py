@@ -147,11 +147,7 @@ _APART = 0.075
 
 
 def axis_figure(axis: dict) -> Figure:
-    """Draw PCP and the error of unmeasured joints of all methods along an axis.
-
-    Args:
-        axis: One of the `axes` that `dmae.evaluation.stress.curves.curves` returned.
-    """
+    """Draw PCP and the error of unmeasured joints of all methods along one of the `axes` of `curves`."""
     figure = Figure(figsize=(11.5, 3.6), layout="constrained")
     left, right = figure.subplots(1, 2)
     _draw(left, axis, "pcp")
@@ -215,12 +211,7 @@ _MEASURED = (
 
 
 def write_result(result: dict, out: Path) -> None:
-    """Write `stress.json` and the page `stress.html`.
-
-    Args:
-        result: Result of `dmae.evaluation.stress.matrix.compute`.
-        out: Output folder.
-    """
+    """Write `stress.json` and the page `stress.html`."""
     write_atomic(out / "stress.json", json_text(result))
     compared, *found = summary(result)
     paragraphs = [compared, " ".join(found)]

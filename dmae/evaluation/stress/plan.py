@@ -74,9 +74,8 @@ class Plan:
 def plan(config: StressConfig) -> Plan:
     """Return the plan of a configuration for clips that allow all axes.
 
-    Raises:
-        ValueError: an axis or level does not exist, a pair is not two different axes, or levels are given for an axis
-            that is not used.
+    Raises ValueError if an axis or level does not exist, a pair is not two different axes, or an axis with levels is
+    unused.
     """
     names = config.axes or [entry.name for entry in corruptions()]
     axes = [_axis((name,), config, bool(config.axes)) for name in dict.fromkeys(names)]
@@ -95,11 +94,8 @@ def plan(config: StressConfig) -> Plan:
 
 
 def allowed(plan: Plan, clip: Clip) -> Plan:
-    """Return the plan without the axes and levels that a clip does not allow. A note is added for each.
-
-    Raises:
-        ValueError: the user requested an axis or level that the clip does not allow.
-    """
+    """Return the plan without the axes and levels that a clip does not allow, each with a note; ValueError if one was
+    requested."""
     notes = list(plan.notes)
 
     def keep(axis: Axis) -> Iterator[Axis]:
@@ -157,12 +153,7 @@ class Contender:
 
 
 def contenders(config: StressConfig) -> list[Contender]:
-    """Return the contenders of a configuration.
-
-    Raises:
-        ValueError: a method does not exist.
-        FileNotFoundError: the weights do not exist.
-    """
+    """Return the contenders; ValueError if a method does not exist, FileNotFoundError if weights do not."""
     found = []
     for name in dict.fromkeys(config.methods):
         if name == PAPER:

@@ -19,7 +19,7 @@ class PoseOffsets:
     pelvis: np.ndarray
     chest: np.ndarray
     head: np.ndarray  # (F, 2) turn to the left, nod
-    arms: np.ndarray  # (F, 2, 5) angles of left and right arm, as `upper_body.HANGING`
+    arms: np.ndarray  # (F, 2, 5) angles of left and right arm, as `trajectory.HANGING`
     raised: np.ndarray  # (F, 2) weight of these angles against those of an arm at ease, 0 to 1
     # (F, 2, 5) displacement of the ankle, turn to the left, and the pitch, toes up, by which the foot rolls
     feet: np.ndarray
@@ -103,14 +103,8 @@ def keyframes(times: np.ndarray, *keys: tuple) -> np.ndarray:
 
 
 def plateau(times: np.ndarray, begin: float, end: float, move: float, back: float | None = None) -> np.ndarray:
-    """Return a curve (F,) that rises from 0 at `begin` to 1 within `move`, s, and is back at 0 at `end`.
-
-    Args:
-        times: (F,) s.
-        begin, end: Where the curve leaves 0 and returns to it, s.
-        move: Duration of the rise, s.
-        back: Duration of the fall, s; the same as the rise if not given.
-    """
+    """Return a curve (F,) that rises from 0 at `begin` to 1 within `move`, s, and falls to 0 at `end`, within `back` or
+    `move`."""
     move = min(move, (end - begin) / 2)
     back = min(back or move, (end - begin) / 2)
     return keyframes(times, (begin, 0), (begin + move, 1), (max(end - back, begin + move + 1e-3), 1), (end, 0))
@@ -141,7 +135,7 @@ class Style:
     apart: float  # Distance between the ankles in standing, m
     swing: float  # Arm swing in walking, rad
     lean: float  # Forward lean of the trunk in walking, rad
-    seat: float  # Height of the hips in sitting, m; in standing it is `legs.HIP_HEIGHT`
+    seat: float  # Height of the hips in sitting, m; in standing it is `HIP_HEIGHT`
 
 
 def stand(style: Style, *, rng: np.random.Generator) -> Action:

@@ -1,9 +1,8 @@
 """The posture of each person, and balance: the centre of mass stays over the feet that bear the weight.
 
 Sizes and frequencies are chosen so that angles, speeds and accelerations are as close as possible to the takes of the
-CMU Graphics Lab Motion Capture Database (free for research and commercial use), as
-`synth compare by=motion` measures them.
-No recorded motion is played.
+CMU Graphics Lab Motion Capture Database (free for research and commercial use), as `synth compare by=motion` measures
+them. No recorded motion is played.
 """
 
 from dataclasses import dataclass, replace
@@ -39,7 +38,7 @@ _PELVIS = ((2.5, 0.6), (2.0, 0.6), (3.0, 0.6))
 _CHEST = ((3.0, 0.6), (2.5, 0.7), (2.5, 0.7))
 _HEAD = ((16.0, 0.5), (7.0, 0.5))
 _ARMS = ((6.0, 1.0), (4.0, 1.0), (6.0, 0.8), (11.0, 1.3), (6.0, 0.8))
-"""Drifts of the turns about each axis, or of the angles of an arm as in `upper_body.HANGING`: degrees, Hz."""
+"""Drifts of the turns about each axis, or of the angles of an arm as in `HANGING`: degrees, Hz."""
 _COUNTER = 0.10
 """Distance by which hips move against a lean of the trunk, m / rad."""
 _MOST_HEAD = np.radians((62, 45))
@@ -81,15 +80,10 @@ def carried(
     *,
     rng: np.random.Generator,
 ) -> BodyTrajectory:
-    """Return a trajectory with the posture of a person applied. Feet on the floor stay in place.
+    """Return a trajectory of F frames with the posture of a person applied. Feet on the floor stay in place.
 
-    Args:
-        trajectory: The trajectory, F frames.
-        carriage: The posture of the person.
-        walking: (F,) share of walking against standing, 0 to 1.
-        raised: (F, 2) weight of the action of each arm against the arm at ease, 0 to 1.
-        times: (F,) s.
-        rng: Draws small movements.
+    `walking` (F,) is the share of walking against standing; `raised` (F, 2) the weight of the action of each arm
+    against the arm at ease; `rng` draws small movements.
     """
 
     def drifts(kinds) -> np.ndarray:
@@ -134,13 +128,8 @@ def carried(
 def _on_toes(
     trajectory: BodyTrajectory, size: np.ndarray, times: np.ndarray, fps: float, *, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return ankles (F, 2, 3) and feet (F, 2, 3, 3) with heels that rise a little over tips that stay in place.
-
-    Args:
-        trajectory: The trajectory, F frames.
-        size: (F,) size of the movement, 1 on average.
-        times: (F,) s.
-    """
+    """Return ankles (F, 2, 3) and feet (F, 2, 3, 3) with heels that rise a little over tips that stay in place. `size`
+    (F,) of the movement is 1 on average."""
     ankles, feet = trajectory.ankles.copy(), trajectory.feet.copy()
     for leg in range(2):
         pitched = np.abs(feet[:, leg, 2, 0])
@@ -166,15 +155,10 @@ _SETTLING = 0.3
 def perform_on_the_spot(
     action: Action, times: np.ndarray, stance: Stance, ease: np.ndarray, fps: float
 ) -> BodyTrajectory:
-    """Return the trajectory of an action in the world.
+    """Return the trajectory of an action in the world, at evenly spaced times (F,) since it began, s.
 
-    The hips move so that the centre of mass is over the feet that bear the weight, as in any slow motion.
-
-    Args:
-        action: The action.
-        times: (F,) times since it began, s, evenly spaced.
-        stance: Stance in which it begins and ends.
-        ease: (F, 2, 5) angles of arms at ease, as `upper_body.HANGING`.
+    The hips move so that the centre of mass is over the feet that bear the weight, as in any slow motion. The action
+    begins and ends in `stance`; `ease` (F, 2, 5) are angles of arms at ease, as `HANGING`.
     """
     offsets = action.offsets(times)
     heading = stance.middle[2]

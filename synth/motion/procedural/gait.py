@@ -93,13 +93,11 @@ class Walk:
         return float(np.interp(self.speed, (0.7, 1.6), (0.64, 0.59)))
 
     def lower_body(self, phase: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return pelvis and feet at phases (F,), in strides since the right heel struck near the start of the path.
+        """Return root (F, 3) m, pelvis (F, 3, 3), ankles (F, 2, 3) m and feet (F, 2, 3, 3) at phases (F,).
 
-        Feet on the floor roll over heel and tip, which stay in place. Swinging feet follow the published angles of
-        thigh and knee, corrected so that they leave the floor and meet it at the right place and velocity.
-
-        Returns:
-            root (F, 3) m, pelvis (F, 3, 3), ankles (F, 2, 3) m of left and right, feet (F, 2, 3, 3).
+        Phases are in strides since the right heel struck near the start of the path. Feet on the floor roll over heel
+        and tip, which stay in place. Swinging feet follow the published angles of thigh and knee, corrected so that
+        they leave the floor and meet it at the right place and velocity.
         """
         ahead, up, left, turn, tilt = self.pelvis(phase)
         ahead = ahead + self.stride * phase
@@ -285,7 +283,7 @@ class _Gait:
     """The lower body over F frames, and the trunk and arm motion that goes with it."""
 
     name: str  # Label for reports
-    # root, pelvis, ankles, feet: As in `LowerBody`
+    # root, pelvis, ankles, feet: as in `LowerBody`
     root: np.ndarray
     pelvis: np.ndarray
     ankles: np.ndarray
@@ -296,16 +294,9 @@ class _Gait:
 
 
 def make_motion(config: ProceduralConfig, *, seconds: float, fps: float, rng: np.random.Generator) -> Motion:
-    """Return the motion of a person of random style who walks or stands, and may reach out or wave.
+    """Return round(seconds * fps) frames of a person of random style who walks or stands, and may reach out or wave.
 
-    Soles stay in place while they bear weight, on the legs of the reference body; see `legs`.
-
-    Args:
-        config: Shares of walking, standing and gestures, and ranges of speed and radius.
-        seconds: Length, s.
-
-    Returns:
-        round(seconds * fps) frames.
+    Soles stay in place while they bear weight, on the legs of the reference body; see `trajectory`.
     """
     times = np.arange(max(round(seconds * fps), 1)) / fps
     gait = _stand(rng, times) if rng.uniform() < config.standing else _walk(config, rng, times)

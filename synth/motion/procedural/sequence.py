@@ -203,9 +203,7 @@ def walk_to(
     """Plan a walk of about a given length from a stance, in whole steps; the first and the last are half as long.
 
     Args:
-        start: Stance at the beginning.
-        speed: m/s, as in `gait.Walk`.
-        width: m, as in `gait.Walk`.
+        speed, width: As in `gait.Walk`.
         first: Foot that steps first, 0 for left.
         distance: Length of the path, m; at least three steps are made.
         curvature: Curvature of the path, rad/m, left if positive.
@@ -358,19 +356,10 @@ def draw_agenda(
     seconds: float,
     rng: np.random.Generator,
 ) -> tuple[list[AgendaItem], float]:
-    """Draw the actions of a person, one after another, and the time at which the clip begins.
+    """Draw the actions of a person, one after another in order of time, and the time at which the clip begins, s.
 
-    An action without enough room, such as a kick next to a seat, is replaced by another; if none fits, the
-    person stands.
-
-    Args:
-        actions: Names of `ACTIONS`, at least one with a weight above 0.
-        weights: Relative frequency of each action, 1 if it is not named.
-        style: Style of the person.
-        seconds: Length of the clip, s.
-
-    Returns:
-        The items in order of time, and the time at which the clip begins, s.
+    An action without enough room, such as a kick next to a seat, is replaced by another; if none fits, the person
+    stands. At least one of the actions has a weight above 0; the weight is 1 if it is not named.
     """
     share = np.array([weights.get(name, 1.0) for name in actions])
     names, share = list(actions), share / share.sum()
@@ -502,17 +491,12 @@ def make_sequence(
     rng: np.random.Generator,
     seated: float = SEATED,
 ) -> Motion:
-    """Return the motion of a person of random style who performs one action after another; see `agenda.draw_agenda`.
+    """Return round(seconds * fps) frames of a person of random style who performs one action after another.
 
     Args:
-        actions: Names of `ACTIONS`, at least one with a weight above 0.
-        weights: Relative frequency of each action, 1 if it is not named.
+        actions, weights: As for `draw_agenda`.
         speed: Least and greatest walking speed, m/s.
-        seconds: Length, s.
         seated: Hip height in sitting, as a fraction of the standing hip height.
-
-    Returns:
-        round(seconds * fps) frames.
     """
     pace = rng.uniform(*speed)
     style = Style(

@@ -55,16 +55,13 @@ def headroom(root: np.ndarray, pelvis: np.ndarray, ankles: np.ndarray) -> np.nda
 def solve_legs(
     root: np.ndarray, pelvis: np.ndarray, ankles: np.ndarray, forward: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the thighs and shins that join the hips to the ankles.
+    """Return the thighs and shins that join the hips to the ankles: (F, 2, 3, 3) orientations, left and right, of each.
 
     Args:
         root: (F, 3) mid hip, m.
         pelvis: (F, 3, 3) orientation, world from pelvis.
         ankles: (F, 2, 3) left and right, m. If an ankle is out of reach, the leg is as straight as allowed.
         forward: (F, 2, 3) direction in which each knee bends.
-
-    Returns:
-        (F, 2, 3, 3) orientations of left and right thigh, and of left and right shin.
     """
     hips = hip_joints(root, pelvis)
     thighs, shins = np.empty((2, *forward.shape, 3))
@@ -83,15 +80,8 @@ def solve_legs(
 
 
 def knee_directions(pelvis: np.ndarray, feet: np.ndarray) -> np.ndarray:
-    """Return the directions in which knees bend in standing and walking: half way between pelvis and foot.
-
-    Args:
-        pelvis: (F, 3, 3) orientation.
-        feet: (F, 2, 3, 3) orientations of left and right foot.
-
-    Returns:
-        (F, 2, 3) directions, of any length.
-    """
+    """Return directions (F, 2, 3), of any length, in which knees bend in standing and walking: half way between pelvis
+    (F, 3, 3) and foot (F, 2, 3, 3)."""
     ahead = feet[..., 0] * (1, 1, 0)
     ahead /= np.linalg.norm(ahead, axis=-1, keepdims=True)
     return ahead + pelvis[:, None, :, 0]
@@ -139,13 +129,8 @@ turn about its length, flexion of the elbow, pronation (turn of the thumb inward
 
 
 def arm(chest: np.ndarray, side: float, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return upper arm, forearm and hand, (F, 3, 3) each, on a chest (F, 3, 3).
-
-    Args:
-        chest: (F, 3, 3) orientation of the chest.
-        side: 1 for left, -1 for right.
-        angles: (F, 5) as `HANGING`, rad.
-    """
+    """Return upper arm, forearm and hand, (F, 3, 3) each, on a chest (F, 3, 3), at angles (F, 5) as `HANGING`, rad.
+    `side` is 1 for left, -1 for right."""
     flexion, abduction, inward, elbow, pronation = angles.T
     hanging = about("x", -side * (np.pi / 2 - abduction))
     upper = chest @ about("y", -flexion) @ hanging @ about("y", inward)
@@ -154,25 +139,17 @@ def arm(chest: np.ndarray, side: float, angles: np.ndarray) -> tuple[np.ndarray,
 
 
 def random_drift(rng: np.random.Generator, times: np.ndarray, rms: float, fastest: float) -> np.ndarray:
-    """Return random smooth drift (F,): eight sines of random phase and frequency, up to `fastest`, Hz.
+    """Return random smooth drift (F,): eight sines of random phase and frequency, from a tenth of `fastest` to it, Hz.
 
-    Unlike AR(1) noise it is smooth enough to move a body.
-
-    Args:
-        rng: Draws frequencies and phases.
-        times: (F,) s.
-        rms: Root mean square of the drift.
-        fastest: Greatest frequency, Hz; the least is a tenth of it.
+    Unlike AR(1) noise it is smooth enough to move a body. `rms` is its root mean square.
     """
     frequencies, phases = rng.uniform(0.1 * fastest, fastest, 8), rng.uniform(0, 2 * np.pi, 8)
     return rms * 0.5 * np.sin(2 * np.pi * frequencies * times[:, None] + phases).sum(1)
 
 
 def swing_width(speed: float) -> float:
-    """Return the swing of the arms, rad, at a walking speed, m/s.
-
-    Murray, Sepic and Barnard, Physical Therapy 47 (1967).
-    """
+    """Return the swing of the arms, rad, at a walking speed, m/s: Murray, Sepic and Barnard, Physical Therapy 47
+    (1967)."""
     return float(np.radians(np.interp(speed, (0.7, 1.6), (8, 20))))
 
 
@@ -187,15 +164,9 @@ def hang(rng: np.random.Generator, times: np.ndarray, swing: np.ndarray) -> np.n
 
 
 def gesture(rng: np.random.Generator, kind: str, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Draw a gesture of one arm at a random time of the clip.
+    """Draw a gesture of one arm, `reach` or `wave`, at a random time of the clip.
 
-    Args:
-        kind: `reach` or `wave`.
-        times: (F,) s, evenly spaced.
-
-    Returns:
-        share: (F,) weight of the gesture against the other motion of the arm, 0 to 1.
-        angles: (F, 5) as `HANGING`, rad.
+    Returns its weight (F,) against the other motion of the arm, 0 to 1, and angles (F, 5) as `HANGING`, rad.
     """
     move = rng.uniform(0.6, 1.0)
     hold = rng.uniform(0.3, 1.0) if kind == "reach" else rng.uniform(1.2, 2.5)
@@ -246,7 +217,7 @@ class BodyTrajectory:
     knees: np.ndarray  # (F, 2, 3) directions in which the knees bend; not parallel to the leg
     chest: np.ndarray  # (F, 3) heading, lean to the front, lean to the right
     head: np.ndarray  # (F, 2) heading, nod
-    arms: np.ndarray  # (F, 2, 5) angles of the left and the right arm, as `upper_body.HANGING`
+    arms: np.ndarray  # (F, 2, 5) angles of the left and the right arm, as `trajectory.HANGING`
 
     def motion(self, name: str, fps: float) -> Motion:
         """Return the motion. The spine bends half as far as the chest, and the legs are solved to reach the ankles."""

@@ -41,14 +41,11 @@ def read_motion(path: Path, options: ReadOptions) -> Motion:
 
 
 def read_amc(path: Path) -> SkeletonRecording:
-    """Read an AMC file with the skeleton in its folder.
+    """Read the file `<subject>_<trial>.amc` with the skeleton `<subject>.asf` in its folder.
 
     The local rotation of a bone is C Rz Ry Rx C^-1, with its axis C in the rest pose (Lander, "Working with motion
-    capture file formats", Game Developer, January 1998). Joints have the names of their bones and are at the start
-    of these.
-
-    Args:
-        path: The file `<subject>_<trial>.amc`; its skeleton `<subject>.asf` is in the same folder.
+    capture file formats", Game Developer, January 1998). Joints have the names of their bones and are at the start of
+    these.
 
     Raises:
         FileNotFoundError: there is no such file, or no skeleton in its folder.

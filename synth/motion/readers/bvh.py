@@ -36,9 +36,6 @@ def read_motion(path: Path, options: ReadOptions) -> Motion:
 def read_bvh(path: Path) -> SkeletonRecording:
     """Read all frames of a BVH file, in the unit and the axes of the file.
 
-    Args:
-        path: The file.
-
     Raises:
         FileNotFoundError: there is no such file.
         ValueError: the file is malformed; the message gives the line, what was expected and what was found.

@@ -48,14 +48,8 @@ class MarkerRecording:
 def read_motion(path: Path, options: ReadOptions) -> Motion:
     """C3D with the markers of CMU's set of 41, or with motion.mapping of others.
 
-    Joints are found from the markers; see `synth.motion.readers.c3d`.
-
     Marker gaps of up to 0.25 s are interpolated. Then the longest stretch with all markers is used. The name of the
     motion lists both.
-
-    Args:
-        path: The file.
-        options: The user's corrections of the file.
 
     Raises:
         FileNotFoundError: there is no such file.
@@ -89,17 +83,7 @@ def read_motion(path: Path, options: ReadOptions) -> Motion:
 
 
 def read_points(path: Path, fps: float | None = None) -> MarkerRecording:
-    """Read the markers of a file.
-
-    This reader exists because ezc3d accepts truncated files and crashes on files with wrong headers.
-
-    Args:
-        path: The file.
-        fps: Frame rate that replaces the stated rate.
-
-    Raises:
-        FileNotFoundError, ValueError: as `read_motion`, except for names of markers.
-    """
+    """Read the markers of a file; a frame rate that is given replaces the stated rate. Raises as `read_motion`."""
     data = read_bytes(path)
     first = (data[0] - 1) * _BLOCK if data else 0
     processor = data[first + 3] if len(data) >= _BLOCK and 0 < first < len(data) - 4 else 0
@@ -269,22 +253,13 @@ _HINGE_DOUBT = 0.4
 
 
 def segments(marker: dict[str, np.ndarray], path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """Return hips, ankles and orientations from markers.
+    """Return hips and ankles (F, 2, 3), left and right, orientations (F, 16, 3, 3) of `SEGMENTS`, and the mean length
+    of thigh and shin together, from markers (F, 3) in any unit and axes with z up.
 
     Joint centres are at fixed positions relative to the markers, in proportion to the body. Limbs point from joint to
     joint. The hinge axis of an elbow or knee is orthogonal to the plane in which the limb bends. If the limb hardly
-    bends, the line between the two markers of the wrist, or the pelvis, determines the axis.
-
-    Args:
-        marker: (F, 3) of each of `MARKERS`, in any unit, in axes with z up. The markers of the fifth
-            metatarsals may be missing.
-        path: The file, for messages.
-
-    Returns:
-        hips: (F, 2, 3) left and right, in the markers' unit.
-        ankles: (F, 2, 3) left and right, in the markers' unit.
-        rotations: (F, 16, 3, 3) orientation of each of `SEGMENTS`.
-        leg: Length of thigh and shin together, mean of both legs, in the markers' unit.
+    bends, the line between the two markers of the wrist, or the pelvis, determines the axis. The markers of the fifth
+    metatarsals may be missing.
 
     Raises:
         ValueError: two markers coincide that must be at different positions.

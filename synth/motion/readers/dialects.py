@@ -11,19 +11,8 @@ from dmae.files.structured import parse_yaml
 from synth.motion.readers.recording import SkeletonRecording
 
 _PARTS = (
-    "pelvis",
-    "spine",
-    "chest",
-    "head",
-    "upper_arm",
-    "forearm",
-    "wrist",
-    "hand",
-    "knuckle",
-    "thigh",
-    "shin",
-    "foot",
-)
+    "pelvis", "spine", "chest", "head", "upper_arm", "forearm", "wrist", "hand", "knuckle", "thigh", "shin", "foot"
+)  # fmt: skip
 _SPLAYED = {"foot": (0.0, 0.0, -20.0)}
 """Rest pose of Acclaim: each leg, foot included, is splayed by 20 degrees."""
 
@@ -145,9 +134,8 @@ OWN = Dialect(
 
 
 def recognise(recording: SkeletonRecording) -> tuple[Dialect, dict[str, int]]:
-    """Return the dialect of a recording, and the index of the joint of each part (`pelvis`, `l_knuckle`, ...).
-
-    Case does not matter.
+    """Return the dialect of a recording, and the index of the joint of each part (`pelvis`, `l_knuckle`, ...), in any
+    case.
 
     Raises:
         ValueError: the joints are of no known dialect; the message lists those found and those that are missing.
@@ -180,10 +168,7 @@ def at_rest(recording: SkeletonRecording, joint: dict[str, int]) -> tuple[Skelet
     """Turn a recording of mapped joints to axes x left, y up, z forward, and find its rest pose.
 
     The skeleton with all angles zero determines the up and left axes, and the rotation of each limb from the T-pose.
-    Its head and feet are assumed to face forward.
-
-    Returns:
-        The turned recording, its dialect, and the rotation of the axes (3, 3).
+    Its head and feet are assumed to face forward. Returns the turned recording, its dialect, and the rotation (3, 3).
 
     Raises:
         ValueError: with all angles zero, the skeleton does not stand upright along an axis of the file.

@@ -1,6 +1,7 @@
 """SMPL poses in npz files, as in the AMASS database, read and written without a body model."""
 
 import io
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -35,10 +36,6 @@ def read_motion(path: Path, options: ReadOptions) -> Motion:
     only together with the body model. The size is found from the feet instead: they do not slide if the mean body has
     the right size. Gaps (NaN) of up to 0.25 s are interpolated; the name of the motion lists them.
 
-    Args:
-        path: The file.
-        options: The user's corrections of the file; `mapping` is not allowed.
-
     Raises:
         FileNotFoundError: there is no such file.
         ValueError: the file is no npz file, contains pickled objects, lacks arrays, has arrays of other shapes,
@@ -67,14 +64,10 @@ def read_motion(path: Path, options: ReadOptions) -> Motion:
     places = places * metres
     from_motion = np.array_equal(content.get("on_floor"), True)
     size = 1.0 if from_motion else _size(places @ turn.T, feet, rate)
-    whole = SkeletonRecording(
-        path=path,
-        fps=rate,
-        joints=JOINTS,
-        parents=PARENTS,
+    whole = replace(
+        recording,
         offsets=OFFSETS * size,
         root=(places + OFFSETS[0] * size) @ turn.T,
-        rotations=recording.rotations,
         notes=(
             *(() if from_motion else (f"size {size:.2f}",)),
             *((f"trans in {name}",) if metres != 1 else ()),
@@ -146,16 +139,9 @@ def _fill(
 
 
 def _unit_of(places: np.ndarray, feet: np.ndarray, unit: float | None, path: Path) -> tuple[str, float]:
-    """Return the name of the unit of `trans` and its size in metres.
-
-    In the right unit, the hips are about as high above the floor as above the feet.
-
-    Args:
-        places: (F, 3) as stated, y up.
-        feet: (F, 2, 3) balls of the feet relative to the pelvis, m, y up.
-        unit: Metres per unit; None to find the unit.
-        path: The file, for messages.
-    """
+    """Return the name of the unit of `trans` and its size in metres, from `places` (F, 3) as stated and balls of the
+    feet (F, 2, 3) relative to the pelvis, m, y up. In the right unit, the hips are about as high above the floor as
+    above the feet."""
     if unit:
         return f"units of {unit:.4g} m", unit
     high, legs = np.percentile(places[:, 1], 90), np.percentile(-feet[..., 1].min(1), 90)
@@ -173,15 +159,10 @@ def _unit_of(places: np.ndarray, feet: np.ndarray, unit: float | None, path: Pat
 def _size(places: np.ndarray, feet: np.ndarray, fps: float) -> float:
     """Return the size of the person relative to the template, 0.8 to 1.25, with which the lower foot stands still.
 
-    The velocity v of the hips and, on the template, the velocity r of the ball of a foot relative to the hips satisfy
-    v + s r = 0 for the right size s. It is found by least squares over all frames in which the hips move faster than
-    0.4 m/s. Frames without a standing foot get a low weight (Cauchy, 0.1 m/s), and every tenth of a second counts as
-    one measurement. If the person does not walk, a prior of 1 with a deviation of 6 % determines the size.
-
-    Args:
-        places: (F, 3) m, y up.
-        feet: (F, 2, 3) balls of the feet relative to the pelvis, m, y up.
-        fps: Frames per second.
+    The velocity v of the hips and, on the template, the velocity r of the ball of a foot relative to the hips satisfy v
+    + s r = 0 for the right size s. It is found by least squares over all frames in which the hips move faster than 0.4
+    m/s. Frames without a standing foot get a low weight (Cauchy, 0.1 m/s), and every tenth of a second counts as one
+    measurement. If the person does not walk, a prior of 1 with a deviation of 6 % determines the size.
     """
     lower = feet[:-1, :, 1].argmin(1)
     hips = np.diff(places, axis=0) * fps
@@ -233,14 +214,11 @@ BODY = 22
 
 
 def write_npz(path: Path, motion: Motion) -> None:
-    """Write a motion in AMASS's format, on SMPL-H's mean body (`betas` zero, fingers straight); atomically.
+    """Write a motion to `<name>.npz` in AMASS's format, on SMPL-H's mean body (`betas` zero, fingers straight);
+    atomically.
 
-    `synth.motion.readers.npz` reads it back. The array `on_floor`, which is not part of the format, states that
-    floor, soles and forearms need no repair.
-
-    Args:
-        path: `<name>.npz`.
-        motion: The motion; its steps are scaled to the mean body's legs.
+    `read_motion` reads it back. The array `on_floor`, which is not part of the format, states that floor, soles and
+    forearms need no repair. Steps are scaled to the mean body's legs.
     """
     axes = UPRIGHT["y"]
     turn = dict(zip(SEGMENTS, motion.rotations.swapaxes(0, 1), strict=True))

@@ -70,20 +70,10 @@ _LONGEST = 0.25
 
 
 def fill_gaps(values: np.ndarray, names: list[str], fps: float, path: Path) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Fill short gaps and return the longest stretch without gaps.
+    """Fill short gaps in values (F, K, C), and return the longest stretch without gaps, and notes on both.
 
     Gaps of up to a quarter of a second are filled by monotone cubic interpolation (Fritsch and Carlson, SIAM Journal on
     Numerical Analysis 17, 1980).
-
-    Args:
-        values: (F, K, C), NaN where missing.
-        names: Names of the K recorded quantities, for messages.
-        fps: Frames per second.
-        path: The file, for messages.
-
-    Returns:
-        values: (n, K, C) values of the longest stretch.
-        notes: Descriptions of the filled values and the omitted frames.
 
     Raises:
         ValueError: less than half of the recording is left.
@@ -129,12 +119,7 @@ class SkeletonRecording:
         return len(self.root)
 
     def forward(self) -> tuple[np.ndarray, np.ndarray]:
-        """Compute forward kinematics.
-
-        Returns:
-            positions: (F, J, 3) positions of the joints in the world, in the file's unit.
-            orientations: (F, J, 3, 3) orientations of the joints in the world.
-        """
+        """Return positions (F, J, 3), in the file's unit, and orientations (F, J, 3, 3) of the joints in the world."""
         positions = np.empty((*self.rotations.shape[:2], 3))
         orientations = np.empty_like(self.rotations)
         for joint, parent in enumerate(self.parents):

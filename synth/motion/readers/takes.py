@@ -82,12 +82,8 @@ class ListedTake:
 
 
 def find_takes(path: Path, kind: str | None = None, sets: Sequence[str] = ()) -> list[Path]:
-    """Return the files of takes at a path: sorted, or in the order of a list.
-
-    Args:
-        path: A file, a folder that is searched at any depth, or a list.
-        kind: Format of the takes; None for all formats.
-        sets: The sets of a list to return; all if empty.
+    """Return the files of takes at a path: a file, a folder that is searched at any depth and sorted, or a list of
+    takes, in its order, from which sets may be chosen. `kind` is the format of the takes; None for all formats.
 
     Raises:
         FileNotFoundError: there is no such file or folder, or no file of the format in it.
