@@ -66,56 +66,23 @@ if TYPE_CHECKING:
     from dmae.viewing.config import LayersConfig as LayersConfig
 
 _HOMES = {
-    "dmae.calibration.config": ["RefineConfig"],
-    "dmae.commands.config": ["PretrainCommand"],
-    "dmae.completion.config": ["LearningConfig", "ModelConfig", "TrainConfig"],
-    "dmae.data.cameras": ["CameraRig"],
-    "dmae.data.clip": ["Clip", "Detections2D", "Poses3D", "Source"],
-    "dmae.data.skeleton": ["Skeleton", "get_skeleton"],
-    "dmae.evaluation.config": ["EvaluateConfig", "StressConfig", "TableConfig"],
-    "dmae.online.capture": ["OnlineCapture"],
-    "dmae.reconstruction.config": ["CaptureConfig"],
-    "dmae.verbs.assessment": [
-        "benchmark",
-        "compare_scores",
-        "corrupt",
-        "decide",
-        "draw",
-        "evaluate",
-        "regress",
-        "report",
-        "review",
-        "show",
-        "stress",
-        "table",
-    ],
-    "dmae.verbs.motion": [
-        "calibrate",
-        "capture",
-        "card",
-        "complete",
-        "completer",
-        "doctor",
-        "pretrain",
-        "run",
-        "train",
-        "triangulate",
-    ],
-    "dmae.verbs.recordings": [
-        "convert",
-        "detect",
-        "export",
-        "load",
-        "load_dataset",
-        "preset",
-        "read",
-        "read_poses",
-        "save",
-        "to_skeleton",
-    ],
-    "dmae.viewing.config": ["LayersConfig"],
+    "dmae.calibration.config": "RefineConfig",
+    "dmae.commands.config": "PretrainCommand",
+    "dmae.completion.config": "LearningConfig ModelConfig TrainConfig",
+    "dmae.data.cameras": "CameraRig",
+    "dmae.data.clip": "Clip Detections2D Poses3D Source",
+    "dmae.data.skeleton": "Skeleton get_skeleton",
+    "dmae.evaluation.config": "EvaluateConfig StressConfig TableConfig",
+    "dmae.online.capture": "OnlineCapture",
+    "dmae.reconstruction.config": "CaptureConfig",
+    "dmae.verbs.assessment": (
+        "benchmark compare_scores corrupt decide draw evaluate regress report review show stress table"
+    ),
+    "dmae.verbs.motion": "calibrate capture card complete completer doctor pretrain run train triangulate",
+    "dmae.verbs.recordings": "convert detect export load load_dataset preset read read_poses save to_skeleton",
+    "dmae.viewing.config": "LayersConfig",
 }
-_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
+_HOME_OF = {name: home for home, names in _HOMES.items() for name in names.split()}
 
 __all__ = sorted(_HOME_OF)
 

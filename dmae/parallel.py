@@ -5,6 +5,7 @@ Configurations name a `Backend`, so this module imports joblib only to run tasks
 
 import os
 import signal
+import sys
 import threading
 import time
 import warnings
@@ -53,6 +54,12 @@ def running_on(backend: Backend | str) -> Iterator[None]:
 def backend_in_use() -> Backend:
     """Return the backend that `in_parallel` uses."""
     return _backend.get()
+
+
+def check_workers(workers: int) -> None:
+    """Raise ValueError for an impossible number of processes."""
+    if workers == 0:
+        raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
 
 
 def in_parallel(function: Callable, tasks: Iterable[tuple], workers: int, *, ordered: bool = True) -> Iterator:
@@ -138,3 +145,18 @@ def _interrupts_blocked(wanted: bool) -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Limit torch, if it is loaded, to one thread of the CPU, so that sums do not depend on the number of workers."""
+    torch = sys.modules.get("torch")
+    if torch is None:
+        yield
+        return
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

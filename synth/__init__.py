@@ -50,39 +50,21 @@ if TYPE_CHECKING:
     from synth.verbs import verify as verify
 
 _HOMES = {
-    "dmae.verbs.recordings": ["load_dataset"],
-    "synth.datasets.config": ["AboutConfig", "GenerateConfig", "OcclusionConfig", "RenderConfig"],
-    "synth.detector.config": ["DetectorConfig"],
-    "synth.interactions.registry": ["InteractionConfig"],
-    "synth.motion.config": ["MotionConfig"],
-    "synth.planning.config": ["LensConfig", "MountConfig", "PlanConfig", "SearchConfig"],
-    "synth.rigs.config": ["RigConfig", "RingConfig"],
-    "synth.rooms.config": ["PropsConfig"],
-    "synth.scene.config": ["SceneConfig"],
-    "synth.verbs": [
-        "body_state",
-        "compare",
-        "compare_motion",
-        "contact_sheet",
-        "detector_errors",
-        "export",
-        "fit_detector",
-        "forecast",
-        "generate",
-        "label",
-        "physical_labels",
-        "plan",
-        "preset",
-        "realism",
-        "render",
-        "show",
-        "split",
-        "stats",
-        "takes",
-        "verify",
-    ],
+    "dmae.verbs.recordings": "load_dataset",
+    "synth.datasets.config": "AboutConfig GenerateConfig OcclusionConfig RenderConfig",
+    "synth.detector.config": "DetectorConfig",
+    "synth.interactions.registry": "InteractionConfig",
+    "synth.motion.config": "MotionConfig",
+    "synth.planning.config": "LensConfig MountConfig PlanConfig SearchConfig",
+    "synth.rigs.config": "RigConfig RingConfig",
+    "synth.rooms.config": "PropsConfig",
+    "synth.scene.config": "SceneConfig",
+    "synth.verbs": (
+        "body_state compare compare_motion contact_sheet detector_errors export fit_detector forecast "
+        "generate label physical_labels plan preset realism render show split stats takes verify"
+    ),
 }
-_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
+_HOME_OF = {name: home for home, names in _HOMES.items() for name in names.split()}
 
 __all__ = sorted(_HOME_OF)
 

@@ -2,10 +2,10 @@
 
 import sys
 import time
+from collections.abc import Iterator
 from contextlib import nullcontext
 from dataclasses import asdict, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from dmae.calibration.world import Floor, find_floor, place_clip, upright_world
 from dmae.commands.config import CaptureCommand
@@ -14,19 +14,20 @@ from dmae.commands.data_sets import (
     describe_joints,
     describe_sides,
     finished,
+    forecast,
     save_alone,
     settings_of,
 )
 from dmae.completion.methods import METHODS
 from dmae.data.clip import Clip
 from dmae.data.rng import Stream, generator
-from dmae.data.store import load_clip, save_clip
+from dmae.data.store import load_clip
 from dmae.evaluation.report.joints import Groups, JointGroup, Reprojection, added_groups, reprojection, residual_tables
 from dmae.formats.config import clip_range
 from dmae.formats.reading import Clips, is_data_set, load
 from dmae.numerics.filling import smooth
-from dmae.parallel import in_parallel, process_count, running_on
-from dmae.progress import duration, progress
+from dmae.parallel import in_parallel, running_on
+from dmae.progress import progress
 from dmae.reconstruction.config import CaptureConfig, SubjectConfig
 from dmae.reconstruction.diagnosis import explain_capture
 from dmae.reconstruction.pipeline import capture, learn_noise
@@ -45,7 +46,7 @@ def run(config: CaptureCommand, out: Path) -> None:
     clips, several = load(config.data), is_data_set(config.data)
     part = clips.part(clip_range(len(clips), config.first, config.clips))
     if config.dry_run:
-        print(f"{out}: {_forecast(config, part)}")
+        print(f"{out}: {forecast(config, len(part), _tried(config, part))}")
         return
     frames, start, persons = 0, time.perf_counter(), 0
     measured: Groups = {}
@@ -144,25 +145,13 @@ def _world(clip: Clip) -> str:
     return f"{'made level; before, ' if levelled else ''}{Floor(**facts).describe()}"
 
 
-def _forecast(config: CaptureCommand, clips: Clips) -> str:
-    """Return what clips take, as a short piece of some of them shows."""
+def _tried(config: CaptureCommand, clips: Clips) -> Iterator[tuple[int, Clip]]:
+    """Yield the numbers of frames of some clips, each with a captured piece."""
     ends = (clips.numbers[0], clips.numbers[-1]) if len(clips) > 10 else ()
-    seconds, size, frames, lengths = 0.0, 0, 0, []
     for number in sorted({*ends, clips.numbers[len(clips) // 2]}):
         one = clips.part(range(number, number + 1))
-        start = time.perf_counter()
-        captured, *_ = _capture(config, one, min(_TRIED, 10 + len(one[0]) // 5))
-        with TemporaryDirectory() as folder:
-            save_clip(captured, Path(folder))
-            size += sum(path.stat().st_size for path in Path(folder).iterdir())
-        seconds += time.perf_counter() - start
-        frames += len(captured)
-        lengths.append(len(one[0]))
-    total = len(clips) * sum(lengths) / len(lengths)
-    with running_on(config.backend):
-        took = seconds / frames * total / min(process_count(config.workers), len(clips))
-    megabytes = size / frames * total / 1e6
-    return f"{counted(len(clips), 'clip')}, {total:.0f} frames: about {duration(took)}, {megabytes:.0f} MB"
+        frames = len(one[0])
+        yield frames, _capture(config, one, min(_TRIED, 10 + frames // 5))[0]
 
 
 def interrupted(config: CaptureCommand, out: Path) -> str:

@@ -1,25 +1,22 @@
 """`dmae complete`: fill what no camera measured, with trained weights."""
 
-import time
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from dmae.commands.config import CompleteCommand
-from dmae.commands.data_sets import ClipSet, describe_joints, finished, save_alone, settings_of
+from dmae.commands.data_sets import ClipSet, describe_joints, finished, forecast, save_alone, settings_of
 from dmae.completion.complete import Completer, completers
 from dmae.completion.weights import weights_folder
 from dmae.data.clip import Clip
 from dmae.data.skeleton import Skeleton
-from dmae.data.store import clip_folders, load_clip, save_clip
+from dmae.data.store import clip_folders, load_clip
 from dmae.evaluation.review import ReviewVerdict, decided, load_decisions, with_decisions
 from dmae.files.checksums import checksum, refuse_damaged
 from dmae.online.completion import complete_online
-from dmae.parallel import Backend, in_parallel, process_count, running_on
-from dmae.progress import duration, progress
-from dmae.reporting.tables import counted
+from dmae.parallel import Backend, in_parallel, running_on
+from dmae.progress import progress
 
 _TRIED = 200
 """Frames of a clip that a forecast completes."""
@@ -34,7 +31,9 @@ def run(config: CompleteCommand, out: Path) -> None:
     folders = clip_folders(Path(config.clip))
     several = folders != [Path(config.clip)]
     if config.dry_run:
-        print(f"{out}: {_forecast(config, folders, completer_for)}")
+        some = [folders[number] for number in sorted({0, len(folders) // 2, len(folders) - 1})]
+        tried = ((len(load_clip(folder)), _complete(config, folder, completer_for, _TRIED)[0]) for folder in some)
+        print(f"{out}: {forecast(config, len(folders), tried)}")
         return
     alone = config.workers == 1 and config.backend == Backend.loky
     made = ClipSet(out, _settings(config)) if several else None
@@ -84,25 +83,6 @@ def _complete(
     else:
         poses = completer(clip.poses, clip.fps)
     return replace(clip, poses=poses.without(blanked)), notes
-
-
-def _forecast(config: CompleteCommand, folders: list[Path], completer_for: CompleterFor) -> str:
-    """Return what clips take, as a short piece of some of them shows."""
-    seconds, size, frames, lengths = 0.0, 0, 0, []
-    for number in sorted({0, len(folders) // 2, len(folders) - 1}):
-        lengths.append(len(load_clip(folders[number])))
-        start = time.perf_counter()
-        completed, _ = _complete(config, folders[number], completer_for, _TRIED)
-        with TemporaryDirectory() as folder:
-            save_clip(completed, Path(folder))
-            size += sum(path.stat().st_size for path in Path(folder).iterdir())
-        seconds += time.perf_counter() - start
-        frames += len(completed)
-    total = len(folders) * sum(lengths) / len(lengths)
-    with running_on(config.backend):
-        took = seconds / frames * total / min(process_count(config.workers), len(folders))
-    megabytes = size / frames * total / 1e6
-    return f"{counted(len(folders), 'clip')}, {total:.0f} frames: about {duration(took)}, {megabytes:.0f} MB"
 
 
 def _completers(config: CompleteCommand) -> CompleterFor:

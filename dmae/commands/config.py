@@ -11,7 +11,7 @@ from dmae.detection.registry import OutputConfig, PoseDetectorConfig
 from dmae.evaluation.config import TITLE
 from dmae.formats.config import DataConfig, LengthUnit, UpDirection
 from dmae.formats.registry import pose_writer, recording_writer
-from dmae.parallel import Backend
+from dmae.parallel import Backend, check_workers
 from dmae.reconstruction.config import CaptureConfig
 
 REQUIRED: Any = "???"
@@ -159,8 +159,7 @@ class CaptureCommand:
     def __post_init__(self):
         if not self.smooth >= 0:
             raise ValueError(f"smooth={self.smooth:g}: expected seconds, 0 (no smoothing) or more")
-        if self.workers == 0:
-            raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
+        check_workers(self.workers)
 
 
 @dataclass(frozen=True)
@@ -198,8 +197,7 @@ class CompleteCommand:
     """Folder of the completed clip; of a data set a folder for each clip is made in it."""
 
     def __post_init__(self):
-        if self.workers == 0:
-            raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
+        check_workers(self.workers)
 
 
 @dataclass(frozen=True)

@@ -2,12 +2,15 @@
 
 import hashlib
 import shutil
-from collections.abc import Iterator
+import time
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from dmae.command_line import interruption
+from dmae.commands.config import CaptureCommand, CompleteCommand
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.resume import claim_folder
 from dmae.data.store import (
@@ -22,7 +25,8 @@ from dmae.evaluation.review import DECISIONS
 from dmae.files.checksums import begin_data_set, clip_checksum, end_data_set, find_damage, write_checksums
 from dmae.files.contents import whole_folder
 from dmae.formats.reading import DataConfig, is_data_set, load
-from dmae.progress import progress
+from dmae.parallel import process_count, running_on
+from dmae.progress import duration, progress
 from dmae.reconstruction.sides import exchanged_detections
 from dmae.reporting.tables import counted
 
@@ -32,6 +36,22 @@ SETTINGS = "settings.json"
 """In the folder of a data set that `dmae` made: what its clips depend on."""
 _WITHOUT_EFFECT = ("clip", "out", "first", "clips", "damaged", "workers", "backend", "dry_run")
 """Options that the content of a clip does not depend on."""
+
+
+def forecast(config: CaptureCommand | CompleteCommand, clips: int, tried: Iterable[tuple[int, Clip]]) -> str:
+    """Return what clips take, as a short piece of some of them shows: pairs of the frames of a clip, and its piece."""
+    start, size, frames, lengths = time.perf_counter(), 0, 0, []
+    for length, clip in tried:
+        with TemporaryDirectory() as folder:
+            save_clip(clip, Path(folder))
+            size += sum(path.stat().st_size for path in Path(folder).iterdir())
+        frames += len(clip)
+        lengths.append(length)
+    seconds, total = time.perf_counter() - start, clips * sum(lengths) / len(lengths)
+    with running_on(config.backend):
+        took = seconds / frames * total / min(process_count(config.workers), clips)
+    megabytes = size / frames * total / 1e6
+    return f"{counted(clips, 'clip')}, {total:.0f} frames: about {duration(took)}, {megabytes:.0f} MB"
 
 
 def each_clip(data: DataConfig, out: Path, doing: str) -> Iterator[tuple[Clip, str, Path]]:

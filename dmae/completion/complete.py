@@ -17,7 +17,7 @@ from dmae.completion.features import correction_weight, near_measurement, noisin
 from dmae.completion.fillings import contradicted
 from dmae.completion.methods import Fill, completion_method
 from dmae.completion.network import DMAE
-from dmae.completion.pieces import in_pieces, one_thread
+from dmae.completion.pieces import in_pieces
 from dmae.completion.uncertainty import Factors, calibrated
 from dmae.completion.weights import find_shipped, load_model, pick_device, weights_folder
 from dmae.completion.windows import Rows, make_rows
@@ -27,6 +27,7 @@ from dmae.data.skeleton import Skeleton
 from dmae.numerics.body import rotate_z
 from dmae.numerics.filling import are_stills, fill_stills, present, resample
 from dmae.numerics.paths import gap_lengths
+from dmae.parallel import one_thread
 
 # Prediction: a network's corrections of a whole recording, blended over overlapping windows.
 

@@ -24,7 +24,7 @@ from torch.utils.data import Dataset
 from dmae.completion import fusion
 from dmae.completion.features import noisiness, smooth_by_noise
 from dmae.completion.network import DMAE
-from dmae.completion.pieces import in_pieces, one_thread
+from dmae.completion.pieces import in_pieces
 from dmae.completion.training_data import Examples, PosePair, Recipe, mask_captured, mask_scattered
 from dmae.data.clip import Poses3D, Source
 from dmae.data.conversion import convert
@@ -33,6 +33,7 @@ from dmae.data.skeleton import Skeleton
 from dmae.numerics.body import rotate_z
 from dmae.numerics.filling import present, resample
 from dmae.numerics.paths import linear
+from dmae.parallel import one_thread
 
 
 class PaperWindows(NamedTuple):

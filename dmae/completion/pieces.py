@@ -1,12 +1,9 @@
 """Long recordings in pieces: frames are completed by what is known of the person within 20 s, on one thread."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import fields
 from itertools import pairwise
 from math import ceil
-
-import torch
 
 from dmae.data.clip import Poses3D
 from dmae.files.mapped import empty, in_steps
@@ -71,14 +68,3 @@ def _parts(count: int, fps: float, asked: range) -> Iterator[tuple[slice, slice]
         inner = slice(max(start, asked.start), min(stop, asked.stop))
         if inner.start < inner.stop:
             yield inner, slice(round(first * unit), min(stop + margin, count))
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """Have torch compute on one thread of the CPU."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)

@@ -7,7 +7,7 @@ from dmae.completion.methods import completion_method
 from dmae.evaluation.corruption.registry import corruption
 from dmae.formats.config import DataConfig
 from dmae.metrics.registry import protocol
-from dmae.parallel import Backend
+from dmae.parallel import Backend, check_workers
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.registry import capture_method
 
@@ -101,8 +101,7 @@ class EvaluateConfig:
     """Folder for `scores.json`."""
 
     def __post_init__(self):
-        if self.workers == 0:
-            raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
+        check_workers(self.workers)
 
 
 OURS = "capture"

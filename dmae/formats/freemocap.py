@@ -32,16 +32,8 @@ def read_freemocap(
     """A FreeMoCap recording: <name>_camera_calibration.toml and output_data/raw_data/*2dData*_pixelXY.npy.
 
     Lengths in its calibration are in mm, and its world axes are those of the first camera, y down, unless `unit` and
-    `up` are given. The array of points contains the cameras of the calibration in the same order.
-
-    Args:
-        path: The recording.
-        calibration: Path of the calibration, and the values that its file does not state.
-        detections: The array of points; by default found in `path`.
-        fps: Frames per second; by default the rate of the synchronised videos.
-        skeleton: Skeleton of the first points; by default MediaPipe's 33 body landmarks.
-
-    Raises FileNotFoundError if points or calibration are missing, ValueError if files are malformed or do not fit.
+    `up` are given. The array of points contains the cameras of the calibration in the same order. By default the rate
+    is that of the synchronised videos, and the first points are MediaPipe's 33 body landmarks.
     """
     unit, up = calibration.unit or LengthUnit.mm, calibration.up or UpDirection.minus_y
     rig = replace(calibration, unit=unit, up=up).read(path)

@@ -31,14 +31,7 @@ def read_mediapipe(
 ) -> Clip:
     """Pose landmarks of MediaPipe, mediapipe/<camera>.json of all frames, with a calibration of any format.
 
-    Args:
-        path: The recording.
-        calibration: Path of the calibration, and the values that its file does not state.
-        detections: Folder of the files, or one file; by default `mediapipe` in `path`.
-        fps: Frames per second. The files do not state it.
-        skeleton: Must be the skeleton of the 33 landmarks.
-
-    Raises FileNotFoundError if files or calibration are missing, ValueError if files are malformed or do not fit.
+    The files do not state the frame rate, and the skeleton can only be that of the 33 landmarks.
     """
     if skeleton not in (None, BLAZEPOSE33):
         raise ValueError(f"{path}: MediaPipe's landmarks are {BLAZEPOSE33.name}, not {skeleton.name}")

@@ -118,16 +118,8 @@ def read_panoptic(
     """A CMU Panoptic sequence: calibration_<sequence>.json, poses as truth, and OpenPose's JSON of the cameras in use.
 
     Panoptic publishes cameras and poses. The detections have to be made with OpenPose. If there are none, as in an
-    export of this package, the clip has truth but no detections.
-
-    Args:
-        path: The sequence.
-        calibration: Path of the calibration, and the values that its file does not state; `unit` and `up` also apply
-            to the truth.
-        detections: Folder that contains the folders of the cameras; by default found in `path`.
-        fps: Frames per second; by default the rate that the pose files state.
-            skeleton: As in `dmae.formats.openpose.read_detections`, from which errors come, or `read_poses`,
-            `with_cameras`.
+    export of this package, the clip has truth but no detections. `unit` and `up` also apply to the truth. By default
+    the rate is that of the pose files, and the skeleton as in `dmae.formats.openpose.read_detections`.
     """
     try:
         found = openpose.read_detections(detections or path, skeleton=skeleton)

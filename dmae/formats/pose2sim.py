@@ -117,14 +117,7 @@ def read_pose2sim(
 ) -> Clip:
     """A trial of a Pose2Sim session, with the Config.toml files and the calibration of the session.
 
-    Args:
-        path: The trial.
-        calibration: Path of the calibration, and the values that its file does not state.
-        detections: Folder that contains the folders of the cameras; by default `pose-sync` or `pose` in `path`.
-        fps: Frames per second; by default the rate of the session.
-        skeleton: By default the skeleton of the session.
-
-    Errors are those of `read_detections` and `with_cameras`.
+    By default detections are in `pose-sync` or `pose` of the trial, and rate and skeleton are the session's.
     """
     return with_cameras(read_detections(path, detections, skeleton), path, calibration, fps)
 

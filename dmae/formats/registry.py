@@ -13,8 +13,11 @@ from dmae.registry import Entry, Registry
 class RecordingReader(Entry):
     """A reader of recordings: a function that takes a path and the options that it needs, and returns a `Clip`.
 
-    The reader of files that state no cameras takes the path of the detections, and returns `NumberedDetections`. Their
-    calibration and frame rate are added by `dmae.formats.reading`, which lists the options.
+    Options are `calibration` (a `CalibrationSource`: its path, and values that its file does not state), `detections`
+    (their folder or file, if not found in the path), `fps` (if not stated by the files) and `skeleton`, of detections.
+    The reader of files that state no cameras takes the path of the detections, and returns `NumberedDetections`:
+    `dmae.formats.reading` adds calibration and frame rate. Readers raise FileNotFoundError if files are missing, and
+    ValueError if they are malformed or do not fit together.
     """
 
     # Lists of file patterns. A folder is recognised if it contains a match of every pattern of one list.

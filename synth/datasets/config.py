@@ -6,7 +6,7 @@ from enum import Enum
 from typing import TYPE_CHECKING
 
 from dmae.data.labels import KINDS
-from dmae.parallel import Backend
+from dmae.parallel import Backend, check_workers
 from synth.detector.config import DetectorConfig
 from synth.interactions.registry import InteractionConfig
 from synth.motion.config import MotionConfig
@@ -146,8 +146,7 @@ class GenerateConfig:
         for name, least in (("seed", 0), ("first", 0), ("clips", 1), ("retries", 0)):
             if getattr(self, name) < least:
                 raise ValueError(f"{name}: expected {least} or more, got {getattr(self, name)}")
-        if self.workers == 0:
-            raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
+        check_workers(self.workers)
         if self.first + self.clips > MOST_CLIPS:
             raise ValueError(f"first and clips: expected clips up to number {MOST_CLIPS - 1}, got {self.first}")
         if not re.fullmatch(r"([A-Za-z0-9_][A-Za-z0-9_.-]*)?", self.prefix):
@@ -192,8 +191,7 @@ class RenderConfig:
     """Other cameras than those of the clips."""
 
     def __post_init__(self):
-        if self.workers == 0:
-            raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
+        check_workers(self.workers)
         image_kinds(self.images)
 
     @property

@@ -1,7 +1,6 @@
 """Forecast the time and the disk space of a data set from a few short clips, which are deleted afterwards."""
 
 import heapq
-import json
 import tempfile
 import time
 from dataclasses import dataclass, replace
@@ -212,7 +211,7 @@ def _with_images(cost: _Cost, config: GenerateConfig, clip, state, folder: Path)
     frames = min(_PICTURES, len(clip), max(2, config.scene.frames // _PART))
     rig = clip.rig if clip.true_rig is None else clip.true_rig
     start = time.perf_counter()
-    scene = build_scene(SceneSpec.from_json(json.dumps(clip.provenance["spec"])), rig)
+    scene = build_scene(SceneSpec.of(clip), rig)
     with Renderer(scene.model, scene.geom_ids, rig, options.quality) as renderer:
         renderer.picture(state.qpos[0], 0, options.kinds)
         begun, took, sizes = time.perf_counter() - start, [], []

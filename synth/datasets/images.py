@@ -1,6 +1,5 @@
 """The images of a clip, rendered on request from the body states that are stored with its labels."""
 
-import json
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -67,7 +66,7 @@ def add_images(
     if not missing:
         return clip
     rig = clip.rig if clip.true_rig is None else clip.true_rig
-    spec = SceneSpec.from_json(json.dumps(clip.provenance["spec"]))
+    spec = SceneSpec.of(clip)
     scene = build_scene(spec, rig)
     if scene.model.nq != state.qpos.shape[1]:
         raise ValueError(

@@ -1,6 +1,5 @@
 """Add physical labels to existing clips. They are computed from the stored body states; nothing is simulated."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,7 +13,7 @@ from dmae.files.checksums import (
     read_checksums,
     write_checksums,
 )
-from dmae.parallel import in_parallel
+from dmae.parallel import check_workers, in_parallel
 from dmae.progress import progress
 from synth.datasets.generate import CONFIG
 from synth.labels.forces import carry
@@ -42,8 +41,7 @@ def add_labels(data: Path, kinds: Sequence[str] = KINDS, *, workers: int = 1) ->
         ValueError: a kind is unknown, a clip is damaged, or its frames are too far apart.
     """
     data, kinds = Path(data), check_kinds(kinds)
-    if workers == 0:
-        raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
+    check_workers(workers)
     folders = clip_folders(data)
     for folder in folders:
         load_state(folder)
@@ -95,7 +93,7 @@ def make_labels(folder: Path, kinds: Sequence[str] = KINDS) -> PhysicalLabels:
     kinds = check_kinds(kinds)
     clip, state = load_clip(folder), load_state(folder)
     rig = clip.rig if clip.true_rig is None else clip.true_rig
-    spec = SceneSpec.from_json(json.dumps(clip.provenance["spec"]))
+    spec = SceneSpec.of(clip)
     scene = build_scene(spec, rig, painted=False)
     if scene.model.nq != state.qpos.shape[1] or tuple(dict.fromkeys(scene.geom_names)) != state.contact_names:
         raise ValueError(f"clip {clip.id!r}: its states are of another scene; has the room {spec.arena} changed?")

@@ -1,6 +1,5 @@
 """Render existing clips again: as other images, at another quality, or with other cameras. Nothing is simulated."""
 
-import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -54,7 +53,7 @@ def render(config: RenderConfig) -> list[dict]:
     settings = _settings(config, folders[0])
     clip = load_clip(folders[0])
     load_state(folders[0])
-    rig = clip.rig if config.rig == _NO_RIG else _new_rig(config, settings, _spec(clip))
+    rig = clip.rig if config.rig == _NO_RIG else _new_rig(config, settings, SceneSpec.of(clip))
     check_images(config.image_options, rig)
     claim(out, settings)
     lines = [read_json(folder / "clip.json")["provenance"]["manifest"] for folder in folders]
@@ -97,10 +96,6 @@ def _stage(settings: dict, spec: SceneSpec) -> Stage:
     return Stage(spec.radius + float(np.hypot(*settings["scene"]["middle"])), arena_file(spec.arena))
 
 
-def _spec(clip: Clip) -> SceneSpec:
-    return SceneSpec.from_json(json.dumps(clip.provenance["spec"]))
-
-
 def _render(config: RenderConfig, settings: dict, folder: Path, number: int, clips: int) -> dict:
     """Render one clip into the new data set, if it is not there yet, and return its manifest line."""
     target, options = Path(config.out) / folder.name, config.image_options
@@ -131,7 +126,7 @@ def _without_images(clip: Clip) -> Clip:
 
 def _relabelled(config: RenderConfig, settings: dict, clip: Clip, state: BodyState) -> Clip:
     """Return the clip with truth, visibility and detections for other cameras."""
-    spec = _spec(clip)
+    spec = SceneSpec.of(clip)
     rig = _new_rig(config, settings, spec)
     dropped = ("occlusion", "calibration_error")
     line = {key: value for key, value in clip.provenance["manifest"].items() if key not in dropped}

@@ -19,7 +19,7 @@ from dmae.data.labels import Visibility
 from dmae.data.store import MANIFEST, clip_folders, load_clip, read_manifest
 from dmae.files.contents import write_atomic
 from dmae.numerics.body import body_heading
-from dmae.parallel import in_parallel
+from dmae.parallel import check_workers, in_parallel
 from dmae.progress import progress
 from synth.datasets.config import SplitBy
 from synth.datasets.splits import identities
@@ -370,8 +370,7 @@ def describe(data: Path | list[Path], out: Path, *, workers: int = 1) -> Statist
         ValueError: the folder contains something other than an earlier page, or a clip is damaged.
     """
     data, out = [Path(path) for path in (data if isinstance(data, list) else [data])], Path(out)
-    if workers == 0:
-        raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
+    check_workers(workers)
     if out.is_dir() and any(out.iterdir()) and not (out / NUMBERS).is_file():
         raise ValueError(
             f"{out}: expected no such folder, an empty one, or one with an earlier {NUMBERS}; choose another out"

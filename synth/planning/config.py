@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dmae.parallel import Backend
+from dmae.parallel import Backend, check_workers
 from synth.detector.config import DetectorConfig
 from synth.interactions.registry import InteractionConfig
 from synth.motion.config import MotionConfig
@@ -146,8 +146,7 @@ class PlanConfig:
             )
         if self.seed < 0:
             raise ValueError(f"seed: expected 0 or more, got {self.seed}")
-        if self.workers == 0:
-            raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
+        check_workers(self.workers)
         self.setting()
 
     @property

@@ -1,6 +1,5 @@
 """What a real detector finds of people in plain sight: their appearance, crops, rates, and a sheet of the worst."""
 
-import json
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -116,8 +115,7 @@ def truth_columns(clip: Clip) -> list[int]:
 
 def scene_of(clip: Clip) -> SceneSpec | None:
     """Return the scene of a simulated clip; None for a recording."""
-    spec = clip.provenance.get("spec")
-    return None if spec is None else SceneSpec.from_json(json.dumps(spec))
+    return SceneSpec.of(clip) if clip.provenance.get("spec") else None
 
 
 def statures(clip: Clip) -> np.ndarray:

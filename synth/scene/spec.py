@@ -3,6 +3,7 @@
 import json
 from dataclasses import asdict, dataclass, field
 
+from dmae.data.clip import Clip
 from dmae.data.json_values import decode
 from dmae.files.checks import check_numbers, check_rate
 from dmae.files.structured import parse_json
@@ -133,6 +134,11 @@ class SceneSpec:
             ValueError: the text is no spec; the message names the field.
         """
         return decode(cls, parse_json(text))
+
+    @classmethod
+    def of(cls, clip: Clip) -> "SceneSpec":
+        """Return the spec in the provenance of a simulated clip; raises as `from_json`."""
+        return cls.from_json(json.dumps(clip.provenance["spec"]))
 
     def __post_init__(self):
         check_rate("SceneSpec.fps", self.fps)

@@ -1,6 +1,5 @@
 """Draw the room of a simulated clip as a background for its people if the clip has no images."""
 
-import json
 from dataclasses import replace
 
 import mujoco
@@ -26,7 +25,7 @@ def draw_rooms(clip: Clip) -> list[np.ndarray]:
     if "spec" not in clip.provenance:
         raise ValueError(f"clip {clip.id!r} has no scene in its provenance")
     rig = clip.rig if clip.true_rig is None else clip.true_rig
-    spec = SceneSpec.from_json(json.dumps(clip.provenance["spec"]))
+    spec = SceneSpec.of(clip)
     scene = build_scene(replace(spec, persons=()), rig)
     data = mujoco.MjData(scene.model)
     mujoco.mj_forward(scene.model, data)

@@ -17,7 +17,6 @@ from dmae.completion.complete import load_completer
 from dmae.completion.config import PAPER, CodesConfig, TrainConfig
 from dmae.completion.network import DMAE
 from dmae.completion.paper import PaperRows, PaperWindows, cut, interpolated, paper_rows
-from dmae.completion.pieces import one_thread
 from dmae.completion.training import train
 from dmae.completion.training_data import mask_scattered, pose_pair
 from dmae.completion.weights import PAPER as SHIPPED
@@ -32,6 +31,7 @@ from dmae.evaluation.paper_tables.table import NOISE_NOTE, MeasuredRow, TableCol
 from dmae.metrics.position import PCK_THRESHOLD
 from dmae.metrics.table import block_of, tally
 from dmae.numerics.paths import linear
+from dmae.parallel import one_thread
 
 PRETRAINED = "the paper's network, without fine-tuning"
 FUSED = "the paper's network, fusion learned on simulation alone"

@@ -6,10 +6,8 @@ curves. Each result is stored as soon as it is computed.
 
 import hashlib
 import json
-import sys
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from functools import cache
 from importlib import metadata
@@ -29,7 +27,7 @@ from dmae.evaluation.stress.plan import Cell, Contender, Plan, allowed, contende
 from dmae.files.contents import write_atomic
 from dmae.formats.config import clip_range
 from dmae.formats.reading import Clips
-from dmae.parallel import in_parallel, process_count, running_on
+from dmae.parallel import in_parallel, one_thread, process_count, running_on
 from dmae.progress import progress
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
@@ -82,7 +80,7 @@ def run_cell(subject: Subject, cell: Cell, contenders: Sequence[Contender]) -> d
         if contender.capture not in captured:
             captured[contender.capture] = capture(clip, contender.capture)
         given = captured[contender.capture]
-        with _one_thread():
+        with one_thread():
             filled = contender.fill(given, clip.fps)
         if filled.xyz.shape[:2] != given.xyz.shape[:2]:
             raise ValueError(
@@ -95,21 +93,6 @@ def run_cell(subject: Subject, cell: Cell, contenders: Sequence[Contender]) -> d
         found = score(filled, given, clip.truth, subject.actors, fps=clip.fps)
         scores[contender.name] = {name: found[name] for name in KEPT}
     return scores
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Limit torch, if it is loaded, to one thread, so that sums do not depend on the number of workers."""
-    torch = sys.modules.get("torch")
-    if torch is None:
-        yield
-        return
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
 
 
 _PACKAGE = Path(__file__).parents[2]

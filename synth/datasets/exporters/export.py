@@ -11,6 +11,7 @@ from dmae.data.store import clip_folders
 from dmae.files.checksums import refuse_damaged
 from dmae.files.contents import check_vacant, whole_folder, write_atomic
 from dmae.files.structured import read_json
+from dmae.parallel import check_workers
 from synth.datasets.config import AboutConfig, PictureFormat
 from synth.datasets.exporters import Exporter, exporter
 from synth.datasets.exporters.croissant import write_metadata
@@ -67,8 +68,7 @@ def export(
     entry = exporter.find(format)
     if every < 1:
         raise ValueError(f"every: expected 1 or more frames, got {every}")
-    if workers == 0:
-        raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
+    check_workers(workers)
     folders = clip_folders(data)
     if not damaged:
         refuse_damaged(data, "damaged=true")

@@ -8,7 +8,6 @@ clothes' patterns are not exported.
 - `usd`, z up. Its cameras also hold unequal focal lengths and the principal point. Distortion is in custom data.
 """
 
-import json
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -102,7 +101,7 @@ def _path(task: ClipTask, suffix: str) -> Path:
 
 def _scene(task: ClipTask) -> _SceneInMotion:
     clip, state = task.load(), load_state(task.folder)
-    spec = SceneSpec.from_json(json.dumps(clip.provenance["spec"]))
+    spec = SceneSpec.of(clip)
     model = build_scene(spec, clip.rig, painted=False).model
     data, qpos = mujoco.MjData(model), state.qpos[:: task.every]
     places, turns = np.empty((len(qpos), model.nbody, 3)), np.empty((len(qpos), model.nbody, 4))
