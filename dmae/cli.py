@@ -201,8 +201,7 @@ def _apply(command: Command, module: ModuleType, config, interrupted: interrupti
 
 
 def compose(command: Command, overrides: Sequence[str]) -> object:
-    """Return the configuration that `command overrides...` would run with; ValueError for an unknown option or wrong
-    value."""
+    """Return the configuration that `command overrides...` would run with; ValueError for a wrong option or value."""
     import hydra
     from hydra.core.global_hydra import GlobalHydra
     from hydra.errors import HydraException

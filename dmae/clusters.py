@@ -134,8 +134,7 @@ def connect(name: str, processes: int) -> Cluster:
 def on_cluster(
     function: Callable, tasks: Iterable[tuple], cluster: Cluster, at_once: int, *, ordered: bool
 ) -> Iterator:
-    """Yield `function(*task)` of each task, run on a cluster, so many at once, in the order of tasks or as each is
-    ready."""
+    """Yield `function(*task)` of each task, run on a cluster, so many at once, in their order or as each is ready."""
     carried = {name: os.environ[name] for name in _CARRIED if name in os.environ}
     remaining = ((str(Path.cwd()), carried, function, *task) for task in tasks)
     running: deque = deque()

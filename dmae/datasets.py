@@ -235,8 +235,7 @@ class WindowDataset(Dataset):
         return int(self._ends[-1])
 
     def place(self, index: int) -> tuple[int, int, int]:
-        """Return the number of the clip, the index of the person and the first frame of a window; IndexError if there
-        is none."""
+        """Return number of the clip, index of the person and first frame of a window; IndexError if there is none."""
         if not -len(self) <= index < len(self):
             raise IndexError(f"window {index}: there are {len(self)}")
         index %= len(self)

@@ -104,8 +104,7 @@ class Registry(Mapping[str, E], Generic[E]):
         return self._added[name] if name in self._added else self._declared[name]
 
     def find(self, name: str) -> E:
-        """Return the entry of a name, or of `package.module:function`; ValueError with the nearest name if there is
-        none."""
+        """Return the entry of a name, or of `package.module:function`; ValueError, with the nearest name, if none."""
         self.check(name)
         if name in self:
             return self[name]

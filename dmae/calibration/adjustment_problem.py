@@ -194,7 +194,7 @@ class Observations:
         return len(self) / max(len(np.unique(self.person)), 1) / seconds
 
     def seen(self, calibration: Calibration) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the detections of each body given the cameras' clocks, (M, V, J, 2) px, and velocities, px/s, 0 if
+        """Return each body's detections given the cameras' clocks, (M, V, J, 2) px, and velocities, px/s, 0 if
         unknown.
 
         Also returns their expected error (M, V, J) m at the depth of the body, NaN where there is no detection.

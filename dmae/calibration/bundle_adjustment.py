@@ -57,8 +57,7 @@ def adjust(
     xyz: np.ndarray | None = None,
     tolerance: float = 1e-5,
 ) -> Adjusted:
-    """Return the cameras and bodies with the least robust cost, from given cameras and, if given, bodies `xyz` (M, J,
-    3) m.
+    """Return the cameras and bodies with the least robust cost, from cameras and perhaps bodies `xyz` (M, J, 3) m.
 
     Args:
         freedom: The parameters that may change; by default only the bodies change.
@@ -230,8 +229,7 @@ def _reduced(
 
 
 def _of_person(state: AdjustmentState, parts: _Parts, inverse: np.ndarray, flat: np.ndarray, rows: np.ndarray):
-    """Return the terms that bodies (m,) of one person add to the equations of cameras and offsets, but not of cameras
-    alone."""
+    """Return what bodies (m,) of one person add to equations of cameras and offsets, except of cameras alone."""
     free, J = state.problem.free, state.xyz.shape[1]
     P, views = len(free), state.problem.offset_views
     L = 2 * J * len(views)

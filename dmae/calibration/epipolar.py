@@ -130,8 +130,7 @@ def epipolar_distances(
 
 
 def intersect(sample_a: ViewSample, sample_b: ViewSample, a, b, frame, i, j) -> tuple[np.ndarray, ...]:
-    """Return unit rays (m, J, 3) of detections i of views a and j of views b, their depths, and the sine squared
-    between them.
+    """Return unit rays (m, J, 3) of detections i of views a and j of views b, depths, and the sine squared between.
 
     Depths (m, J) are those of the closest points along the rays, in the unit of the rig.
     """
@@ -239,8 +238,7 @@ _MOST_ARROWS = 900
 
 
 def epipolar_arrows(hypothesis: Hypothesis) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return for each camera its joints, (n, 2) undistorted px, and the vectors from there to the epipolar lines of
-    matches.
+    """Return for each camera its joints, (n, 2) undistorted px, and the vectors to the epipolar lines of matches.
 
     A correct camera has short arrows in all directions. A common pattern shows how the image of the camera is
     displaced.

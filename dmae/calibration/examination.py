@@ -336,8 +336,7 @@ def examined(hypothesis: Hypothesis) -> tuple[Examination, ImageTracks] | None:
 def named_camera(
     hypothesis: Hypothesis, found: Examination, tracks: ImageTracks, offsets: list[int] | None
 ) -> Named | None:
-    """Return the camera that differs by more than correct ones do; detections are delayed by offsets (V,), see
-    `remedy`."""
+    """Return the camera that differs by more than correct ones; detections are late by offsets (V,), see `remedy`."""
     kinds = [each for each in found.kinds if _size(each, hypothesis.fps) >= _SMALLEST[each.kind]]
     if not kinds or len(kinds) < len(found.kinds):
         return None

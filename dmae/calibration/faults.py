@@ -238,8 +238,7 @@ def offset_corrections(hypothesis: Hypothesis, frames: np.ndarray, most: int) ->
 
 
 def refine_offsets(hypothesis: Hypothesis, offsets: np.ndarray, frames: np.ndarray) -> np.ndarray:
-    """Return offsets (V,) near those given at which each view agrees best with the others, relative to the most common
-    one.
+    """Return offsets (V,) near those given at which each view agrees best with others, relative to the most common.
 
     A view gets 0 if the others do not find the same offset for it.
     """

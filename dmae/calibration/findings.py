@@ -65,8 +65,7 @@ def corrected_fault(
 def disagreeing_cameras(
     hypothesis: Hypothesis, people: np.ndarray, found: Agreement, pairs: Pairs
 ) -> tuple[tuple[int, ...], tuple[str, ...]]:
-    """Return cameras that see matched people (m, J, 3) but disagree, by index, and those that see none of them, by
-    name."""
+    """Return cameras that see matched people (m, J, 3) but disagree, by index, and those that see none, by name."""
     views, ends = len(hypothesis.rig), np.asarray(pairs)
     counted = found.detections.sum(1)
     agreement = np.where(counted >= MIN_DETECTIONS, found.total.sum(1) / np.maximum(counted, 1), np.nan)
@@ -102,7 +101,7 @@ def unexplained_fault(hypothesis: Hypothesis, views: tuple[int, ...]) -> Finding
 def world_faults(
     hypothesis: Hypothesis, people: np.ndarray, has_options: bool
 ) -> tuple[list[Finding], tuple[str, ...]]:
-    """Return findings of a wrong unit and a wrong vertical axis, from matched people (m, J, 3), and what was not
+    """Return findings of a wrong unit or vertical axis, from matched people (m, J, 3), and what was not
     decided.
 
     `has_options` is whether unit and up are options of the files' format.

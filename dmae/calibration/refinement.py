@@ -78,8 +78,7 @@ class Refined:
 
 
 def refine(clip: Clip, config: RefineConfig | None = None) -> Refined:
-    """Return cameras that fit the people's detections better, from a clip of two or more with a roughly correct
-    calibration.
+    """Return cameras that fit the people's detections better, from a clip of two or more, roughly calibrated.
 
     Raises ValueError if there are too few cameras or people, or no camera has a name in the configuration.
     """
@@ -150,8 +149,7 @@ def _named_views(rig: CameraRig, config: RefineConfig) -> list[int] | None:
 
 
 def _differing(clip: Clip) -> tuple[Calibration, list[int], str | None]:
-    """Return the calibration without the differences that are clear, the cameras that had them, and why there are
-    none."""
+    """Return the calibration without clear differences, the cameras that had them, and why there are none."""
     calibration, views, found = Calibration.of(clip.rig), [], None
     for _ in range(max(len(clip.rig) - 2, 0)):
         tracks = match_tracks(replace(clip, rig=calibration.rig))

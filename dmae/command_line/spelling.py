@@ -123,8 +123,7 @@ def without_flags(flags: list[str], *names: str) -> list[str]:
 
 
 def check(options: Group, overrides: list[str], flags: list[str]) -> None:
-    """Raise ValueError for a mistyped option, preset, choice or type, or an option not given, with the nearest there
-    is."""
+    """Raise ValueError for a mistyped option, preset, choice or type, or a missing option, with the nearest."""
     sweep = "-m" in flags or "--multirun" in flags
     given = [_check(options, override, sweep) for override in overrides]
     looking = any(flag.partition("=")[0] in _LOOKING for flag in flags)

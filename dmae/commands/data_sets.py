@@ -115,8 +115,7 @@ class ClipSet:
 
 
 def settings_of(command: str, config, data: Path) -> dict:
-    """Return all that the clips of a command ("dmae capture") depend on: its options, and the content of their data
-    set.
+    """Return all that a command's ("dmae capture") clips depend on: its options, and the content of their data set.
 
     The content is known by the `clip.json` of each clip, which holds a checksum of the arrays.
     """

@@ -73,8 +73,7 @@ def run(config: PretrainCommand, out: Path) -> None:
 
 
 def configurations(config: PretrainCommand, out: Path) -> dict[str, dict[str, Any]]:
-    """Return arguments of `synth.generate` by data set: to learn from, calibrate uncertainty on, score on; errors as in
-    `run`."""
+    """Return arguments of `synth.generate` by data set: for learning, uncertainty and scores; errors as in `run`."""
     import synth
     from synth.detector.fitting import load_preset
 

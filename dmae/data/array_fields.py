@@ -16,17 +16,9 @@ ANY = -1
 
 
 def set_array(owner: Any, name: str, dtype: type, shape: tuple[int, ...], default: float | None = None) -> None:
-    """Convert a field of a frozen dataclass to an array of a checked shape. Call it in `__post_init__`.
+    """Convert a field of a frozen dataclass, in its `__post_init__`, to an array of a shape; `ANY` matches any length.
 
-    Args:
-        owner: The dataclass instance.
-        name: Name of the field.
-        dtype: Type of the array.
-        shape: Expected shape; `ANY` matches any length.
-        default: Value that fills the array if the field is None.
-
-    Raises:
-        ValueError: the array has another shape.
+    A field that is None becomes an array of the default. Raises ValueError if the array has another shape.
     """
     value = getattr(owner, name)
     # Numbers too large for the type become infinite. `check_numbers` of the owner refuses them.
@@ -50,9 +42,9 @@ def check_type(owner: Any, name: str, expected: type, advice: str = "") -> None:
 
 
 def short_repr(self: Any) -> str:
-    """Return a dataclass as text: arrays by type and shape, skeletons by name, dictionaries by their keys.
+    """Return a dataclass as text (`__repr__ = short_repr`): arrays by shape, skeletons by name, dictionaries by keys.
 
-    Fields that are None or empty are left out. A class uses it by `__repr__ = short_repr`.
+    Fields that are None or empty are left out.
     """
     found = {field.name: getattr(self, field.name) for field in fields(self)}
     shown = (f"{name}={_short(value)}" for name, value in found.items() if not _empty(value))

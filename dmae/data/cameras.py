@@ -141,10 +141,7 @@ class CameraRig:
         return _read_only(np.linalg.inv(self.K @ self.cam_from_world[:, :3, :3]))
 
     def project(self, xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the projections of points into each camera.
-
-        Args:
-            xyz: (F, ..., 3) points, m, world.
+        """Return the projections of points (F, ..., 3) m, world, into each camera.
 
         Returns:
             xy: (F, V, ..., 2) px; NaN for points that are NaN, not in front of the camera, or farther from its axis
@@ -199,14 +196,7 @@ class CameraRig:
         return dist if len(dist) == 5 else np.pad(dist, (0, 8 - len(dist)))
 
     def undistort(self, xy: np.ndarray) -> np.ndarray:
-        """Return pixels (F, V, ..., 2) in ideal pinhole cameras with the same K; NaN stays NaN.
-
-        Args:
-            xy: (F, V, ..., 2) px in the distorted images.
-
-        Raises:
-            ValueError: the pixels have another shape.
-        """
+        """Return distorted pixels (F, V, ..., 2) as in ideal pinhole cameras with the same K; NaN stays NaN."""
         xy = np.asarray(xy, np.float64)
         if xy.ndim < 3 or xy.shape[1] != len(self) or xy.shape[-1] != 2:
             raise ValueError(f"expected pixels of shape (F, {len(self)}, ..., 2), found {xy.shape}")
@@ -256,9 +246,7 @@ def _read_only(values: np.ndarray) -> np.ndarray:
 
 
 def _radial_reach(dist: np.ndarray) -> float:
-    """Return the tangent of the angle off axis up to which OpenCV's rational polynomial increases; inf if it always
-    does.
-    """
+    """Return the tangent of the angle off axis up to which OpenCV's rational polynomial increases, or inf."""
     square = np.linspace(0, 10, 10001) ** 2
     k1, k2, _, _, k3, k4, k5, k6 = np.pad(dist, (0, 8 - len(dist)))
     above, below = (1 + square * (a + square * (b + square * c)) for a, b, c in ((k1, k2, k3), (k4, k5, k6)))

@@ -206,11 +206,7 @@ class Clip:
         self._check_labels()
 
     def check_numbers(self) -> None:
-        """Check the coordinates and labels of a clip that was read from files.
-
-        Raises:
-            ValueError: a number is invalid, infinite for example; the message names the field.
-        """
+        """Raise ValueError, which names the field, for an invalid number read from files, infinite for example."""
         check_numbers("detections.xy, px", self.detections.xy, MOST_PIXELS)
         check_numbers("detections.score", self.detections.score, MOST_SCORE)
         for name in ("truth", "poses"):

@@ -67,10 +67,7 @@ def convert_detections(detections: Detections2D, target: Skeleton) -> Detections
 
     Joints with the same name are copied. If the source lacks `neck` or `mid_hip`, it becomes the midpoint of two joints
     with the lower of their confidences. All others are absent, also the ends of the head, because their formula needs
-    3D positions.
-
-    Raises:
-        KeyError: the skeletons have no joint in common.
+    3D positions. Raises KeyError if the skeletons have no joint in common.
     """
     source = detections.skeleton
     if source == target:
@@ -224,10 +221,7 @@ def resized_rig(rig: CameraRig, factor: float) -> CameraRig:
 
 
 def usual_size(xyz: np.ndarray) -> float | None:
-    """Return the usual extent, m, of bodies (..., J, 3): the distance between the two joints farthest apart.
-
-    None if too few joints are known, or if all joints are at one place.
-    """
+    """Return the usual extent, m, of bodies (..., J, 3) between the joints farthest apart; None if unknown or 0."""
     flat = xyz.reshape(-1, *xyz.shape[-2:]).astype(np.float64)
     known = ~np.isnan(flat).any(-1)
     flat = flat[known.sum(-1) >= max(2, _MIN_KNOWN_SHARE * known.any(0).sum())]
@@ -238,11 +232,7 @@ def usual_size(xyz: np.ndarray) -> float | None:
 
 
 def scale_of(poses: Poses3D) -> float:
-    """Return the size of bodies as a multiple of the size of people.
-
-    It is 1 for the skeletons of this package. For other skeletons it is the stated size, or else the measured size; 1
-    if too few joints are known.
-    """
+    """Return the size of bodies as a multiple of people's, stated or measured: 1 for our skeletons, or if unknown."""
     skeleton = poses.skeleton
     if not skeleton.defined or skeleton.size_m is not None:
         return skeleton.scale

@@ -1,6 +1,4 @@
-"""The images of a clip: colour as H.264, PNG or JPEG; depth, ids, parts of bodies, normals, flow and whole persons as
-PNG.
-"""
+"""The images of a clip: colour as H.264, PNG or JPEG; depth, ids, body parts, normals, flow, whole persons as PNG."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator
@@ -66,15 +64,10 @@ class Images:
         return replace(self, views=views, frames=chosen, files=files)
 
     def read(self, kind: str, view: str) -> Iterator[np.ndarray]:
-        """Yield the images of one kind and one view, in the order of frames.
+        """Yield the images of one kind and one view, as `at` returns them, in the order of frames.
 
-        Yields:
-            Images as `at` returns them.
-
-        Raises:
-            KeyError: there is no such kind or view.
-            FileNotFoundError: a frame is missing on disk.
-            ValueError: a file is damaged, or has more pixels than `dmae.files.pictures` allows.
+        Raises KeyError for another kind or view, FileNotFoundError for a missing frame, and ValueError if a file is
+        damaged, or has more pixels than `dmae.files.pictures` allows.
         """
         self._check(kind, view)
         if kind == "rgb":
@@ -85,15 +78,10 @@ class Images:
             yield _read_image(kind, self.path(kind, view, frame))
 
     def at(self, kind: str, view: str, frame: int) -> np.ndarray:
-        """Return one image.
+        """Return one image of a kind and view, at an index into `frames`.
 
         Each process keeps a few videos open. A video is decoded from the keyframe before the frame, or from the frame
         that was read last.
-
-        Args:
-            kind: Kind of the image.
-            view: Name of the camera.
-            frame: Index into `frames`.
 
         Returns:
             rgb (H, W, 3) uint8; depth (H, W) float32, m along the optical axis; ids (H, W) uint16; parts (H, W) uint8;
@@ -102,10 +90,8 @@ class Images:
             would show person p if nothing else were there. Depth, normals and flow are NaN where there is no surface or
             the flow is unknown.
 
-        Raises:
-            KeyError: there is no such kind or view.
-            IndexError: there is no such frame.
-            FileNotFoundError: the frame is missing on disk.
+        Raises KeyError for another kind or view, IndexError for another frame, FileNotFoundError if it is missing on
+        disk.
         """
         self._check(kind, view)
         number = self.frames[frame]
@@ -127,10 +113,7 @@ class Images:
             raise KeyError(f"no {kind} images of view {view!r}; there are {self.kinds} of {self.views}")
 
     def video(self, view: str) -> Iterator[Callable[[], np.ndarray]]:
-        """Yield a function for each image of `read("rgb", view)`. The function converts the image and returns it.
-
-        A caller that skips a frame saves the time of the conversion.
-        """
+        """Yield a function for each image of `read("rgb", view)`, which converts it: skipping a frame saves that."""
         if self.rgb != "h264":
             for frame in self.frames:
                 yield partial(_read_image, "rgb", self.path("rgb", view, frame))
@@ -194,15 +177,9 @@ def _read_image(kind: str, path: Path) -> np.ndarray:
 
 
 def write_video(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
-    """Write an H.264 video that browsers can play.
+    """Write an H.264 video that browsers can play, of images (H, W, 3) uint8 RGB; stills are shown for a second each.
 
-    Args:
-        path: The file to write.
-        frames: Images (H, W, 3) uint8, RGB, of even width and height.
-        fps: Frames per second; stills are shown for a second each.
-
-    Raises:
-        ValueError: there are no frames, or the width or height is odd.
+    Raises ValueError if there are no frames, or width or height is odd.
     """
     import av
 
@@ -271,9 +248,7 @@ def write_flow(path: Path, flow: np.ndarray) -> None:
 
 
 def write_amodal(path: Path, amodal: np.ndarray) -> None:
-    """Write bits (H, W) uint32 of up to 32 persons as a 16-bit PNG. The channel green contains bits 16 to 31, if any
-    is set.
-    """
+    """Write bits (H, W) uint32 of up to 32 persons as a 16-bit PNG; green contains bits 16 to 31, if any is set."""
     low, high = amodal & 0xFFFF, amodal >> 16
     _write(path, (np.dstack([0 * low, high, low]) if high.any() else low).astype(np.uint16))
 

@@ -27,15 +27,10 @@ _LARGEST = 1e9
 
 
 def decode(kind: Any, value: Any, name: str = "") -> Any:
-    """Return a value of type `kind`, decoded from JSON.
+    """Return a value of `json.loads` as a type: dataclasses, tuples, lists, dicts, enums, optionals,
+    JSON's own.
 
-    Args:
-        kind: A dataclass of dataclasses, tuples, lists, dicts, enums, optionals and JSON's own types.
-        value: The value, as `json.loads` returns it.
-        name: Path of the value, for messages.
-
-    Raises:
-        ValueError: the value does not have this type; the message names the field.
+    Raises ValueError, with the path `name` of the field, if it does not have this type.
     """
     where = name or getattr(kind, "__name__", str(kind))
     origin, inner = get_origin(kind), get_args(kind)

@@ -89,10 +89,7 @@ class OcclusionLabels:
 
     @property
     def visible_fraction(self) -> np.ndarray | None:
-        """(F, V, P) fraction of each person's pixels that is not hidden; NaN for persons outside the image.
-
-        None where pixels were not counted.
-        """
+        """(F, V, P) fraction of each person's pixels not hidden; NaN outside the image; None if not counted."""
         if self.amodal_pixels is None:
             return None
         in_image = self.amodal_pixels > 0

@@ -4,11 +4,7 @@ from pathlib import Path
 
 
 def resource_folder(package: str, name: str) -> Path:
-    """Return the folder `configs` of `dmae` or `scenes` of `synth`.
-
-    Raises:
-        FileNotFoundError: the folder is in neither place, so the installation is damaged.
-    """
+    """Return the folder `configs` of `dmae` or `scenes` of `synth`; FileNotFoundError in a damaged installation."""
     root = Path(__file__).parents[2]
     places = [root / package / f"_{name}", root / name]
     for place in places:

@@ -12,16 +12,10 @@ _LISTED = 8
 
 
 def claim_folder(path: Path, settings: dict, contents: str, may_differ: Collection[str] = ()) -> None:
-    """Write the settings of a run, or check that an earlier run in the same folder had the same ones.
+    """Write the settings of a run to JSON, or check that an earlier run in the same folder had the same ones.
 
-    Args:
-        path: JSON file of the settings, in the folder of the run.
-        settings: All settings that the results depend on, as values for JSON.
-        contents: Name of the contents of the folder, for the message: "a data set".
-        may_differ: Settings that are not compared.
-
-    Raises:
-        ValueError: an earlier run had other settings; the message names the settings that differ.
+    Settings that `may_differ` are not compared. Raises ValueError, which names `contents` ("a data set") and
+    differences.
     """
     path = Path(path)
     if path.exists() and not path.is_file():

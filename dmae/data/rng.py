@@ -22,11 +22,5 @@ class Stream(IntEnum):
 
 
 def generator(seed: int, clip: int, stream: Stream) -> np.random.Generator:
-    """Return the generator of one stream of one clip. It depends only on the arguments.
-
-    Args:
-        seed: Seed of the data set; 0 is a valid seed.
-        clip: Number of the clip.
-        stream: Purpose of the random numbers.
-    """
+    """Return the generator of one stream of one clip, by its number. It depends on the arguments alone; 0 is a seed."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(clip, int(stream))))

@@ -78,11 +78,7 @@ class Skeleton:
         return len(self.joints)
 
     def index(self, *names: str) -> list[int]:
-        """Return the indices of the named joints.
-
-        Raises:
-            KeyError: a joint is unknown; the message lists the joints of the skeleton.
-        """
+        """Return the indices of the named joints; KeyError, which lists the skeleton's joints, if one is unknown."""
         lacking = [name for name in names if name not in self._index]
         if lacking:
             raise KeyError(f"skeleton {self.name!r} has no joint {lacking}; it has {list(self.joints)}")
@@ -263,13 +259,9 @@ SKELETONS = {
 def get_skeleton(name: str) -> Skeleton:
     """Return a skeleton by name, fused from two, or from a file: `body25`, `body21+shelf14`, `my_skeleton.yaml`.
 
-    Args:
-        name: Name of a skeleton of this package, two names joined by `+`, or path of a YAML file, see
-            `read_skeleton`.
-
     Raises:
         KeyError: the skeleton is unknown; the message lists the known skeletons.
-        FileNotFoundError, ValueError: the file does not exist, or defines no skeleton; the message names the file.
+        FileNotFoundError, ValueError: the file does not exist, or defines no skeleton (`read_skeleton`).
     """
     if not isinstance(name, str):
         raise KeyError(f"expected the name of a skeleton, found {name!r:.60}")
@@ -283,22 +275,14 @@ def get_skeleton(name: str) -> Skeleton:
 
 
 def check_name(skeleton: Skeleton, where: str) -> Skeleton:
-    """Return a skeleton unchanged.
-
-    Raises:
-        ValueError: it has the name of a skeleton of this package, but differs from it.
-    """
+    """Return a skeleton, or raise ValueError if it differs from the one of this package with its name."""
     if skeleton.name in SKELETONS and skeleton != SKELETONS[skeleton.name]:
         raise ValueError(f"{where}: {skeleton.name!r} is the name of a skeleton of this package; choose another name")
     return skeleton
 
 
 def decode_skeleton(value: str | dict, where: str) -> Skeleton:
-    """Return a skeleton from the output of `encode`: a name, or a definition.
-
-    Raises:
-        KeyError, ValueError: the value is neither the name nor the definition of a skeleton.
-    """
+    """Return a skeleton from the output of `encode`: a name, or a definition; KeyError or ValueError."""
     if isinstance(value, dict):
         return check_name(define(value, where), where)
     if isinstance(value, str) and value.endswith(_FILES):
@@ -315,27 +299,17 @@ _SIZES = (1e-3, 100.0)
 
 
 def read_skeleton(path: Path) -> Skeleton:
-    """Return the skeleton that a YAML file defines. The docstring of this module shows the file.
+    """Return the skeleton that a YAML file defines, as shown above.
 
-    Raises:
-        FileNotFoundError: the file does not exist.
-        ValueError: the YAML is malformed, a joint occurs twice, a parent is unknown, parents form a circle, or mirror
-            pairs do not match; the message names the file and the joint.
+    Raises FileNotFoundError, or ValueError, which names the file and the joint, if the YAML is malformed, a joint
+    occurs twice, a parent is unknown, parents form a circle, or mirror pairs do not match.
     """
     path = Path(path)
     return define(read_yaml(path), str(path))
 
 
 def define(values: object, where: str) -> Skeleton:
-    """Return the skeleton that a dictionary defines.
-
-    Args:
-        values: A dictionary with the keys of the YAML file.
-        where: Origin of the values, for messages.
-
-    Raises:
-        ValueError: as `read_skeleton`.
-    """
+    """Return the skeleton that a dictionary with the YAML file's keys defines, or raise ValueError, with `where`."""
     try:
         return _define(values)
     except ValueError as error:
@@ -343,10 +317,7 @@ def define(values: object, where: str) -> Skeleton:
 
 
 def encode(skeleton: Skeleton) -> str | dict:
-    """Return the name of a skeleton of this package, or the definition of another skeleton as a dictionary for JSON.
-
-    `decode_skeleton` is the inverse.
-    """
+    """Return one of our skeletons by name, another as a dictionary for JSON; `decode_skeleton` is the inverse."""
     if not skeleton.defined:
         return skeleton.name
     names = skeleton.joints

@@ -42,11 +42,9 @@ _LABELS = {
 
 
 def save_clip(clip: Clip, folder: Path) -> None:
-    """Write a clip to a folder, replacing the clip in it, if any. Images are not copied; the path of their folder is
-    stored.
+    """Write a clip to a folder, over the clip in it, if any, with the path of its images, which are not copied.
 
-    Raises:
-        ValueError: the clip contains numbers that `load_clip` refuses, infinite coordinates for example.
+    Raises ValueError if the clip contains numbers that `load_clip` refuses, infinite coordinates for example.
     """
     clip.check_numbers()
     folder = Path(folder)
@@ -102,9 +100,7 @@ def _images_meta(images: Images | None, folder: Path) -> dict | None:
 def load_clip(folder: Path) -> Clip:
     """Return the clip in a folder. The arrays of a long clip stay in their file, and are read when they are accessed.
 
-    Raises:
-        FileNotFoundError: there is no clip in the folder.
-        ValueError: a file is malformed, damaged or has another format version.
+    Raises FileNotFoundError, or ValueError if a file is malformed, damaged or has another format version.
     """
     folder = Path(folder)
     if not (folder / "clip.json").is_file():
@@ -186,8 +182,7 @@ def _labels(part: str, kind: type, arrays: dict[str, np.ndarray], **more) -> Occ
 def clip_folders(path: Path) -> list[Path]:
     """Return the folders of the clips of a data set with status ok, in the order of its manifest; or the clip itself.
 
-    Raises:
-        FileNotFoundError: the path is neither a clip nor a data set.
+    Raises FileNotFoundError if the path is neither a clip nor a data set.
     """
     path = Path(path)
     if (path / "clip.json").is_file():
@@ -201,9 +196,7 @@ def clip_folders(path: Path) -> list[Path]:
 def read_manifest(path: Path) -> list[dict]:
     """Return the lines of the manifest of a data set, one per clip: `id`, `status`, `seed`, `quality` and more.
 
-    Raises:
-        FileNotFoundError: the file does not exist.
-        ValueError: a line is malformed, or its clip would be outside the data set; the message names the line.
+    Raises FileNotFoundError, or ValueError if a line is malformed, or its clip would be outside the data set.
     """
     file, lines = Path(path) / MANIFEST, []
     for number, text in enumerate(read_text(file).splitlines(), 1):

@@ -202,8 +202,7 @@ class Gate:
 
 
 def check_baseline(baseline: dict, options: dict, changed: Collection[str] = ()) -> None:
-    """Raise ValueError if scores made with `options` (`scored_options`), save those `changed`, do not compare with a
-    baseline."""
+    """Raise ValueError if scores with `options`, save those `changed`, do not compare with a baseline."""
     _check_content(baseline, "baseline")
     differing = option_differences(baseline["options"], options)
     refused = [name for name in differing if not any(f"{name}.".startswith(f"{each}.") for each in changed)]

@@ -159,8 +159,7 @@ def figure_score(table: pd.DataFrame, figure: str, *labels: str) -> Score:
 
 
 def read_scores(path: Path) -> dict:
-    """Return what `dmae evaluate` wrote to `scores.json`, given as file or folder; FileNotFoundError, ValueError if not
-    JSON."""
+    """Return what `dmae evaluate` wrote to `scores.json`, by file or folder; FileNotFoundError, or ValueError."""
     path = Path(path)
     return read_json(path / "scores.json" if path.is_dir() else path)
 

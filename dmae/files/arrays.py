@@ -36,8 +36,7 @@ def read_npy(path: Path):
 
 
 def read_arrays(path: Path, what: str, needed: Sequence[str], also: Sequence[str] = ()) -> dict[str, np.ndarray]:
-    """Return arrays of an `.npz` archive, required and optional ones, by name. Nothing in it is run, no other array is
-    read.
+    """Return arrays of an `.npz` archive, required and optional ones. Nothing in it is run, no other is read.
 
     Args:
         what: The kind of archive expected, for messages.

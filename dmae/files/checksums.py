@@ -47,8 +47,7 @@ def write_checksums(folder: Path, files: dict[str, Checksum] | None = None) -> N
 
 
 def read_checksums(folder: Path) -> dict[str, Checksum] | None:
-    """Read `checksums.json` of a folder; None if there is none, as before version 0.2, and ValueError if it is
-    malformed."""
+    """Read `checksums.json` of a folder; None if there is none, as before version 0.2, ValueError if malformed."""
     path = Path(folder) / CHECKSUMS
     if not path.is_file():
         return None
@@ -80,8 +79,7 @@ def begin_data_set(path: Path) -> dict[str, Checksum | None]:
 
 
 def end_data_set(path: Path, own: Iterable[str], clips: dict[str, Checksum | None]) -> None:
-    """Write `checksums.json` of a data set: of its manifest, its own files that exist, and the `checksums.json` of its
-    clips.
+    """Write `checksums.json` of a data set: of its manifest, existing own files, and its clips' `checksums.json`.
 
     `clips` are checksums by name, see `clip_checksum`; None for clips without one.
     """

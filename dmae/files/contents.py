@@ -71,8 +71,7 @@ def without_compression(name: str) -> str:
 
 
 def read_unpacked(path: Path, most: int) -> bytes:
-    """Return the contents of a file of up to `most` bytes, packed and unpacked, unpacked if its name ends with `.xz` or
-    `.gz`.
+    """Return the contents of a file, unpacked if named `.xz` or `.gz`, of up to `most` bytes, packed and unpacked.
 
     Errors are those of `check_file`, or ValueError if it is damaged or not compressed as its name says.
     """

@@ -24,8 +24,7 @@ _SHORTEST = 48
 
 
 class Hdf5:
-    """An open HDF5 file. Links to other files are not followed. Methods raise ValueError if it is damaged, or lacks a
-    part."""
+    """An open HDF5 file. Links to other files are not followed. Methods raise ValueError if it is damaged."""
 
     def __init__(self, path: Path, what: str, file):
         self._path, self._what, self._file = path, what, file

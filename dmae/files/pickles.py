@@ -66,8 +66,7 @@ class _Unfilled:
 
 
 def pickled_values(data: bytes):
-    """Return the content of a pickle: dictionaries, lists, tuples, texts, bytes, numbers, and arrays of these. Nothing
-    is run.
+    """Return the content of a pickle: dictionaries, lists, tuples, texts, bytes, numbers, arrays. Nothing is run.
 
     Raises ValueError if it is malformed, refers to anything else, or contains more values than its size justifies.
     """
@@ -245,8 +244,7 @@ def _expect(value, kind: type):
 
 
 def _expanded(value, known: dict[int, tuple[int, int]], depth: int) -> tuple[int, int]:
-    """Return the number of values in a value, and their depth; repeated containers count each time, and are visited
-    once."""
+    """Return the number of values in a value, and their depth; repeated containers, visited once, count each time."""
     if depth > MOST_DEPTH:
         raise ValueError(f"it has containers within each other deeper than {MOST_DEPTH}")
     if isinstance(value, _Global | _Type | _Unfilled):

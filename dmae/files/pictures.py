@@ -74,8 +74,7 @@ def read_picture(path: Path, channels: tuple[int, ...]) -> np.ndarray:
 
 
 def upright_size(path: Path) -> tuple[int, int]:
-    """Return width and height of a PNG, JPEG, BMP, WebP or TIFF file, px, as viewers show it; errors as in
-    `read_upright`."""
+    """Return width and height of a PNG, JPEG, BMP, WebP or TIFF file, px, as shown; errors as in `read_upright`."""
     with _opened(path) as image:
         width, height = image.size
         turned = _has_exif(image) and image.getexif().get(_ORIENTATION, 1) >= 5

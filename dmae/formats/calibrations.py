@@ -62,8 +62,7 @@ class ParsedCamera(NamedTuple):
 
 @dataclass(frozen=True)
 class CameraTable:
-    """The values of one camera in a calibration file, by key. Methods raise ValueError with file, camera, key and
-    values."""
+    """The values of one camera in a calibration file, by key. Methods raise ValueError with file, camera and key."""
 
     path: Path
     camera: str
@@ -147,8 +146,7 @@ class LacksSize(ValueError):
 
 
 def make_rig(path: Path, cameras: Iterable[ParsedCamera], size: tuple[int, int] | None) -> CameraRig:
-    """Return the rig of the cameras in a file, in its units and world axes; `size` (px) is for those without image
-    size.
+    """Return the rig of the cameras in a file, in its units and axes; `size` (px) is for those without image size.
 
     Raises LacksSize if a size is unknown, and ValueError if there are no cameras, two have one name, or `size`
     contradicts the file.
@@ -201,8 +199,7 @@ def require(format: str, rig: CameraRig, *, coefficients: int, fisheye: bool = F
 
 
 def orthonormal(rig: CameraRig) -> tuple[np.ndarray, np.ndarray]:
-    """Return the exact rotations (V, 3, 3) nearest to a rig's, which may be rounded, and translations (V, 3) m, same
-    centres."""
+    """Return the exact rotations (V, 3, 3) nearest to a rig's, maybe rounded, ones, and translations (V, 3) m."""
     R = Rotation.from_matrix(rig.cam_from_world[:, :3, :3]).as_matrix()
     return R, -np.einsum("vij,vj->vi", R, rig.centers)
 

@@ -48,8 +48,7 @@ def category_joints(file: Path, categories) -> list[str] | None:
 
 
 def recognise_skeleton(path: Path, names: list[str] | None, joints: int | None) -> Skeleton:
-    """Return the skeleton with the joints that a category names, or else the default for a number of joints, if not
-    None.
+    """Return the skeleton with the joints that a category names, or else the default for a number of joints.
 
     Raises ValueError, with the path, if no skeleton has these joints.
     """
@@ -137,8 +136,7 @@ def clip_entry(clip: Clip) -> dict:
 
 
 def write_json(path: Path, info: dict, skeleton: Skeleton, pictures: Iterable[Picture], folder: str = "") -> None:
-    """Write pictures, with `file_name` `folder` + `<camera>/<frame>.jpg`, and persons as JSON, one picture in memory at
-    a time."""
+    """Write pictures, `file_name` `folder` + `<camera>/<frame>.jpg`, and persons as JSON, one picture at a time."""
     with TemporaryFile(prefix="dmae-") as annotations:
         write_atomic(Path(path), _pieces(info, skeleton, pictures, folder, annotations))
 
@@ -342,8 +340,7 @@ def write_annotations(
     sources: np.ndarray | None = None,
     first: int = 0,
 ) -> None:
-    """Write people as annotations, to 0.001 px: one image per camera and frame from `first`, one annotation per person
-    in it.
+    """Write annotations, to 0.001 px: one image per camera and frame from `first`, one annotation per person in it.
 
     Additional keys: `camera` and `frame` of images, `fps` of `info`, and of annotations `keypoint_scores` if `scores`
     are given, and `joint_source` and `track_id`, the index of the person, if `sources` are given.

@@ -35,8 +35,7 @@ _MOST_BYTES = 16 << 20
 
 
 def _read_storage(path: Path) -> dict:
-    """Return an OpenCV FileStorage: flat arrays, lists of texts, numbers. OpenCV's own reader crashes on files cut
-    short."""
+    """Read an OpenCV FileStorage: flat arrays, lists of texts, numbers. OpenCV's reader crashes on files cut short."""
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file; EasyMocap keeps {INTRINSICS} and {EXTRINSICS} side by side")
     try:
@@ -98,8 +97,7 @@ def _camera(folder: Path, name: str, intrinsics: dict, extrinsics: dict) -> Pars
 
 
 def write_cameras(rig: CameraRig, path: Path) -> None:
-    """Write `intri.yml` and `extri.yml`, with exact rotations. YAML libraries cannot write OpenCV's header and
-    matrices."""
+    """Write `intri.yml` and `extri.yml`, with exact rotations; YAML libraries lack OpenCV's header and matrices."""
     require("an EasyMocap calibration", rig, coefficients=8)
     R, t = orthonormal(rig)
     intrinsics, extrinsics = [_names(rig)], [_names(rig)]
@@ -242,8 +240,7 @@ def _people(file: Path, content, skeleton: Skeleton, confidences: Confidences) -
 
 
 def write_detections(detections: Detections2D, rig: CameraRig, folder: Path, first: int = 0) -> None:
-    """Write `annots/<camera>/<frame number>.json` into the folder of a recording, to 0.001 px, with frames from
-    `first`."""
+    """Write `annots/<camera>/<frame number>.json` into a recording's folder, to 0.001 px, with frames from `first`."""
     values = np.concatenate([detections.xy.astype(np.float64), detections.score[..., None]], -1)
     boxes = np.concatenate([np.fmin.reduce(values[..., :2], -2), np.fmax.reduce(values[..., :2], -2)], -1)
     seen = detections.observed.any(-1)

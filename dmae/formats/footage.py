@@ -62,8 +62,7 @@ def with_videos(clip: Clip, folder: Path) -> Clip:
 
 
 def with_pictures(clip: Clip, folder: Path) -> Clip:
-    """Return the clip with the image files of a folder, in one folder per camera as in `match_cameras`, as its colour
-    images.
+    """Return the clip with a folder's image files, in one folder per camera as in `match_cameras`, as colour images.
 
     A file is the first frame of the clip if its name ends with the number of that frame, and if it has the same
     position in every folder. Otherwise the first file is frame 0 or, if there are too few files for this, the first

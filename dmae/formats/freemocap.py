@@ -43,8 +43,7 @@ def read_freemocap(
 
 
 def read_detections(path: Path, cameras: tuple[str, ...], skeleton: Skeleton = BLAZEPOSE33) -> NumberedDetections:
-    """Read an array of points (cameras, frames, points, 2 or 3): x, y in px and, in older recordings, a confidence,
-    else 1.
+    """Read an array of points (cameras, frames, points, 2 or 3): x, y in px and, if old, a confidence, else 1.
 
     The first J points are the J joints of the skeleton. Raises FileNotFoundError if there is no such file, and
     ValueError if there are several, or the array has another shape.

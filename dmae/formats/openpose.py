@@ -229,8 +229,7 @@ def write_people(
 
 
 def reproject(poses: Poses3D, rig: CameraRig) -> Detections2D:
-    """Return poses as one detection per person and view, inside images, with confidence `COMPLETED_SCORE` or, if
-    measured, 1."""
+    """Return poses as one detection per person and view, inside images, confidence `COMPLETED_SCORE` or else 1."""
     xy, _ = rig.project(poses.xyz)
     score = np.where(poses.source == Source.COMPLETED, COMPLETED_SCORE, 1.0)[:, None]
     inside = rig.inside(xy)

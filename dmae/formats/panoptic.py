@@ -49,8 +49,7 @@ def _camera(path: Path, number: int, values: dict) -> ParsedCamera:
 
 
 def write_cameras(rig: CameraRig, path: Path) -> None:
-    """Write cameras, with `cam_from_world` as it is. Names such as 00_12 give panel and node; others become nodes of
-    panel 0."""
+    """Write cameras, `cam_from_world` as it is. Names such as 00_12 give panel and node; others are in panel 0."""
     require("a Panoptic calibration", rig, coefficients=5)
     cameras = []
     for view, name in enumerate(rig.names):
@@ -291,8 +290,7 @@ def _flat(found, place: str, count: int, most: float = 100 * MOST_METRES) -> np.
 
 
 def write_poses(poses: Poses3D, fps: float, folder: Path, first: int = 0) -> None:
-    """Write `hdPose3d_stage1_coco19/body3DScene_<frame number>.json` into the folder of a recording, frames from
-    `first`.
+    """Write `hdPose3d_stage1_coco19/body3DScene_<frame number>.json` into a recording's folder, frames from `first`.
 
     The confidence is `COMPLETED_SCORE` for completed joints, -1 for absent joints, which are at 0, 0, 0, and 1 for the
     others. Bodies also have `joint_source`, the `Source` of their joints. If covariances are known, bodies have

@@ -60,8 +60,7 @@ def read_poses(path: Path) -> PoseFile:
 
 
 def pose_paths(path: Path) -> dict[str, Path] | None:
-    """Return the paths of the poses of several clips, by clip id, `<id>.npz`, `<id>.trc`, `<id>/`; None if there is one
-    clip.
+    """Return the paths of poses of several clips, by clip id, `<id>.npz`, `<id>.trc`, `<id>/`; None for one clip.
 
     The path is a folder of pose files, or a data set of clips. Raises FileNotFoundError if it does not exist or has no
     poses, and ValueError if a clip has poses in two files.
@@ -114,8 +113,7 @@ _ROWS, _COLUMNS = np.triu_indices(3)
 
 
 def write_provenance(path: Path, poses: Poses3D, fps: float, first: int) -> None:
-    """Write `<name>.provenance.csv` beside any pose file: when each joint of each person was measured, in runs of one
-    source.
+    """Write `<name>.provenance.csv` beside a pose file: when each joint of each person was measured, in runs.
 
     It also has the joints that `convert` derives, so that all files of one run share it, whatever their skeleton. Poses
     have the skeleton of the capture. Frames are numbered from `first`; times count from the first frame of the file.
@@ -227,8 +225,7 @@ def _in_axes(cov: np.ndarray, axes: Sequence[int], metre: float) -> np.ndarray:
 
 
 def read_covariance_table(path: Path, frames: int, joints: int) -> np.ndarray | None:
-    """Return the covariances (F, J, 3, 3) that `write_covariance_table` wrote beside a pose file; None if there is no
-    table.
+    """Return the covariances (F, J, 3, 3) that `write_covariance_table` wrote beside a pose file, or None.
 
     Raises ValueError if the table is malformed, or has other numbers of frames or joints.
     """
@@ -266,8 +263,7 @@ _STEP_M = 1e-4
 
 
 def pixel_covariances(poses: Poses3D, rig: CameraRig) -> np.ndarray | None:
-    """Return covariances (F, V, P, J, 3) px^2, xx, xy, yy, of projected joints, to first order; None if all are
-    unknown."""
+    """Return covariances (F, V, P, J, 3) px^2, xx, xy, yy, of projected joints, to first order; None if unknown."""
     if not np.isfinite(poses.cov).any():
         return None
     xyz, cov = poses.xyz.astype(np.float64), poses.cov.astype(np.float64)

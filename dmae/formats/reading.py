@@ -199,8 +199,7 @@ def _skeleton(name: str) -> Skeleton:
 
 
 def offsets_of_all(offsets: Sequence[int | str] | None, names: Sequence[str]) -> list[int] | None:
-    """Return the frames by which each named camera started late, from a number per camera or entries `name:frames`, or
-    None.
+    """Return by how many frames each named camera started late, from numbers or entries `name:frames`, or None.
 
     Raises ValueError if an entry is malformed, or its camera is unknown or named twice.
     """
@@ -219,8 +218,7 @@ def offsets_of_all(offsets: Sequence[int | str] | None, names: Sequence[str]) ->
 
 
 def shift_views(clip: Clip, offsets: list[int] | None) -> Clip:
-    """Return the clip with the detections of each camera moved later by `offsets` (V,) frames, and absent where it has
-    none.
+    """Return the clip with the detections of each camera moved later by `offsets` (V,) frames, absent where unknown.
 
     Images cannot be moved, so they are removed. Raises ValueError if there is not one offset per camera.
     """

@@ -21,8 +21,7 @@ _OPTIONS = "data.calibration=... or data.detections=..."
 def match_cameras(
     names: Sequence[str], rig: CameraRig, path: Path, what: str = "detections", options: str = _OPTIONS
 ) -> tuple[list[int], str | None]:
-    """Return the index in the rig of each camera of a recording, and a note if not matched by name, or if some are left
-    out.
+    """Return the index in the rig of each camera of a recording, and a note if not by name, or if some are left out.
 
     Cameras are matched by name, ignoring case and punctuation; or else by the last number in the name; or else, if
     names have no numbers, by order. The rig may contain further cameras only if the cameras match by name. Messages use

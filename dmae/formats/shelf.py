@@ -245,8 +245,7 @@ _MIN_AFFINITY = 0.05
 def assemble(
     counts: Sequence[int], affinities: Sequence[np.ndarray], links: Sequence[tuple[int, int]] = BODY25_LINKS
 ) -> np.ndarray:
-    """Join the candidates of one image into skeletons (D, J): indices of candidates, -1 for none, the fullest ones
-    first.
+    """Join the candidates of one image into skeletons (D, J): indices of candidates, -1 for none, fullest first.
 
     This is Kruskal's algorithm on the graph of candidates. It takes links from the strongest to the weakest. Each link
     joins two parts of a skeleton, unless both parts contain the same joint. Links may form loops, the order of joints

@@ -17,8 +17,7 @@ GATE = 0.5
 
 
 def match(pred: np.ndarray, truth: np.ndarray, gate: float = GATE) -> np.ndarray:
-    """Assign predictions (F, P, J, 3) m to true persons (F, T, J, 3) m, each at most once in a frame (Hungarian
-    algorithm).
+    """Assign predictions (F, P, J, 3) m to true persons (F, T, J, 3) m, each once in a frame (Hungarian algorithm).
 
     The cost of a pair is the mean distance over the true joints, with each distance limited to the gate, m. A joint
     that is not predicted costs the gate, so that a single hand does not replace a whole body. A pair is allowed if the
@@ -40,8 +39,7 @@ def match(pred: np.ndarray, truth: np.ndarray, gate: float = GATE) -> np.ndarray
 
 
 def match_nearest(pred: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """Assign to every true person the nearest prediction, without a gate, which persons may share; arrays as in
-    `match`."""
+    """Assign to every true person the nearest prediction, which persons may share, without a gate, as in `match`."""
     if not pred.shape[1]:
         return np.full(truth.shape[:2], -1)
     mean = mean_known(distances(pred, truth), -1)

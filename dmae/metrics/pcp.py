@@ -137,8 +137,7 @@ def count_limbs(
 def better_limbs(
     rules: Protocol, first: np.ndarray, second: np.ndarray, truth: np.ndarray, skeleton: Skeleton
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the limbs of the better of two predictions of the same persons, chosen for each person and frame by the
-    truth.
+    """Return the limbs of the better of two predictions of one persons' set, chosen per person and frame by truth.
 
     The released evaluation of Jiang et al. 2022 does this with the poses before and after their fusion. No system can
     make this choice. The score is therefore an upper bound for both, and comparable only with that publication. The

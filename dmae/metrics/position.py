@@ -52,7 +52,7 @@ def correct_joints(matched: np.ndarray, truth: np.ndarray, threshold: float = PC
 
 
 def pck(pred: np.ndarray, truth: np.ndarray, matches: np.ndarray, threshold: float = PCK_THRESHOLD) -> dict[str, float]:
-    """Return the share of joints within the threshold, m, in %: `recall` of true joints, `precision` of predicted
+    """Return the % of joints within the threshold, m: `recall` of true joints, `precision` of predicted
     joints.
 
     In annotated frames, joints that are too far off, and all joints of a prediction without a match, are false

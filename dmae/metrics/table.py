@@ -46,8 +46,7 @@ def tally(
 
 
 def ratios(table: pd.DataFrame, *by: str, value: str = "value", count: str = "count", scale: float = 1) -> pd.Series:
-    """Return value / count of each group of key columns `by`, times `scale`, in the order of first rows; NaN for no
-    count."""
+    """Return value / count of each group of key columns `by`, times `scale`, in order of first rows; NaN for 0."""
     groups = table.groupby(list(by), sort=False)
     # Added in the order of rows, unlike pandas' compensated sums, so that published figures round as they did.
     total, counted = (np.bincount(groups.ngroup(), table[name]) for name in (value, count))

@@ -17,12 +17,7 @@ Bones = Sequence[tuple[int, int]]
 
 
 def bone_lengths(xyz: np.ndarray, bones: Bones) -> np.ndarray:
-    """Return the length of each bone in each frame, (F, P, B) m; NaN where one of its ends is unknown.
-
-    Args:
-        xyz: (F, P, J, 3) m.
-        bones: B pairs of indices (parent, child).
-    """
+    """Return the length of each of B bones (parent, child) in each frame, (F, P, B) m; NaN where an end is unknown."""
     lengths = np.empty((*xyz.shape[:2], len(bones)))
     _lengths(np.asarray(xyz, np.float64), np.array(bones, np.int64).reshape(-1, 2), lengths)
     return lengths
@@ -42,24 +37,12 @@ def _lengths(xyz, bones, lengths):
 
 
 def median_bone_lengths(xyz: np.ndarray, bones: Bones) -> np.ndarray:
-    """Return the median length of each bone of each person, (P, B) m; NaN if it was never measured.
-
-    Args:
-        xyz: (F, P, J, 3) m; NaN where not measured.
-        bones: B pairs of indices (parent, child).
-    """
+    """Return the median length of each of B bones (parent, child) of each person, (P, B) m; NaN if not measured."""
     return median_over_frames(bone_lengths(xyz, bones))
 
 
 def symmetric_bone_lengths(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
-    """Return the median length of each rigid bone of each person, (P, B) m; NaN if neither side was measured.
-
-    The median is over the lengths of the bone and of the corresponding bone on the other side.
-
-    Args:
-        xyz: (F, P, J, 3) m; NaN where not measured.
-        skeleton: Skeleton with B rigid bones.
-    """
+    """Return the median length of each rigid bone of each person on both sides, (P, B) m; NaN if not measured."""
     bones = skeleton.rigid_bones
     lengths = by_frames(lambda xyz: bone_lengths(xyz, bones), xyz)
     order = {bone: i for i, bone in enumerate(bones)}
@@ -70,10 +53,7 @@ def symmetric_bone_lengths(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
 
 @compiled()
 def _pooled_medians(lengths, partner):
-    """Return medians (P, B) of the known lengths (F, P, B) of bones and of their mirror bones `partner` (B,).
-
-    NaN where no length is known.
-    """
+    """Return medians (P, B) of known lengths (F, P, B) of bones and their mirror bones `partner` (B,); NaN for none."""
     frames, persons, count = lengths.shape
     medians, known = np.full((persons, count), np.nan), np.empty(2 * frames)
     for p in range(persons):
@@ -90,22 +70,14 @@ def _pooled_medians(lengths, partner):
 
 
 def parent_bone_lengths(xyz: np.ndarray, bones: Bones) -> np.ndarray:
-    """Return the length of the bone between each joint and its parent, (F, P, J) m; NaN where unknown, and for roots.
-
-    Args:
-        xyz: (F, P, J, 3) m.
-        bones: Pairs of indices (parent, child).
-    """
+    """Return the length of the bone from each joint to its parent, (F, P, J) m; NaN where unknown, and for roots."""
     lengths = np.full(xyz.shape[:-1], np.nan)
     lengths[..., [joint for _, joint in bones]] = bone_lengths(xyz, bones)
     return lengths
 
 
 def distance_to_bones(points: np.ndarray, xyz: np.ndarray, bones: Bones) -> np.ndarray:
-    """Return the distance (N,) from points (N, C) to the nearest bone of a body (J, C); infinite if it has none.
-
-    Bones with an unknown end are left out.
-    """
+    """Return the distance (N,) from points (N, C) to the nearest known bone of a body (J, C); infinite if none."""
     parents, joints = (xyz[list(ends)] for ends in zip(*bones, strict=True))
     known = np.isfinite(parents).all(-1) & np.isfinite(joints).all(-1)
     start, along = parents[known], (joints - parents)[known]
@@ -136,16 +108,11 @@ def body_heading(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
 
 
 def smooth_heading(xyz: np.ndarray, skeleton: Skeleton, frames: float) -> np.ndarray:
-    """Return the heading of bodies, interpolated over time and smoothed, (F, P) rad, unwrapped; never NaN.
+    """Return the heading of bodies (F, P, J, 3), interpolated over time and smoothed, (F, P) rad, unwrapped; never NaN.
 
     The heading is midway between the heading of the hips and the heading of the shoulders. Where one of the two is
     unknown, it is computed from the other and from the interpolated twist between them. If neither is known in any
-    frame, the heading is 0.
-
-    Args:
-        xyz: (F, P, J, 3) m; NaN where unknown.
-        skeleton: Skeleton of the J joints.
-        frames: Standard deviation of the smoothing weights, frames.
+    frame, the heading is 0. The standard deviation of the smoothing weights is in frames.
     """
     hips, shoulders = (_heading_of_pair(xyz, skeleton, joint) for joint in ("l_hip", "l_shoulder"))
     twist = np.angle(np.exp(1j * (hips - shoulders)))
@@ -158,16 +125,12 @@ def smooth_heading(xyz: np.ndarray, skeleton: Skeleton, frames: float) -> np.nda
 
 
 def body_rotations(xyz: np.ndarray, skeleton: Skeleton, frames: float) -> np.ndarray:
-    """Return the rotations of bodies in the world, (F, P, 3, 3), from their heading or from their torso.
+    """Return the rotations of bodies (F, P, J, 3) in the world, (F, P, 3, 3), from their heading or from their torso.
 
     The torso is used for your own skeletons, if they define a torso or have neither hips nor shoulders. The rotation is
     then the one that brings the usual shape of the torso nearest to its joints (Kabsch 1976), in frames with at least
     three known joints of the torso, and is interpolated in the others. Without any such frame it is the identity.
-
-    Args:
-        xyz: (F, P, J, 3) m; NaN where unknown.
-        skeleton: Skeleton of the J joints.
-        frames: As in `smooth_heading`. Rotations of the torso are smoothed with a quarter of it.
+    `frames` is as in `smooth_heading`; rotations of the torso are smoothed with a quarter of it.
     """
     pairs = [{f"l_{part}", f"r_{part}"} for part in ("hip", "shoulder")]
     if not skeleton.defined or (skeleton.torso is None and any(pair <= set(skeleton.joints) for pair in pairs)):
@@ -229,10 +192,7 @@ def rotate_z(xyz: np.ndarray, angle: np.ndarray) -> np.ndarray:
 
 
 def _heading_of_pair(xyz: np.ndarray, skeleton: Skeleton, left_joint: str) -> np.ndarray:
-    """Return the heading (F, P) rad from the line between a left joint and the same joint on the right.
-
-    NaN where unknown. In a fused skeleton, the joint of the first part that contains it is used.
-    """
+    """Return the heading (F, P) rad of a line from left joint to right one, in the first part with it, or NaN."""
     for left, right in enumerate(skeleton.mirror):
         if skeleton.joints[left].rpartition(".")[2] == left_joint:
             across = xyz[:, :, left] - xyz[:, :, right]
@@ -332,12 +292,9 @@ class Bodies:
         return self.in_world(through(offsets))
 
     def place(self, joint: int, estimate: np.ndarray, parent: int | None = None) -> None:
-        """Fill the missing positions of a joint by an estimate, shifted to meet the measurements, and moved onto rays.
+        """Fill missing positions of a joint by an estimate (F, P, 3) m, world, moved to measurements and rays.
 
-        Args:
-            joint: Index of the joint.
-            estimate: (F, P, 3) m, world.
-            parent: Index of the parent, if the bone between them has a constant length.
+        A parent is given if the bone to it has a constant length.
         """
         if not np.isnan(self.filled[:, :, joint]).any():
             return

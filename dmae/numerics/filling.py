@@ -49,12 +49,7 @@ def are_stills(fps: float) -> bool:
 
 
 def fill_stills(fill: Callable[[Poses3D, float], Poses3D], poses: Poses3D) -> Poses3D:
-    """Return poses with each frame filled by itself: each person of each frame becomes a recording of one frame.
-
-    Args:
-        fill: Takes poses and their frames per second, and returns as many, of any skeleton.
-        poses: Poses in F frames at a rate below `STILLS`.
-    """
+    """Return poses at a rate below `STILLS` with each person of each frame filled as a recording of one frame."""
     frames, persons = poses.xyz.shape[:2]
     step, made = max(_STILLS_AT_A_TIME // max(persons, 1), 1), []
     for start in range(0, max(frames, 1), step):
@@ -74,15 +69,11 @@ def fill_world(poses: Poses3D, fps: float, through: Interpolation) -> Poses3D:
     A gap of a joint is filled, independent of its length, in frames in which its person is `present`. Before its first
     and after its last measurement, a joint is filled for `LONGEST_HOLD`. Filled joints have the source `COMPLETED` and
     0 views. The following is true for all methods of this module: coordinates that are not finite become absent, a
-    joint that was never measured stays absent, and poses without persons or frames do not change.
+    joint that was never measured stays absent, and poses without persons or frames do not change; ValueError if fps is
+    not positive.
 
     Args:
-        poses: Poses in F frames.
-        fps: Frames per second of the poses.
         through: Function that interpolates (F, ..., 3) with gaps, for example `dmae.numerics.paths.linear`.
-
-    Raises:
-        ValueError: fps is not positive.
     """
     poses = without_infinite(poses, fps)
     return take_estimate(poses, fps, through(poses.xyz.astype(np.float64)))
@@ -91,9 +82,7 @@ def fill_world(poses: Poses3D, fps: float, through: Interpolation) -> Poses3D:
 def fill_body_frame(poses: Poses3D, fps: float, through: Interpolation, by_rays: bool = False) -> Poses3D:
     """Return the poses with gaps filled in the frame of the body, see `interpolate_bodies`.
 
-    Args:
-        poses, fps, through: As in `fill_world`.
-        by_rays: Whether to place a joint that only one camera detected on the ray of that detection.
+    With `by_rays`, a joint that only one camera detected is placed on the ray of that detection.
     """
     poses = without_infinite(poses, fps)
     rays = poses.rays if by_rays else None
@@ -102,19 +91,11 @@ def fill_body_frame(poses: Poses3D, fps: float, through: Interpolation, by_rays:
 
 
 def smooth(poses: Poses3D, fps: float, seconds: float, frames: slice = slice(None)) -> Poses3D:
-    """Return the poses smoothed without delay, by a parabola around each frame, fitted with Gaussian weights.
+    """Return some frames smoothed without delay, by a parabola around each frame, fitted with Gaussian weights.
 
     Motion with constant acceleration does not change. Absent joints stay absent and have no weight. Measured joints
     become `DENOISED`. Covariances do not change, so they are upper bounds afterwards. Stills are not smoothed.
-
-    Args:
-        poses: Poses in F frames.
-        fps: Frames per second of the poses.
-        seconds: s; standard deviation of the weights; 0 for no smoothing.
-        frames: Frames to smooth and return. The frames around them are also used.
-
-    Raises:
-        ValueError: `seconds` is negative or infinite.
+    `seconds` is the standard deviation of the weights, 0 for no smoothing; ValueError if it is negative or infinite.
     """
     if not 0 <= seconds < np.inf:
         raise ValueError(f"smooth={seconds:g}: expected seconds, 0 (no smoothing) or more")
@@ -135,21 +116,16 @@ def smooth(poses: Poses3D, fps: float, seconds: float, frames: slice = slice(Non
 
 
 def without_infinite(poses: Poses3D, fps: float) -> Poses3D:
-    """Return the poses with joints made absent if a coordinate is infinite.
-
-    Raises:
-        ValueError: fps is not positive.
-    """
+    """Return the poses with joints made absent if a coordinate is infinite; ValueError if fps is not positive."""
     if not (np.isfinite(fps) and fps > 0):
         raise ValueError(f"fps must be positive, found {fps}")
     return poses.without(np.isinf(poses.xyz).any(-1))
 
 
 def take_estimate(poses: Poses3D, fps: float, estimate: np.ndarray) -> Poses3D:
-    """Return the poses with absent joints filled by an estimate (F, P, J, 3) m.
+    """Return the poses with absent joints filled by an estimate (F, P, J, 3) m, where their person is `present`.
 
-    A joint is filled where its person is `present`, and where it is between two of its measurements or within
-    `LONGEST_HOLD` of one.
+    A joint is filled between two of its measurements, or within `LONGEST_HOLD` of one.
     """
     observed = poses.source != Source.ABSENT
     before, after = neighbours(observed)
@@ -172,11 +148,6 @@ def resample(poses: Poses3D, fps: float, to_fps: float) -> Poses3D:
 
     A joint is known at a time if it is known in both frames around that time. It gets the weaker of the two sources. It
     has a ray if both frames have a ray from the same camera. Covariances and numbers of views are dropped.
-
-    Args:
-        poses: Poses at `fps`.
-        fps: Frames per second of `poses`.
-        to_fps: Frames per second of the result.
     """
     count = len(poses.xyz)
     time = np.arange(int((count - 1) / fps * to_fps + 1e-6) + 1) * (fps / to_fps)

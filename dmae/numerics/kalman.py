@@ -13,19 +13,14 @@ def smooth_paths(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the position of points in each frame, with its covariance, estimated from the measurements of all frames.
 
-    Points move at constant velocity plus white noise of acceleration (Bar-Shalom, Li & Kirubarajan 2001, 6.2.2).
-    This is the fixed-interval smoother of Rauch, Tung & Striebel (1965) in the form of Bierman (1973), which inverts
-    only the covariance of innovations.
+    Points move at constant velocity plus white noise of acceleration (Bar-Shalom, Li & Kirubarajan 2001, 6.2.2). This
+    is the fixed-interval smoother of Rauch, Tung & Striebel (1965) in the form of Bierman (1973), which inverts only
+    the covariance of innovations. Results have the shapes of `xyz` and `cov`; NaN for points never measured.
 
     Args:
         xyz: (F, n, 3) m; NaN where not measured.
         cov: (F, n, 3, 3) m^2, positive definite where measured.
-        fps: Frames per second.
         acceleration_density: (n,) spectral density of acceleration, m^2/s^3.
-
-    Returns:
-        xyz: (F, n, 3) m; NaN for points that were never measured.
-        cov: (F, n, 3, 3) m^2; NaN for points that were never measured.
     """
     mean, spread = np.full(xyz.shape, np.nan), np.full(cov.shape, np.nan)
     ever = ~np.isnan(xyz).any(-1).all(0)
@@ -35,10 +30,7 @@ def smooth_paths(
 
 
 def _smooth(xyz: np.ndarray, cov: np.ndarray, dt: float, density: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the result of `smooth_paths` for points that are all measured in at least one frame.
-
-    States are position and velocity, (n, 6).
-    """
+    """Return the result of `smooth_paths` for points all measured once. States: position and velocity, (n, 6)."""
     frames, points = xyz.shape[:2]
     measured = ~np.isnan(xyz).any(-1)
     move = np.kron([[1, dt], [0, 1]], np.eye(3))

@@ -13,10 +13,7 @@ from dmae.numerics.compiled import compiled
 
 
 def neighbours(observed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the nearest observed frames before and after each frame, (F, ...) each, for `observed` (F, ...) bool.
-
-    A frame that is observed is returned itself. The frame before is -1 if there is none; the frame after is F.
-    """
+    """Return the nearest observed frame, itself included, before (or -1) and after (or F) each, for (F, ...) bool."""
     flat = np.ascontiguousarray(observed).reshape(len(observed), prod(observed.shape[1:]))
     before, after = _neighbours(flat)
     return before.reshape(observed.shape), after.reshape(observed.shape)
@@ -72,10 +69,7 @@ def connect(values: np.ndarray) -> np.ndarray:
 
 @compiled()
 def _linear(values, before, after, unknown):
-    """Return values (F, n, C) with straight lines in gaps, between the samples at frames `before` and `after` (F, n).
-
-    Columns without any sample become `unknown`.
-    """
+    """Return values (F, n, C) with lines between samples at frames `before`, `after` (F, n); `unknown` without any."""
     frames, columns, components = values.shape
     filled = np.full(values.shape, unknown)
     for frame in range(frames):
@@ -95,10 +89,7 @@ def _linear(values, before, after, unknown):
 
 
 def pchip(values: np.ndarray) -> np.ndarray:
-    """Return values with each gap filled by a monotone cubic (Fritsch & Butland 1984).
-
-    The first and last sample fill the frames outside them.
-    """
+    """Return values with each gap filled by a monotone cubic (Fritsch & Butland 1984), ends by the outer samples."""
     flat = _columns(values)
     return _pchip(flat, *neighbours(~np.isnan(flat).any(-1))).reshape(values.shape)
 
@@ -132,15 +123,10 @@ def _pchip(values, before, after):
 def surrounding_frames(
     before: np.ndarray, after: np.ndarray, frame: np.ndarray, column: np.ndarray, reach: int = 0
 ) -> np.ndarray:
-    """Return the frames of the two samples before and the two samples after each of n frames, (4, n).
+    """Return the frames of the two samples before and the two samples after each of n places (frame, column), (4, n).
 
-    Args:
-        before, after: (F, C) results of `dmae.numerics.paths.neighbours` for C columns of samples.
-        frame, column: (n,) frame and column of each of the n places.
-        reach: Frames; samples nearer than this are skipped.
-
-    Returns:
-        (4, n) frames, in order; negative, or at least F, if there is no such sample.
+    They are negative, or at least F, if there is no such sample. Samples nearer than `reach` are skipped. `before` and
+    `after` (F, C) are results of `neighbours` for C columns.
     """
     frames = len(before)
 
@@ -155,10 +141,7 @@ def surrounding_frames(
 
 
 def take_samples(values: np.ndarray, times: np.ndarray, column: np.ndarray) -> np.ndarray:
-    """Return samples (k, n, C) of values (F, columns, C), at frames `times` (k, n) of columns `column` (n,).
-
-    NaN where there is no such frame.
-    """
+    """Return samples (k, n, C) of values (F, columns, C), at frames `times` (k, n) of columns (n,), or NaN."""
     inside = (times >= 0) & (times < len(values))
     taken = values[np.where(inside, times, 0), column]
     return np.where(inside[..., None], taken, np.nan)
@@ -212,10 +195,7 @@ def _slope(h0, m0, h1, m1):
 
 @compiled()
 def _end_slope(h0, m0, h1, m1):
-    """Return the slope at the outer end of a line with slope m0 and duration h0, next to a line with m1 and h1.
-
-    m1 is NaN if there is no next line.
-    """
+    """Return the slope at the outer end of a line with slope m0, duration h0, next to a line m1, h1; m1 may be NaN."""
     if np.isnan(m1):
         return m0
     slope = ((2 * h0 + h1) * m0 - h0 * m1) / (h0 + h1)
@@ -225,10 +205,7 @@ def _end_slope(h0, m0, h1, m1):
 
 
 def take_frames(values: np.ndarray, frame: np.ndarray) -> np.ndarray:
-    """Return, for each entry of `frame` (F, ...), the value of that frame in values (F, ..., C).
-
-    NaN where there is no such frame.
-    """
+    """Return, for each entry of `frame` (F, ...), the value of that frame in values (F, ..., C), or NaN."""
     flat = _columns(values)
     at = np.ascontiguousarray(frame).reshape(len(frame), flat.shape[1])
     return _take_frames(flat, at).reshape(*frame.shape, values.shape[-1])
@@ -252,12 +229,9 @@ def _columns(values: np.ndarray) -> np.ndarray:
 
 
 def local_parabola(values: np.ndarray, reach: float, frames: slice = slice(None)) -> np.ndarray:
-    """Return values smoothed by a parabola around each frame, fitted with Gaussian weights; missing samples stay so.
+    """Return some frames of values (F, ..., C) smoothed by a parabola around each frame; missing samples stay so.
 
-    Args:
-        values: (F, ..., C) samples; NaN where missing.
-        reach: Standard deviation of the weights, frames.
-        frames: Frames to smooth and return.
+    `reach` is the standard deviation, frames, of its Gaussian weights.
     """
     observed = ~np.isnan(values).any(-1)
     lag = np.arange(-int(np.ceil(3 * reach)), int(np.ceil(3 * reach)) + 1) / reach

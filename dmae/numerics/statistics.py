@@ -18,10 +18,7 @@ def mean_known(values: np.ndarray, axis=0):
 
 
 def median_known(values: np.ndarray) -> np.ndarray:
-    """Return the median (..., C) over the rows of values (..., N, C) that are not NaN; NaN if no row is known.
-
-    A row must be known completely or not at all.
-    """
+    """Return the median (..., C) over the known rows of values (..., N, C), known whole or not at all; NaN for none."""
     *shape, rows, columns = values.shape
     flat = np.ascontiguousarray(values, np.float64).reshape(prod(shape), rows, columns)
     return _medians(flat.swapaxes(0, 1)).reshape(*shape, columns)
@@ -51,13 +48,10 @@ def _medians(values):
 
 
 def ar1_filter(white: np.ndarray, coefficient: float) -> np.ndarray:
-    """Return a stationary AR(1) process with the variance of the given white noise.
+    """Return a stationary AR(1) process with the variance of the given white noise (F, ...), which has mean zero.
 
-    x[0] = white[0], x[n] = coefficient x[n - 1] + sqrt(1 - coefficient^2) white[n]
-
-    Args:
-        white: (F, ...) independent values with mean zero and equal variance.
-        coefficient: Correlation of successive frames, from 0 to below 1.
+    x[0] = white[0], x[n] = coefficient x[n - 1] + sqrt(1 - coefficient^2) white[n], with a coefficient from 0 to below
+    1.
     """
     gain = np.sqrt(1 - coefficient**2)
     start = white[:1] / gain
@@ -76,14 +70,10 @@ def multiscale_noise(shape: tuple[int, ...], fps: float, seconds: list[float], *
 
 
 def bursts(probability: np.ndarray | float, noise: np.ndarray) -> np.ndarray:
-    """Return events (F, ...) bool with a given probability, clustered in time according to the correlated noise.
+    """Return events (F, ...) bool with a probability, clustered in time by correlated, standard normal noise (F, ...).
 
     The sum of noise with a long and a short correlation time gives many short bursts and a few very long bursts. A
     Markov chain with the same probability and mean length does not.
-
-    Args:
-        probability: (F, ...) or a number, from 0 to 1.
-        noise: (F, ...) standard normal noise.
     """
     return noise < ndtri(probability)
 
@@ -99,10 +89,7 @@ MEDIAN_RADIUS = 1.5382
 
 
 def likely_error(cov: np.ndarray) -> np.ndarray:
-    """Return the median distance from the truth for covariances (..., 3, 3) m^2, (...) m; NaN where unknown.
-
-    A covariance that is not isotropic is replaced by the isotropic covariance with the same trace.
-    """
+    """Return the median distance (...) m from the truth for covariances (..., 3, 3) m^2, taken as isotropic."""
     variance = np.trace(cov.astype(np.float64), axis1=-2, axis2=-1) / 3
     return MEDIAN_RADIUS * np.sqrt(np.maximum(variance, 0))
 
@@ -111,10 +98,7 @@ def without_unlikely(poses: Poses3D, keep_mm: float | None) -> Poses3D:
     """Return the poses with joints made absent if their likely error is above `keep_mm`, mm; None keeps all joints.
 
     Completed joints with unknown covariance are also made absent, because their accuracy is unknown. Measured joints
-    with unknown covariance are kept.
-
-    Raises:
-        ValueError: `keep_mm` is not a positive number.
+    with unknown covariance are kept. Raises ValueError if `keep_mm` is not positive.
     """
     if keep_mm is None:
         return poses

@@ -50,8 +50,7 @@ def views_figure(clip: Clip, frame: int) -> Figure:
 
 
 def gaps_figure(scores: dict) -> Figure:
-    """Draw the mean error of unmeasured joints by gap length, a panel for each number of views, from scores of
-    `evaluate`."""
+    """Draw the mean error of unmeasured joints by gap length, a panel per number of views, from `evaluate`'s scores."""
     results = [result for result in scores["results"] if any(gap["filled"] for gap in result["mean"]["gaps"])]
     views = list(dict.fromkeys(result["views"] for result in results)) or [0]
     figure = Figure(figsize=(4.6 * len(views) + 1.6, 3.4), layout="constrained")
@@ -124,8 +123,7 @@ def _draw_bones(axes: Axes, poses: Poses3D, frame: int, points: np.ndarray) -> N
 
 
 def frames_to_draw(clip: Clip, number: int) -> list[int]:
-    """Return the frames with the most completed joints, or else those with the most missing, or else the most known
-    joints."""
+    """Return the frames with the most completed joints, or else the most missing, or else the most known joints."""
     source = clip.poses.source
     present = (source != Source.ABSENT).any(-1, keepdims=True)
     kinds = (source == Source.COMPLETED, (source == Source.ABSENT) & present, source != Source.ABSENT)

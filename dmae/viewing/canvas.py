@@ -83,8 +83,7 @@ def draw_mark(canvas: np.ndarray, point: np.ndarray, mark: Mark, colour: RGB, th
 
 
 def floor(rig: CameraRig, size: tuple[int, int], scale: float) -> np.ndarray:
-    """Draw lines on the floor, one metre apart over ten metres, as one camera sees it; `size` is in px, `scale`
-    px/camera px."""
+    """Draw lines on the floor, 1 m apart over 10 m, as one camera sees it; `size` in px, `scale` px/camera px."""
     canvas = np.full((size[1], size[0], 3), _EMPTY, np.uint8)
     along, across = np.meshgrid(np.linspace(-5, 5, 201), np.arange(-5.0, 6.0))
     lines = np.stack([along, across, np.zeros_like(along)], -1)

@@ -170,8 +170,7 @@ def drawn_poses(pixels: np.ndarray, source: np.ndarray, bones: list[tuple[int, i
 
 
 def drawn_truth(pixels: np.ndarray, bones: list[tuple[int, int]], layers: Layers) -> Drawn:
-    """Return the drawing of true joints (P, J, 2), px: rings connected by thin lines, white if the poses are drawn,
-    too."""
+    """Return the drawing of true joints (P, J, 2), px: rings and thin lines, white if poses are drawn, too."""
     drawn = Drawn()
     for person, joints in enumerate(pixels):
         known = np.isfinite(joints).all(-1)

@@ -42,7 +42,7 @@ def histogram(visibility: np.ndarray, *, by_self: bool = True) -> np.ndarray:
 
 
 def summary(visibility: np.ndarray, config: OcclusionConfig) -> dict:
-    """Return the summary of a clip's occlusion for the manifest, from (F, V, P, J) `Visibility` of the joints of
+    """Return a clip's occlusion for the manifest, from (F, V, P, J) `Visibility` of the joints of
     `SKELETON`.
 
     It has the fraction of all joints with each `Visibility`, by its name; `hidden_in`, the fractions of the joints of

@@ -47,8 +47,7 @@ class Take:
 
 
 def list_takes(path: Path, shares: Mapping[str, float], *, seed: int = 0) -> list[Take]:
-    """Read all takes at a path: a folder, a file or a list. Takes of a folder are divided into sets that share no
-    subject.
+    """Read all takes at a path: a folder, a file or a list. A folder's are divided into sets that share no subject.
 
     `shares` of the total duration are by name of set; empty for no sets. Subjects and sets of a list are kept.
 

@@ -230,8 +230,7 @@ class Misses:
         return 1 - (1 - missed) * (1 - person[..., None])
 
     def person_probability(self, hidden: np.ndarray) -> np.ndarray:
-        """Return the probability (...) that a person is not detected, by the joints (..., 25) hidden or outside the
-        image."""
+        """Return the probability (...) that a person is not detected, by the joints (..., 25) that are not seen."""
         weight = np.where(_OF_LIMBS, 1.0, self.trunk_weight)
         share = (hidden * weight).sum(-1) / weight.sum()
         return (

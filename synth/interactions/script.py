@@ -231,8 +231,7 @@ def thickness(body: Body) -> float:
 
 
 def on_trunk(body: Body, height: float, angle: float, press: float) -> tuple[str, np.ndarray, np.ndarray]:
-    """Return a point on the clothed skin of the trunk: its segment, the point (3,) in its frame, m, and the unit normal
-    (3,).
+    """Return a point on the clothed skin of the trunk: its segment, point (3,) in its frame, m, and unit normal (3,).
 
     Args:
         height: Height above the hip joints, as a fraction of stature, of a person with an average trunk.
@@ -253,8 +252,7 @@ def on_trunk(body: Body, height: float, angle: float, press: float) -> tuple[str
 
 
 def nearest_reached(points: np.ndarray, bodies: Sequence[Body], shoulders: Sequence[np.ndarray]) -> np.ndarray:
-    """Return points (F, 3), m, moved as little as necessary for a palm of each person to reach them from a shoulder (F,
-    3), m.
+    """Return points (F, 3), m, moved as little as a palm of each person needs, from a shoulder (F, 3), m.
 
     Alternating projections find them. If no point is in reach of all people, the result is between them.
     """

@@ -80,8 +80,7 @@ def holding_place(bodies: Sequence[Body]) -> tuple[list[float], float]:
 def hand_over(
     cast: Cast, people: tuple[int, int], paths: Sequence[np.ndarray], taken: float
 ) -> tuple[Load, Callable[[Poses], list[Reach]]]:
-    """Return a box that the first of two people holds at the start and the second takes, and the reaches of their
-    hands.
+    """Return a box that the first of two people holds and the second takes, and the reaches of their hands.
 
     Their paths (F, 3) face each other at the time `taken`, s, with the box between them; then the second person has it.
     """

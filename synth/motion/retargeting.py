@@ -73,8 +73,7 @@ def _on_lowest_level(heights: np.ndarray) -> np.ndarray:
 
 
 def flatten_soles(feet: np.ndarray, heights: np.ndarray, ankle_height: float) -> np.ndarray:
-    """Return feet (F, 3, 3) turned about their length so that soles near the floor are flat on it; `heights` (F,) of
-    ankles, m.
+    """Return feet (F, 3, 3) turned about their length so that soles near the floor lie flat; `heights` (F,) of ankles.
 
     The ankles of CMU's skeletons cannot tilt sideways, so soles lean with the shins, by 35 degrees in a wide stance. A
     sole is fully levelled if its ankle is at most 2 cm above the height of a standing ankle. The correction fades out

@@ -52,8 +52,7 @@ class _Outline:
         return np.isfinite(self.reach)
 
     def holds(self, points: np.ndarray, margin: float) -> np.ndarray:
-        """Return whether points (n, 2), m, are inside the walls by at least a margin, m. Where no wall is, no point is
-        inside."""
+        """Return whether points (n, 2), m, are inside the walls by a margin, m. Where no wall is, none is inside."""
         offset = points - self.middle
         angle = np.arctan2(offset[:, 1], offset[:, 0]) / (2 * np.pi) * len(self.reach)
         reach = np.where(self.walled, self.reach, 0)[np.round(angle).astype(int) % len(self.reach)]

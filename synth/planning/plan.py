@@ -143,8 +143,7 @@ class FloorCoverage:
 
 
 def cover_floor(rig: CameraRig, arena: Path, middle: np.ndarray, radius: float) -> FloorCoverage:
-    """Return the number of cameras that see a person at each point of the people's area, a circle around `middle` (2,),
-    m.
+    """Return the number of cameras that see a person at points of the people's area, a circle around `middle` (2,), m.
 
     Only the room, an MJCF file, hides a person; props and other people are ignored.
     """
@@ -287,8 +286,7 @@ def check_numbers(config: PlanConfig) -> range:
 
 
 def with_one_less(cameras: Sequence[int]) -> list[list[int]]:
-    """Return a rig, then the same rig without its first camera, without its second, ...; of two cameras only the rig
-    itself."""
+    """Return a rig, then it without its first camera, without its second, ...; of two cameras only itself."""
     less = combinations(cameras, len(cameras) - 1) if len(cameras) > 2 else ()
     # `combinations` leaves out the last camera first.
     return [list(cameras), *(list(rig) for rig in reversed(list(less)))]
@@ -333,8 +331,7 @@ def _planned(
 
 
 def forecast_plan(config: PlanConfig) -> PlanForecast:
-    """Estimate the time of a plan from one short clip, which is simulated, detected and captured. Raises as
-    `make_plan`."""
+    """Estimate the time of a plan from one short clip, simulated, detected and captured. Raises as `make_plan`."""
     candidates = find_candidates(config)
     scene = config.setting()
     short = replace(config, scene=replace(config.scene, seconds=min(scene.seconds, 1.0)))

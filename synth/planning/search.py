@@ -209,8 +209,7 @@ class RigPrediction:
 
 
 def standard_errors(information: np.ndarray) -> np.ndarray:
-    """Return the standard errors (...) of positions, m, from inverse covariances (..., 6), 1/m^2, as in
-    `JointEvidence`."""
+    """Return the standard errors (...) of positions, m, from inverse covariances (..., 6), as in `JointEvidence`."""
     xx, yy, zz, xy, xz, yz = np.moveaxis(np.asarray(information, np.float64), -1, 0)
     xx, yy, zz = xx + _RIDGE, yy + _RIDGE, zz + _RIDGE
     minors = yy * zz - yz * yz, xx * zz - xz * xz, xx * yy - xy * xy

@@ -241,8 +241,7 @@ def _exchanged(probability: float, real: JointsSeen, sim: JointsSeen, kinds: tup
 
 
 def _person_misses(config: DetectorConfig, people: PeopleSeen) -> Misses:
-    """Return misses with the maximum-likelihood probability that a person is not detected at all, by the joints that
-    are hidden."""
+    """Return misses with the maximum-likelihood probability that a person is not detected, by the joints hidden."""
     names = ("person", "hidden_person", "lost_from", "steepness", "trunk_weight")
     grid = product((0.002, 0.005, 0.01, 0.02, 0.05, 0.1), (0.7, 0.85, 0.95, 0.99), (0.4, 0.5, 0.6, 0.7, 0.8, 1.0),
                    (1.0, 2.0, 3.0, 5.0, 8.0), (1.0, 2.0, 3.0, 5.0))  # fmt: skip

@@ -98,8 +98,7 @@ def check_rig(rig: CameraRig, source: str, stage: Stage, origin: Sequence[float]
 
 
 def _origin_hint(rig: CameraRig, origin: Sequence[float], stage: Stage) -> str:
-    """Return the advice to build the scene where the cameras look; empty if they look at the people's area, or do not
-    meet."""
+    """Return the advice to build the scene where the cameras look; empty if they look at people, or do not meet."""
     meeting = meeting_point(rig)
     if meeting is None or np.hypot(*meeting[:2]) <= stage.radius:
         return ""
@@ -131,8 +130,7 @@ def check_outside(rig: CameraRig, model: mujoco.MjModel, geom_ids: np.ndarray) -
 
 
 def _surroundings(arena: Path | None, center: np.ndarray, points: np.ndarray) -> tuple[str | None, str | None]:
-    """Return the object of the room around a camera centre, and an object that hides all (n, 3) points from it; or
-    None."""
+    """Return the object of the room around a camera centre, and one that hides all (n, 3) points from it; or None."""
     if arena is None:
         return None, None
     model, data = _arena(arena, arena.stat().st_mtime_ns)

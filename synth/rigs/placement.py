@@ -197,8 +197,7 @@ def _draw(config: RandomConfig, view: int, stage: Stage, *, rng: np.random.Gener
 
 
 def _distortion(lens: Lens, focal: float, size: list[int], *, rng: np.random.Generator) -> np.ndarray:
-    """Return (5,) distortion of a lens. Barrel distortion moves the corner inward by at most an eighth, at any focal
-    length."""
+    """Return (5,) distortion of a lens. Barrel distortion moves the corner inward by an eighth or less."""
     strength, left, right = rng.uniform(0.02, 0.12), *rng.normal(0, 5e-4, 2)
     corner = np.hypot(*size) / 2 / focal
     if lens is Lens.radial:

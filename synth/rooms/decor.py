@@ -23,17 +23,11 @@ class Finish:
 
 @dataclass(frozen=True)
 class Light:
-    """Changes of a room's own lights.
+    """Changes of a room's own lights."""
 
-    Attributes:
-        turn: Turn of all lights about the vertical through the origin, rad.
-        strength: Factor of the brightness of all lights.
-        tint: Factors of the red, green and blue of all lights.
-    """
-
-    turn: float = 0.0
-    strength: float = 1.0
-    tint: Colour = (1.0, 1.0, 1.0)
+    turn: float = 0.0  # Turn of all lights about the vertical through the origin, rad
+    strength: float = 1.0  # Factor of the brightness of all lights
+    tint: Colour = (1.0, 1.0, 1.0)  # Factors of the red, green and blue of all lights
 
 
 @dataclass(frozen=True)
@@ -93,15 +87,10 @@ def _choices(arena: Path) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, 
 
 
 def sample_decor(arena: Path, *, randomize: bool, rng: np.random.Generator) -> Decor:
-    """Return the look of a room.
+    """Return the look of a room's MJCF file, drawn at random if `randomize`.
 
-    Args:
-        arena: MJCF file of the room. A custom text "floor" or "wall" in it lists the possible finishes, with the
-            default finish first. Materials with names that start with "tint" take any colour.
-        randomize: Whether to draw the look at random; otherwise the look of the file is used.
-
-    Raises:
-        ValueError: the file names an unknown finish.
+    A custom text "floor" or "wall" in it lists the possible finishes, with the default finish first; ValueError if one
+    is unknown. Materials with names that start with "tint" take any colour.
     """
     floors, walls, materials = _choices(arena)
     if not randomize:

@@ -161,12 +161,7 @@ class MeshPart(NamedTuple):
 
 
 def find_meshes(path: str) -> list[str]:
-    """Return the mesh files of `props.path`, sorted.
-
-    Raises:
-        FileNotFoundError: there is no such file or folder.
-        ValueError: the file is not a mesh, or the folder contains no mesh.
-    """
+    """Return the mesh files of `props.path`, sorted; FileNotFoundError, or ValueError if not a mesh, or none."""
     place = Path(path)
     if not place.exists():
         raise FileNotFoundError(f"props.path: there is no file or folder {path!r}")
@@ -181,11 +176,8 @@ def find_meshes(path: str) -> list[str]:
 def load_mesh(path: str, scale: float = 1.0, up: MeshUp = MeshUp.auto) -> tuple[MeshPart, ...]:
     """Return the connected parts of a prop from a mesh file: z up, on the floor, centred above the origin.
 
-    Faces are turned outward. Props of more than 64 parts become one part.
-
-    Raises:
-        ValueError: the file cannot be read, contains no triangles, or has an open surface, or its size does not suit a
-            prop; the message names the file and says what to do.
+    Faces are turned outward. Props of more than 64 parts become one part. Raises ValueError, which says what to do, if
+    the file cannot be read, has no triangles or an open surface, or its size does not suit a prop.
     """
     turn = np.eye(3)
     if up is MeshUp.y or (up is MeshUp.auto and Path(path).suffix.lower() == ".glb"):
@@ -291,10 +283,7 @@ def prop_spec(kind: str, scale: float = 1.0, up: MeshUp = MeshUp.auto) -> mujoco
     """Return the MuJoCo specification of one prop: a name in `scenes/props/`, or an MJCF or mesh file.
 
     A material "tint" of the prop takes any colour. The triangles of a mesh stop rays; the convex hull of each connected
-    part stops people.
-
-    Raises:
-        ValueError: there is no such prop, or its mesh cannot be simulated; the message names it.
+    part stops people. Raises ValueError if there is no such prop, or its mesh cannot be simulated.
     """
     if Path(kind).suffix.lower() not in MESHES:
         return read_mjcf(prop_file(kind))
@@ -333,17 +322,11 @@ class PlacedProp(NamedTuple):
 
 @dataclass(frozen=True)
 class PropSize:
-    """The space that a prop takes.
+    """The space that a prop takes."""
 
-    Attributes:
-        discs: (K, 3) x, y and radius of discs that cover it on the floor, m.
-        size: (3,) size of its bounding box along its own axes, m.
-        reach: (3,) greatest x, y and z of the box, m, rounded to the micrometre.
-    """
-
-    discs: np.ndarray
-    size: np.ndarray
-    reach: np.ndarray
+    discs: np.ndarray  # (K, 3) x, y and radius of discs that cover it on the floor, m
+    size: np.ndarray  # (3,) size of its bounding box along its own axes, m
+    reach: np.ndarray  # (3,) greatest x, y and z of the box, m, rounded to the micrometre
 
     @property
     def face(self) -> float:

@@ -7,10 +7,7 @@ import numpy as np
 
 
 def opaque_model(model: mujoco.MjModel, geom_ids: np.ndarray) -> mujoco.MjModel:
-    """Return a copy of a model in which only geoms with an id stop rays. They are in group 0, the others in group 5.
-
-    Rays also pass through fully transparent geoms that have an id.
-    """
+    """Return a copy of a model in which rays stop only at opaque geoms with an id, group 0; others are in group 5."""
     opaque = copy.copy(model)
     opaque.geom_group = np.where(np.asarray(geom_ids) > 0, 0, 5)
     return opaque
@@ -19,13 +16,10 @@ def opaque_model(model: mujoco.MjModel, geom_ids: np.ndarray) -> mujoco.MjModel:
 def cast_rays(
     model: mujoco.MjModel, data: mujoco.MjData, center: np.ndarray, directions: np.ndarray, groups: tuple = (0,)
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Find the first geom that each ray from a point meets.
+    """Find the first geom, in groups, that each ray from a point (3,) m, world, meets, with kinematics up to date.
 
     Args:
-        model, data: A scene; its kinematics must be up to date.
-        center: (3,) m, world.
         directions: (R, 3) unit vectors, world.
-        groups: The geom groups that stop rays.
 
     Returns:
         geom: (R,) index of the geom met, -1 for none.

@@ -25,11 +25,7 @@ from synth.rooms.config import mjcf_names, room_choices, room_folder
 
 
 def arena_file(name: str) -> Path:
-    """Return the MJCF file of a room of `scenes/`, or of a path.
-
-    Raises:
-        ValueError: there is no such room or file; the message lists the rooms.
-    """
+    """Return the MJCF file of a room of `scenes/`, or of a path; ValueError, with all rooms, if there is none."""
     return _find(name, room_folder(), "arena")
 
 
@@ -108,10 +104,8 @@ class _Found:
 def read_mjcf(path: Path) -> mujoco.MjSpec:
     """Return the room or prop of an MJCF file.
 
-    Raises:
-        FileNotFoundError: there is no such file.
-        ValueError: the file is malformed, refers to a file outside its folder, or exceeds a limit of size; the message
-            names both files.
+    Raises FileNotFoundError, or ValueError if it is malformed, refers to a file outside its folder, or is too large;
+    the message names both files.
     """
     path = Path(path)
     check_mjcf(path)
@@ -226,10 +220,9 @@ def _follow(path: Path, element: ElementTree.Element, found: _Found, above: tupl
 
 
 def _existing(found: _Found, path: Path, kind: str, names: list[Path]) -> list[Path]:
-    """Return the existing files among some names.
+    """Return the existing files among some names, in the folder of the first file, or of the one that gives the name.
 
-    MuJoCo searches the folder of the first file, or of the file that gives the name. Raises ValueError for absolute
-    names and for links that lead out of the folder.
+    Raises ValueError for absolute names and for links that lead out of the folder.
     """
     places = []
     for name in names:
@@ -271,14 +264,10 @@ _LIGHTS = (
 
 
 class Room(NamedTuple):
-    """A room.
+    """A room."""
 
-    Attributes:
-        spec: Its specification; people, props and cameras are added to it.
-        filled: Descriptions of all additions and changes, one clause each; empty for the rooms of `scenes/`.
-    """
-
-    spec: mujoco.MjSpec
+    spec: mujoco.MjSpec  # Its specification; people, props and cameras are added to it
+    # Descriptions of all additions and changes, one clause each; empty for the rooms of `scenes/`
     filled: tuple[str, ...]
 
 
@@ -286,13 +275,8 @@ def load_room(arena: str) -> Room:
     """Read a room of `scenes/`, or any MJCF file.
 
     A file that was not written as a room lacks some parts that a scene needs. Contacts with people, a floor at z = 0
-    and lights are then added. Joints, keyframes and physics options are removed.
-
-    Args:
-        arena: Name of a room, or path of an MJCF file.
-
-    Raises:
-        ValueError: there is no such room, or the file is not MJCF; the message names it.
+    and lights are then added. Joints, keyframes and physics options are removed. Raises ValueError if there is no such
+    room, or the file is not MJCF.
     """
     path = arena_file(arena)
     spec = read_mjcf(path)

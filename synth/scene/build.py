@@ -32,24 +32,18 @@ centimetres in two steps."""
 
 @dataclass(frozen=True)
 class Scene:
-    """A scene that is ready for simulation.
+    """A scene that is ready for simulation."""
 
-    Attributes:
-        model: The MuJoCo model; people's bodies are named `person<p>/<segment>`.
-        geom_ids: (ngeom,) uint16 ids, the same as in id images: 1 + p for the visible surface of person p, 256 + k for
-            object k, 0 for the solid parts of people, which only collide.
-        geom_persons: (ngeom,) index of the person that a geom belongs to, -1 for objects.
-        objects: Names of the objects, at least "floor".
-        obstacles: (K, 3) x, y and radius of discs that cover the room's objects and the props, without furniture, m.
-        holds: (H, 3) one row per equality constraint that ties a hand to an object: the index of the constraint, and
-            the times at which it begins and ends, s.
-    """
-
-    model: mujoco.MjModel
+    model: mujoco.MjModel  # The MuJoCo model; people's bodies are named `person<p>/<segment>`
+    # (ngeom,) uint16 ids, the same as in id images: 1 + p for the visible surface of person p, 256 + k for object k, 0
+    # for the solid parts of people, which only collide
     geom_ids: np.ndarray
-    geom_persons: np.ndarray
-    objects: tuple[str, ...]
+    geom_persons: np.ndarray  # (ngeom,) index of the person that a geom belongs to, -1 for objects
+    objects: tuple[str, ...]  # Names of the objects, at least "floor"
+    # (K, 3) x, y and radius of discs that cover the room's objects and the props, without furniture, m
     obstacles: np.ndarray
+    # (H, 3) one row per equality constraint that ties a hand to an object: the index of the constraint, and the times
+    # at which it begins and ends, s
     holds: np.ndarray
 
     @property
@@ -64,14 +58,10 @@ class Scene:
 
 
 def build_scene(spec: SceneSpec, rig: CameraRig, *, painted: bool = True) -> Scene:
-    """Assemble a room, its props, people in T-pose and cameras.
+    """Assemble a room, its props, people in T-pose and cameras, textured and smooth if `painted`, as images need it.
 
-    Args:
-        painted: Whether to add textures and smooth shading. Images need them, labels do not.
-
-    Raises:
-        ValueError: an MJCF file is missing or malformed; a camera cannot be rendered.
-        FailedSimulation: a camera is inside an object.
+    Raises ValueError if an MJCF file is missing or malformed, or a camera cannot be rendered, and FailedSimulation if a
+    camera is inside an object.
     """
     world, _ = load_room(spec.arena)
     world.option.timestep = 1 / (PLAN_FPS * SUBSTEPS * STEPS_PER_CONTROL)
@@ -105,11 +95,7 @@ def build_scene(spec: SceneSpec, rig: CameraRig, *, painted: bool = True) -> Sce
 
 
 def add_prop(world: mujoco.MjSpec, prefix: str, prop: PropSpec) -> np.ndarray:
-    """Add a prop to a scene and prefix its names.
-
-    Returns:
-        (K, 3) x, y and radius of the discs that the prop covers on the floor, m.
-    """
+    """Add a prop to a scene, prefix its names, and return the discs (K, 3) that it covers: x, y, radius, m."""
     child = prop_spec(prop.kind, prop.scale, prop.up)
     tint = child.material("tint")
     if tint is not None and prop.tint:
@@ -153,10 +139,7 @@ def _add_load(world: mujoco.MjSpec, prefix: str, load: Load, persons: tuple[Pers
 
 
 def _identify(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Return ids (ngeom,) and persons (ngeom,) of geoms, and the names of objects.
-
-    Each body that is not part of a person is an object, and so is each geom of the world body.
-    """
+    """Return ids (ngeom,) and persons (ngeom,) of geoms, and names of objects: bodies of none, geoms of the world."""
     ids, persons = np.zeros(model.ngeom, np.uint16), np.full(model.ngeom, -1)
     objects: list[str] = []
     for geom in range(model.ngeom):

@@ -34,11 +34,9 @@ def place_props(
     rng: np.random.Generator,
     cameras: Sequence[tuple[float, float]] = (),
 ) -> list[PlacedProp]:
-    """Place up to `count` props where no person walks; fewer if there is no space.
+    """Place up to `count` props, of kinds with sizes, where no person walks; fewer if there is no space.
 
     Args:
-        count: Number of props wanted.
-        kinds: Kinds to draw from, with their sizes.
         paths: (F, P, 2) hips before people step aside for each other, m.
         middle: x and y of the middle, m.
         radius: Greatest distance of props from the middle, m.
@@ -106,17 +104,11 @@ _PERSON_RADIUS = 0.25
 
 
 class Placement(NamedTuple):
-    """The place, heading and bend of a motion in the scene.
+    """The place, heading and bend of a motion in the scene."""
 
-    Attributes:
-        start: x and y of the hips in the first frame, m.
-        yaw: Turn of the whole motion about the vertical, rad.
-        turn: Bend of the motion along a curve, rad/s.
-    """
-
-    start: tuple[float, float]
-    yaw: float
-    turn: float
+    start: tuple[float, float]  # x and y of the hips in the first frame, m
+    yaw: float  # Turn of the whole motion about the vertical, rad
+    turn: float  # Bend of the motion along a curve, rad/s
 
 
 def place_persons(
@@ -137,15 +129,13 @@ def place_persons(
     each other's stools.
 
     Args:
-        motions: One for each person.
         middle: x and y of the middle, m.
         radius: Greatest distance of hips from the middle, m.
         gathering: Distance of people from the meeting point, m (standard deviation).
         others: (F, Q, 2) hips of people who are placed already, m.
         occupied: (K, 3) x, y and radius of discs where furniture stands, m.
 
-    Raises:
-        FailedSimulation: there is no space for a motion; the message names it and says what to change.
+    Raises FailedSimulation, which names a motion without space and what to change.
     """
     obstacles = footprints(arena)
     if occupied is not None:
@@ -203,7 +193,7 @@ def place_script(
     gathering: float,
     rng: np.random.Generator,
 ) -> tuple[list[Placement], list[PlacedProp], list[Load]]:
-    """Place all people of an interaction together, with their furniture.
+    """Place all people of an interaction together, with their furniture and the objects that are carried.
 
     Args:
         motions: One for each person, around the origin.
@@ -211,11 +201,7 @@ def place_script(
         radius: Greatest distance of hips from the middle, m; the clip fails half a metre beyond it.
         gathering: Distance of the interaction from the middle, m (standard deviation).
 
-    Returns:
-        A placement for each motion, the furniture, and the objects that are carried.
-
-    Raises:
-        FailedSimulation: there is no space; the message says what to change.
+    Raises FailedSimulation if there is no space; the message says what to change.
     """
     furniture = [placed_discs(prop_size(prop.kind).discs, prop.at, prop.yaw) for prop in script.furniture]
     obstacles = footprints(arena)

@@ -29,39 +29,27 @@ _BYSTANDER_GAP = 0.65
 
 
 class SampledScene(NamedTuple):
-    """A drawn scene.
+    """A drawn scene."""
 
-    Attributes:
-        spec: The scene of P people, as stored.
-        motions: P motions, placed in the scene. `load_motions` draws them again from a stored spec.
-    """
-
-    spec: SceneSpec
-    motions: list[Motion]
+    spec: SceneSpec  # The scene of P people, as stored
+    motions: list[Motion]  # P motions, placed in the scene. `load_motions` draws them again from a stored spec.
 
 
 @dataclass(frozen=True)
 class People:
-    """The people of a clip before they are placed.
+    """The people of a clip before they are placed."""
 
-    Attributes:
-        bodies, looks: Bodies and looks of P people.
-        motions: P motions, scaled to the bodies, anywhere on the floor.
-        script: The interaction, if any.
-        clearance: Distance that people keep between their hips, m.
-        frames: Length of the planned motion.
-        motion, interaction: Configurations that the motions were drawn from.
-        seed, clip: Seed of the data set and number of the clip.
-    """
-
+    # bodies, looks: Bodies and looks of P people
     bodies: list[Body]
     looks: list[PersonLooks]
-    motions: list[Motion]
-    script: Script | None
-    clearance: float
-    frames: int
+    motions: list[Motion]  # P motions, scaled to the bodies, anywhere on the floor
+    script: Script | None  # The interaction, if any
+    clearance: float  # Distance that people keep between their hips, m
+    frames: int  # Length of the planned motion
+    # motion, interaction: Configurations that the motions were drawn from
     motion: MotionConfig
     interaction: InteractionConfig
+    # seed, clip: Seed of the data set and number of the clip
     seed: int
     clip: int
 
@@ -77,17 +65,8 @@ def sample_scene(
 ) -> SampledScene:
     """Draw the scene of one clip. The same arguments always give the same scene, independent of other clips.
 
-    Args:
-        config: Distributions that the scene is drawn from.
-        motion: Source of the motion.
-        props: The user's meshes, which replace `config.prop_kinds`.
-        interaction: Interaction of the people.
-        seed: Seed of the data set.
-        clip: Number of the clip.
-
-    Raises:
-        ValueError: the configuration names something that does not exist.
-        FailedSimulation: the motions leave no space for each other; the message says what to change.
+    The user's meshes, `props`, replace `config.prop_kinds`. Raises ValueError if the configuration names something that
+    does not exist, and FailedSimulation if the motions leave no space for each other.
     """
     rng = generator(seed, clip, Stream.SCENE)
     people = sample_people(config, motion, interaction, seed=seed, clip=clip, rng=rng)
@@ -103,11 +82,9 @@ def sample_people(
     clip: int,
     rng: np.random.Generator | None = None,
 ) -> People:
-    """Draw the people of one clip and their motions.
+    """Draw the people of one clip and their motions, as in `sample_scene`.
 
-    Args:
-        config, motion, interaction, seed, clip: The same as in `sample_scene`.
-        rng: The clip's random stream `Stream.SCENE`, which also draws the layout later; by default a new one.
+    `rng` is the clip's random stream `Stream.SCENE`, which also draws the layout later; by default a new one.
     """
     interaction, rng = interaction or InteractionConfig(), rng or generator(seed, clip, Stream.SCENE)
     count = _count_participants(config, interaction, rng=rng)
@@ -160,12 +137,10 @@ def lay_out(
     *,
     rng: np.random.Generator | None = None,
 ) -> SampledScene:
-    """Place people and props in a room.
+    """Place people and props in a room, as in `sample_scene`.
 
-    Args:
-        config, props: The same as in `sample_scene`.
-        layout: A layout that replaces the configuration's values. It has a separate random stream.
-        rng: The clip's random stream, after the people were drawn; not needed with a layout.
+    A layout replaces the configuration's values, and has a separate random stream. Otherwise `rng` is the clip's random
+    stream, after the people were drawn.
     """
     props = props or PropsConfig()
     seed, clip = people.seed, people.clip

@@ -31,23 +31,14 @@ def planned_frames(seconds: float) -> int:
 
 @dataclass(frozen=True)
 class PersonSpec:
-    """One person.
+    """One person."""
 
-    Attributes:
-        body: Proportions.
-        looks: Colours and clothes.
-        motion: Descriptive name of the motion; no code depends on it.
-        start: x and y of the hips in the first frame, m.
-        yaw: Turn of the motion about the vertical, rad.
-        turn: Bend of the motion along a curve, rad/s.
-    """
-
-    body: Body
-    looks: PersonLooks
-    motion: str
-    start: tuple[float, float]
-    yaw: float
-    turn: float
+    body: Body  # Proportions
+    looks: PersonLooks  # Colours and clothes
+    motion: str  # Descriptive name of the motion; no code depends on it
+    start: tuple[float, float]  # x and y of the hips in the first frame, m
+    yaw: float  # Turn of the motion about the vertical, rad
+    turn: float  # Bend of the motion along a curve, rad/s
 
     def __post_init__(self):
         check_numbers("person: start, m", self.start, _FARTHEST)
@@ -56,20 +47,13 @@ class PersonSpec:
 
 @dataclass(frozen=True)
 class PropSpec:
-    """A prop.
+    """A prop."""
 
-    Attributes:
-        kind: Name of a prop in `scenes/props/`, or path of an MJCF or mesh file.
-        at: x and y, m.
-        yaw: Heading, rad.
-        tint: RGB colour 0..1 of its material "tint"; None keeps the colour of the file.
-        scale, up: Unit and up axis of a mesh file, see `synth.rooms.config.PropsConfig`.
-    """
-
-    kind: str
-    at: tuple[float, float]
-    yaw: float
-    tint: Colour | None = None
+    kind: str  # Name of a prop in `scenes/props/`, or path of an MJCF or mesh file
+    at: tuple[float, float]  # x and y, m
+    yaw: float  # Heading, rad
+    tint: Colour | None = None  # RGB colour 0..1 of its material "tint"; None keeps the colour of the file
+    # Unit and up axis of a mesh file, see `synth.rooms.config.PropsConfig`
     scale: float = 1.0
     up: MeshUp = MeshUp.auto
 
@@ -128,11 +112,7 @@ class SceneSpec:
 
     @classmethod
     def from_json(cls, text: str) -> "SceneSpec":
-        """Return the spec from a text that `to_json` wrote.
-
-        Raises:
-            ValueError: the text is no spec; the message names the field.
-        """
+        """Return the spec from a text that `to_json` wrote; ValueError, which names the field, for others."""
         return decode(cls, parse_json(text))
 
     @classmethod
@@ -155,17 +135,11 @@ class SceneSpec:
 
 @dataclass(frozen=True)
 class Layout:
-    """Values for the placement of people and props, which replace the same values of `SceneConfig`.
+    """Values for the placement of people and props, which replace the same values of `SceneConfig`."""
 
-    Attributes:
-        draw: Number of the draw; each draw has a separate random stream.
-        gathering, clearance: The same as in `SceneConfig`, with one value each, m.
-        props: Number of props.
-        cameras: (x, y) of cameras, m. Props stand between these cameras and people.
-    """
-
-    draw: int
+    draw: int  # Number of the draw; each draw has a separate random stream
+    # The same as in `SceneConfig`, with one value each, m
     gathering: float
     clearance: float
-    props: int
-    cameras: tuple[tuple[float, float], ...]
+    props: int  # Number of props
+    cameras: tuple[tuple[float, float], ...]  # (x, y) of cameras, m. Props stand between these cameras and people.

@@ -182,8 +182,7 @@ def clip_checksums(clip: Clip) -> dict[str, str]:
 
 
 def freeze(clips: dict[str, Clip], file: Path) -> None:
-    """Write checksums of all clips by id, and the versions of packages that made them, once: ValueError if the file
-    exists."""
+    """Write checksums of all clips by id, and versions of packages that made them; ValueError if the file exists."""
     if Path(file).exists():
         raise ValueError(
             f"{file}: exists; stored checksums are not overwritten. Remove the file only if no scores are published yet"
@@ -268,8 +267,7 @@ CLIPS, GIVEN = "clips", "given"
 
 
 def make_clips(definition: Definition, size: BenchmarkSize, data: Path, workers: int = 1) -> FrozenMatch:
-    """Generate, check and capture those clips of a benchmark that do not exist yet; return the agreement of the worst
-    one.
+    """Generate, check and capture clips of a benchmark that do not exist yet; return the agreement of the worst.
 
     In `data`, the folder `clips/<id>` contains each clip with its truth and labels. The folder `given/<id>` contains
     the data that methods get: cameras, detections, and the poses that our capture computes from them. Raises ValueError

@@ -244,8 +244,7 @@ def check_same(earlier: dict, benchmark: str, size: str) -> None:
 
 
 def differences(scores: dict, earlier: dict) -> list[dict]:
-    """Return the differences of errors between methods and earlier methods, of the same benchmark and size; positive:
-    worse.
+    """Return differences of errors between methods and earlier methods, of one benchmark and size; positive: worse.
 
     A method is compared with the earlier method of the same name. If there is none, it is compared with each earlier
     method. The bootstrap draws the same clips for both. An entry has `method`; `against`; `mm`, the difference of the

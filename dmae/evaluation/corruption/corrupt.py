@@ -130,8 +130,7 @@ def heights(xy: np.ndarray) -> np.ndarray:
 
 
 def redetected(clip: Clip, xy: np.ndarray, score: np.ndarray) -> Clip:
-    """Return the clip with other detections (F, V, D, J, ...), absent where NaN, and without labels of the previous
-    ones."""
+    """Return the clip with other detections (F, V, D, J, ...), absent where NaN, and without labels of earlier ones."""
     absent = np.isnan(xy).any(-1) | np.isnan(score)
     xy, score = np.where(absent[..., None], np.nan, xy), np.where(absent, np.nan, score)
     return replace(clip, detections=Detections2D(clip.detections.skeleton, xy, score), detection_labels=None)
@@ -144,8 +143,7 @@ def undetected(clip: Clip, joints: np.ndarray) -> Clip:
 
 
 def undetected_nearest(clip: Clip, margin: np.ndarray, percent: float) -> Clip:
-    """Return the clip without a percentage of the detected joints, those of the smallest margins (F, V, D, J) that are
-    known."""
+    """Return the clip without a percentage of detected joints, those of the smallest known margins (F, V, D, J)."""
     margin = np.where(clip.detections.observed, margin, np.nan)
     nearest = _lowest(margin, percent)
     return undetected(clip, nearest) if nearest.any() else clip

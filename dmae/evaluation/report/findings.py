@@ -186,8 +186,7 @@ def _by_number(cameras: np.ndarray, most: int) -> dict[str, np.ndarray]:
 
 
 def counts_in_regions(joints: Joints) -> dict[str, np.ndarray]:
-    """Return by name, for measured and completed joints with covariance and truth, their number, then those in each
-    region."""
+    """Return by name, for measured and completed joints with covariance and truth, their number and in each region."""
     if joints.comparison is None:
         return {}
     error = (joints.comparison.matched - joints.comparison.truth.xyz).astype(np.float64)

@@ -197,8 +197,7 @@ def reprojection_errors(clip: Clip, poses: Poses3D) -> np.ndarray:
 
 
 def residual_tables(measured: Groups, completed: Groups, names: Sequence[str]) -> list[Table]:
-    """Return a table per breakdown: how far joints reproject from their detections, px; without completed joints if
-    none are."""
+    """Return a table per breakdown: how far joints reproject from detections, px; completed joints if any."""
     some_completed = any(each.compared for groups in completed.values() for each in groups.values())
     tables = []
     for name in (name for name in names if name in measured):

@@ -83,8 +83,7 @@ def write_clips_report(
 
 
 def _worst_clips(findings: Sequence[Findings]) -> list[int]:
-    """Return the sorted indices of clips with the worst frames: the largest errors or, without truth, the fewest
-    joints."""
+    """Return sorted indices of clips with the worst frames: the largest errors or, without truth, the fewest joints."""
 
     def badness(index: int) -> tuple[float, float]:
         each = findings[index]

@@ -105,8 +105,7 @@ _VERSIONS = ("numpy", "scipy", "torch", "opencv-python-headless")
 
 
 class Cache:
-    """Scores of cells by key, in one file of JSON lines, appended as soon as there is a result, or without file in
-    memory.
+    """Scores of cells by key, in one file of JSON lines, appended as soon as there is a result, or in memory.
 
     A line that is damaged, as by a kill while it was written, is left out.
     """

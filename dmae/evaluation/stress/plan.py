@@ -94,8 +94,7 @@ def plan(config: StressConfig) -> Plan:
 
 
 def allowed(plan: Plan, clip: Clip) -> Plan:
-    """Return the plan without the axes and levels that a clip does not allow, each with a note; ValueError if one was
-    requested."""
+    """Return the plan without axes and levels that a clip forbids, each with a note; ValueError if requested."""
     notes = list(plan.notes)
 
     def keep(axis: Axis) -> Iterator[Axis]:

@@ -103,8 +103,7 @@ def keyframes(times: np.ndarray, *keys: tuple) -> np.ndarray:
 
 
 def plateau(times: np.ndarray, begin: float, end: float, move: float, back: float | None = None) -> np.ndarray:
-    """Return a curve (F,) that rises from 0 at `begin` to 1 within `move`, s, and falls to 0 at `end`, within `back` or
-    `move`."""
+    """Return a curve (F,) that rises from 0 at `begin` to 1 in `move`, s, and falls to 0 at `end`, in `back`."""
     move = min(move, (end - begin) / 2)
     back = min(back or move, (end - begin) / 2)
     return keyframes(times, (begin, 0), (begin + move, 1), (max(end - back, begin + move + 1e-3), 1), (end, 0))

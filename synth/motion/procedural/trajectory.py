@@ -148,7 +148,7 @@ def random_drift(rng: np.random.Generator, times: np.ndarray, rms: float, fastes
 
 
 def swing_width(speed: float) -> float:
-    """Return the swing of the arms, rad, at a walking speed, m/s: Murray, Sepic and Barnard, Physical Therapy 47
+    """Return the arms' swing, rad, at a walking speed, m/s: Murray, Sepic and Barnard, Physical Therapy 47
     (1967)."""
     return float(np.radians(np.interp(speed, (0.7, 1.6), (8, 20))))
 

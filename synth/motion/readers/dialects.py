@@ -134,8 +134,7 @@ OWN = Dialect(
 
 
 def recognise(recording: SkeletonRecording) -> tuple[Dialect, dict[str, int]]:
-    """Return the dialect of a recording, and the index of the joint of each part (`pelvis`, `l_knuckle`, ...), in any
-    case.
+    """Return the dialect of a recording, and the joint index of each part (`pelvis`, `l_knuckle`, ...), in any case.
 
     Raises:
         ValueError: the joints are of no known dialect; the message lists those found and those that are missing.

@@ -214,8 +214,7 @@ BODY = 22
 
 
 def write_npz(path: Path, motion: Motion) -> None:
-    """Write a motion to `<name>.npz` in AMASS's format, on SMPL-H's mean body (`betas` zero, fingers straight);
-    atomically.
+    """Write a motion to `<name>.npz` in AMASS's format, on SMPL-H's mean body (`betas` 0, fingers straight).
 
     `read_motion` reads it back. The array `on_floor`, which is not part of the format, states that floor, soles and
     forearms need no repair. Steps are scaled to the mean body's legs.

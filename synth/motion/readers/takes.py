@@ -30,8 +30,7 @@ def true_fps(stem: str, stated: float) -> float:
 
 
 def partner(path: Path) -> Path | None:
-    """Return the take of the other person in a two-person take, in the same frames and world, if it is in the same
-    folder."""
+    """Return the take of the other person in a two-person take, in the same frames and world, if beside it."""
     name = take_name(path)
     subject, trial = subject_and_trial(name)
     if name.startswith("salsa_"):
