@@ -120,7 +120,8 @@ weights: weights-first weights-sets
 	  methods=[linear,dmae,dmae_denoise,dmae_online] out=$(WEIGHTS)/scores_shelf
 	$(BIN)/dmae evaluate data=shelf data.path=$(DMAE_DATA)/shelf views=[3] reference=capture smooth=0 \
 	  methods=[linear,pchip_body,gaussian_process,dmae] weights=$(WEIGHTS)/model out=$(WEIGHTS)/scores_holes
-	$(BIN)/dmae card weights=$(WEIGHTS)/model command="make weights" scores=[$(WEIGHTS)/scores_holes,$(WEIGHTS)/scores_shelf]
+	$(BIN)/python -c 'import dmae; print(dmae.card("$(WEIGHTS)/model", command="make weights", \
+	  scores=["$(WEIGHTS)/scores_holes", "$(WEIGHTS)/scores_shelf"]))' > $(WEIGHTS)/model/MODEL_CARD.md
 	@echo "To ship them: cp $(WEIGHTS)/model/{weights.safetensors,model.json,MODEL_CARD.md} dmae/models/body25"
 
 # A model that has seen neither Shelf's cameras nor the detector fitted to its detections: what to expect with other cameras.

@@ -194,12 +194,6 @@ COMMANDS = {
             "dmae demo size=full shelf=recordings/shelf workers=4",
         ),
     ),
-    "card": Command(
-        "Describe trained weights: training data and scores",
-        "dmae.commands.config:CardCommand",
-        ('dmae card weights=runs/model scores=[runs/scores] command="make weights"',),
-        writes=None,
-    ),
     "regress": Command(
         "Check any triangulation against a fixed set of cases",
         "dmae.commands.config:RegressCommand",

@@ -377,18 +377,6 @@ class DemoCommand:
 
 
 @dataclass(frozen=True)
-class CardCommand:
-    """Describe trained weights: training data and scores. Writes `MODEL_CARD.md` to their folder."""
-
-    weights: str = "???"
-    """Folder that `dmae train` wrote; the card is written there."""
-    scores: list[str] = field(default_factory=list)
-    """Folders that `dmae evaluate` wrote with these weights."""
-    command: str = "???"
-    """Command line that makes these weights, data included."""
-
-
-@dataclass(frozen=True)
 class RegressCommand:
     """Check any triangulation against a fixed set of cases. Exits with status 1 if a bound is broken.
 

@@ -231,7 +231,7 @@ def card(weights: str | Path, *, command: str, scores: Iterable[str | Path] = ()
         scores: Folders of scores of these weights, written by `dmae evaluate`.
 
     Returns:
-        The card as Markdown; `dmae card` writes it to `MODEL_CARD.md` in the folder of the weights.
+        The card as Markdown, as `dmae pretrain` writes it to `MODEL_CARD.md` in the folder of the weights.
 
     Raises:
         FileNotFoundError: a file of the weights or scores is missing.

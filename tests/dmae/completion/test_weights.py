@@ -11,8 +11,9 @@ import torch
 import yaml
 from safetensors.torch import save
 
-from dmae.commands import card, complete
-from dmae.commands.config import CardCommand, CompleteCommand
+import dmae
+from dmae.commands import complete
+from dmae.commands.config import CompleteCommand
 from dmae.completion import weights
 from dmae.completion.complete import SMOOTHING, completers
 from dmae.completion.uncertainty import CLASSES
@@ -186,11 +187,9 @@ def scored(folder, scores, weights):
     return folder
 
 
-def test_the_card_lists_data_command_and_scores(trained, scores, tmp_path, capsys):
+def test_the_card_lists_data_command_and_scores(trained, scores, tmp_path):
     folder = scored(tmp_path / "scores", scores, trained)
-    card.run(CardCommand(str(trained), [str(folder)], "make weights"), None)
-    assert "MODEL_CARD.md" in capsys.readouterr().out
-    text = (trained / "MODEL_CARD.md").read_text()
+    text = dmae.card(trained, command="make weights", scores=[folder])
     for fact in (
         "# D-MAE for shelf14",
         "2 clips of walks",
