@@ -74,8 +74,6 @@ PARAMETERS = {
     Kind.displaced: (*range(*ROTATION.indices(Q)), *range(*CENTRE.indices(Q))),
 }
 """The parameters of each kind."""
-CERTAIN = {Kind.moved: 0.02, Kind.turned: 0.0035, Kind.focal: 0.01, Kind.lens: 0.05, Kind.late: 0.0}
-"""Differences that every calibration is expected to have: 2 cm, 0.2 degrees, 1 %, k1 of 0.05."""
 
 
 @dataclass(frozen=True)

@@ -67,12 +67,12 @@ def _presets_and_options(command: Command, options: Group, whole: bool) -> Itera
     if preset:
         yield _heading("Presets (key=NAME), and the options that they set (key.option=value)")
         for group in preset:
-            yield from _group_line(command, group)
+            yield from _group_line(group)
         yield ""
     if rest := [group for group in groups if not group.presets]:
         yield _heading("Groups of options (key.option=value)")
         for group in rest:
-            yield from _group_line(command, group)
+            yield from _group_line(group)
         yield ""
     if whole:
         for group in groups:
@@ -83,7 +83,7 @@ def _presets_and_options(command: Command, options: Group, whole: bool) -> Itera
         yield ""
 
 
-def _group_line(command: Command, group: Group) -> Iterator[str]:
+def _group_line(group: Group) -> Iterator[str]:
     """A group in a line or two: its meaning, its presets, the names of its options."""
     name = group.key if group.preset is None else f"{group.key}={'...' if group.preset == REQUIRED else group.preset}"
     meaning = _first_sentence(group.meaning)
@@ -115,7 +115,7 @@ def _topic(command: Command, found: Option | Group, deep: bool = False) -> Itera
         if isinstance(member, Option):
             yield from _option(member, whole=True)
         elif not deep:
-            yield from _group_line(command, member)
+            yield from _group_line(member)
             yield f"{' ' * (_LEFT + 2)}more: {command} --help {member.key}"
     if deep:
         for member in found.members:

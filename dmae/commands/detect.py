@@ -75,7 +75,7 @@ def run(config: DetectCommand, out: Path) -> None:
 
 def interrupted(config: DetectCommand, out: Path) -> str:
     if config.clip is not None:
-        return f"{finished(out)}; the same command continues it"
+        return finished(out)
     pieces = len(list((Path(out) / _PIECES).glob("*.npz")))
     done = counted(pieces, "piece of the videos", "pieces of the videos")
     return f"done: {counted(pieces, 'photograph') if config.photos else done}; the same command continues"

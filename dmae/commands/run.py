@@ -39,4 +39,4 @@ def run(config: RunCommand, out: Path) -> None:
 
 
 def interrupted(config: RunCommand, out: Path) -> str:
-    return f"the complete parts of {out} stays; the same command continues it"
+    return f"the complete parts of {out} stay; the same command continues it"

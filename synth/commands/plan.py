@@ -31,7 +31,3 @@ def run(config: PlanConfig, out: Path) -> None:
         write_page(plan, partial / PAGE)
     print_tables([numbers_table(plan), *(mounting_table(each) for each in plan.rigs)])
     print(out / PAGE)
-
-
-def interrupted(config: PlanConfig, out: Path) -> str:
-    return f"nothing was written to {out}; the same command starts again"

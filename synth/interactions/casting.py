@@ -74,7 +74,7 @@ def _over_steps(base: Motion, role: Role, body: Body, *, rng: np.random.Generato
     turn = about("z", role.path[:, 2] - heading(base.rotations, base.fps))
     rotations = turn[:, None] @ base.rotations
     if role.lean is not None:
-        _bend(rotations, role, base.fps)
+        _bend(rotations, role)
     across = np.stack([-np.sin(role.path[:, 2]), np.cos(role.path[:, 2]), 0 * role.path[:, 2]], 1)
     swing = _SWING * gaussian_filter1d(footsteps.stride, 0.08 * base.fps, mode="nearest")
     for side, sign in (("l", 1.0), ("r", -1.0)):
@@ -88,7 +88,7 @@ def _over_steps(base: Motion, role: Role, body: Body, *, rng: np.random.Generato
     return Motion(name, base.fps, footsteps.root, rotations, body.hip_height)
 
 
-def _bend(rotations: np.ndarray, role: Role, fps: float) -> None:
+def _bend(rotations: np.ndarray, role: Role) -> None:
     """Bend the trunk forward in place, the spine half as much as the chest."""
     across = np.stack([-np.sin(role.path[:, 2]), np.cos(role.path[:, 2]), 0 * role.path[:, 2]], 1)
     for share, segments in ((0.5, [_SPINE]), (1.0, [_CHEST, _HEAD, *_ARMS["l"], *_ARMS["r"]])):
