@@ -294,7 +294,7 @@ class Completer:
         if not self.reject:
             return poses
         contradict = _of_few_views(poses) & contradicted(poses.xyz, fps, _ACCELERATION)
-        return poses.without(poses.measured & (contradict | _uncertain(poses)))
+        return poses.without(poses.measured & (contradict | uncertain(poses)))
 
     def _by_common_joints(self, poses: Poses3D, fps: float, frames: slice) -> Poses3D:
         """Complete poses of another skeleton through the joints that it has in common with the model's."""
@@ -340,7 +340,7 @@ def _with_covariances(done: Poses3D, predicted: np.ndarray, deviation: np.ndarra
     return replace(done, cov=np.where(predicted[..., None, None], variance, done.cov))
 
 
-def _uncertain(poses: Poses3D) -> np.ndarray:
+def uncertain(poses: Poses3D) -> np.ndarray:
     """Return (F, P, J) True where the stated error of a joint is greater than that of completed joints."""
     return np.trace(poses.cov, axis1=-2, axis2=-1) > 3 * _LARGEST_DEVIATION**2
 

@@ -320,7 +320,7 @@ PAPER = TrainConfig(
     ),
     examples=ExamplesConfig(
         masking=MaskingConfig(scattered=1.0, released=0.25),
-        augment=AugmentConfig(mirror=0.0, reverse=0.0, scale=0.0, speed=0.0, true_poses=0.25),
+        augment=AugmentConfig(mirror=0.0, reverse=0.0, scale=0.0, speed=0.0, true_poses=0.0),
     ),
     learning=LearningConfig(steps=22000, epoch=1000, loss=Loss.mse, lr=2e-3, max_gradient=100.0, average=0.999),
 )  # fmt: skip

@@ -23,6 +23,26 @@ def derive(poses: Poses3D, target: Skeleton) -> Poses3D:
         return absent(target, *poses.xyz.shape[:2])
 
 
+_NEAR = {"bottom_head": "neck", "top_head": "nose"}
+"""Joints of a target without a namesake, and the joint of the source that they move with."""
+
+
+def namesakes(skeleton: Skeleton) -> list[int] | None:
+    """Return for each joint the one whose code it has in the paper's network; None if there is one skeleton.
+
+    A joint of the target has that of the source's joint of the same name, else of the one it moves with, else its own.
+    """
+    if len(skeleton.parts) < 2:
+        return None
+    source, target = skeleton.parts
+    found = list(range(len(skeleton)))
+    for number, joint in enumerate(target.joints, len(source)):
+        same = joint if joint in source.joints else _NEAR.get(joint)
+        if same in source.joints:
+            found[number] = source.index(same)[0]
+    return found
+
+
 def absent(skeleton: Skeleton, frames: int, persons: int) -> Poses3D:
     """Return poses of which every joint is absent."""
     return Poses3D(skeleton, np.full((frames, persons, len(skeleton), 3), np.nan))

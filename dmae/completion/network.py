@@ -10,6 +10,9 @@ What differs from the paper, and why:
 - Time and joint are scaled to [0, 1] before they are coded, with standard deviations of their own. With integers and a
   standard deviation of 1, as in the released code, neighbouring frames have unrelated codes.
 - The matrices of the codes are saved with the weights. The released code draws them again from a seed.
+- In pose fusion a joint of the target has the code of the source's joint of the same name, and not one of its own: what
+  pretraining learned of a wrist holds for both. With codes of their own fusion had to learn each joint of the target
+  anew.
 - Keys of attention start as a multiple of the queries (`key_init`), so that a token first attends to tokens with codes
   like its own. Started at random, the network has twice the error after the same time.
 - The decoder has half of the channels and of the layers, as the paper says. The released one has as many layers.
@@ -20,6 +23,7 @@ The default network is the same class with `residual`: it predicts what to add t
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
@@ -79,12 +83,12 @@ class FourierCode(nn.Module):
 class ContextCode(nn.Module):
     """γ(j) + γ(t): the codes of joint and time of each token; both indices are scaled to [0, 1]."""
 
-    def __init__(self, config: CodesConfig, frames: int, joints: int, channels: int, with_all: bool = False):
+    def __init__(self, config: CodesConfig, frames: int, places: Tensor, channels: int, with_all: bool = False):
         super().__init__()
         self.joint = FourierCode(1, channels, config.joint_sigma) if with_all or not config.no_joint else None
         self.time = FourierCode(1, channels, config.time_sigma) if with_all or not config.no_time else None
         self.register_buffer("t", torch.linspace(0, 1, frames)[:, None, None], persistent=False)
-        self.register_buffer("j", torch.linspace(0, 1, joints)[:, None], persistent=False)
+        self.register_buffer("j", places[:, None], persistent=False)
 
     def forward(self, joints: int) -> Tensor | float:
         """Return the codes (N, C) of the tokens of the first joints."""
@@ -206,15 +210,22 @@ class DMAE(nn.Module):
     60 %.
     """
 
-    def __init__(self, config: ModelConfig, joints: int):
+    def __init__(self, config: ModelConfig, joints: int, namesakes: Sequence[int] | None = None):
+        """
+        Args:
+            namesakes: For each joint the one whose code it has, see `dmae.completion.fusion.namesakes`; by default its
+                own.
+        """
         super().__init__()
         self.config = config
+        places = torch.linspace(0, 1, joints)
+        places = places if namesakes is None else places[list(namesakes)]
         encoder, decoder, residual = config.encoder, config.decoder, config.residual
         self.register_buffer("rest", torch.zeros(joints, 3))
         """m; mean pose of the training data, see `dmae.completion.windows.rest_pose`."""
         self.signal = FourierCode(3, 2 * config.codes.signal, config.codes.signal_sigma)
         self.embed = nn.Linear(2 * config.codes.signal + residual * (3 + len(_OBSERVED_NOISE)), encoder.dim)
-        self.encoder_context = ContextCode(config.codes, config.frames, joints, encoder.dim)
+        self.encoder_context = ContextCode(config.codes, config.frames, places, encoder.dim)
         self.encoder = nn.ModuleList(
             Block(encoder.dim, encoder.heads, encoder.head_dim, encoder.mlp, config.dropout, config.key_init)
             for _ in range(encoder.depth)
@@ -224,7 +235,7 @@ class DMAE(nn.Module):
         self.narrow = nn.Linear(encoder.dim, decoder.dim)
         self.mask_token = nn.Parameter(torch.randn(decoder.dim) * 0.02)
         # Without its codes all masked tokens of a frame, or of a joint, would be one; the released code keeps them.
-        self.decoder_context = ContextCode(config.codes, config.frames, joints, decoder.dim, with_all=True)
+        self.decoder_context = ContextCode(config.codes, config.frames, places, decoder.dim, with_all=True)
         ratio = decoder.dim / encoder.dim
         head_dim, mlp = max(1, round(encoder.head_dim * ratio)), max(1, round(encoder.mlp * ratio))
         self.decoder = nn.ModuleList(

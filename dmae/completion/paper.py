@@ -8,11 +8,12 @@ What differs from the paper, and why:
 - Windows are centred on the mean of the observed hips, else of all observed joints. The paper's mid hip may be missing.
 - Both masks hide an exact number of joints, so that the tokens of a batch need no padding. One batch in four is masked
   as the released code does it: joints of the masked frames alone.
-- Fusion is learned on simulated captures before annotations: the codes of the target's joints are untrained until then.
+- Fusion is learned on simulated captures before annotations, which are of few people in few poses.
+- Of captured windows at most 160 of the observed joints are shown in training.
 - Windows in which nothing is observed predict nothing.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -50,28 +51,45 @@ class PaperWindows(NamedTuple):
 class PaperRows(NamedTuple):
     """People one after another; windows do not reach from one to the next."""
 
-    captured: np.ndarray
+    given: np.ndarray
     """(S, J, 3) m, world, NaN where unknown: what the encoder may look at. Joints of a target are never known."""
     truth: np.ndarray
     """(S, J, 3) m, world, NaN where unknown."""
     starts: np.ndarray
     """(W,) first rows of the windows."""
+    captured: bool
+    """Whether the poses to look at were captured; then they have holes of their own."""
 
 
-def paper_rows(pairs: Sequence[PosePair], frames: int, *, captured: bool) -> PaperRows:
-    """Return the rows of recordings: of their captured poses, where they have some, or of their true ones alone.
+def _all_captured(captured: Iterable[bool]) -> bool:
+    """Return whether all recordings are captured; none are if there are none."""
+    kinds = set(captured)
+    if len(kinds) > 1:
+        raise ValueError(
+            "some recordings have captured poses and others have true ones alone; expected captured poses in all, or "
+            "in none: capture the others first (dmae capture)"
+        )
+    return kinds == {True}
 
-    Windows need a known joint to look at and one to learn.
+
+def paper_rows(pairs: Sequence[PosePair], frames: int) -> PaperRows:
+    """Return the rows of recordings: of their captured poses, or where none has some of their true ones.
+
+    Of captured poses of two skeletons the target alone is learned. Windows need a known joint to look at and one to
+    learn.
+
+    Raises:
+        ValueError: some have captured poses and others have not.
     """
     parts: list[tuple[np.ndarray, ...]] = []
-    offset = 0
+    offset, captured = 0, _all_captured(bool(pair.captured) for pair in pairs)
     for pair in pairs:
-        if captured and not pair.captured:
-            continue
-        source = len(pair.truth.skeleton.parts[0])
-        truth = pair.truth.xyz
+        source, fuses = len(pair.truth.skeleton.parts[0]), captured and len(pair.truth.skeleton.parts) > 1
+        truth = pair.truth.xyz if fuses else pair.truth.xyz[:, :, :source]
         given = np.full(truth.shape, np.nan)
-        given[:, :, :source] = pair.captured.xyz if captured else truth[:, :, :source]
+        given[:, :, :source] = pair.captured.xyz if captured else truth
+        if fuses:
+            truth = np.where(np.arange(truth.shape[2])[:, None] < source, np.nan, truth)
         count, people = truth.shape[:2]
         length = max(count, frames)
         pad = ((0, length - count), (0, 0), (0, 0), (0, 0))
@@ -79,15 +97,14 @@ def paper_rows(pairs: Sequence[PosePair], frames: int, *, captured: bool) -> Pap
             np.pad(part, pad, constant_values=np.nan).swapaxes(0, 1).reshape(people * length, *part.shape[2:])
             for part in (given, truth)
         )
-        wanted = truth if captured else truth[:, :source]
-        known = [np.concatenate([[0], np.cumsum((~np.isnan(part[..., 0])).any(-1))]) for part in (given, wanted)]
+        known = [np.concatenate([[0], np.cumsum((~np.isnan(part[..., 0])).any(-1))]) for part in (given, truth)]
         starts = (np.arange(people)[:, None] * length + np.arange(length - frames + 1)).ravel()
         holds = np.all([total[starts + frames] > total[starts] for total in known], 0)
         parts.append((given.astype(np.float32), truth.astype(np.float32), starts[holds] + offset))
         offset += len(given)
     if not parts:
-        return PaperRows(np.zeros((0, 0, 3), np.float32), np.zeros((0, 0, 3), np.float32), np.zeros(0, int))
-    return PaperRows(*map(np.concatenate, zip(*parts, strict=True)))
+        return PaperRows(np.zeros((0, 0, 3), np.float32), np.zeros((0, 0, 3), np.float32), np.zeros(0, int), False)
+    return PaperRows(*map(np.concatenate, zip(*parts, strict=True)), captured)
 
 
 def hips(skeleton: Skeleton) -> list[int]:
@@ -117,7 +134,7 @@ def cut(
         angle: (B,) rad.
     """
     index, joints = starts[:, None] + np.arange(masked.shape[1]), masked.shape[2]
-    given, truth = rows.captured[index, :joints], rows.truth[index, :joints]
+    given, truth = rows.given[index, :joints], rows.truth[index, :joints]
     known = ~np.isnan(truth[..., 0])
     observed = ~np.isnan(given[..., 0]) & ~masked
     middle = centre(given, observed, hips(skeleton))
@@ -131,16 +148,27 @@ def cut(
     )
 
 
+_MOST = (40, 160)
+"""Most tokens of a captured window that are shown, drawn for each batch. They are a third of those that it has: fewer
+take half the time, and windows with equally many need no padding."""
+
+
+def _all_but(count: int, values: np.ndarray) -> np.ndarray:
+    """Return (B, T, J) True for all but the `count` least values of each window (B, T, J)."""
+    flat = values.reshape(len(values), -1)
+    return (flat.argsort(1).argsort(1) >= count).reshape(values.shape)
+
+
 class PaperBatches(Dataset):
     """Batches of windows. Batch i is the same whenever it is made.
 
-    A batch is of true poses, whose source's joints are masked twice and predicted, or of captured poses: part of the
-    source is masked, all of the target is; what is known of both is predicted.
+    Joints of true poses are masked twice. Of captured poses some are masked at random in addition to what was not
+    measured.
     """
 
     def __init__(
         self,
-        pools: Sequence[tuple[float, PaperRows, PaperRows]],
+        pools: Sequence[tuple[float, PaperRows]],
         skeleton: Skeleton,
         recipe: Recipe,
         *,
@@ -152,11 +180,12 @@ class PaperBatches(Dataset):
     ):
         """
         Args:
-            pools: Groups of recordings: the share of windows taken from each, its rows of true and of captured poses.
+            pools: Groups of recordings, all captured or none: the share of windows taken from each, and its rows.
             share: Which windows of each batch this process takes.
         """
         self.pools, self.skeleton, self.recipe, self.seed, self.share = pools, skeleton, recipe, seed, share
         self.first, self.steps, self.batch = epoch * steps, steps, batch
+        self.captured = _all_captured(rows.captured for _, rows in pools if len(rows.starts))
 
     def __len__(self) -> int:
         return self.steps
@@ -165,25 +194,26 @@ class PaperBatches(Dataset):
         if not 0 <= step < self.steps:
             raise IndexError(step)
         rng, config = generator(self.seed, self.first + step, Stream.WINDOWS), self.recipe.masking
-        captured = [share * bool(len(rows.starts)) for share, _, rows in self.pools]
-        from_truth = not any(captured) or rng.random() < self.recipe.augment.true_poses
-        shares = np.array([share * bool(len(rows.starts)) for share, rows, _ in self.pools] if from_truth else captured)
+        shares = np.array([share * bool(len(rows.starts)) for share, rows in self.pools])
         drawn = rng.choice(len(self.pools), self.batch, p=shares / shares.sum())
         frames, angle = self.recipe.model.frames, rng.uniform(-np.pi, np.pi, self.batch)
-        joints = len(self.skeleton.parts[0]) if from_truth else len(self.skeleton)
-        if from_truth:
-            released = rng.random() < config.released
-            masked = mask_scattered((frames, self.batch, joints), config.joints, config.frames, released, rng=rng)
+        shape = (frames, self.batch, max(rows.truth.shape[1] for _, rows in self.pools))
+        if self.captured:
+            # Masked tokens come last in the order in which tokens are shown.
+            order = rng.random(shape) + mask_captured(shape, config, rng=rng)
+            most = rng.integers(*_MOST, endpoint=True)
         else:
-            masked = mask_captured((frames, self.batch, joints), config, rng=rng)
-        masked = masked.swapaxes(0, 1)[self.share]
-        parts = []
-        for number, (_, true, rows) in enumerate(self.pools):
+            order = mask_scattered(shape, config.joints, config.frames, rng.random() < config.released, rng=rng)
+        order, parts = order.swapaxes(0, 1)[self.share], []
+        for number, (_, rows) in enumerate(self.pools):
             mine = drawn[self.share] == number
-            rows = true if from_truth else rows
             if len(rows.starts):
                 starts = rng.choice(rows.starts, self.batch)[self.share][mine]
-                parts.append(cut(rows, starts, masked[mine], self.skeleton, angle=angle[self.share][mine]))
+                masked = order[mine] >= 1
+                if self.captured:
+                    absent = np.isnan(rows.given[starts[:, None] + np.arange(frames)][..., 0])
+                    masked |= _all_but(most, order[mine] + 2 * absent)
+                parts.append(cut(rows, starts, masked, self.skeleton, angle=angle[self.share][mine]))
         windows = PaperWindows(*(torch.cat(part) for part in zip(*(each.windows[:2] for each in parts), strict=True)))
         return Examples(windows, *(torch.cat(part) for part in zip(*(each[1:] for each in parts), strict=True)))
 
@@ -191,24 +221,27 @@ class PaperBatches(Dataset):
 def paper_validation(
     pairs: Sequence[PosePair], skeleton: Skeleton, recipe: Recipe, rest: np.ndarray, *, seed: int, batch: int
 ) -> list[Examples]:
-    """Return examples of every recording, masked as the paper says, with interpolation inside the windows beside them.
+    """Return examples of every recording, with interpolation inside the windows beside them.
 
-    Of captured poses the target alone is hidden. Windows overlap by half.
+    True poses are masked as the paper says; of captured ones nothing is, in addition to what was not measured. Windows
+    overlap by half.
     """
-    frames, source, found = recipe.model.frames, len(skeleton.parts[0]), []
-    for captured in (False, True):
-        rows = paper_rows(pairs, frames, captured=captured)
-        starts = rows.starts[:: max(1, frames // 2)]
-        rng = generator(seed, captured, Stream.VALIDATION)
-        for begin in range(0, len(starts), batch):
-            part = starts[begin : begin + batch]
-            if captured:
-                masked = np.broadcast_to(np.arange(len(skeleton)) >= source, (len(part), frames, len(skeleton)))
-            else:
-                shape = (frames, len(part), source)
-                masked = mask_scattered(shape, recipe.masking.joints, recipe.masking.frames, rng=rng).swapaxes(0, 1)
-            made = cut(rows, part, masked, skeleton)
-            found.append(made._replace(windows=made.windows._replace(base=interpolated(made.windows, rest))))
+    frames, rows, found = recipe.model.frames, paper_rows(pairs, recipe.model.frames), []
+    starts, joints = rows.starts[:: max(1, frames // 2)], rows.truth.shape[1]
+    rng = generator(seed, rows.captured, Stream.VALIDATION)
+    for begin in range(0, len(starts), batch):
+        part = starts[begin : begin + batch]
+        masked = np.zeros((len(part), frames, joints), bool)
+        if not rows.captured:
+            shape = (frames, len(part), joints)
+            masked = mask_scattered(shape, recipe.masking.joints, recipe.masking.frames, rng=rng).swapaxes(0, 1)
+        made = cut(rows, part, masked, skeleton)
+        base = interpolated(made.windows, rest)
+        if rows.captured:
+            # Of a target, as if its joints were those of the source, at their own heights.
+            same = fusion.namesakes(skeleton) or list(range(joints))
+            base = base[:, :, same] + torch.from_numpy((rest - rest[same]) * (0, 0, 1)).float()
+        found.append(made._replace(windows=made.windows._replace(base=base)))
     return found
 
 

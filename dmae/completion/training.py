@@ -35,6 +35,7 @@ from torch.utils.data import DataLoader, Dataset
 
 from dmae.completion.complete import Completer
 from dmae.completion.config import Loss, Precision, TrainConfig
+from dmae.completion.fusion import namesakes
 from dmae.completion.network import DMAE, Prediction
 from dmae.completion.paper import PaperBatches, PaperRows, paper_rows, paper_validation
 from dmae.completion.training_data import (
@@ -274,7 +275,7 @@ class Learner(lightning.LightningModule):
         self.model, self.train_config, self.timer, self.limit = model, config, timer, limit
         self.pairs, self.extra, self.recipe, self.validation = pairs, extra, recipe, validation
         self.skeleton, self.mean_loss = skeleton, float("nan")
-        self._rows: dict[int, tuple[PaperRows, PaperRows]] = {}
+        self._rows: dict[int, PaperRows] = {}
 
     def fraction(self) -> float:
         """Return how much of the training is done, by steps or by time, in [0, 1]."""
@@ -325,17 +326,16 @@ class Learner(lightning.LightningModule):
         else:
             shares = ((1 - replay, self.pairs), (replay, self.extra))
             batches = PaperBatches(
-                [(share, *self._paper_rows(pairs)) for share, pairs in shares], self.skeleton, self.recipe,
+                [(share, self._paper_rows(pairs)) for share, pairs in shares], self.skeleton, self.recipe,
                 share=slice(rank, None, ranks), **order,
             )  # fmt: skip
         self.limit.preparing = time.monotonic() - begun
         return DataLoader(batches, batch_size=None, num_workers=config.examples.workers)
 
-    def _paper_rows(self, pairs: list[PosePair]) -> tuple[PaperRows, PaperRows]:
-        """Return the rows of true poses and of captured ones; made once."""
+    def _paper_rows(self, pairs: list[PosePair]) -> PaperRows:
+        """Return the rows of recordings; made once."""
         if id(pairs) not in self._rows:
-            true, captured = (paper_rows(pairs, self.recipe.model.frames, captured=each) for each in (False, True))
-            self._rows[id(pairs)] = true, captured
+            self._rows[id(pairs)] = paper_rows(pairs, self.recipe.model.frames)
         return self._rows[id(pairs)]
 
     def val_dataloader(self) -> DataLoader:
@@ -583,7 +583,8 @@ def train(
         model.train()
         rest = model.rest.numpy().astype(np.float64)
     else:
-        model, record = DMAE(config.model, len(skeleton)), {"calibration": None}
+        codes = None if config.model.residual else namesakes(skeleton)
+        model, record = DMAE(config.model, len(skeleton), codes), {"calibration": None}
         rest = _rest_pose(found, skeleton, config)
         model.rest.copy_(torch.from_numpy(rest))
     recipe = Recipe(config.model, rest, config.examples.masking, config.examples.augment)

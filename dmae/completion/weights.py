@@ -19,6 +19,7 @@ from torch import Tensor
 from torch.overrides import TorchFunctionMode
 
 from dmae.completion.config import ModelConfig, model_config
+from dmae.completion.fusion import namesakes
 from dmae.completion.network import DMAE
 from dmae.data.skeleton import Skeleton, decode_skeleton, encode, get_skeleton
 from dmae.data.store import write_atomic
@@ -108,7 +109,7 @@ def load_model(folder: Path) -> tuple[DMAE, Skeleton, dict]:
             tensors, options = _from_format_4(tensors, options)
         config = model_config(options)
         _check_sizes(config, len(skeleton), tensors)
-        model = DMAE(config, len(skeleton))
+        model = DMAE(config, len(skeleton), None if config.residual else namesakes(skeleton))
         model.load_state_dict(tensors)
     except (KeyError, TypeError, AttributeError, RuntimeError, ValueError, OverflowError, SafetensorError) as error:
         raise ValueError(f"{folder}: not a model of this version of dmae: {error}") from None

@@ -88,15 +88,12 @@ RECORDED = {
         "rays,gaussian_process,reject_pchip,reject_gaussian_process,dmae,dmae_reject]",
         "5 minutes",
     ),
-    "table_1": ("dmae table number=1 data=shelf data.path=$DMAE_DATA/shelf", "2 minutes"),
-    "table_2": ("dmae table number=2 data=shelf data.path=$DMAE_DATA/shelf", "20 minutes"),
     **{
-        name: (
-            f"{_CAPTURED_PEOPLE} && dmae table number={name[6]} data=shelf data.path=$DMAE_DATA/shelf systems=[] "
-            "extra_data=[captured]",
-            "20 minutes",
+        f"table_{number}": (
+            f"{_CAPTURED_PEOPLE} && dmae table {asked} data=shelf data.path=$DMAE_DATA/shelf extra_data=[captured]",
+            "an hour",
         )
-        for name in ("table_1_network", "table_2_network", "table_4")
+        for number, asked in ((1, "number=1"), (2, "number=2 systems=[]"), (4, "number=4"))
     },
     "table_3": (
         f"{_INTERACTIONS} && "

@@ -10,7 +10,7 @@ from dmae.cli import DMAE as PROGRAM
 from dmae.cli import compose
 from dmae.completion.complete import load_completer
 from dmae.completion.config import PAPER, DecoderConfig, EncoderConfig, MaskingConfig, TrainConfig
-from dmae.completion.fusion import true_pair
+from dmae.completion.fusion import namesakes, true_pair
 from dmae.completion.network import DMAE
 from dmae.completion.paper import PaperBatches, PaperCompleter, centre, cut, interpolated, paper_rows, paper_validation
 from dmae.completion.training import train
@@ -18,7 +18,7 @@ from dmae.completion.training_data import PosePair, Recipe, mask_captured, mask_
 from dmae.completion.weights import load_model, weights_folder
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.conversion import convert
-from dmae.data.skeleton import BODY21, SHELF14, get_skeleton
+from dmae.data.skeleton import BODY21, HALPE26, SHELF14, get_skeleton
 from tests.dmae.completion.test_fusion import FPS, pair, walk, with_holes
 from tests.support.circling_people import clip_of
 
@@ -93,16 +93,16 @@ def test_windows_are_centred_on_the_hips_that_are_observed():
 def test_windows_do_not_reach_from_one_person_to_the_next():
     poses = two(0, 20)
     xyz = np.broadcast_to(np.arange(3)[None, :, None, None], poses.xyz.shape)
-    rows = paper_rows([PosePair(replace(poses, xyz=xyz))], 15, captured=False)
+    rows = paper_rows([PosePair(replace(poses, xyz=xyz))], 15)
     assert rows.starts.tolist() == [start + 20 * person for person in range(3) for start in range(6)]
     assert {len(np.unique(rows.truth[start : start + 15])) for start in rows.starts} == {1}
-    short = paper_rows([PosePair(two(0, 9))], 15, captured=False)
+    short = paper_rows([PosePair(two(0, 9))], 15)
     assert len(short.starts) == 3
     assert np.isnan(short.truth[9:15]).all(), "short recordings are padded"
 
 
 def test_a_window_is_turned_and_moved_and_hides_what_is_masked():
-    rows = paper_rows([PosePair(two(0))], 15, captured=False)
+    rows = paper_rows([PosePair(two(0))], 15)
     masked = mask_scattered((15, 4, 21), 0.5, 0.5, rng=np.random.default_rng(1)).swapaxes(0, 1)
     starts, angle = rows.starts[:4], np.array([0.0, 1.0, 2.0, 3.0])
     made = cut(rows, starts, masked, SKELETON, angle=angle)
@@ -118,37 +118,64 @@ def test_a_window_is_turned_and_moved_and_hides_what_is_masked():
 
 
 def batches(*pools) -> PaperBatches:
-    made = [
-        (share, *(paper_rows(pairs, 15, captured=captured) for captured in (False, True))) for share, pairs in pools
-    ]
+    made = [(share, paper_rows(pairs, 15)) for share, pairs in pools]
     return PaperBatches(made, SKELETON, RECIPE, seed=1, epoch=0, steps=40, batch=16)
 
 
-def test_a_batch_is_of_true_poses_or_of_captured_ones_and_the_same_again():
-    captured = [PosePair(two(seed), with_holes(convert(walk(seed, 40), BODY21), seed)) for seed in (0, 1)]
-    mixed, kinds = batches((1.0, captured)), set()
-    for step in range(40):
-        batch = mixed[step]
-        observed, joints = batch.windows.observed, batch.truth.shape[2]
-        kinds.add((joints, bool((observed.sum((1, 2)) == observed[0].sum()).all())))
-        assert joints in (21, 35)
-        assert not observed[:, :, 21:].any(), "the target is never shown"
-        again = mixed[step]
+def captured_pair(seed: int) -> PosePair:
+    return PosePair(two(seed), with_holes(convert(walk(seed, 40), BODY21), seed))
+
+
+def test_batches_of_true_poses_hide_joints_of_the_source_and_need_no_padding():
+    made = batches((1.0, [PosePair(two(0))]))
+    for step in range(9):
+        observed = made[step].windows.observed
+        assert observed.shape == (16, 15, 21)
+        assert (observed.sum((1, 2)) == observed[0].sum()).all()
+        assert torch.equal(made[step].hidden, ~observed)
+
+
+def test_of_captured_poses_the_target_alone_is_learned_and_none_of_it_is_shown():
+    made = batches((1.0, [captured_pair(0), captured_pair(1)]))
+    for step in range(9):
+        batch, again = made[step], made[step]
+        assert not batch.windows.observed[..., 21:].any() and batch.windows.observed[..., :21].any()
+        assert batch.hidden[..., 21:].all() and not batch.hidden[..., :21].any()
+        assert not batch.observed.any()
         assert all(torch.equal(*parts) for parts in zip(batch[1:], again[1:], strict=True))
-    assert kinds == {(21, True), (35, False)}, "masks of true poses need no padding"
-    assert {batches((1.0, [PosePair(two(0))]))[step].truth.shape[2] for step in range(9)} == {21}
+
+
+def test_captured_poses_and_true_ones_alone_are_not_mixed():
+    with pytest.raises(ValueError, match="expected captured poses in all, or in none: capture the others first"):
+        batches((0.5, [captured_pair(0)]), (0.5, [PosePair(two(1))]))
 
 
 def test_a_share_of_the_windows_is_replayed():
-    high = replace(two(0), xyz=two(0).xyz + np.float32((0, 0, 50)))
-    make = lambda poses: PosePair(poses, convert(poses, BODY21))  # noqa: E731
-    made = batches((0.25, [make(two(0))]), (0.75, [make(high)]))
-    rows = [pool[2] for pool in made.pools]
-    assert all(len(each.starts) for each in rows)
-    found = [made[step].truth.shape[0] for step in range(40)]
-    assert set(found) == {16}
-    with_one = batches((0.5, [make(two(0))]), (0.5, []))
-    assert with_one[0].truth.shape[0] == 16
+    far = [PosePair(replace(two(0), xyz=2 * two(0).xyz), convert(two(0), BODY21))]
+    made = batches((0.25, [captured_pair(0)]), (0.75, far))
+    heights = np.concatenate([made[step].truth[..., 21:, 2].flatten(1).std(1).numpy() for step in range(40)])
+    assert abs((heights > 0.6).mean() - 0.75) < 0.1, "people of the replayed recording are twice as tall"
+    assert batches((0.5, [captured_pair(0)]), (0.5, []))[0].truth.shape[0] == 16
+
+
+def test_a_joint_of_the_target_has_the_code_of_its_namesake():
+    net = DMAE(TINY.model, len(SKELETON), namesakes(SKELETON))
+    for context in (net.encoder_context, net.decoder_context):
+        code = context(len(SKELETON)).view(15, len(SKELETON), -1)
+        for joint in ("l_wrist", "r_hip"):
+            own, other = BODY21.index(joint)[0], 21 + SHELF14.index(joint)[0]
+            assert torch.equal(code[:, own], code[:, other])
+        assert len(code[0].unique(dim=0)) == 21, "the ends of the head have those of the neck and the nose"
+    assert namesakes(BODY21) is None
+    assert namesakes(get_skeleton("coco17+halpe26"))[17 + HALPE26.index("neck")[0]] == 17 + HALPE26.index("neck")[0]
+
+
+def test_what_pretraining_learned_holds_for_the_target_before_fusion_is_learned():
+    model, skeleton, _ = load_model(weights_folder("paper"))
+    given, truth = with_holes(walk(5), 5), pair(walk(5)).xyz[:, :, 25:]
+    fused = PaperCompleter(model, skeleton, fuse=True)(given, FPS)
+    same = [number for number, joint in enumerate(SHELF14.joints) if joint in BODY21.joints]
+    assert np.nanmean(np.linalg.norm(fused.xyz - truth, axis=-1)[:, :, same]) < 0.05
 
 
 def test_interpolation_inside_a_window_knows_nothing_outside_it():
