@@ -164,13 +164,13 @@ def test_completed_joints_are_no_evidence():
 
 
 def test_denoising_moves_and_marks_measured_joints(clips, tmp_path):
-    config = changed(LEARNING, steps=150, observed_weight=1.0, augment=AugmentConfig(noise=0.03))
+    config = changed(LEARNING, steps=300, observed_weight=1.0, augment=AugmentConfig(noise=0.03))
     truth = circling(5, frames=100)
     noisy = Poses3D(SHELF14, truth.xyz + np.random.default_rng(0).normal(0, 0.02, truth.xyz.shape))
     done = load_completer(train(config, clips, tmp_path), denoise=True)(noisy, FPS)
     assert (done.source == Source.DENOISED).all()
     before, after = (np.linalg.norm(poses.xyz - truth.xyz, axis=-1).mean() for poses in (noisy, done))
-    assert after < 0.96 * before
+    assert after < 0.9 * before
 
 
 def test_joints_of_three_views_are_not_denoised():
