@@ -402,7 +402,7 @@ def table(number: int, data: str | Path, out: str | Path, config: TableConfig | 
 
     Examples:
         >>> for clip in synth.generate(seconds=1, clips=1, seed=7, out="walks"): pass
-        >>> made = dmae.table(2, "walks/000000", "table", dmae.TableConfig(size="small"))
+        >>> made = dmae.table(1, "walks/000000", "table", dmae.TableConfig(size="small"))
         >>> sorted({row["origin"] for row in made["rows"]})
         ['measured here', 'not measured', 'published']
     """
