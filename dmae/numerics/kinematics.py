@@ -14,7 +14,7 @@ J. Biomech. 2002 and 2005; Grood and Suntay, J. Biomech. Eng. 1983). Names, sign
 
 Hips, shoulders and neck do not show how the pelvis tilts. Two things say it. The pelvis is level while the person
 stands upright: this defines its axes, as a static trial does in gait laboratories. From there, the lumbar spine bends
-by a third of the angle between trunk and thighs. The share and its standard deviation are from recordings of CMU, whose
+by 36 % of the angle between trunk and thighs. The share and its standard deviation are from recordings of CMU, whose
 subjects had markers on the pelvis (`docs/tools/angles.py`).
 """
 
@@ -67,7 +67,7 @@ _SIDES = (
     _Segment("shank", "thigh", (0, -0.245, 0), (2, 6, 60), "knee"),
     _Segment("foot", "shank", (0, -0.246, 0), (10, 8, 30), "ankle"),
 )
-_LUMBAR_SHARE = 1 / 3
+_LUMBAR_SHARE = 0.36
 """Lean of the trunk against the pelvis as a share of the angle between trunk and thighs, from upright standing."""
 _LUMBAR_SD = (4.0, 0.09)
 """Standard deviation of this lean: degrees in upright standing, and degrees more for each degree away from it."""
