@@ -418,6 +418,10 @@ class AverageWeights(WeightAveraging):
     def __init__(self, decay: float):
         super().__init__(avg_fn=partial(_blend, decay), use_buffers=False)
 
+    def on_fit_end(self, trainer, learner):
+        # Lightning does this at the end of training, which a run resumed after the last step does not reach.
+        self._copy_average_to_current(learner)
+
 
 def _blend(decay: float, average: Tensor, current: Tensor, count: int | Tensor) -> Tensor:
     return average.lerp(current, 1 - min(decay, (1 + float(count)) / (10 + float(count))))

@@ -95,6 +95,10 @@ def test_resuming_is_exact(clips, trained, tmp_path, monkeypatch):
     assert not (tmp_path / "model.json").exists()
     monkeypatch.undo()
     assert same(weights(train(TINY, clips, tmp_path)), weights(trained))
+    # As if it was killed during calibration, after the last step: averaged weights are what is kept.
+    for name in ("model.json", "weights.safetensors"):
+        (tmp_path / name).unlink()
+    assert same(weights(train(TINY, clips, tmp_path)), weights(trained))
 
 
 def test_the_seed_decides(clips, trained, tmp_path):
