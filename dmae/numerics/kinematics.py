@@ -65,7 +65,7 @@ _SIDES = (
     _Segment("hand", "forearm", (0, -0.146, 0), (25, 5, 30), "wrist"),
     _Segment("thigh", "pelvis", (0, 0, 0.052), (30, 25, 50), "hip"),
     _Segment("shank", "thigh", (0, -0.245, 0), (2, 6, 60), "knee"),
-    _Segment("foot", "shank", (0, -0.246, 0), (10, 8, 30), "ankle"),
+    _Segment("foot", "shank", (0, -0.246, 0), (10, 15, 30), "ankle"),
 )
 _LUMBAR_SHARE = 0.36
 """Lean of the trunk against the pelvis as a share of the angle between trunk and thighs, from upright standing."""
