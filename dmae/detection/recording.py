@@ -247,7 +247,7 @@ def _detected_alone(
         return replace(camera, name=f"{camera.name}/{number}", times=camera.times[number : number + 1], read=read)
 
     alone = [one(camera, number) for camera in cameras for number in range(len(camera))]
-    found = detect_people(alone, replace(config, search_every=1), pieces, workers)
+    found = detect_people(alone, replace(config, photographs=True), pieces, workers)
     return {camera.name: [found[f"{camera.name}/{number}"][0] for number in range(len(camera))] for camera in cameras}
 
 
@@ -477,10 +477,10 @@ def detect_photographs(
 ) -> tuple[Detections2D, tuple[str, ...]]:
     """Return the people of N photographs, (1, N, D, J), and notes on them.
 
-    All windows of each photograph are searched. For other arguments and errors see `detect_recording`.
+    Each is searched as `detector.photographs=true` says. For other arguments and errors see `detect_recording`.
     """
     target, own = output_skeleton(skeleton), make_detector(config).skeleton
-    found = detect_people(photographs.cameras, replace(config, search_every=1), pieces, workers)
+    found = detect_people(photographs.cameras, replace(config, photographs=True), pieces, workers)
     each = [found[camera.name] for camera in photographs.cameras]
     detections = to_detections(each, [np.zeros(1, int)] * len(each), 1, own)
     unreadable = [name for name, (people,) in found.items() if people is None]

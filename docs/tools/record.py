@@ -101,6 +101,11 @@ RECORDED = {
         "systems=[4d_association,mvpose,pictorial_structures,plane_sweep]",
         "10 minutes",
     ),
+    "table_6": (
+        "synth generate clips=2 seed=91 rig=ring rig.ring.views=7 scene.seconds=4 'scene.persons=[3,4]' out=seven && "
+        "dmae table number=6 data=seven size=small systems=[]",
+        "5 minutes",
+    ),
     "stress_generated": (
         "synth generate out=clips clips=2 seed=11 scene.seconds=4 scene.persons=[3,3] workers=2 && "
         "dmae stress data=clips workers=2",

@@ -48,6 +48,21 @@ def test_a_person_is_followed_and_an_empty_picture_is_empty(picture):
     assert len(detector(np.zeros_like(picture))[0]) == 0
 
 
+@real
+def test_a_person_cut_off_by_the_border_is_found_in_a_photograph(picture):
+    (person,) = PeopleDetector(PoseDetectorConfig(windows=[1.0]))(picture)
+    head, shoulder = (person.xy[BLAZEPOSE33.index(joint)[0]].round().astype(int) for joint in ("nose", "l_shoulder"))
+    size = 2 * (shoulder[1] - head[1])
+    cut = picture[head[1] - size : head[1] + size, head[0] - size : head[0] + size]
+    assert len(PeopleDetector(PoseDetectorConfig())(cut)) == 0
+    detector = PeopleDetector(PoseDetectorConfig(photographs=True))
+    for _ in range(2):
+        (found,) = detector(cut)
+        face = (found.xy + head - size - person.xy)[: BLAZEPOSE33.index("l_shoulder")[0]]
+        assert np.hypot(*face.T).max() < 0.05 * person.region.radius
+        assert len(detector(np.zeros_like(cut))) == 0
+
+
 class _SeesLate(PeopleDetector):
     """Searches for nobody in the first two pictures."""
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dmae.data.skeleton import BLAZEPOSE33
-from dmae.detection.detectors.blazepose import _is_cut, _merged, anchors, same_region, windows_of
+from dmae.detection.detectors.blazepose import _is_cut, _merged, anchors, same_region, shares_of, windows_of
 from dmae.detection.detectors.landmarks import (
     TORSO,
     Person,
@@ -19,6 +19,7 @@ from dmae.detection.detectors.landmarks import (
     pyramid_of,
     same_torso,
 )
+from dmae.detection.registry import PoseDetectorConfig
 
 
 def test_anchors_are_those_of_the_network():
@@ -51,6 +52,15 @@ def test_windows_cover_the_picture_and_keep_in_it():
         assert left >= 0 and top >= 0
         covered[top : top + round(each.side), left : left + round(each.side)] = True
     assert covered.all()
+
+
+def test_windows_of_photographs_shrink_to_small_people():
+    assert shares_of(PoseDetectorConfig(), 1920, 1080) == (1.0, 0.6, 0.35)
+    photograph = PoseDetectorConfig(photographs=True)
+    np.testing.assert_allclose(shares_of(photograph, 640, 480), (1.5, 1, 0.6, 0.36))
+    assert 240 / 1920 >= shares_of(photograph, 1080, 1920)[-1] > 0.6 * 240 / 1920
+    assert 0.12 >= shares_of(photograph, 12000, 8000)[-1] > 0.6 * 0.12
+    assert shares_of(replace(photograph, windows=[2.0, 0.5]), 640, 480) == (2.0, 0.5)
 
 
 def test_boxes_that_overlap_become_their_mean():
