@@ -407,23 +407,34 @@ _LEAST_RADIUS = 0.02
 """m; smallest assumed residual of views that agree, even if the residual is smaller."""
 _DISAGREEMENT = 0.25
 """m; residual of a joint on which views do not agree."""
+_SHARES = np.array([0.5, 0.8])
+"""Shares of the joints whose residuals are judged."""
+_PAIRS = np.array([0.38, 0.76])
+"""m; R for each share: figures of two views agree within a residual r by chance with probability (r / R)^2."""
+_SHAPES = np.array([[3.0, 0.0], [4800.0, 4.0]])
+"""c and d, r in m, for each share: a third figure that is within 2 r of the place of two others agrees with them in its
+shape with probability c r^d; more than 1 as figures agree from farther away."""
 
 
 @compiled()
 def beyond_chance(projections, focal, width, xy, assigned, xyz, used, figures, most, supported):
     """Find the people with views that agree better than unrelated figures would.
 
-    Assume that the n_v figures of each view are spread over the floor at random, and that a view overlooks the area
-    z_v^2 width_v / focal_v at the person's depth z_v. A figure is then within 2 r of a given place with probability
-    p_v = pi (2 r)^2 / area_v, and any figure of the view with probability a_v = 1 - exp(-n_v p_v). There are 1 / p
-    of these places. The number of places at which k of the views agree within 2 r by chance is thus
+    Figures of two views that have nothing to do with each other agree within r with probability q = (r / R)^2: rays of
+    most joints meet if the figures have the same size and height above the floor there. A figure of a third view also
+    has to be at this place, and to have this shape. Assume that figures are spread over the floor at random, and that a
+    view overlooks the area z_v^2 width_v / focal_v at the person's depth z_v. A third figure then agrees with
+    probability p_v = s pi (2 r)^2 / area_v, with s the probability of its shape. View v has n_v figures. The expected
+    number of times that k views agree by chance is thus
 
-        E = e_k(a_1, ..., a_V) / p,
+        E = q e_k(n_1 p_1, ..., n_V p_V) / p^2,
 
-    with e_k the elementary symmetric polynomial, the sum over all choices of k views. A person of k views with median
-    residual r is supported if E is at most `most`. This is the a contrario rule of Desolneux, Moisan & Morel (IJCV
-    2000). The figures of supported people are explained, so they do not count for later people. People with more views
-    are tested first; among people with equally many views, those with smaller residuals.
+    with e_k the elementary symmetric polynomial, the sum over all choices of k views. It is computed with r the residual
+    that half of the joints have at most, and with r that of four fifths of them, where s is small; the smaller E counts. This is the a contrario rule of Desolneux, Moisan & Morel (IJCV 2000). Probabilities were measured on
+    figures of random poses, directions, sizes and places, in the images and on the floor.
+
+    People with an E of at most `most` are supported. Their figures are explained, so they do not count for later people.
+    People with more views are tested first; among people with equally many views, those with smaller residuals.
 
     Args:
         projections: (V, 3, 4) pinhole projection matrices.
@@ -439,86 +450,95 @@ def beyond_chance(projections, focal, width, xy, assigned, xyz, used, figures, m
     """
     persons, views, _ = assigned.shape
     depth, agrees = np.zeros((persons, views)), np.zeros((persons, views), np.bool_)
-    radius2, key = np.zeros(persons), np.zeros(persons)
+    radius2, key = np.zeros((persons, len(_SHARES))), np.zeros(persons)
     chance, polynomial = np.zeros(views), np.zeros(views + 1)
     for p in range(persons):
-        radius2[p] = _measure(projections, focal, xy, assigned[p], xyz[p], used[p], depth[p], agrees[p])
-        key[p] = radius2[p] - agrees[p].sum()
+        _measure(projections, focal, xy, assigned[p], xyz[p], used[p], depth[p], agrees[p], radius2[p])
+        key[p] = radius2[p, 0] - agrees[p].sum()
     for p in np.argsort(key):
+        count, least = agrees[p].sum(), np.inf
         supported[p] = False
-        count = agrees[p].sum()
         if count < 2:
             continue
-        polynomial[0], cell = 1.0, 0.0
-        for v in range(views):
-            near = 0.0
-            if depth[p, v] > 0:
-                near = min(1.0, 4 * np.pi * radius2[p] * focal[v] / (width[v] * depth[p, v] ** 2))
-            if agrees[p, v]:
-                cell += near / count
-            chance[v] = 1 - np.exp(-max(figures[v], 0.0) * near)
-        for k in range(1, views + 1):
-            polynomial[k] = 0.0
-        for v in range(views):
-            for k in range(v + 1, 0, -1):
-                polynomial[k] += polynomial[k - 1] * chance[v]
-        if polynomial[count] <= most * cell:
+        for share in range(len(_SHARES)):
+            shape = _SHAPES[share, 0] * np.sqrt(radius2[p, share]) ** _SHAPES[share, 1]
+            polynomial[:], place = 0.0, 0.0
+            polynomial[0] = 1.0
+            for v in range(views):
+                near = 0.0
+                if depth[p, v] > 0:
+                    near = min(1.0, shape * 4 * np.pi * radius2[p, share] * focal[v] / (width[v] * depth[p, v] ** 2))
+                if agrees[p, v]:
+                    place += near / count
+                chance[v] = max(figures[v], 0.0) * near
+            for v in range(views):
+                for k in range(v + 1, 0, -1):
+                    polynomial[k] += polynomial[k - 1] * chance[v]
+            pairs = min(1.0, radius2[p, share] / _PAIRS[share] ** 2)
+            least = min(least, polynomial[count] * pairs / place**2)
+        if least <= most:
             supported[p] = True
             for v in range(views):
                 figures[v] -= agrees[p, v]
 
 
 @compiled()
-def _measure(projections, focal, xy, assigned, xyz, used, depth, agrees):
-    """Return the median squared residual of a person, m^2; write its depth in each view, m, and the views that agree.
+def _measure(projections, focal, xy, assigned, xyz, used, depth, agrees, radius2):
+    """Write the depth of a person in each view, m, the views that agree, and the squared residual, m^2, that each of
+    `_SHARES` of the joints in these views has at most.
 
-    A view agrees if three joints or more, and half of those that it and another view detect, were triangulated from it.
+    The figure of a view is the detection that shows most joints there; fragments of others are not judged. A view
+    agrees if three joints or more, and half of those that it and another view detect, were triangulated from its
+    figure. False positives in the other views say nothing about those that agree, so only these have residuals.
     """
     views, joints = assigned.shape
     middle, known = np.zeros(3), 0
-    squares = np.full(joints, _DISAGREEMENT**2)
-    counts, detected = np.zeros(joints, np.int64), 0
     for j in range(joints):
-        total = 0.0
-        for v in range(views):
-            counts[j] += assigned[v, j] >= 0
-        if counts[j] < 2:
-            continue
-        detected += 1
-        if np.isnan(xyz[j, 0]):
-            squares[detected - 1] = _DISAGREEMENT**2
-            continue
-        known += 1
-        for k in range(3):
-            middle[k] += xyz[j, k]
-        for v in range(views):
-            d = assigned[v, j]
-            if d < 0:
-                continue
-            P = projections[v]
-            z = P[2, 0] * xyz[j, 0] + P[2, 1] * xyz[j, 1] + P[2, 2] * xyz[j, 2] + P[2, 3]
-            if z <= 0:
-                total += _DISAGREEMENT**2
-                continue
-            x = (P[0, 0] * xyz[j, 0] + P[0, 1] * xyz[j, 1] + P[0, 2] * xyz[j, 2] + P[0, 3]) / z - xy[v, d, j, 0]
-            y = (P[1, 0] * xyz[j, 0] + P[1, 1] * xyz[j, 1] + P[1, 2] * xyz[j, 2] + P[1, 3]) / z - xy[v, d, j, 1]
-            total += min((x * x + y * y) * (z / focal[v]) ** 2, _DISAGREEMENT**2)
-        # There are 2 n coordinates, and the point has three degrees of freedom.
-        squares[detected - 1] = min(total / (2 * counts[j] - 3), _DISAGREEMENT**2)
+        if not np.isnan(xyz[j, 0]):
+            known += 1
+            middle += xyz[j]
+    figure, counts = np.full(views, -1), np.zeros(joints, np.int64)
     for v in range(views):
+        most = 0
+        for j in range(joints):
+            same = (assigned[v] == assigned[v, j]).sum()
+            if assigned[v, j] >= 0 and same > most:
+                figure[v], most = assigned[v, j], same
         shown, fitted = 0, 0
         for j in range(joints):
-            if assigned[v, j] >= 0 and counts[j] > 1:
+            if figure[v] >= 0 and assigned[v, j] == figure[v] and (assigned[:, j] >= 0).sum() > 1:
                 shown += 1
                 fitted += used[j, v] and not np.isnan(xyz[j, 0])
         agrees[v] = fitted >= 3 and 2 * fitted >= shown
         if known:
             P = projections[v, 2]
             depth[v] = (P[0] * middle[0] + P[1] * middle[1] + P[2] * middle[2]) / known + P[3]
-    if not detected:
-        return _DISAGREEMENT**2
-    ordered = np.sort(squares[:detected])
-    return max(ordered[detected // 2], _LEAST_RADIUS**2)
+        if agrees[v]:
+            counts += assigned[v] == figure[v]
+    squares, judged = np.empty(joints), 0
+    radius2[:] = 0.0
+    for v in range(views):
+        detected = 0
+        for j in range(joints):
+            d = figure[v]
+            if not agrees[v] or assigned[v, j] != d or counts[j] < 2:
+                continue
+            P, square = projections[v], np.inf
+            z = P[2, 0] * xyz[j, 0] + P[2, 1] * xyz[j, 1] + P[2, 2] * xyz[j, 2] + P[2, 3]
+            if z > 0:
+                x = (P[0, 0] * xyz[j, 0] + P[0, 1] * xyz[j, 1] + P[0, 2] * xyz[j, 2] + P[0, 3]) / z - xy[v, d, j, 0]
+                y = (P[1, 0] * xyz[j, 0] + P[1, 1] * xyz[j, 1] + P[1, 2] * xyz[j, 2] + P[1, 3]) / z - xy[v, d, j, 1]
+                # There are 2 n coordinates, and the point has three degrees of freedom.
+                square = counts[j] / (2 * counts[j] - 3) * (x * x + y * y) * (z / focal[v]) ** 2
+            squares[detected] = min(square, _DISAGREEMENT**2)
+            detected += 1
+        if detected:
+            judged += 1
+            ordered = np.sort(squares[:detected])
+            for share in range(len(_SHARES)):
+                radius2[share] += ordered[min(int(_SHARES[share] * detected), detected - 1)]
+    for share in range(len(_SHARES)):
+        radius2[share] = max(radius2[share] / judged, _LEAST_RADIUS**2) if judged else _DISAGREEMENT**2
 
 
 @compiled()
