@@ -261,9 +261,10 @@ def fit(found: Residuals, prior: DetectionNoise, start: DetectionNoise, skeleton
             mean = each[group].mean()
             each /= mean
             level2 = max(level2 * mean, _LEAST_M**2)
-    shape = np.sqrt(shape2[:-1])
-    if told.any() and shape.max(initial=1) < (1 + _SAYS) * shape.min(initial=1):
-        constant[:] = True
+    shape, scored = np.sqrt(shape2[:-1]), np.unique(bin_[told])
+    if told.any():
+        each = np.sqrt(np.median(floor2) + np.median(found.scale) ** 2 * level2 * shape2[scored])
+        constant[:] |= each.max() < (1 + _SAYS) * each.min()
     model = prior.model
     usual = float(model.sigma(np.array(USUAL)))
     confidences = (model.sigma_unsure_m - usual * shape) / (model.sigma_unsure_m - model.sigma_sure_m)

@@ -429,12 +429,15 @@ def beyond_chance(projections, focal, width, xy, assigned, xyz, used, figures, m
 
         E = q e_k(n_1 p_1, ..., n_V p_V) / p^2,
 
-    with e_k the elementary symmetric polynomial, the sum over all choices of k views. It is computed with r the residual
-    that half of the joints have at most, and with r that of four fifths of them, where s is small; the smaller E counts. This is the a contrario rule of Desolneux, Moisan & Morel (IJCV 2000). Probabilities were measured on
-    figures of random poses, directions, sizes and places, in the images and on the floor.
+    with e_k the elementary symmetric polynomial, the sum over all choices of k views. It is computed with r the
+    residual that half of the joints have at most, and with r that of four fifths of them, where s is small; the
+    smaller E counts. This is the a contrario rule of Desolneux, Moisan & Morel (IJCV 2000). Probabilities were measured
+    on figures of random poses, directions, sizes and places, in the images and on the floor.
 
-    People with an E of at most `most` are supported. Their figures are explained, so they do not count for later people.
-    People with more views are tested first; among people with equally many views, those with smaller residuals.
+    People with more views are tested first; among people with equally many views, those with smaller residuals. The
+    first is supported if E is at most `most`. The figures of supported people are explained, so they do not count for
+    later ones; and if a share of all figures is explained by m people, so may be the others, and E may be `most` for
+    each of them: it is at most (1 + share * m) times `most`.
 
     Args:
         projections: (V, 3, 4) pinhole projection matrices.
@@ -455,6 +458,7 @@ def beyond_chance(projections, focal, width, xy, assigned, xyz, used, figures, m
     for p in range(persons):
         _measure(projections, focal, xy, assigned[p], xyz[p], used[p], depth[p], agrees[p], radius2[p])
         key[p] = radius2[p, 0] - agrees[p].sum()
+    found, explained = 0, 0.0
     for p in np.argsort(key):
         count, least = agrees[p].sum(), np.inf
         supported[p] = False
@@ -476,8 +480,9 @@ def beyond_chance(projections, focal, width, xy, assigned, xyz, used, figures, m
                     polynomial[k] += polynomial[k - 1] * chance[v]
             pairs = min(1.0, radius2[p, share] / _PAIRS[share] ** 2)
             least = min(least, polynomial[count] * pairs / place**2)
-        if least <= most:
-            supported[p] = True
+        known = explained / max(explained + np.maximum(figures, 0.0).sum(), 1.0)
+        if least <= most * (1 + known * found):
+            supported[p], found, explained = True, found + 1, explained + count
             for v in range(views):
                 figures[v] -= agrees[p, v]
 

@@ -86,6 +86,25 @@ def test_a_detector_without_confidences_is_recognised_in_one_camera():
     assert (noise.trusted(np.full((4, 1, 1), 0.2))[[0, 2, 3]] < 0.5).all()
 
 
+@pytest.mark.parametrize("value", [0.0, 2.0, -1.0])
+def test_scores_that_are_equal_everywhere_are_said_not_to_be_used(value):
+    clip = seen(4.0)
+    score = np.where(clip.detections.observed, value, np.nan)
+    strange = replace(clip, detections=Detections2D(BODY25, clip.detections.xy, score))
+    noise, plain = learn_noise(strange, LEARNED), learn_noise(clip, LEARNED)
+    assert noise.describe(clip.rig.names).endswith("confidences say nothing, so they are not used")
+    np.testing.assert_allclose(noise.floor_px, plain.floor_px, rtol=0.05, atol=0.2)
+    assert noise.usual_m == pytest.approx(plain.usual_m, rel=0.02)
+    assert capture(strange, LEARNED, noise).xyz.shape[1] == crossing().shape[1]
+
+
+def test_scores_that_have_nothing_to_do_with_errors_are_not_used():
+    clip, rng = seen(4.0), np.random.default_rng(2)
+    score = np.where(clip.detections.observed, rng.uniform(0.6, 0.95, clip.detections.score.shape), np.nan)
+    strange = replace(clip, detections=Detections2D(BODY25, clip.detections.xy, score))
+    assert learn_noise(strange, LEARNED).constant.all()
+
+
 def test_what_cannot_be_learned_is_assumed():
     clip = seen(2.0).select(frames=range(0))
     noise = learn_noise(clip, LEARNED)
