@@ -1,8 +1,5 @@
 """Peak memory over a long recording of one person: `python -m tests.endurance.long_recording 100000`.
 
-With several lengths and `--fps 0.001 25 1000`, memory is measured by rate and length, without pages of mapped files,
-which the system takes back when it needs them.
-
 Detections of four cameras are captured, completed and exported by the commands, each in a process of its own, and the
 most memory that each holds, libraries and mapped files included, is looked up when it has ended. A short recording goes
 first: when commands run for the first time ever, functions are compiled, which takes 200 MB more.
@@ -11,12 +8,10 @@ first: when commands run for the first time ever, functions are compiled, which 
 import argparse
 import json
 import os
-import re
 import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,9 +19,6 @@ import numpy as np
 from dmae.data.store import save_clip
 from tests.support.commands import command_line
 from tests.support.detected_people import FPS, detected_clip, walk
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "docs/tools"))
-from provenance import measured
 
 LINES = {
     "capture": ("dmae", "capture", "data=recording"),
@@ -41,12 +33,11 @@ MOST_MB = 600.0
 """Of 1,000,000 bytes."""
 
 
-def write_recording(frames: int, folder: Path, fps: float = FPS) -> None:
+def write_recording(frames: int, folder: Path) -> None:
     """Write detections of a person who walks to and fro, with a tenth of the joints missed."""
     there = walk((-1.5, 0), (1.5, 0.2), frames=100)
     lap = np.concatenate([there, there[::-1]])
-    clip = detected_clip(np.resize(lap, (frames, *lap.shape[1:]))[:, None])
-    save_clip(replace(clip, fps=fps), folder / "recording")
+    save_clip(detected_clip(np.resize(lap, (frames, *lap.shape[1:]))[:, None]), folder / "recording")
 
 
 def peak_memory(line: tuple[str, ...], folder: Path) -> dict[str, float]:
@@ -63,51 +54,12 @@ def peak_memory(line: tuple[str, ...], folder: Path) -> dict[str, float]:
     }
 
 
-def own_memory(line: tuple[str, ...], folder: Path) -> float:
-    """Run a command; return the most memory that it held, MB, without mapped files, looked up every 20 ms."""
-    process, most = subprocess.Popen(command_line(*line), cwd=folder, stdout=subprocess.DEVNULL), 0
-    while process.poll() is None:
-        found = re.search(r"RssAnon:\s+(\d+) kB", Path(f"/proc/{process.pid}/status").read_text())
-        most = max(most, int(found[1]) if found else 0)
-        time.sleep(0.02)
-    if process.returncode:
-        raise RuntimeError(f"{' '.join(line)} ended with {process.returncode}")
-    return most * 1024 / 1e6
-
-
-def by_rate(rates: list[float], lengths: list[int]) -> dict:
-    """Return a table of own memory, MB, of capture and completion, by frame rate and number of frames."""
-    rows = []
-    for fps in rates:
-        for name in RESULTS:
-            rows.append([f"{name}, {fps:g} frames/s"])
-            for frames in lengths:
-                with tempfile.TemporaryDirectory() as folder:
-                    place = Path(folder)
-                    subprocess.run([sys.executable, "-c", _WRITE, str(frames), folder, str(fps)], check=True)
-                    for stage in list(RESULTS)[: list(RESULTS).index(name) + 1]:
-                        most = own_memory((*LINES[stage], f"out={RESULTS[stage]}"), place)
-                rows[-1].append(f"{most:.0f}")
-            print(*rows[-1], flush=True)
-    return {"columns": ["MB", *(f"{frames:,} frames" for frames in lengths)], "rows": rows}
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("frames", type=int, nargs="+")
-    parser.add_argument("--fps", type=float, nargs="*", help="measure by these frame rates, and all numbers of frames")
+    parser.add_argument("frames", type=int)
     parser.add_argument("--stages", nargs="*", default=list(LINES), choices=LINES, help="what is done")
     parser.add_argument("--out", help="JSON file of the figures")
     asked = parser.parse_args()
-    if asked.fps:
-        table = by_rate(asked.fps, asked.frames)
-        if asked.out:
-            command = f"python -m tests.endurance.long_recording {' '.join(map(str, asked.frames))} --fps "
-            command += " ".join(f"{fps:g}" for fps in asked.fps)
-            made = {"measured": measured("torch"), "tables": {"rates": {"command": command, **table}}}
-            Path(asked.out).write_text(json.dumps(made, indent=1) + "\n")
-        return
-    (asked.frames,) = asked.frames
     found = {}
     with tempfile.TemporaryDirectory() as folder:
         short, long = Path(folder, "short"), Path(folder, "long")
@@ -132,7 +84,7 @@ _WRITE = """
 import sys
 from pathlib import Path
 from tests.endurance.long_recording import write_recording
-write_recording(int(sys.argv[1]), Path(sys.argv[2]), *map(float, sys.argv[3:]))
+write_recording(int(sys.argv[1]), Path(sys.argv[2]))
 """
 
 if __name__ == "__main__":
