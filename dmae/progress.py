@@ -23,19 +23,25 @@ def progress(items: Iterable, description: str, total: int | None = None) -> Ite
         return
     if total is None and hasattr(items, "__len__"):
         total = len(items)
-    start = last = time.monotonic()
+    start = last = first = time.monotonic()
     for done, item in enumerate(items):
         now = time.monotonic()
+        if done == 1:
+            first = now
         if done and now - last >= LINE_EVERY:
-            print(progress_line(description, done, total, now - start), file=sys.stderr, flush=True)
+            print(progress_line(description, done, total, now - start, first - start), file=sys.stderr, flush=True)
             last = now
         yield item
 
 
-def progress_line(description: str, done: int, total: int | None, seconds: float) -> str:
-    """Return a line such as "capturing: 12 of 40, 3.0 min, about 7.0 min left"."""
+def progress_line(description: str, done: int, total: int | None, seconds: float, first: float | None = None) -> str:
+    """Return a line such as "capturing: 12 of 40, 3.0 min, about 7.0 min left".
+
+    `first` is how long the first item took, s. It loads and compiles what the others use, so that the forecast leaves it out.
+    """
     line = f"{description}: {done}{f' of {total}' if total else ''}, {seconds / 60:.1f} min"
-    return line + (f", about {seconds / done * (total - done) / 60:.1f} min left" if total else "")
+    parts, spent = (done, seconds) if first is None else (done - 1, seconds - first)
+    return line + (f", about {spent / parts * (total - done) / 60:.1f} min left" if total and parts else "")
 
 
 def duration(seconds: float) -> str:

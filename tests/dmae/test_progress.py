@@ -10,14 +10,14 @@ def test_items_pass_unchanged():
     assert list(progress(iter("abc"), "reading")) == ["a", "b", "c"]
 
 
-def test_a_line_a_minute_without_a_terminal(monkeypatch, capsys):
+def test_a_line_a_minute_without_a_terminal_forecasts_without_the_first_item(monkeypatch, capsys):
     clock = itertools.count(0, 40)
     monkeypatch.setattr(module.time, "monotonic", lambda: float(next(clock)))
     list(progress(range(5), "capturing"))
     lines = capsys.readouterr().err.splitlines()
     assert lines == [
-        "capturing: 1 of 5, 1.3 min, about 5.3 min left",
-        "capturing: 3 of 5, 2.7 min, about 1.8 min left",
+        "capturing: 1 of 5, 1.3 min",
+        "capturing: 3 of 5, 2.7 min, about 1.3 min left",
     ]
 
 
