@@ -37,7 +37,7 @@ def progress(items: Iterable, description: str, total: int | None = None) -> Ite
 def progress_line(description: str, done: int, total: int | None, seconds: float, first: float | None = None) -> str:
     """Return a line such as "capturing: 12 of 40, 3.0 min, about 7.0 min left".
 
-    `first` is how long the first item took, s. It loads and compiles what the others use, so that the forecast leaves it out.
+    `first` is how long the first item took, s; the forecast leaves it out, as it loads and compiles for all.
     """
     line = f"{description}: {done}{f' of {total}' if total else ''}, {seconds / 60:.1f} min"
     parts, spent = (done, seconds) if first is None else (done - 1, seconds - first)

@@ -14,7 +14,7 @@ from dmae.evaluation.config import EvaluateConfig
 from dmae.evaluation.report.page import read_scores, write_clips_report
 from dmae.formats.config import DataConfig
 from dmae.formats.reading import load
-from dmae.metrics.score_tables import overview
+from dmae.metrics.score_tables import compared_error, overview
 from dmae.reporting.tables import print_tables
 
 LOG = "log.txt"
@@ -73,14 +73,15 @@ def run(config: DemoCommand, out: Path) -> None:
 
 def what_to_look_at(scores: dict, trained: str, duration: str) -> list[str]:
     """Return the first paragraphs of the page: what to do in the player, and what the models of the demo are worth."""
-    hidden = {result["method"]: result["mean"]["hidden"]["mpjpe"] for result in scores["results"]}
-    errors = {name: "unknown" if mm is None else f"{mm:.0f}\N{NO-BREAK SPACE}mm" for name, mm in hidden.items()}
+    means = {result["method"]: compared_error(result["mean"]) for result in scores["results"]}
+    errors = {name: "unknown" if mm is None else f"{mm:.0f}\N{NO-BREAK SPACE}mm" for name, mm in means.items()}
     return [
         "What to look at: press Play. Discs are joints that cameras measured; red squares are joints that no two "
         "cameras agree on, completed by the weights that come with the package; white rings are the truth. Next hole "
         "leads to the next red square, Worst frame to the largest error.",
-        f"Mean error of unmeasured joints: {errors['dmae']} with these weights, {errors[trained]} with the network "
-        f"that this demo trained {duration}, {errors['linear']} with straight lines. The last tables compare them.",
+        f"Mean error of the unmeasured joints that all three fill: {errors['dmae']} with these weights, "
+        f"{errors[trained]} with the network that this demo trained {duration}, {errors['linear']} with straight "
+        "lines, which leave many joints out. The last tables compare them.",
     ]
 
 

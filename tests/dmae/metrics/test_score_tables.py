@@ -4,7 +4,7 @@ from dmae.completion.fillings import fill_linear
 from dmae.data.clip import Poses3D
 from dmae.data.skeleton import SHELF14
 from dmae.evaluation.scores import score, summary
-from dmae.metrics.score_tables import score_tables
+from dmae.metrics.score_tables import compared_error, score_tables
 from dmae.reporting.tables import print_tables
 from tests.support.clips import walkers
 
@@ -56,3 +56,10 @@ def test_four_persons_fit_eighty_columns(capsys, monkeypatch):
     printed = capsys.readouterr().out
     assert max(map(len, printed.splitlines())) <= 80
     assert "…" not in printed
+
+
+def test_a_method_that_leaves_joints_out_is_compared_on_what_all_filled():
+    """A mean over the joints that each method fills favours the one that leaves out the difficult joints."""
+    gaps = [{"frames": "1-5", "filled": 3, "mpjpe": 50.0}, {"frames": ">5", "filled": 1, "mpjpe": 90.0}]
+    assert compared_error({"gaps": gaps}) == 60
+    assert compared_error({"gaps": [{"frames": "1-5", "filled": 0, "mpjpe": None}]}) is None
