@@ -17,8 +17,9 @@ from dmae.calibration.doctor import _confirmed, diagnose
 from dmae.calibration.epipolar import Hypothesis, pairs_to_compare
 from dmae.calibration.examination import examined
 from dmae.calibration.faults import Correction, Fault, rescale
+from dmae.commands import convert as convert_command
 from dmae.commands import doctor as command
-from dmae.commands.config import DoctorCommand
+from dmae.commands.config import ConvertCommand, DoctorCommand
 from dmae.data.clip import Clip
 from dmae.data.store import save_clip
 from dmae.formats.config import Convention, LengthUnit, UpDirection
@@ -209,3 +210,12 @@ def test_sound_cameras_have_no_findings_and_a_turned_one_is_named(kind):
     # Bodies as small as hands do not always tell a turned camera from one that also stands elsewhere.
     assert finding.fault.name in ("turned", "differs", *(("unexplained",) if kind == "hands" else ()))
     assert finding.cameras == ("cam1",)
+
+
+def test_shelf_has_the_same_findings_and_floor_as_files_of_openpose(data_folder, tmp_path):
+    source, out = DataConfig("shelf", str(data_folder / "shelf")), tmp_path / "openpose"
+    convert_command.run(ConvertCommand(source, "openpose", str(out)), out)
+    expected, found = (diagnose(load(each)[0]) for each in (source, DataConfig("openpose", str(out), fps=25.0)))
+    assert not expected.findings and not found.findings
+    assert 0 < expected.floor.tilt_deg == pytest.approx(found.floor.tilt_deg, abs=0.01)
+    assert expected.floor.height_m == pytest.approx(found.floor.height_m, abs=1e-3)
