@@ -5,7 +5,8 @@
 2. **Hold feet.** While a foot stands flat, its target does not move; in between, it follows the person's foot.
 3. **Touch.** A hand that is at another person's hand, arm or trunk is led to the same place of the other robot.
 4. **Solve.** In each frame `mink` moves all robots of the clip towards their targets, within the limits of position and
-   speed of their motors: differential inverse kinematics, a quadratic program on MuJoCo's kinematics.
+   speed of their motors, and not into each other: differential inverse kinematics, a quadratic program on MuJoCo's
+   kinematics.
 
 MuJoCo serves as kinematics only: no forces, no balance. The motion is a reference for a controller.
 """
@@ -19,6 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from dmae.data.clip import Poses3D, Source
@@ -35,7 +37,7 @@ _MOTORS = {"hip_pitch": 32, "hip_roll": 20, "hip_yaw": 32, "knee": 20, "ankle": 
            "shoulder": 37, "elbow": 37, "wrist_roll": 37, "wrist": 22}  # fmt: skip
 """rad/s; speeds of the motors without load, by the start of the joint's name without its side, as Unitree states them
 in the G1's URDF."""
-_SPEED_SHARE = 0.4
+_SPEED_SHARE = 0.25
 """Share of the speed without load that is used."""
 _MARGIN = 0.01
 """rad; distance that is kept from limits of position."""
@@ -496,42 +498,43 @@ def _touches(people: list[_Person], contacts: Sequence[Contact], fps: float) -> 
 # The solver. Costs are per m and per rad; they matter relative to each other only.
 
 _PELVIS, _TRUNK, _ELBOW, _PALM, _FOOT = (2.0, 0.3), (0.0, 0.6), (0.6, 0.0), (1.5, 0.0), (6.0, 0.5)
-_TOUCHING, _STANDING = 10.0, (40.0, 4.0)
+_TOUCHING, _STANDING = 10.0, (80.0, 8.0)
 """What is added to the cost of a palm that touches and of a foot that stands."""
-_POSTURE, _WRISTS, _MOMENTUM, _DAMPING = 0.03, 0.05, 0.12, 6e-3
+_POSTURE, _WRISTS, _MOMENTUM, _WRIST_MOMENTUM, _DAMPING = 0.03, 0.05, 0.2, 0.4, 6e-3
 _REST = {"hip_pitch": -0.1, "knee": 0.3, "ankle_pitch": -0.2, "shoulder_pitch": 0.2, "shoulder_roll": 0.2, "elbow": 1.2}
 """rad; the pose, knees a little bent, to which a joint that nothing determines returns."""
+_ADVANCES = 6
+"""Steps in which hands are moved until they touch."""
 _OFF = 1e-4
 """m; greatest distance of a standing foot from its place after the first step."""
 _FIRST = 40
-"""Steps to the first pose, without limits of speed."""
+"""Steps to the first pose, without limits of speed, and as many to come apart there."""
+_APART, _NEAR = 12.0, 0.1
+"""Cost of overlap of two robots' collision shapes, and m between shapes below which it is looked for."""
+_APPROACH, _RETREAT = 0.5, 0.3
+"""Share of a distance that one robot may use up in a step, and m/s at which shapes that overlap come apart."""
 
 
 def _solve(
     model: "mujoco.MjModel", targets: list[_Targets], touches: list[_Touch], fps: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return qpos (F, P, nq) and residual (F, P, 4)."""
-    import mink
-
     frames, steps = len(targets[0].pelvis), max(1, math.ceil(_RATE / fps))
-    limits = [
-        mink.ConfigurationLimit(model, min_distance_from_limits=_MARGIN),
-        mink.VelocityLimit(model, {name: _SPEED_SHARE * speed for name, speed in speeds(model).items()}),
-    ]
+    fastest = np.r_[np.full(6, np.inf), [_SPEED_SHARE * speed for speed in speeds(model).values()]]
     robots = [
         _Follower(model, target, [touch for touch in touches if touch.contact.person == person])
         for person, target in enumerate(targets)
     ]
     qpos, residual = np.empty((frames, len(robots), model.nq)), np.empty((frames, len(robots), 4))
-    for _ in range(_FIRST):
+    for number in range(2 * _FIRST):
         for each in robots:
-            each.step(0, 1.0, limits[:1], robots)
+            each.step(0, 1.0, robots, np.full(model.nv, np.inf), apart=number >= _FIRST)
     for each in robots:
         each.moved = np.zeros(model.nv)
     for frame in range(frames):
         for step in range(1, steps + 1 if frame else 1):
             for each in robots:
-                each.step(frame - 1 + step / steps, 1 / (fps * steps), limits, robots)
+                each.step(frame - 1 + step / steps, 1 / (fps * steps), robots, fastest)
         for person, each in enumerate(robots):
             qpos[frame, person], residual[frame, person] = each.configuration.q, each.residual()
     return qpos, residual
@@ -553,15 +556,92 @@ def _momentum_task(model: "mujoco.MjModel") -> "BaseTask":
 
     class Momentum(BaseTask):
         def __init__(self):
-            self.step, self.weight = np.zeros(model.nv), _MOMENTUM * np.eye(model.nv)
+            self.step, weights = np.zeros(model.nv), np.full(model.nv, _MOMENTUM)
+            for joint in map(model.joint, range(1, model.njnt)):
+                if "wrist" in joint.name:
+                    weights[joint.dofadr] = _WRIST_MOMENTUM
+            self.weight = np.diag(weights)
 
         def compute_qp_residual(self, configuration):
-            return self.weight, _MOMENTUM * self.step, 0.0
+            return self.weight, self.weight @ self.step, 0.0
 
         def compute_qp_objective(self, configuration):
-            return Objective(_MOMENTUM * self.weight, -(_MOMENTUM**2) * self.step)
+            return Objective(self.weight**2, -(self.weight**2) @ self.step)
 
     return Momentum()
+
+
+def _apart(own: "_Follower", others: list["_Follower"], dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return G (n, nv) and h (n,): with G dq <= h the collision shapes of a robot do not enter those of the others."""
+    import mujoco
+
+    model, data = own.configuration.model, own.configuration.data
+    rows, bounds, jacobian = [], [], np.empty((3, model.nv))
+    mine = own.shapes()
+    for other in others:
+        theirs = other.shapes()
+        reach = mine.reach[:, None] + theirs.reach + _NEAR
+        away = mine.middle[:, None] - theirs.middle
+        one, two = np.nonzero((away * away).sum(-1) < reach * reach)
+        points, there = _nearest(mine.middle[one], mine.half[one], theirs.middle[two], theirs.half[two])
+        normals = points - there
+        lengths = np.linalg.norm(normals, axis=-1)
+        gaps = lengths - mine.radius[one] - theirs.radius[two]
+        # Of each two links the nearest shapes count: a foot has seven.
+        order = np.argsort(gaps)
+        links = mine.body[one] * model.nbody + theirs.body[two]
+        order = order[np.unique(links[order], return_index=True)[1]]
+        for pair in order[(gaps[order] < _NEAR) & (lengths[order] > 1e-6)].tolist():
+            mujoco.mj_jac(model, data, jacobian, None, points[pair], mine.body[one[pair]])
+            rows.append(-normals[pair] / lengths[pair] @ jacobian)
+            gap = float(gaps[pair])
+            bounds.append(_APPROACH * gap if gap > 0 else max(gap, -_RETREAT * dt))
+    return np.array(rows).reshape(-1, model.nv), np.array(bounds)
+
+
+@dataclass(frozen=True)
+class _Shapes:
+    """Collision shapes of a robot: n segments with a radius, m, world.
+
+    Attributes:
+        body: (n,) of the model.
+        middle, half: (n, 3) middle of a segment, and half of it.
+        radius, reach: (n,) of the shape, and from the middle to its end.
+    """
+
+    body: np.ndarray
+    middle: np.ndarray
+    half: np.ndarray
+    radius: np.ndarray
+    reach: np.ndarray
+
+
+def _nearest(
+    middle: np.ndarray, half: np.ndarray, other: np.ndarray, other_half: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the nearest points (n, 3) of two segments (Ericson, Real-Time Collision Detection, 5.1.9)."""
+    a, e, b = ((one * two).sum(-1) for one, two in ((half, half), (other_half, other_half), (half, other_half)))
+    between = middle - other
+    c, f = (half * between).sum(-1), (other_half * between).sum(-1)
+    across = a * e - b * b
+    s = np.where(across > 1e-12, np.clip((b * f - c * e) / np.maximum(across, 1e-12), -1, 1), 0.0)
+    t = np.clip((b * s + f) / np.maximum(e, 1e-12), -1, 1)
+    s = np.clip((b * t - c) / np.maximum(a, 1e-12), -1, 1)
+    return middle + s[:, None] * half, other + t[:, None] * other_half
+
+
+def _between_palms(one: _Shapes, two: _Shapes, outwards: np.ndarray) -> float:
+    """Return the distance of palms, m, at which one hand, in the direction `outwards` (3,) of the other, touches it."""
+    pairs = np.indices((len(one.middle), len(two.middle))).reshape(2, -1)
+    ends = np.abs(one.half @ outwards)[pairs[0]] + np.abs(two.half @ outwards)[pairs[1]]
+    a, b = one.middle[pairs[0]], two.middle[pairs[1]]
+    radii = one.radius[pairs[0]] + two.radius[pairs[1]]
+    # From where they are apart, one moves by the distance that is left (conservative advancement).
+    gap = max(ends + radii + (b - a) @ outwards, default=2 * _ROBOT_RADII["hand"])
+    for _ in range(_ADVANCES if len(a) else 0):
+        points, there = _nearest(a + gap * outwards, one.half[pairs[0]], b, two.half[pairs[1]])
+        gap -= min(np.linalg.norm(points - there, axis=-1) - radii)
+    return float(gap)
 
 
 def _between(values: np.ndarray, at: float) -> np.ndarray:
@@ -597,18 +677,46 @@ class _Follower:
         self.posture = mink.PostureTask(model, cost=costs)
         self.posture.set_target(rest)
         self.configuration = mink.Configuration(model, rest)
+        self.limits = [mink.ConfigurationLimit(model, min_distance_from_limits=_MARGIN)]
 
-    def step(self, at: float, dt: float, limits: list, robots: list["_Follower"]) -> None:
-        """Move towards the targets at a time in frames, within `dt` s."""
+    def shapes(self) -> _Shapes:
+        """Return the collision shapes where they are now: capsules, and spheres, which have no length."""
+        import mujoco
+
+        model, data = self.configuration.model, self.configuration.data
+        capsule, sphere = mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_SPHERE
+        used = np.isin(model.geom_type, (capsule, sphere)) & (model.geom_bodyid > 0)
+        along = (model.geom_size[:, 1] * (model.geom_type == capsule))[used]
+        half = along[:, None] * data.geom_xmat[used].reshape(-1, 3, 3)[:, :, 2]
+        radius = model.geom_size[used, 0]
+        return _Shapes(model.geom_bodyid[used], data.geom_xpos[used], half, radius, radius + along)
+
+    def step(self, at: float, dt: float, robots: list["_Follower"], fastest: np.ndarray, apart: bool = True) -> None:
+        """Move towards the targets at a time in frames, within `dt` s; if `apart`, not into other robots.
+
+        Args:
+            fastest: (nv,) m/s and rad/s.
+        """
         import mink
+        import qpsolvers
 
+        others = [each for each in robots if apart and each is not self]
         tasks = [*self._aim(at), *self._lead_hands(at, robots)]
         standing = [foot for foot, hold in zip(self.feet, _between(self.targets.hold, at), strict=True) if hold == 1]
         moved = np.zeros_like(self.moved)
         # A step is linear. Where legs turn fast it leaves a standing foot off its place; a second one corrects that.
         for _ in range(2):
             self.momentum.step = self.moved - moved
-            velocity = mink.solve_ik(self.configuration, tasks, dt, "daqp", damping=_DAMPING, limits=limits)
+            problem = mink.build_ik(self.configuration, tasks, dt, _DAMPING, self.limits)
+            rows, bounds = _apart(self, others, dt)
+            # Overlap costs as its square does: where it cannot be avoided, feet and limits come first.
+            slack = np.eye(len(bounds))
+            problem.P = block_diag(problem.P, _APART**2 * slack)
+            problem.q = np.r_[problem.q, 0 * bounds]
+            problem.G = np.block([[problem.G, np.zeros((len(problem.h), len(slack)))], [rows, -slack]])
+            problem.h = np.r_[problem.h, bounds]
+            problem.lb, problem.ub = (np.r_[sign * dt * fastest - moved, sign * np.inf + bounds] for sign in (-1, 1))
+            velocity = qpsolvers.solve_problem(problem, "daqp").x[: len(moved)] / dt
             self.configuration.integrate_inplace(velocity, dt)
             moved += dt * velocity
             if all(np.abs(foot.compute_error(self.configuration)[:3]).max() < _OFF for foot in standing):
@@ -638,13 +746,15 @@ class _Follower:
             if weight < 1e-3:
                 continue
             other, side = robots[contact.other], contact.side
-            gap = (_ROBOT_RADII["hand"] + _ROBOT_RADII[contact.part]) * _between(touch.outwards, at)
+            outwards = _between(touch.outwards, at)
             if contact.part == "hand":
                 # Both hands go half the way from where they would be.
-                place = (palms[side] + _between(other.targets.palms, at)[contact.other_side] + gap) / 2
+                gap = _between_palms(self._hand(side), other._hand(contact.other_side), outwards)
+                place = (palms[side] + _between(other.targets.palms, at)[contact.other_side] + gap * outwards) / 2
             else:
                 start, end = other._ends(contact.part, contact.other_side)
-                place = start + _between(touch.along, at) * (end - start) + gap
+                gap = _ROBOT_RADII["hand"] + _ROBOT_RADII[contact.part]
+                place = start + _between(touch.along, at) * (end - start) + gap * outwards
             if np.isfinite(place).all():
                 led[side].append(place)
                 weights[side].append(weight)
@@ -658,6 +768,13 @@ class _Follower:
                 task.cost[:3] = _PALM[0] + total * _TOUCHING
                 tasks.append(task)
         return tasks
+
+    def _hand(self, side: int) -> _Shapes:
+        """Return the collision shapes of a hand, relative to the middle of its palm."""
+        data, shapes = self.configuration.data, self.shapes()
+        hand = data.body(f"{SIDES[side]}_wrist_yaw_link").id == shapes.body
+        away = shapes.middle[hand] - data.site(f"{SIDES[side]}_hand").xpos
+        return _Shapes(shapes.body[hand], away, shapes.half[hand], shapes.radius[hand], shapes.reach[hand])
 
     def _ends(self, part: str, side: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the ends of the trunk, an upper arm or a forearm, m, world."""

@@ -10,7 +10,7 @@ from dmae.formats.retargeting import load_robot, retarget
 from synth.datasets.exporters.export import export
 from synth.datasets.exporters.robots import hand_contacts
 from synth.physics.body_state import load_state
-from tests.support.robots import needs_robot
+from tests.support.robots import TwoRobots, needs_robot
 
 
 @pytest.fixture(scope="module")
@@ -34,16 +34,9 @@ def test_hands_that_hold_people_hold_robots(dancers):
     assert {(each.part, each.person) for each in contacts} >= {("hand", 0), ("hand", 1), ("trunk", 0)}
     robot = load_robot()
     motion = retarget(convert(clip.truth, BODY25), clip.fps, robot, contacts)
-    import mujoco
-
-    data, places = mujoco.MjData(robot), []
-    for person in range(2):
-        data.qpos[:] = motion.qpos[-1, person]
-        mujoco.mj_kinematics(robot, data)
-        places.append([data.site(f"{side}_hand").xpos.copy() for side in ("left", "right")])
     (held,) = [each for each in contacts if each.part == "hand" and each.person == 0]
-    away = np.linalg.norm(places[0][held.side] - places[1][held.other_side])
-    assert away - 2 * 0.035 < 0.03  # palms are capsules of 35 mm
+    hands = (f"{('left', 'right')[side]}_wrist_yaw" for side in (held.side, held.other_side))
+    assert abs(TwoRobots().gap(motion.qpos[-1], *hands)) < 0.03
 
 
 def test_data_sets_of_robots(dancers, tmp_path):
