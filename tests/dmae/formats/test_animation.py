@@ -18,6 +18,9 @@ from synth.people.body import PARENTS, SEGMENTS, Body, landmarks, segment_origin
 from tests.support.animals import DOG, dog
 from tests.support.clips import full_clip, walkers
 
+_RIG = {"LeftForeArm": "l_elbow", "RightHand": "r_wrist", "LeftFoot": "l_ankle"}
+"""Our joints by joints of both rigs of other programs."""
+
 
 def turning(frames: int = 30, persons: int = 2) -> Poses3D:
     """Rigid people who turn by a full turn while a forearm swings; joints with every source, and an absence."""
@@ -180,6 +183,28 @@ def test_rigs_of_other_programs_stand_where_the_person_stands(rig, count, tmp_pa
             assert offset[0] > 0.98 * np.linalg.norm(offset)
     with pytest.raises(ValueError, match="is always in cm"):
         written(poses, tmp_path / "b.bvh", "bvh", skeleton=rig, unit="mm")
+
+
+@pytest.mark.parametrize(
+    ("rig", "metre", "pairs"),
+    [
+        (None, 1, {joint: joint for joint in BODY25.joints}),
+        ("soma", 100, _RIG | {"LeftLeg": "l_hip", "RightShin": "r_knee"}),
+        ("lafan1", 100, _RIG | {"LeftUpLeg": "l_hip", "RightLeg": "r_knee"}),
+    ],
+    ids=("body25", "soma", "lafan1"),
+)
+def test_another_library_reads_the_same_motion(rig, metre, pairs, tmp_path):
+    bvhio = pytest.importorskip("bvhio", reason="bvhio, of the extra `dev`, is not installed")
+    poses, _ = simulated(BODY25)
+    path = written(poses, tmp_path / "a.bvh", "bvh", **({} if rig is None else {"skeleton": rig}))
+    root = bvhio.readAsHierarchy(str(path))
+    nodes = [root.filter(name, isEqual=True)[0] for name in pairs]
+    for frame in range(0, len(poses.xyz), 8):
+        root.loadPose(frame)
+        found = np.array([[*node.PositionWorld] for node in nodes]) / metre @ Y_UP
+        error = np.linalg.norm(found - poses.xyz[frame, 0, BODY25.index(*pairs.values())], axis=-1)
+        assert np.median(error) < 0.002 and error.max() < 0.015
 
 
 def test_joints_that_are_never_known_are_left_out_and_a_missing_body_is_refused():
