@@ -126,7 +126,8 @@ def describe(summary: dict, scenes: Counter, seed: int | None) -> dict[str, str]
         ),
         "dataAnnotationProtocol": (
             "No human annotation. Joints are those of the simulated bodies. A ray from each camera to each joint tests "
-            "whether it is visible, and what hides it; masks and boxes are rendered."
+            "whether it is visible, and what hides it; masks and boxes are rendered. No trained model takes part. "
+            "Simulated detections follow statistics of detectors' errors, one of them BlazePose (Google, Apache-2.0)."
         ),
         "dataUseCases": (
             "To train and test pose estimation, triangulation, tracking and completion under occlusion, with exact 3D "
