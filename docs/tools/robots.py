@@ -206,7 +206,8 @@ def _draw(moved: dict[str, tuple], video: str | None) -> None:
         stills.append(_titled(next(_film(motion, motion.qpos[most[len(most) // 2], None])), kind))
     cv2.imwrite(str(PICTURE), _tiled(stills)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 85])
     if video:
-        films = [_film(motion, motion.qpos) for motion, *_ in moved.values()]
+        # One after the other: they draw in one context.
+        films = [list(_film(motion, motion.qpos)) for motion, *_ in moved.values()]
         frames = (_tiled(list(map(_titled, tiles, moved))) for tiles in zip(*films, strict=True))
         write_video(Path(video), frames, next(iter(moved.values()))[2])
     context.free()
