@@ -68,7 +68,7 @@ def most_confident_rays(
 
     A measured joint takes the ray of a view that measured it. An absent joint takes that of the most confident
     detection near the place where it is expected; if there is none, of a detection that tracking assigned to its
-    person.
+    person. Detections from which the joint of another person was measured show that person, so they are left out.
 
     Args:
         evidence: Detections that the joints were measured from.
@@ -78,6 +78,11 @@ def most_confident_rays(
         first_pass: (F, P, V, J) detections that tracking assigned, or `NONE`.
     """
     near = reassign(evidence, assigned, expected.astype(np.float64), _MAX_DISTANCE)
+    first_pass = first_pass.copy()
+    for other in range(assigned.shape[1]):
+        shown = np.where(absent[:, other, None], NONE, assigned[:, other])[:, None]  # (F, 1, V, J)
+        for found in (near, first_pass):
+            found[(found == shown) & (np.arange(found.shape[1]) != other)[:, None, None]] = NONE
     near = np.where((near == NONE).all(2, keepdims=True), first_pass, near)
     near = np.where(absent[:, :, None], near, assigned).swapaxes(2, 3)
     frame, person, joint, views = np.ogrid[tuple(slice(n) for n in near.shape)]
