@@ -132,7 +132,7 @@ def epipolar_distances(
 def intersect(sample_a: ViewSample, sample_b: ViewSample, a, b, frame, i, j) -> tuple[np.ndarray, ...]:
     """Return unit rays (m, J, 3) of detections i of views a and j of views b, depths, and the sine squared between.
 
-    Depths (m, J) are those of the closest points along the rays, in the unit of the rig.
+    Depths (m, J) lead to the closest points along the rays, in the unit of the rig.
     """
     centers = sample_a.rig.centers
     rays_a, rays_b = sample_a.rays(a, frame, i), sample_b.rays(b, frame, j)

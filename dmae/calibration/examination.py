@@ -115,7 +115,7 @@ class Examination:
 
     # Differences of the named camera that fit equally well, the best first; empty if no camera is named
     kinds: tuple[CameraDifference, ...]
-    # Cameras, one of which differs, if the recording does not determine which one; empty otherwise
+    # One of these cameras differs, and the recording does not show which; empty otherwise
     suspects: tuple[int, ...]
     tried: tuple[CameraDifference, ...]  # All differences that were tried
     base: Adjusted  # The fit of the unchanged calibration
