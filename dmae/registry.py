@@ -64,13 +64,7 @@ class Registry(Mapping[str, E], Generic[E]):
     """
 
     def __init__(
-        self,
-        decorator: str,
-        entry: type[E],
-        *packages: str,
-        kind: str = "",
-        option: str = "",
-        plain: bool = True,
+        self, decorator: str, entry: type[E], *packages: str, kind: str = "", option: str = "", plain: bool = True
     ):
         self.decorator, self.kind, self.option = decorator, kind or decorator.replace("_", " "), option
         self._entry, self._packages, self._plain = entry, packages, plain

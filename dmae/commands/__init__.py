@@ -109,10 +109,7 @@ COMMANDS = {
     "review": Command(
         "Rank joints by their possible error, and decide on them",
         "dmae.commands.config:ReviewCommand",
-        (
-            "dmae review clip=runs/completed",
-            "dmae review clip=runs/completed blank=[1,4] hand_back=[2] accept=[3]",
-        ),
+        ("dmae review clip=runs/completed", "dmae review clip=runs/completed blank=[1,4] hand_back=[2] accept=[3]"),
         writes="file",
     ),
     "convert": Command(
@@ -189,10 +186,7 @@ COMMANDS = {
     "demo": Command(
         "Run all steps on simulated people, from simulation to report",
         "dmae.commands.config:DemoCommand",
-        (
-            "dmae demo",
-            "dmae demo size=full shelf=recordings/shelf workers=4",
-        ),
+        ("dmae demo", "dmae demo size=full shelf=recordings/shelf workers=4"),
     ),
     "regress": Command(
         "Check any triangulation against a fixed set of cases",

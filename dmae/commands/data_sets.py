@@ -13,14 +13,7 @@ from dmae.command_line import interruption
 from dmae.commands.config import CaptureCommand, CompleteCommand
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.resume import claim_folder
-from dmae.data.store import (
-    CHECKSUMS,
-    MANIFEST,
-    clip_folders,
-    read_manifest,
-    save_clip,
-    write_manifest,
-)
+from dmae.data.store import CHECKSUMS, MANIFEST, clip_folders, read_manifest, save_clip, write_manifest
 from dmae.evaluation.review import DECISIONS
 from dmae.files.checksums import begin_data_set, clip_checksum, end_data_set, find_damage, write_checksums
 from dmae.files.contents import whole_folder

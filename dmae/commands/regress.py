@@ -54,11 +54,7 @@ def verdict_table(name: str, verdicts: Sequence[Verdict]) -> Table:
         f"{name}: errors in mm, refused in % / what is allowed",
         ("case", *REASONS, ""),
         [
-            (
-                verdict.case.name,
-                *(_cell(verdict, measure) for measure in REASONS),
-                "ok" if verdict.passed else "FAIL",
-            )
+            (verdict.case.name, *(_cell(verdict, measure) for measure in REASONS), "ok" if verdict.passed else "FAIL")
             for verdict in verdicts
         ],
     )

@@ -48,12 +48,7 @@ def stride(model: DMAE) -> int:
 
 
 def predict(
-    model: DMAE,
-    poses: Poses3D,
-    fps: float,
-    frames: slice,
-    wanted: np.ndarray,
-    target: Skeleton | None = None,
+    model: DMAE, poses: Poses3D, fps: float, frames: slice, wanted: np.ndarray, target: Skeleton | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Predict joints in some frames of a recording, by all of its frames.
 

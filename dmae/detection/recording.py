@@ -469,11 +469,7 @@ def find_photographs(path: Path) -> Photographs:
 
 
 def detect_photographs(
-    photographs: Photographs,
-    config: PoseDetectorConfig,
-    pieces: Path,
-    skeleton: str | None = None,
-    workers: int = 1,
+    photographs: Photographs, config: PoseDetectorConfig, pieces: Path, skeleton: str | None = None, workers: int = 1
 ) -> tuple[Detections2D, tuple[str, ...]]:
     """Return the people of N photographs, (1, N, D, J), and notes on them.
 

@@ -15,14 +15,7 @@ from dmae.data.skeleton import BLAZEPOSE33, COCO17, HALPE26, Skeleton
 from dmae.files.checks import MOST_PIXELS, check_numbers
 from dmae.files.contents import read_text, write_atomic
 from dmae.files.structured import read_toml
-from dmae.formats.calibrations import (
-    CameraTable,
-    ParsedCamera,
-    calibration_format,
-    make_rig,
-    orthonormal,
-    require,
-)
+from dmae.formats.calibrations import CameraTable, ParsedCamera, calibration_format, make_rig, orthonormal, require
 from dmae.formats.recordings import NumberedDetections, csv_rows
 from dmae.formats.registry import reader
 
@@ -103,9 +96,7 @@ _MOST_ROWS = 50_000_000
 
 
 @reader(
-    "caliscope",
-    signs=[["xy_*.csv"], ["*/xy_*.csv"], ["camera_array.toml"], ["recordings/*/*/xy_*.csv"]],
-    cameras=False,
+    "caliscope", signs=[["xy_*.csv"], ["*/xy_*.csv"], ["camera_array.toml"], ["recordings/*/*/xy_*.csv"]], cameras=False
 )
 def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> NumberedDetections:
     """A Caliscope project, or one of its recordings: camera_array.toml and <TRACKER>/xy_<TRACKER>.csv.

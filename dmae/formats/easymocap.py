@@ -87,12 +87,7 @@ def _camera(folder: Path, name: str, intrinsics: dict, extrinsics: dict) -> Pars
     if height in intrinsics or width in intrinsics:
         size = inner.size(width, height)
     return ParsedCamera(
-        name,
-        inner.intrinsics(K),
-        inner.numbers(distortion, 4, 5, 8),
-        turned,
-        outer.numbers(f"T_{name}", 3),
-        size,
+        name, inner.intrinsics(K), inner.numbers(distortion, 4, 5, 8), turned, outer.numbers(f"T_{name}", 3), size
     )
 
 

@@ -102,10 +102,7 @@ _VALUES = 10
 _UPPER = np.triu_indices(3)
 
 
-@reader(
-    "panoptic",
-    signs=[["hdPose3d_stage1_coco19"], ["calibration_*.json", "hdVideos"], ["*/body3DScene_*.json"]],
-)
+@reader("panoptic", signs=[["hdPose3d_stage1_coco19"], ["calibration_*.json", "hdVideos"], ["*/body3DScene_*.json"]])
 def read_panoptic(
     path: Path,
     *,

@@ -17,13 +17,7 @@ from dmae.data.skeleton import SKELETONS, Skeleton, encode, read_skeleton
 from dmae.files.checks import MOST_METRES, check_numbers, check_rate
 from dmae.files.contents import read_text, write_atomic, written
 from dmae.formats.config import METRES, LengthUnit
-from dmae.formats.poses import (
-    PoseFile,
-    person_paths,
-    read_covariance_table,
-    read_provenance,
-    write_covariance_table,
-)
+from dmae.formats.poses import PoseFile, person_paths, read_covariance_table, read_provenance, write_covariance_table
 from dmae.formats.registry import pose_reader, pose_writer
 
 # Indices that reorder axes from TRC to world, and from world to TRC: TRC (x, y, z) = world (y, z, x).

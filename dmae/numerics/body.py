@@ -215,11 +215,7 @@ _STEPS = 8
 
 
 def interpolate_bodies(
-    xyz: np.ndarray,
-    skeleton: Skeleton,
-    fps: float,
-    through: Interpolation,
-    rays: np.ndarray | None = None,
+    xyz: np.ndarray, skeleton: Skeleton, fps: float, through: Interpolation, rays: np.ndarray | None = None
 ) -> "Bodies":
     """Return bodies with filled gaps; `Bodies.filled` contains the positions.
 

@@ -108,11 +108,7 @@ def smooth(poses: Poses3D, fps: float, seconds: float, frames: slice = slice(Non
         paths = local_parabola(paths.astype(np.float64), seconds * fps, frames)
         for part in frame_blocks(after):
             after[part, columns] = paths[part]
-    return replace(
-        poses,
-        xyz=smoothed,
-        source=np.where(poses.source == Source.MEASURED, Source.DENOISED, poses.source),
-    )
+    return replace(poses, xyz=smoothed, source=np.where(poses.source == Source.MEASURED, Source.DENOISED, poses.source))
 
 
 def without_infinite(poses: Poses3D, fps: float) -> Poses3D:

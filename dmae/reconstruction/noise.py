@@ -156,12 +156,7 @@ class Residuals:
 
 
 def residuals(
-    rig: CameraRig,
-    noise: DetectionNoise,
-    xy: np.ndarray,
-    score: np.ndarray,
-    assigned: np.ndarray,
-    points: Points,
+    rig: CameraRig, noise: DetectionNoise, xy: np.ndarray, score: np.ndarray, assigned: np.ndarray, points: Points
 ) -> Residuals:
     """Return the residuals of all assigned detections, also of those that triangulation left out.
 

@@ -302,12 +302,7 @@ class MeasuredJoints:
 
 
 def measure(
-    evidence: Evidence,
-    tracks: Tracks,
-    window: slice,
-    before: np.ndarray,
-    skeleton: Skeleton,
-    fps: float,
+    evidence: Evidence, tracks: Tracks, window: slice, before: np.ndarray, skeleton: Skeleton, fps: float
 ) -> MeasuredJoints:
     """Measure the joints of known people in a window of frames: reassign, triangulate and prune.
 

@@ -45,11 +45,7 @@ class Points:
 
 
 def triangulate(
-    rig: CameraRig,
-    xy: np.ndarray,
-    confidence: np.ndarray,
-    noise: NoiseModel = DEFAULT_NOISE,
-    iterations: int = 8,
+    rig: CameraRig, xy: np.ndarray, confidence: np.ndarray, noise: NoiseModel = DEFAULT_NOISE, iterations: int = 8
 ) -> Points:
     """Triangulate points robustly, weighted by confidence.
 
@@ -144,21 +140,7 @@ _PAIRED_VIEWS = 4
 
 @compiled()
 def triangulate_points(
-    projections,
-    rays,
-    centers,
-    focal,
-    xy,
-    sigma,
-    floor,
-    gate,
-    limits,
-    agreeing,
-    iterations,
-    xyz,
-    cov,
-    used,
-    residual,
+    projections, rays, centers, focal, xy, sigma, floor, gate, limits, agreeing, iterations, xyz, cov, used, residual
 ):
     """Triangulate n points separately, and write the points that are found into the last four arrays.
 

@@ -16,13 +16,7 @@ import pandas as pd
 from dmae.completion.methods import completion_method, find_method
 from dmae.data.clip import Clip, Poses3D
 from dmae.evaluation.benchmark.clips import clip_of, find_definition, given_clip, make_clips
-from dmae.evaluation.benchmark.holes import (
-    AXES,
-    capture_cells,
-    completion_cells,
-    holes_of_capture,
-    holes_of_sight,
-)
+from dmae.evaluation.benchmark.holes import AXES, capture_cells, completion_cells, holes_of_capture, holes_of_sight
 from dmae.evaluation.config import OURS, BenchmarkConfig, BenchmarkSize
 from dmae.evaluation.predictions import fitting
 from dmae.evaluation.scores import read_scores

@@ -6,10 +6,7 @@ from pathlib import Path
 import pandas as pd
 
 from dmae.completion.complete import load_completer
-from dmae.completion.config import (
-    LearningConfig,
-    TrainConfig,
-)
+from dmae.completion.config import LearningConfig, TrainConfig
 from dmae.completion.training import train
 from dmae.completion.weights import find_shipped, load_model
 from dmae.data.skeleton import BODY25, SHELF14

@@ -391,10 +391,7 @@ def residuals_section(findings: Sequence[Findings]) -> list[Section]:
 
 
 def _breakdown_table(name: str, groups: dict[str, JointGroup], known: bool) -> Table:
-    columns = {
-        name: list(groups),
-        "joints": [f"{each.joints:,}" for each in groups.values()],
-    }
+    columns = {name: list(groups), "joints": [f"{each.joints:,}" for each in groups.values()]}
     if known:
         columns["mean mm"] = [number_text(each.mean, 0) for each in groups.values()]
         columns["90 % under"] = [number_text(each.quantile(0.9), 0) for each in groups.values()]
