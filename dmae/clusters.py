@@ -11,10 +11,8 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-_RETRIES = 3
-"""Number of times that a task is given to another process after its process died."""
-_AHEAD = 2
-"""Number of waiting tasks for each running task."""
+_RETRIES = 3  # Number of times that a task is given to another process after its process died
+_AHEAD = 2  # Number of waiting tasks for each running task
 _CARRIED = ("LP_NUM_THREADS", "MUJOCO_GL", "OMP_NUM_THREADS", "PYOPENGL_PLATFORM")
 """Environment variables of this process that tasks run with."""
 

@@ -24,8 +24,7 @@ from dmae.formats.labelled_images import PersonLabel, joint_labels, label_person
 ARRAYS, META = "arrays.safetensors", "clip.json"
 _DAMAGED = (SafetensorError, ValueError, KeyError, TypeError, AttributeError, IndexError, OverflowError)
 """Errors that reading a clip raises if its JSON or its arrays are damaged."""
-_OPEN = 32
-"""Number of files that a process keeps open. They are memory-mapped: only the requested frames are read."""
+_OPEN = 32  # Number of files that a process keeps open. They are memory-mapped: only the requested frames are read.
 
 
 @dataclass(frozen=True)

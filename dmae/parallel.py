@@ -23,8 +23,7 @@ from dmae.files.mapped import trim
 # joblib replaces workers that grew by 300 MB, for example because a clip has many people. No task is lost.
 warnings.filterwarnings("ignore", "A worker stopped while some jobs were given", UserWarning)
 
-_CHECKED_EVERY = 0.5
-"""s; a worker outlives a killed main process by no more than this."""
+_CHECKED_EVERY = 0.5  # s; a worker outlives a killed main process by no more than this
 
 
 class Backend(StrEnum):

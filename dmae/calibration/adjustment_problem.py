@@ -19,8 +19,7 @@ from dmae.data.cameras import CameraRig
 from dmae.data.skeleton import Skeleton
 from dmae.numerics.filling import are_stills
 
-_FINE = ("eye", "ear", "toe", "heel")
-"""Joints that are too near to other joints to add information."""
+_FINE = ("eye", "ear", "toe", "heel")  # Joints that are too near to other joints to add information
 
 
 def coarse_skeleton(skeleton: Skeleton) -> tuple[Skeleton, list[int]]:
@@ -153,10 +152,8 @@ class ImageTracks:
         return replace(self, xy=self.xy[:, :, views], sigma=self.sigma[:, :, views], aligned=self.aligned[views])
 
 
-_LINE_FRAMES = 2
-"""Number of frames before and after a time to which a line is fitted."""
-_MOST_SHARE = 0.04
-"""Largest movement of a joint from frame to frame, as a share of the image's diagonal."""
+_LINE_FRAMES = 2  # Number of frames before and after a time to which a line is fitted
+_MOST_SHARE = 0.04  # Largest movement of a joint from frame to frame, as a share of the image's diagonal
 
 
 @dataclass(frozen=True)
@@ -241,8 +238,7 @@ ROBUST = 2.0
 """Sigmas at which the weight of a residual is a half (Cauchy)."""
 
 
-_BONE_SIGMA = 0.08
-"""Standard deviation of the measured length of a bone between frames, as a share of its length."""
+_BONE_SIGMA = 0.08  # Standard deviation of the measured length of a bone between frames, as a share of its length
 
 
 OFFSET_M, _ALIKE_S = 0.02, 1.0

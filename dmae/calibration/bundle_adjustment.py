@@ -117,8 +117,7 @@ def _curvature(state: AdjustmentState) -> float:
     return float((weight * state.robust**2).sum() / usual) if usual else 1.0
 
 
-_CHUNK = 128
-"""Number of bodies that are eliminated together, to limit memory."""
+_CHUNK = 128  # Number of bodies that are eliminated together, to limit memory
 _BODY_DAMPING = 1e-3
 """1/m^2, relative to the information of a joint: it regularises a joint that only one view sees along its ray."""
 

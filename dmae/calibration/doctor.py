@@ -47,8 +47,7 @@ from dmae.reconstruction.pipeline import capture
 
 _MIN_SENSITIVITY = 0.08
 """Smallest loss of agreement at wrong time offsets from which the doctor decides whether cameras are synchronised."""
-_SAME = 0.005
-"""Largest difference in agreement between two explanations that count as equally good."""
+_SAME = 0.005  # Largest difference in agreement between two explanations that count as equally good
 _WITH_AMOUNT = (Fault.scale, Fault.distorted, Fault.delay)
 _LENSES = (Fault.distorted, Fault.undistorted, Fault.distortion_sign)
 _POSES = (Kind.moved, Kind.turned, Kind.displaced)

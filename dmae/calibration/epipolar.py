@@ -23,8 +23,7 @@ from dmae.reconstruction.triangulation import closest_approach
 
 CHECKED_FRAMES = 150
 """Number of sampled frames for a check of a result from fewer frames."""
-_MIN_JOINTS = 6
-"""Smallest number of joints of a detection that is compared."""
+_MIN_JOINTS = 6  # Smallest number of joints of a detection that is compared
 
 
 @dataclass(frozen=True)

@@ -36,20 +36,15 @@ _BLOCK_S, _MOST_BLOCKS, _FEWEST_BLOCKS = 0.4, 16, 4
 """s and numbers of the stretches of time that are compared. Errors of detectors last some tenths of a second."""
 SHORTEST_S = _FEWEST_BLOCKS * _BLOCK_S
 """s; duration below which nothing is examined."""
-_CHANCE = 0.001
-"""Largest probability that a gain is a coincidence (one-sided t test over the stretches of time)."""
-_CHANCE_OF_KIND = 0.01
-"""The same for distinguishing two kinds of one camera."""
-_REFERENCE = 4.0
-"""Smallest ratio of the gain to the gain that the other cameras would have from this kind of change."""
+_CHANCE = 0.001  # Largest probability that a gain is a coincidence (one-sided t test over the stretches of time)
+_CHANCE_OF_KIND = 0.01  # The same for distinguishing two kinds of one camera
+_REFERENCE = 4.0  # Smallest ratio of the gain to the gain that the other cameras would have from this kind of change
 _NEAR = 0.04
 """Largest difference between the gains of two kinds, as a share of the gain, at which they are not distinguished."""
-_RIVAL = 0.7
-"""Largest gain that a change of another camera may have, as a share of the gain."""
+_RIVAL = 0.7  # Largest gain that a change of another camera may have, as a share of the gain
 _SURE = 0.1
 """Share of the cost that a reliably detected difference saves. In some stretches of time its effect is small."""
-_EXAMINED = 2
-"""Number of cameras that are examined for every kind."""
+_EXAMINED = 2  # Number of cameras that are examined for every kind
 _OFFSETS = (0, *(sign * frames for frames in (2, 4, 7, 10, 14, 18) for sign in (-1, 1)))
 """Frames at which the search of a time offset starts. Larger offsets are found earlier, without tracks."""
 
@@ -97,8 +92,7 @@ class CameraDifference:
         return _chance(other.cost, self.cost) < chance
 
 
-_NO_COST = 1e-12
-"""Costs of exact detections are 0."""
+_NO_COST = 1e-12  # Costs of exact detections are 0
 
 
 def _chance(worse: np.ndarray, better: np.ndarray) -> float:

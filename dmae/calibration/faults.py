@@ -196,10 +196,8 @@ _CORRECTIONS: dict[Fault, Correct] = {
 
 MIN_OFFSET_GAIN = 0.008
 """Smallest gain in agreement that supports an offset."""
-_REFINED_FRAMES = 3
-"""Largest expected error, in frames, of an offset found from two views."""
-_INCONSISTENT_FRAMES = 2
-"""Largest difference, in frames, between the offsets of one view that two correct views find."""
+_REFINED_FRAMES = 3  # Largest expected error, in frames, of an offset found from two views
+_INCONSISTENT_FRAMES = 2  # Largest difference, in frames, between the offsets of one view that two correct views find
 
 
 def offset_corrections(hypothesis: Hypothesis, frames: np.ndarray, most: int) -> tuple[list[Correction], float]:
@@ -280,27 +278,19 @@ def _inconsistency(hypothesis: Hypothesis, view: int) -> int:
 
 
 _SCALE_STEP = 0.04
-_LOG_SCALES = np.arange(-40, 41) * _SCALE_STEP
-"""Logarithms of the tested scales, from 1/5 to 5."""
+_LOG_SCALES = np.arange(-40, 41) * _SCALE_STEP  # Logarithms of the tested scales, from 1/5 to 5
 _K1_STEP = 0.1
 _K1 = np.arange(-6, 7) * _K1_STEP
-_BLOCKS = 10
-"""Number of blocks of frames for the standard error of a gain."""
-_SCREENED_FRAMES = 24
-"""Number of frames that are sampled to find candidates."""
+_BLOCKS = 10  # Number of blocks of frames for the standard error of a gain
+_SCREENED_FRAMES = 24  # Number of frames that are sampled to find candidates
 _CHECKED_CANDIDATES = 6
-_CLEAR_GAIN = 0.1
-"""Gain in agreement that needs no further check."""
-_MIN_GAIN = 0.02
-"""Smallest gain in agreement of a correction."""
+_CLEAR_GAIN = 0.1  # Gain in agreement that needs no further check
+_MIN_GAIN = 0.02  # Smallest gain in agreement of a correction
 _MIN_GAIN_OF = {Fault.focal: 0.005, Fault.delay: MIN_OFFSET_GAIN, Fault.distorted: 0.008}
 """The same for faults that change little and do not resemble any other fault."""
-_MIN_AGREEMENT_OF_AMOUNT = 0.25
-"""Smallest agreement after a correction with an amount."""
-_MIN_DETECTIONS = 150
-"""Fewest detections that support such a correction."""
-_SIGMAS = 3.0
-"""Number of standard errors by which a gain must be above 0."""
+_MIN_AGREEMENT_OF_AMOUNT = 0.25  # Smallest agreement after a correction with an amount
+_MIN_DETECTIONS = 150  # Fewest detections that support such a correction
+_SIGMAS = 3.0  # Number of standard errors by which a gain must be above 0
 
 
 def find_fault(hypothesis: Hypothesis, max_offset: int) -> tuple[Correction | None, float]:

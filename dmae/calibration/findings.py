@@ -13,10 +13,8 @@ from dmae.numerics.statistics import mean_known
 
 MIN_DETECTIONS = 20
 """Smallest number of detections for which a pair of views is judged."""
-_SOUND_TILT_DEG = 0.3
-"""A world has a fault if the whole interval of its tilt is above this."""
-_INSIDE = 0.3
-"""Share of joints inside the image above which a camera is expected to see the people of the others."""
+_SOUND_TILT_DEG = 0.3  # A world has a fault if the whole interval of its tilt is above this
+_INSIDE = 0.3  # Share of joints inside the image above which a camera is expected to see the people of the others
 
 
 @dataclass(frozen=True)

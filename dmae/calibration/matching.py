@@ -27,10 +27,8 @@ _NOISE = NoiseModel()
 _MIN_SCORE = 0.2
 _GATES = (0.6, 0.35, 0.25)
 """Largest mean distance of a detection from its person in each round, relative to the person's size in the image."""
-_MIN_JOINTS = 5
-"""Smallest number of joints for which a detection and a person are compared."""
-_ALIGNED_BODIES = 150
-"""Number of bodies for the alignment of a camera with people that the others measured."""
+_MIN_JOINTS = 5  # Smallest number of joints for which a detection and a person are compared
+_ALIGNED_BODIES = 150  # Number of bodies for the alignment of a camera with people that the others measured
 
 
 def match_tracks(clip: Clip, config: CaptureConfig | None = None) -> ImageTracks:
@@ -88,10 +86,8 @@ def _align(tracks: ImageTracks, calibration: Calibration) -> Calibration:
 
 _SURE_SCORE, _SURE_JOINTS, _MIN_FRAMES = 0.4, 6, 15
 _MOST_POINTS = 4000
-_THRESHOLD_PX = 4.0
-"""px from an epipolar line up to which a joint supports a pose."""
-_MIN_INLIERS = 0.5
-"""Share of the joints that must support the pose of a pair of cameras."""
+_THRESHOLD_PX = 4.0  # px from an epipolar line up to which a joint supports a pose
+_MIN_INLIERS = 0.5  # Share of the joints that must support the pose of a pair of cameras
 
 
 def initial_rig(clip: Clip) -> CameraRig:

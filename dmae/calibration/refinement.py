@@ -28,8 +28,7 @@ from dmae.numerics.filling import are_stills
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
 
-_ROUNDS = 3
-"""Number of rounds. Each round captures people with the cameras of the previous round."""
+_ROUNDS = 3  # Number of rounds. Each round captures people with the cameras of the previous round.
 _PRIOR = ((ROTATION, np.radians(3)), (CENTRE, 0.3), (FOCAL, 0.1), (K1, 0.3), (OFFSET, 0.5))
 """Standard deviations of the expected differences: rad, m, relative, k1, s."""
 

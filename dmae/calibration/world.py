@@ -27,8 +27,7 @@ from dmae.numerics.statistics import mean_known
 
 _ADULT = {("shoulder", "hip"): 0.50, ("hip", "knee"): 0.42, ("knee", "ankle"): 0.41}
 """m, mean of both sides: lengths of the limbs of an adult of 1.72 m."""
-_MIN_COUNT = 10
-"""Smallest number of limbs, or of people, for a result."""
+_MIN_COUNT = 10  # Smallest number of limbs, or of people, for a result
 
 
 def relative_size(people: np.ndarray, skeleton: Skeleton) -> float | None:
@@ -71,16 +70,12 @@ def _directions(skeleton: Skeleton, people: np.ndarray) -> np.ndarray:
 SOLE = {"heel": 0.018, "big_toe": 0.016, "small_toe": 0.016, "ankle": 0.075}
 """m; heights of joints above the floor when a foot stands flat."""
 _WINDOW_S = 0.32
-_KNOWN = 0.7
-"""Smallest share of the frames of a window in which a joint must be known."""
+_KNOWN = 0.7  # Smallest share of the frames of a window in which a joint must be known
 _DRIFT, _SCATTER = 0.03, 0.04
 """m; largest apparent movement of a joint at rest through a window, and largest deviation from its median."""
-_RAISED = 0.02
-"""m; a joint that is higher than this above the lowest joint of its foot does not touch the floor."""
-_STRAIGHT = 0.95
-"""Smallest distance from hip to ankle of a straight leg, as a share of the length of thigh and shank."""
-_LEG = 1.3
-"""Smallest length of a straight leg, relative to the trunk; adults have 1.7, small children 1.4."""
+_RAISED = 0.02  # m; a joint that is higher than this above the lowest joint of its foot does not touch the floor
+_STRAIGHT = 0.95  # Smallest distance from hip to ankle of a straight leg, as a share of the length of thigh and shank
+_LEG = 1.3  # Smallest length of a straight leg, relative to the trunk; adults have 1.7, small children 1.4
 _FOOT_SIGMA, _ANKLE_SIGMA = 0.010, 0.015
 """m; error of the height of a sole in a window, by heels and toes or by the ankle alone."""
 _STANDING_SIGMA, _STEPPING_SIGMA = np.radians(1.5), np.radians(3.5)
@@ -89,12 +84,9 @@ _STANCE_SOLE, _STANCE_POSTURE = 0.005, np.radians(0.8)
 """m, rad; the part of these errors that is common to the windows of one stance."""
 _SAME_PLACE_M, _SAME_HEADING = 0.15, np.radians(20)
 """Two windows of a person within these limits are one stance, and share their error."""
-_SPOT_M = 0.4
-"""Places of a person within this distance are one spot: a seat, or where the person stands."""
-_FRAMES = 4096
-"""Number of frames of a person that are processed together."""
-_MOST = 1200
-"""Largest number of windows that are used of each kind, evenly spread."""
+_SPOT_M = 0.4  # Places of a person within this distance are one spot: a seat, or where the person stands
+_FRAMES = 4096  # Number of frames of a person that are processed together
+_MOST = 1200  # Largest number of windows that are used of each kind, evenly spread
 
 
 @dataclass(frozen=True)
@@ -259,20 +251,16 @@ _ON_FLOOR_M, _BELOW_M = 0.03, 0.06
 _NEAR_FLOOR_M = 0.06
 _LEAN, _LEAN_SIGMA, _SIDE_SIGMA = np.radians(2.0), np.radians(3.0), np.radians(1.5)
 """rad; mean angle by which people lean forward, and its standard deviation between people."""
-_SHOE_SIGMA, _SOLE_SIGMA = 0.006, 0.012
-"""m; common error of the soles of one person, and of all people."""
-_TILT_SIGMA = np.radians(0.15)
-"""rad; common error of all people."""
+_SHOE_SIGMA, _SOLE_SIGMA = 0.006, 0.012  # m; common error of the soles of one person, and of all people
+_TILT_SIGMA = np.radians(0.15)  # rad; common error of all people
 _ROBUST, _ROBUST_RAISED = 2.0, 1.0
 """Sigmas at which the weight of a residual is a half (Cauchy), and the same for a foot above the floor."""
 _FEWEST_STANCES, _FEWEST_PLACES_M = 6, 1.0
 """Number of stances, and distance between two, that determine the floor. Standing bodies also count for a tilt."""
-_AGREES = 0.5
-"""Smallest weight of a body that agrees with the tilt."""
+_AGREES = 0.5  # Smallest weight of a body that agrees with the tilt
 _WIDEST_TILT, _WIDEST_HEIGHT = np.radians(1.2), 0.05
 """Largest half width of an interval; with a wider interval the result is not stated."""
-_CLEAR = 2.0
-"""A tilt with a wider interval is still stated if it is this many times the half width."""
+_CLEAR = 2.0  # A tilt with a wider interval is still stated if it is this many times the half width
 SIGMAS = 1.96
 """Half width, in standard deviations, of an interval that contains the truth with a probability of 95 %."""
 
@@ -477,8 +465,7 @@ def _widened(
     return wider * np.maximum(ratio, 1) @ wider.T, sigmas
 
 
-_ADULT_STATURE = 1.72
-"""m, stature of the adult with which `relative_size` compares people."""
+_ADULT_STATURE = 1.72  # m, stature of the adult with which `relative_size` compares people
 _FLOOR_PERCENTILE, _ANKLE_HEIGHT = 10, 0.09
 """Percentile of the heights of ankles that belongs to feet on the floor; height of an ankle above the floor, m."""
 

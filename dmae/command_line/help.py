@@ -14,8 +14,7 @@ _FLAGS = (
     ("--config-dir DIR", "find presets in DIR too, as DIR/rig/mine.yaml for rig=mine"),
     ("--cfg job", "print the configuration and do nothing; HYDRA_FULL_ERROR=1 shows where an error comes from"),
 )
-_LEFT = 26
-"""Columns of names and defaults."""
+_LEFT = 26  # Columns of names and defaults
 
 
 def program_help(program: Program) -> str:

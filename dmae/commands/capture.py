@@ -33,12 +33,9 @@ from dmae.reconstruction.diagnosis import explain_capture
 from dmae.reconstruction.pipeline import capture, learn_noise
 from dmae.reporting.tables import counted, print_tables
 
-_TRIED = 50
-"""Greatest number of frames of a clip that a forecast captures."""
-_WORST = 3
-"""Joints with the largest reprojection errors that are printed."""
-_FEW = 0.4
-"""Share of the detected joints; where people explain fewer, something is wrong."""
+_TRIED = 50  # Greatest number of frames of a clip that a forecast captures
+_WORST = 3  # Joints with the largest reprojection errors that are printed
+_FEW = 0.4  # Share of the detected joints; where people explain fewer, something is wrong
 
 
 def run(config: CaptureCommand, out: Path) -> None:

@@ -18,8 +18,7 @@ from dmae.online.completion import complete_online
 from dmae.parallel import Backend, in_parallel, running_on
 from dmae.progress import progress
 
-_TRIED = 200
-"""Frames of a clip that a forecast completes."""
+_TRIED = 200  # Frames of a clip that a forecast completes
 CompleterFor = Callable[[Skeleton], Completer]
 """The completer of poses of a skeleton."""
 
@@ -90,8 +89,7 @@ def _completers(config: CompleteCommand) -> CompleterFor:
     return completers(Path(config.weights) if config.weights else None, **options)
 
 
-_in_this_process: dict[tuple, CompleterFor] = {}
-"""The completers that a worker has loaded."""
+_in_this_process: dict[tuple, CompleterFor] = {}  # The completers that a worker has loaded
 
 
 def _loaded(config: CompleteCommand) -> CompleterFor:

@@ -23,8 +23,7 @@ from dmae.progress import duration, progress
 from dmae.reconstruction.sides import exchanged_detections
 from dmae.reporting.tables import counted
 
-_FEW_EXCHANGES = 0.02
-"""Share of frames with exchanged sides below which a camera is not named."""
+_FEW_EXCHANGES = 0.02  # Share of frames with exchanged sides below which a camera is not named
 SETTINGS = "settings.json"
 """In the folder of a data set that `dmae` made: what its clips depend on."""
 _WITHOUT_EFFECT = ("clip", "out", "first", "clips", "damaged", "workers", "backend", "dry_run")

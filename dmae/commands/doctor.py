@@ -21,8 +21,7 @@ from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
 from dmae.reporting.tables import Table, print_tables
 
-_SIDES_FRAMES = 600
-"""Frames, from the first on, in which exchanged sides are looked for."""
+_SIDES_FRAMES = 600  # Frames, from the first on, in which exchanged sides are looked for
 
 
 def run(config: DoctorCommand, out: Path) -> None:

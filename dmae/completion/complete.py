@@ -31,10 +31,8 @@ from dmae.parallel import one_thread
 
 # Prediction: a network's corrections of a whole recording, blended over overlapping windows.
 
-_BATCH = 4
-"""Windows that the network is given together."""
-_SAME_RATE = 0.01
-"""Rates within this share of each other are taken as equal."""
+_BATCH = 4  # Windows that the network is given together
+_SAME_RATE = 0.01  # Rates within this share of each other are taken as equal
 
 
 def has_rate(model: DMAE, fps: float) -> bool:

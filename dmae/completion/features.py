@@ -16,8 +16,7 @@ from dmae.numerics.statistics import median_over_frames
 
 _BONE_FRAMES, _JOINT_FRAMES, _PERSON_FRAMES = 3, 9, 51
 """Frames over which the stretch of a bone, the jitter of a joint, and either of a whole person are averaged."""
-_UNIT, _SMALLEST = 0.01, 1e-3
-"""m; of which noise levels are multiples, and what is added before the logarithm is taken."""
+_UNIT, _SMALLEST = 0.01, 1e-3  # m; of which noise levels are multiples, and what is added before the logarithm is taken
 
 
 def held_offsets(base: np.ndarray, observed: np.ndarray, parents: np.ndarray, heading: np.ndarray) -> np.ndarray:
@@ -120,10 +119,8 @@ def _moving_mean(sums: np.ndarray, counts: np.ndarray, frames: int) -> np.ndarra
     return np.where(some, total / np.where(some, count, 1), np.nan)
 
 
-_EXACT, _NOISY = -1.5, -0.1
-"""By `bone_stretch` poses are exact up to the first (1 mm), noisy from the second (8 mm)."""
-_NEAR = 0.2
-"""s; farther from any measurement of a person, regions of 90 % held less than 80 % of the truth."""
+_EXACT, _NOISY = -1.5, -0.1  # By `bone_stretch` poses are exact up to the first (1 mm), noisy from the second (8 mm)
+_NEAR = 0.2  # s; farther from any measurement of a person, regions of 90 % held less than 80 % of the truth
 
 
 def noisiness(poses: Poses3D) -> np.ndarray:

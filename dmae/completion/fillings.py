@@ -78,12 +78,9 @@ def fill_rays(poses: Poses3D, fps: float) -> Poses3D:
 
 # Rejection: measured joints that cannot be right, because the frames around contradict them.
 
-_REACHES = (0.04, 0.1, 0.2)
-"""s that are left out on either side of a sample with it: errors last for several frames."""
-_LONGEST = 0.6
-"""s; samples farther apart than this do not predict what is between them."""
-_ERROR = 0.05
-"""m; a deviation that measurement noise explains."""
+_REACHES = (0.04, 0.1, 0.2)  # s that are left out on either side of a sample with it: errors last for several frames
+_LONGEST = 0.6  # s; samples farther apart than this do not predict what is between them
+_ERROR = 0.05  # m; a deviation that measurement noise explains
 ACCELERATION = 20.0
 """m/s^2; a deviation that motion explains has at most this acceleration."""
 

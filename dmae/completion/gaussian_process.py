@@ -25,15 +25,11 @@ SHORT_GAP = 0.2
 
 _LENGTH_SCALE = 0.1
 """m; length scale of the kernel. Poses that differ by more (root mean square over joints) are hardly correlated."""
-_NOISE = 0.05
-"""Variance of the noise, as a share of that of the process."""
-_SPAN = 24.0
-"""s of training poses, those nearest in time; of these at most `_MOST`, evenly spaced."""
+_NOISE = 0.05  # Variance of the noise, as a share of that of the process
+_SPAN = 24.0  # s of training poses, those nearest in time; of these at most `_MOST`, evenly spaced
 _MOST = 300
-_FEWEST = 20
-"""Training poses; with fewer the process predicts nothing."""
-_BLOCK = 5.0
-"""s of frames that share training poses."""
+_FEWEST = 20  # Training poses; with fewer the process predicts nothing
+_BLOCK = 5.0  # s of frames that share training poses
 
 
 @completion_method("gaussian_process")
@@ -147,12 +143,9 @@ _CLOSENESS, _SPREAD = 1.67, 0.05
 """How fast correlation falls with the distance between poses, and m, the spread below which joints count alike."""
 _POSE, _POSE_NOW, _NOW = 10.0, 3.0, 1.0
 """Variances, relative to each other: of poses at any time, of poses within seconds, and of instants."""
-_SECONDS, _INSTANT = 2.0, 0.3
-"""s; their length scales in time."""
-_EXACT_NOISE = 1.3e-3
-"""Variance of the noise of exact poses, in the same unit."""
-_SHARE = 0.5
-"""Weight in limbs, against the process of all joints: their errors differ."""
+_SECONDS, _INSTANT = 2.0, 0.3  # s; their length scales in time
+_EXACT_NOISE = 1.3e-3  # Variance of the noise of exact poses, in the same unit
+_SHARE = 0.5  # Weight in limbs, against the process of all joints: their errors differ
 
 
 def place_torso(bodies: Bodies, exact: np.ndarray, fps: float) -> None:

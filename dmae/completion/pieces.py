@@ -11,13 +11,11 @@ from dmae.progress import progress
 
 WHOLE, _PIECE = 4000, 3000
 """Frames; shorter recordings are completed whole, and pieces, with their sides, are about as long as the second."""
-_RATE = 25.0
-"""1/s; both are as many times shorter as a rate is lower, as a model sees more frames there."""
+_RATE = 25.0  # 1/s; both are as many times shorter as a rate is lower, as a model sees more frames there
 _UNIT = 5.0
 """s; pieces begin at multiples of it, as blocks of `dmae.completion.gaussian_process` do, and every window of a
 network that is a whole number of times shorter."""
-_MARGIN = 4
-"""Units before and after a piece that are given with it."""
+_MARGIN = 4  # Units before and after a piece that are given with it
 
 
 def in_pieces(

@@ -61,8 +61,7 @@ from dmae.files.contents import read_bytes
 from dmae.metrics.position import PCK_THRESHOLD, REGION_PROBABILITY, REGION_RADIUS
 from dmae.progress import progress
 
-_FEWEST = 200
-"""Joints of a class of gaps from which its own factor is fitted."""
+_FEWEST = 200  # Joints of a class of gaps from which its own factor is fitted
 
 
 def fit_factors(complete: Completer, held_back: Iterable[tuple[Poses3D, Poses3D]], fps: float) -> Factors | None:
@@ -103,8 +102,7 @@ def fit_factors(complete: Completer, held_back: Iterable[tuple[Poses3D, Poses3D]
 CHECKPOINT = "checkpoint.ckpt"
 _BEFORE = "checkpoint_before.ckpt"
 _MARK = b"dmae checkpoint "
-_DIGEST = 64
-"""Hexadecimal digits of a SHA-256."""
+_DIGEST = 64  # Hexadecimal digits of a SHA-256
 
 
 class CheckedCheckpoints(TorchCheckpointIO):
@@ -171,11 +169,9 @@ def _content(path: Path) -> bytes:
 
 T = TypeVar("T")
 
-_MOST_CLOSING = 0.35
-"""Share of the whole time that may be reserved for what follows training."""
+_MOST_CLOSING = 0.35  # Share of the whole time that may be reserved for what follows training
 
-_MOST_PREPARING = 0.2
-"""Share of the time that is left that the examples of an epoch may take to make."""
+_MOST_PREPARING = 0.2  # Share of the time that is left that the examples of an epoch may take to make
 
 
 class TimeLimit:
@@ -230,14 +226,11 @@ class TimeLimit:
 
 # The learner: the network, its loss and its schedule, as Lightning trains it.
 
-_SCALE_WEIGHT = 0.01
-"""Weight of the loss that trains the error scale, relative to errors in m."""
+_SCALE_WEIGHT = 0.01  # Weight of the loss that trains the error scale, relative to errors in m
 
-_LOSS_SHARE = 0.01
-"""Weight of the last step in the mean loss that is printed."""
+_LOSS_SHARE = 0.01  # Weight of the last step in the mean loss that is printed
 
-_SMALLEST_ERROR = 0.003
-"""m; expected errors much below this have equal weight (`Loss.relative`)."""
+_SMALLEST_ERROR = 0.003  # m; expected errors much below this have equal weight (`Loss.relative`)
 
 
 def error_loss(loss: Loss, squared: Tensor, log_scale: Tensor) -> Tensor:
@@ -526,8 +519,7 @@ def errors_of_processes():
 
 _PRECISION = {Precision.single: "32-true", Precision.bf16: "bf16-mixed"}
 _QUIET = {"enable_progress_bar": False, "enable_model_summary": False}
-_ONES = ((1.0,) * CLASSES,) * 2
-"""Factors of uncertainty that change nothing."""
+_ONES = ((1.0,) * CLASSES,) * 2  # Factors of uncertainty that change nothing
 
 
 def train(

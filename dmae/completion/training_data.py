@@ -65,8 +65,7 @@ def _least(values: np.ndarray, count: int, axis: int) -> np.ndarray:
     return values.argsort(axis).argsort(axis) < count
 
 
-_WHOLE_JOINT = 0.3
-"""Greatest share of the joints that are masked in all frames of a captured window."""
+_WHOLE_JOINT = 0.3  # Greatest share of the joints that are masked in all frames of a captured window
 
 
 def mask_captured(shape: tuple[int, int, int], config: MaskingConfig, *, rng: np.random.Generator) -> np.ndarray:
@@ -150,8 +149,7 @@ def pose_pair(clip: Clip, skeleton: Skeleton, fps: float) -> PosePair:
 
 # Augmentation: pairs of poses varied in speed, direction, heading, side and size; and noise for true poses.
 
-_CORRELATION = 0.75
-"""Of errors in neighbouring frames at 25 frames/s, about as those of OpenPose."""
+_CORRELATION = 0.75  # Of errors in neighbouring frames at 25 frames/s, about as those of OpenPose
 
 
 def augment(pair: PosePair, config: AugmentConfig, fps: float, *, rng: np.random.Generator) -> PosePair:
@@ -193,8 +191,7 @@ def with_noise(truth: Poses3D, deviation: float, *, rng: np.random.Generator) ->
 
 # Examples: windows of masked poses, and the truth in them.
 
-_KEPT_RAYS = 0.5
-"""Share of the masked joints that keep their rays."""
+_KEPT_RAYS = 0.5  # Share of the masked joints that keep their rays
 
 
 @dataclass(frozen=True)
@@ -260,8 +257,7 @@ def cut_examples(rows: Rows, starts: np.ndarray, model: ModelConfig) -> Examples
 
 # Reading: clips to pairs of poses to learn from, and which of them are held back for validation.
 
-_BY = " by "
-"""Between the name of a clip and the cameras that captured it."""
+_BY = " by "  # Between the name of a clip and the cameras that captured it
 
 
 @dataclass(frozen=True)
@@ -351,8 +347,7 @@ def _held_back(names: list[str], share: float, *, seed: int) -> list[str]:
 
 # Batches of examples for training and validation, and poses for calibration.
 
-_DRAWS = 5
-"""Masks drawn for each true recording that uncertainty is calibrated on."""
+_DRAWS = 5  # Masks drawn for each true recording that uncertainty is calibrated on
 
 
 class TrainingBatches(Dataset):

@@ -50,8 +50,7 @@ _FORMAT_4_LAYERS = {"amount": "residual_scale", "embed_base": "embed_hidden"}
 
 OF_PEOPLE = {"l_hip", "r_hip", "l_shoulder", "r_shoulder"}
 """Joints by which the network knows where a body is and faces."""
-_LARGEST = 1e6
-"""Of a weight."""
+_LARGEST = 1e6  # Of a weight
 SHIPPED = Path(__file__).parents[1] / "models"
 PAPER = "paper"
 """Folder there of the paper's network."""

@@ -75,8 +75,7 @@ def rest_pose(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
     return np.where(known[..., None], upright, 0).sum(0) / known.sum(0)[:, None]
 
 
-_NEVER = 1000
-"""Frames to a measurement that does not exist."""
+_NEVER = 1000  # Frames to a measurement that does not exist
 
 
 class Windows(NamedTuple):

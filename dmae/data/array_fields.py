@@ -9,8 +9,7 @@ from dmae.files.mapped import LARGE
 
 _LONGEST_EMPTY = 1_000_000
 """Largest length of an axis in an array of size zero. A file can state any length if another axis has length 0."""
-_MOST_SHOWN = 8
-"""Longest tuple that is printed whole."""
+_MOST_SHOWN = 8  # Longest tuple that is printed whole
 ANY = -1
 """Marks an axis of any length in an expected shape."""
 

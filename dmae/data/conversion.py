@@ -199,8 +199,7 @@ SIZE_QUANTILE = 0.8
 """Quantile of the extents of poses that is the size. Bodies are often bent; errors rarely make them longer."""
 _MIN_KNOWN_SHARE = 0.6
 """Smallest share of known joints in a pose that is measured. The extent of fewer joints is not informative."""
-_MAX_MEASURED = 400
-"""Largest number of poses that are measured, evenly spaced."""
+_MAX_MEASURED = 400  # Largest number of poses that are measured, evenly spaced
 
 
 def resized_poses(poses: Poses3D, factor: float) -> Poses3D:

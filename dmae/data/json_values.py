@@ -22,8 +22,7 @@ def json_text(value) -> str:
     )
 
 
-_LARGEST = 1e9
-"""Largest absolute value of a float."""
+_LARGEST = 1e9  # Largest absolute value of a float
 
 
 def decode(kind: Any, value: Any, name: str = "") -> Any:

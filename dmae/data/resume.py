@@ -7,8 +7,7 @@ from pathlib import Path
 from dmae.files.contents import write_atomic
 from dmae.files.structured import read_json
 
-_LISTED = 8
-"""Largest number of settings that a message names."""
+_LISTED = 8  # Largest number of settings that a message names
 
 
 def claim_folder(path: Path, settings: dict, contents: str, may_differ: Collection[str] = ()) -> None:

@@ -294,8 +294,7 @@ _FILES = (".yaml", ".yml")
 _KEYS = {"name", "joints", "mirror", "torso", "stretching", "size_m"}
 _MOST_JOINTS = 500
 _LONGEST_NAME = 60
-_SIZES = (1e-3, 100.0)
-"""m; smallest and largest `size_m`."""
+_SIZES = (1e-3, 100.0)  # m; smallest and largest `size_m`
 
 
 def read_skeleton(path: Path) -> Skeleton:

@@ -204,8 +204,7 @@ def _upright(frame) -> np.ndarray:
 
 _RATIO = 0.003
 """Largest relative difference between the scales of width and height of an image that was scaled without margins."""
-_BLACK = 40
-"""Largest mean brightness of a margin, of 255; compressed black is not quite black."""
+_BLACK = 40  # Largest mean brightness of a margin, of 255; compressed black is not quite black
 
 
 @dataclass(frozen=True)
@@ -287,8 +286,7 @@ def _is_black(sample: np.ndarray, left: int, top: int) -> bool:
 
 # Which images belong to one frame, by the frame rates and offsets of the videos
 
-_SAME_RATE = 1e-3
-"""Relative difference of frame rates above which a note is written."""
+_SAME_RATE = 1e-3  # Relative difference of frame rates above which a note is written
 _MOST_SPAN = 20
 """Largest span of the numbers in a folder, per image. With a larger span the numbers are not frame numbers."""
 

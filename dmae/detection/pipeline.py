@@ -260,12 +260,9 @@ def _search_piece(
 _SAME = 0.3
 """Largest median distance between the joints of a detection and of a projected person that are one, relative to the
 radius of the body in the image."""
-_FORBIDDEN = 1e3
-"""Cost of a pair that is farther apart."""
-_TORSO = ("l_shoulder", "r_shoulder", "l_hip", "r_hip")
-"""Joints that must be known of a person that is searched."""
-_LEAST_INSIDE = 0.5
-"""Smallest share of a person's joints that must project into an image."""
+_FORBIDDEN = 1e3  # Cost of a pair that is farther apart
+_TORSO = ("l_shoulder", "r_shoulder", "l_hip", "r_hip")  # Joints that must be known of a person that is searched
+_LEAST_INSIDE = 0.5  # Smallest share of a person's joints that must project into an image
 _SMALLER, _ON_BODY, _MOST_JOINTS = 0.5, 0.2, 0.9
 """A detection is a part of a person if it is no person (`_SAME`), its size is at most this share of the person's, and
 this share of its joints is within this distance from the person's bones, relative to the radius of the body."""

@@ -41,11 +41,9 @@ from dmae.progress import progress
 from dmae.reporting.tables import counted
 from dmae.viewing.canvas import Mark, draw_line, draw_mark, person_colour
 
-_SAMPLED = 5
-"""Number of images of a camera, evenly spread, in which black borders are searched."""
+_SAMPLED = 5  # Number of images of a camera, evenly spread, in which black borders are searched
 _LISTED = 8
-_STILLS_RATE = 0.1
-"""1/s; of photographs in sets, where it is not known."""
+_STILLS_RATE = 0.1  # 1/s; of photographs in sets, where it is not known
 
 
 @dataclass(frozen=True)
@@ -421,8 +419,7 @@ def coco(detections: Detections2D, entries: Sequence[tuple[int, int, str, tuple[
 KEYPOINTS, DRAWN = "keypoints.json", "drawn"
 """COCO's file of all photographs; folder of the photographs with the people drawn over them."""
 _NAMED = 5
-_THIN = 400
-"""Pixels of the longer side of a photograph for each pixel of the width of a line."""
+_THIN = 400  # Pixels of the longer side of a photograph for each pixel of the width of a line
 _QUALITY = 90
 
 

@@ -161,8 +161,7 @@ def filled_by_all(filled: list[Poses3D], trial: Trial) -> np.ndarray:
     return common
 
 
-_TRIED = 50
-"""Number of frames of a clip that a forecast scores."""
+_TRIED = 50  # Number of frames of a clip that a forecast scores
 
 
 def evaluate(config: EvaluateConfig) -> dict:

@@ -109,8 +109,7 @@ def _text(value) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-_SMALLEST = 0.05
-"""% or mm. Smaller changes are not printed; another processor can cause them."""
+_SMALLEST = 0.05  # % or mm. Smaller changes are not printed; another processor can cause them.
 _JUDGED = {
     "pcp": ("strict PCP", "%", 1, ("pcp",)),
     "mpjpe": ("MPJPE", "mm", -1, ("mpjpe", "all")),

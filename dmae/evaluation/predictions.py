@@ -10,10 +10,8 @@ from dmae.data.conversion import convert
 from dmae.formats.poses import pose_paths, read_poses
 from dmae.numerics.statistics import mean_known
 
-_LARGER = 2.5
-"""If people are larger or smaller than the true people by this factor, the poses are in another unit."""
-_UNITS = {1000: "mm", 100: "cm", 39.37: "inches", 3.281: "feet", 0.001: "km"}
-"""Units, as factors from metres."""
+_LARGER = 2.5  # If people are larger or smaller than the true people by this factor, the poses are in another unit
+_UNITS = {1000: "mm", 100: "cm", 39.37: "inches", 3.281: "feet", 0.001: "km"}  # Units, as factors from metres
 
 
 def predictions_of(path: Path, clips: Sequence[str]) -> dict[str, Path]:

@@ -128,12 +128,9 @@ def _index(poses: Poses3D, decision: Decision) -> tuple[slice, int, int]:
 
 # Signs that a joint is off, distances in metres; none needs the truth
 
-_UNKNOWN = 0.2
-"""m; the error that is assumed for people if none is stated."""
-_FRAMES = 200
-"""Frames that are compared at a time, so that memory stays flat."""
-_REACH = 0.04
-"""s before and after a frame, between which a joint is interpolated."""
+_UNKNOWN = 0.2  # m; the error that is assumed for people if none is stated
+_FRAMES = 200  # Frames that are compared at a time, so that memory stays flat
+_REACH = 0.04  # s before and after a frame, between which a joint is interpolated
 
 STATED, UNSTATED, BONE, JUMP, RESIDUAL = "stated error", "no stated error", "bone length", "jump", "reprojection"
 
@@ -210,8 +207,7 @@ def _residual(clip: Clip) -> np.ndarray:
 
 # The ranking of joints that may be off
 
-_SECONDS = 0.2
-"""s; length of an entry."""
+_SECONDS = 0.2  # s; length of an entry
 
 
 @dataclass(frozen=True)

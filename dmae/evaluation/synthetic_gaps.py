@@ -9,18 +9,13 @@ from dmae.evaluation.config import GapConfig
 from dmae.numerics.paths import neighbours
 from dmae.numerics.statistics import ar1_filter
 
-_NOISE = 0.02
-"""m; the standard deviation of the noise of a person's joints is uniform between 0 and this."""
-_CORRELATION = 0.75
-"""Correlation of errors in frames 40 ms apart, similar to OpenPose's errors."""
-_DRIFT = 0.05
-"""m; mean error of a joint in the last frame before a gap, and in the first one after it."""
-_DRIFT_TIME = 0.2
-"""s; longest time over which a joint drifts away before a gap, or comes back after it."""
+_NOISE = 0.02  # m; the standard deviation of the noise of a person's joints is uniform between 0 and this
+_CORRELATION = 0.75  # Correlation of errors in frames 40 ms apart, similar to OpenPose's errors
+_DRIFT = 0.05  # m; mean error of a joint in the last frame before a gap, and in the first one after it
+_DRIFT_TIME = 0.2  # s; longest time over which a joint drifts away before a gap, or comes back after it
 _OUTLIER_RATE = 0.1
 """Outliers per second and joint. Each lasts up to `_DRIFT_TIME` and has an offset of `_OUTLIER_SIZE`."""
-_OUTLIER_SIZE = (0.05, 0.5)
-"""m; log-uniform between these."""
+_OUTLIER_SIZE = (0.05, 0.5)  # m; log-uniform between these
 
 
 def cut_gaps(truth: Poses3D, fps: float, config: GapConfig, *, rng: np.random.Generator) -> Poses3D:

@@ -111,8 +111,7 @@ _TYPES = {
 }  # fmt: skip
 _NAMES = {np.dtype(kind): name for name, kind in _TYPES.items()}
 _ORDER = ("U64", "I64", "F64", "F32", "U32", "I32", "F16", "U16", "I16", "I8", "U8", "BOOL")
-_HEAD = 8
-"""Number of bytes that state the length of the header."""
+_HEAD = 8  # Number of bytes that state the length of the header
 
 
 def tensor_pieces(arrays: dict[str, np.ndarray]) -> Iterator[bytes]:

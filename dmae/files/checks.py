@@ -15,8 +15,7 @@ VIDEOS = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".mpg", ".mpeg", ".mt
 _SIGNS = frozenset('/\\<>:"|?*')
 _RESERVED = re.compile(r"(con|prn|aux|nul|com[0-9¹²³]|lpt[0-9¹²³])(\..*)?", re.IGNORECASE)
 """Names of devices on Windows."""
-_LONGEST = 230
-"""Bytes; file systems accept 255, and temporary names need some of them."""
+_LONGEST = 230  # Bytes; file systems accept 255, and temporary names need some of them
 
 
 def child(folder: Path, name: str, what: str) -> Path:

@@ -20,8 +20,7 @@ _BESIDE = (
 )  # fmt: skip
 """Files that commands write about a clip or data set into its folder. They are not part of it."""
 _OWN = "# sha256 of what follows: "
-_SHOWN = 3
-"""Largest number of damaged files in a message."""
+_SHOWN = 3  # Largest number of damaged files in a message
 
 
 class Checksum(NamedTuple):

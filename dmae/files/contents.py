@@ -14,8 +14,7 @@ MOST_BYTES = 4 << 30
 """Largest size of a file that is read whole, bytes."""
 COMPRESSED = (".xz", ".gz")
 """Last extensions of files that `read_unpacked` unpacks."""
-_UNPACKING_MEMORY = 256 << 20
-"""Bytes; files of `xz -9` need 65 MiB."""
+_UNPACKING_MEMORY = 256 << 20  # Bytes; files of `xz -9` need 65 MiB
 
 
 def check_file(path: Path, most: int = MOST_BYTES) -> int:

@@ -14,13 +14,11 @@ T = TypeVar("T")
 
 _LEAST_LIMIT, _EXPANSION = 1 << 28, 100
 """Bytes that an array may have: the larger of the first number, and the second number times the size of the file."""
-_FILTERS = {1, 2, 3, 4, 32000}
-"""Deflate, shuffle, Fletcher, szip and LZF. For other filters HDF5 would load plugins."""
+_FILTERS = {1, 2, 3, 4, 32000}  # Deflate, shuffle, Fletcher, szip and LZF. For other filters HDF5 would load plugins.
 _MOST_TEXTS, _LONGEST_TEXT = 5000, 20_000
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _HEAP, _HEAD = b"GCOL\x01\0\0\0", 16
-_SHORTEST = 48
-"""Smallest size of the block at the start of a file, bytes."""
+_SHORTEST = 48  # Smallest size of the block at the start of a file, bytes
 
 
 class Hdf5:

@@ -21,10 +21,8 @@ T = TypeVar("T")
 
 LARGE = 16 << 20
 """Bytes; smaller arrays are in memory."""
-_BLOCK = 8 << 20
-"""Bytes of arrays in a block."""
-_mappings: WeakSet[mmap.mmap] = WeakSet()
-"""The files that are mapped now; each is closed with its last array."""
+_BLOCK = 8 << 20  # Bytes of arrays in a block
+_mappings: WeakSet[mmap.mmap] = WeakSet()  # The files that are mapped now; each is closed with its last array
 
 
 def empty(shape: tuple[int, ...], dtype: type | np.dtype) -> np.ndarray:

@@ -19,8 +19,7 @@ _MOST_STACK = 100_000
 _EXPANSION, _LEAST_LIMIT = 20, 1_000_000
 """Values that a file may contain, with repeated containers counted each time: the first number per byte, or the
 second if that is more."""
-_MOST_EMPTY = 100_000
-"""Largest length of an axis of an array if another axis has length zero."""
+_MOST_EMPTY = 100_000  # Largest length of an axis of an array if another axis has length zero
 _MODULES = ("numpy.core.multiarray", "numpy._core.multiarray")
 _GLOBALS = {
     ("numpy", "dtype"): "dtype",

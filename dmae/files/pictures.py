@@ -17,8 +17,7 @@ from dmae.files.contents import check_file
 MOST_PIXELS = 1 << 26
 """Largest number of pixels of a picture; phones take pictures of 50 million."""
 _UPRIGHT_FORMATS = ("PNG", "JPEG", "BMP", "WEBP", "TIFF")
-_ORIENTATION = 0x0112
-"""EXIF tag; from 5 on, the picture is rotated by a quarter turn."""
+_ORIENTATION = 0x0112  # EXIF tag; from 5 on, the picture is rotated by a quarter turn
 _PNG = b"\x89PNG\r\n\x1a\n"
 _FRAMES = {0xC0, 0xC1, 0xC2, 0xC3, 0xC5, 0xC6, 0xC7, 0xC9, 0xCA, 0xCB, 0xCD, 0xCE, 0xCF}
 """JPEG's markers of a frame; the size of the picture is in its header."""

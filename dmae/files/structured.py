@@ -14,8 +14,7 @@ from dmae.files.contents import read_text
 
 MOST_DEPTH = 32
 """Largest depth of nested tables and lists."""
-_MOST_YAML = 16 << 20
-"""Largest size of a YAML or TOML file, bytes."""
+_MOST_YAML = 16 << 20  # Largest size of a YAML or TOML file, bytes
 _MOST_JSON = 1 << 30
 _TEXT = re.compile(rb'"(?:[^"\\]|\\.)*+"?+', re.DOTALL)
 _NO_BRACKETS = bytes(set(range(256)) - set(b"[{]}"))

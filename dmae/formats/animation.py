@@ -25,15 +25,13 @@ Y_UP = np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])
 """Rotation from our world to a world with y up. A person that faces x in our world faces z there."""
 _LIMBS = {"elbow": (0, 1, 0), "wrist": (0, 1, 0), "knee": (0, 0, -1), "ankle": (0, 0, -1)}
 """Directions of limbs of your own skeletons in the rest pose, a T-pose that faces x, for the left side."""
-_HEADING_SMOOTHING = 0.4
-"""s; standard deviation of the Gaussian weights that smooth the heading."""
+_HEADING_SMOOTHING = 0.4  # s; standard deviation of the Gaussian weights that smooth the heading
 _MARGIN, _PART_FRAMES = 10.0, 4096
 """Long recordings are filled in parts: seconds before and after a part that are also used, and frames in a part."""
 _NODES = {"pelvis": "mid_hip", "torso": "spine", "head": "head", "clavicle": "clavicle", "upper_arm": "shoulder",
           "forearm": "elbow", "hand": "wrist", "thigh": "hip", "shank": "knee", "foot": "ankle"}  # fmt: skip
 """Names of nodes by segment, without the side."""
-_RAISED = {"upper_arm", "forearm", "hand"}
-"""Segments that a T-pose raises sideways."""
+_RAISED = {"upper_arm", "forearm", "hand"}  # Segments that a T-pose raises sideways
 
 
 @dataclass(frozen=True)

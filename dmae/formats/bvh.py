@@ -16,10 +16,8 @@ from dmae.formats.poses import person_paths
 from dmae.formats.registry import pose_writer
 from dmae.formats.rigs import CENTIMETRES, as_rig
 
-_END_LENGTH = 0.05
-"""m; length of the bone after the last joint of a limb. The format requires such a bone."""
-_ORDER, _RIG_ORDER = "ZXY", "ZYX"
-"""Order of the channels of rotation, and that of rigs of other programs."""
+_END_LENGTH = 0.05  # m; length of the bone after the last joint of a limb. The format requires such a bone.
+_ORDER, _RIG_ORDER = "ZXY", "ZYX"  # Order of the channels of rotation, and that of rigs of other programs
 
 
 @pose_writer("bvh", table=True, rigs=["soma", "lafan1"])

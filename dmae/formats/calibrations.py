@@ -43,8 +43,7 @@ calibration_format = Registry("calibration_format", CalibrationFormat, __package
 
 # CameraRig accepts the same rounding of published rotations. The error raised here names the key.
 _ROUNDING = 1e-3
-_LARGEST = 1e10
-"""Largest absolute value of any number: ten thousand kilometres in millimetres."""
+_LARGEST = 1e10  # Largest absolute value of any number: ten thousand kilometres in millimetres
 
 
 class ParsedCamera(NamedTuple):

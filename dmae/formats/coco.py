@@ -163,10 +163,8 @@ def _pieces(
 KEYPOINTS = "keypoints.json"
 HIDDEN_SCORE = 0.5
 """Confidence of a joint that is labelled but not visible (v = 1), in files without confidences; visible ones get 1."""
-_FRAMES = 512
-"""Number of frames that are written at a time, for clips without images."""
-_Id = int | str
-"""Type of the ids of images."""
+_FRAMES = 512  # Number of frames that are written at a time, for clips without images
+_Id = int | str  # Type of the ids of images
 
 
 @dataclass

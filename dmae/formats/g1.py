@@ -70,8 +70,7 @@ def _continuous(quaternions: np.ndarray) -> np.ndarray:
 # LeRobot v3, https://huggingface.co/docs/lerobot: episodes one after the other in Parquet files.
 
 VERSION = "v3.0"
-_FILE_FRAMES = 300_000
-"""Frames in a file, about 100 MB, the size that the format recommends."""
+_FILE_FRAMES = 300_000  # Frames in a file, about 100 MB, the size that the format recommends
 _FLAGS = ("left_foot_stands", "right_foot_stands", "left_hand_touches", "right_hand_touches")
 _QUANTILES = (0.01, 0.1, 0.5, 0.9, 0.99)
 

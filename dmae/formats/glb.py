@@ -19,10 +19,8 @@ from dmae.formats.registry import pose_writer
 _COLOURS = ((0.12, 0.47, 0.71), (0.20, 0.63, 0.17), (0.42, 0.24, 0.60), (0.55, 0.34, 0.29), (0.09, 0.75, 0.81))
 """RGB colours of persons. None is red, because red marks joints that were not measured."""
 _RED = (0.84, 0.15, 0.16)
-_THICKNESS, _MARKER = 0.12, 0.045
-"""Thickness of a bone as a share of its length, and size of a red marker in m."""
-_SIDES = 12
-"""Number of sides of a limb of the body."""
+_THICKNESS, _MARKER = 0.12, 0.045  # Thickness of a bone as a share of its length, and size of a red marker in m
+_SIDES = 12  # Number of sides of a limb of the body
 _FLOAT, _BYTE, _SHORT, _INT = 5126, 5121, 5123, 5125
 _VERTICES, _INDICES = 34962, 34963
 _CORNERS = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)

@@ -18,8 +18,7 @@ from dmae.formats.registry import reader
 
 _PICKLES = (".pkl", ".pickle")
 _FOLDERS = ("predictions", "")
-_WHOLE_BODY = 133
-"""Number of points in COCO-WholeBody. Its first 17 points are the joints of COCO."""
+_WHOLE_BODY = 133  # Number of points in COCO-WholeBody. Its first 17 points are the joints of COCO.
 
 
 @reader("mmpose", signs=[["predictions/*.json"], ["predictions/*.pkl"], ["*.pkl"], ["*.pickle"]], cameras=False)

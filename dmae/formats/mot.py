@@ -22,8 +22,7 @@ from dmae.formats.registry import pose_writer
 from dmae.numerics.kinematics import ANGLES, BodyMotion, body_motion, defining_joints, joint_angles
 
 _PLACES = ("pelvis_tx", "pelvis_ty", "pelvis_tz")
-_PELVIS = 3
-"""Number of angles of the pelvis, which come before its place."""
+_PELVIS = 3  # Number of angles of the pelvis, which come before its place
 
 
 @pose_writer("mot", table=True)

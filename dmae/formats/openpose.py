@@ -34,8 +34,7 @@ CALIBRATION = "calibration.toml"
 FOLDERS = ("openpose", "keypoints", "pose", "json")
 """Folders in a recording that can contain the folders of the cameras. The recording itself is searched first."""
 _SUFFIXES = ("_keypoints", "_json")
-_PANOPTIC = "body3DScene"
-"""Start of the names of Panoptic's pose files, which are not detections."""
+_PANOPTIC = "body3DScene"  # Start of the names of Panoptic's pose files, which are not detections
 _DEFAULT_SKELETONS = (BODY25, COCO18, COCO17, BODY21, HALPE26, PANOPTIC19, SHELF14, BLAZEPOSE33)
 BY_COUNT = {len(skeleton): skeleton for skeleton in _DEFAULT_SKELETONS}
 """Default skeleton of detections, by number of joints."""

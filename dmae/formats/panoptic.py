@@ -97,8 +97,7 @@ def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
 
 POSES = "hdPose3d_stage1_coco19"
 _SCENE = "body3DScene_"
-_VALUES = 10
-"""Number of values per joint: x, y, z, source, and six entries of the covariance."""
+_VALUES = 10  # Number of values per joint: x, y, z, source, and six entries of the covariance
 _UPPER = np.triu_indices(3)
 
 

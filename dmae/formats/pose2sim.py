@@ -98,8 +98,7 @@ def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
 
 _LEVELS = 3
 """Number of folders that can contain a Config.toml: the trial, the participant above it, the session above both."""
-_POSES = ("pose-sync", "pose")
-"""Folders of the detections of a trial. Synchronised detections are preferred."""
+_POSES = ("pose-sync", "pose")  # Folders of the detections of a trial. Synchronised detections are preferred.
 _MODELS = {
     "body25": BODY25, "body25b": BODY25B, "coco": COCO18, "coco17": COCO17, "body": COCO17,
     "halpe26": HALPE26, "bodywithfeet": HALPE26,

@@ -21,8 +21,7 @@ from dmae.files.contents import read_text, write_atomic, written
 from dmae.files.mapped import empty, frame_blocks
 from dmae.formats.registry import PoseReader, pose_reader
 
-_PERSON = re.compile(r"_P\d+$")
-"""End of the names of files that contain one of several persons."""
+_PERSON = re.compile(r"_P\d+$")  # End of the names of files that contain one of several persons
 
 
 @dataclass(frozen=True)

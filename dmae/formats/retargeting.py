@@ -37,36 +37,24 @@ _MOTORS = {"hip_pitch": 32, "hip_roll": 20, "hip_yaw": 32, "knee": 20, "ankle": 
            "shoulder": 37, "elbow": 37, "wrist_roll": 37, "wrist": 22}  # fmt: skip
 """rad/s; speeds of the motors without load, by the start of the joint's name without its side, as Unitree states them
 in the G1's URDF."""
-_SPEED_SHARE = 0.25
-"""Share of the speed without load that is used."""
-_MARGIN = 0.01
-"""rad; distance that is kept from limits of position."""
-_SMOOTHING = 0.05
-"""s; standard deviation of the weights that smooth joints before they are followed."""
+_SPEED_SHARE = 0.25  # Share of the speed without load that is used
+_MARGIN = 0.01  # rad; distance that is kept from limits of position
+_SMOOTHING = 0.05  # s; standard deviation of the weights that smooth joints before they are followed
 _STAND_HEIGHT, _STAND_SPEED = 0.04, 0.25
 """m above its lowest, m/s: below both, a heel or toe stands. A foot without them: its ankle."""
 _STAND_TIME, _STEP_TIME = 0.1, 0.2
 """s; a foot stands at least this long; from free motion to standing and back takes this long."""
-_TURN = 0.7
-"""rad; feet are turned at most this far from the pelvis."""
-_CROUCH = 0.96
-"""The robot's legs are longest at this share of their length, so that knees do not become singular."""
-_TOUCH = 0.04
-"""m between the surfaces of a palm and of another person's limb or trunk; nearer counts as touching."""
-_TOUCH_TIME = 0.15
-"""s; briefer touches, and interruptions of touches, are ignored."""
-_REACH_TIME = 0.3
-"""s; how long before and after it touches a hand is led to its place."""
-_RATE = 100.0
-"""Steps per second of the solver, at least; a frame has one or more."""
+_TURN = 0.7  # rad; feet are turned at most this far from the pelvis
+_CROUCH = 0.96  # The robot's legs are longest at this share of their length, so that knees do not become singular
+_TOUCH = 0.04  # m between the surfaces of a palm and of another person's limb or trunk; nearer counts as touching
+_TOUCH_TIME = 0.15  # s; briefer touches, and interruptions of touches, are ignored
+_REACH_TIME = 0.3  # s; how long before and after it touches a hand is led to its place
+_RATE = 100.0  # Steps per second of the solver, at least; a frame has one or more
 _RADII = {"trunk": 0.11, "upper_arm": 0.05, "forearm": 0.04, "hand": 0.03}
 """m; half the thickness of people's parts, at a stature of 1.7 m."""
-_TRUNK_BREADTH = 0.15
-"""m; the same of a trunk from side to side."""
-_WRIST = 0.8
-"""From this share of a forearm on, a contact is one of the hand."""
-_PALM_AHEAD = 0.09
-"""m from wrist to the middle of the palm, along the forearm, at a stature of 1.7 m."""
+_TRUNK_BREADTH = 0.15  # m; the same of a trunk from side to side
+_WRIST = 0.8  # From this share of a forearm on, a contact is one of the hand
+_PALM_AHEAD = 0.09  # m from wrist to the middle of the palm, along the forearm, at a stature of 1.7 m
 _NEEDED = ("l_hip", "r_hip", "l_ankle", "r_ankle", "l_shoulder", "r_shoulder")
 
 _JOINTS = {
@@ -431,8 +419,7 @@ class _Touch:
     outwards: np.ndarray  # (F, 3) unit vector from the part to the palm
 
 
-_ROBOT_RADII = {"trunk": 0.09, "upper_arm": 0.035, "forearm": 0.035, "hand": 0.035}
-"""m; radii of the robot's capsules."""
+_ROBOT_RADII = {"trunk": 0.09, "upper_arm": 0.035, "forearm": 0.035, "hand": 0.035}  # m; radii of the robot's capsules
 
 
 def _part(person: _Person, part: str, side: int) -> tuple[np.ndarray, np.ndarray]:
@@ -498,17 +485,13 @@ def _touches(people: list[_Person], contacts: Sequence[Contact], fps: float) -> 
 # The solver. Costs are per m and per rad; they matter relative to each other only.
 
 _PELVIS, _TRUNK, _ELBOW, _PALM, _FOOT = (2.0, 0.3), (0.0, 0.6), (0.6, 0.0), (1.5, 0.0), (6.0, 0.5)
-_TOUCHING, _STANDING = 10.0, (80.0, 8.0)
-"""What is added to the cost of a palm that touches and of a foot that stands."""
+_TOUCHING, _STANDING = 10.0, (80.0, 8.0)  # What is added to the cost of a palm that touches and of a foot that stands
 _POSTURE, _WRISTS, _MOMENTUM, _WRIST_MOMENTUM, _DAMPING = 0.03, 0.05, 0.2, 0.4, 6e-3
 _REST = {"hip_pitch": -0.1, "knee": 0.3, "ankle_pitch": -0.2, "shoulder_pitch": 0.2, "shoulder_roll": 0.2, "elbow": 1.2}
 """rad; the pose, knees a little bent, to which a joint that nothing determines returns."""
-_ADVANCES = 6
-"""Steps in which hands are moved until they touch."""
-_OFF = 1e-4
-"""m; greatest distance of a standing foot from its place after the first step."""
-_FIRST = 40
-"""Steps to the first pose, without limits of speed, and as many to come apart there."""
+_ADVANCES = 6  # Steps in which hands are moved until they touch
+_OFF = 1e-4  # m; greatest distance of a standing foot from its place after the first step
+_FIRST = 40  # Steps to the first pose, without limits of speed, and as many to come apart there
 _APART, _NEAR = 12.0, 0.1
 """Cost of overlap of two robots' collision shapes, and m between shapes below which it is looked for."""
 _APPROACH, _RETREAT = 0.5, 0.3

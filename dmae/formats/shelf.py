@@ -238,8 +238,7 @@ The pairs of shoulder and ear, (2, 17) and (5, 18), close loops: they connect th
 hidden.
 """
 
-_MIN_AFFINITY = 0.05
-"""Links with a smaller affinity are ignored. This is OpenPose's own threshold."""
+_MIN_AFFINITY = 0.05  # Links with a smaller affinity are ignored. This is OpenPose's own threshold.
 
 
 def assemble(

@@ -15,10 +15,8 @@ _MIN_BONES = 4
 """Smallest number of bones of each skeleton that a person must show to be compared.
 
 With this number, all of 4674 people in two real recordings fit the right skeleton better."""
-_MIN_PEOPLE = 3
-"""Smallest number of people that must be compared."""
-_MAJORITY = 0.8
-"""Share of the people that have to fit the same skeleton best."""
+_MIN_PEOPLE = 3  # Smallest number of people that must be compared
+_MAJORITY = 0.8  # Share of the people that have to fit the same skeleton best
 
 
 def guess_skeleton(

@@ -14,8 +14,7 @@ from dmae.formats.skeletons import NamedDetections, named_detections
 _WHAT = "an analysis file of SLEAP"
 _SUFFIX = ".analysis.h5"
 _AXES = ("frame", "track", "node", "xy")
-_MATLAB = ("track", "xy", "node", "frame")
-"""Axes of `tracks` in files that do not state them."""
+_MATLAB = ("track", "xy", "node", "frame")  # Axes of `tracks` in files that do not state them
 
 
 @reader("sleap", signs=[["*.analysis.h5"]], cameras=False)

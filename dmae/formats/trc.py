@@ -31,10 +31,8 @@ _OPENSIM = {"head_top": "Head", "mid_hip": "CHip"} | {
 }
 _OPENSIM_HALPE26 = _OPENSIM | {"mid_hip": "Hip"}
 """Markers by joint, if Pose2Sim's OpenSim models use another name than `marker`. Halpe's models differ in the hip."""
-_ALIASES = {name: joint for joint, name in _OPENSIM.items()} | {"Hip": "mid_hip"}
-"""Joints by the name of the marker."""
-_FIRST_ROW = 5
-"""Number of lines of the header. OpenSim's own files have an empty line after it."""
+_ALIASES = {name: joint for joint, name in _OPENSIM.items()} | {"Hip": "mid_hip"}  # Joints by the name of the marker
+_FIRST_ROW = 5  # Number of lines of the header. OpenSim's own files have an empty line after it.
 
 
 def marker(joint: str) -> str:

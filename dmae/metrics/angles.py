@@ -14,8 +14,7 @@ from dmae.numerics.statistics import mean_known
 JUDGED = {"hips": "hip_flexion", "knees": "knee_angle", "ankles": "ankle_angle"}
 """The angles of the legs that are judged, left and right together."""
 _COLUMNS = [[n for n, angle in enumerate(ANGLES) if angle.name.startswith(name)] for name in JUDGED.values()]
-_LEVELS = np.arange(1, 10) / 10
-"""Probabilities of the intervals over which the calibration error is averaged."""
+_LEVELS = np.arange(1, 10) / 10  # Probabilities of the intervals over which the calibration error is averaged
 LEVEL = 0.9
 """Probability of the intervals whose share of true angles is stated."""
 

@@ -88,8 +88,7 @@ def _by_person(comparison: Comparison) -> np.ndarray:
     return percent(*correct_limbs(comparison.matched, comparison.truth.xyz, comparison.skeleton), (0, 2))
 
 
-_UNGATED = 100.0
-"""m; a gate that is larger than any distance between persons."""
+_UNGATED = 100.0  # m; a gate that is larger than any distance between persons
 
 
 @protocol("strict")

@@ -17,10 +17,8 @@ import pandas as pd
 
 BLOCK = 1.0
 """s; length of a block of time."""
-_LEVEL = 0.95
-"""Probability of intervals."""
-_FEWEST = 5
-"""Smallest number of blocks for an interval; the spread of fewer blocks is not meaningful."""
+_LEVEL = 0.95  # Probability of intervals
+_FEWEST = 5  # Smallest number of blocks for an interval; the spread of fewer blocks is not meaningful
 
 
 def block_of(frames: np.ndarray, fps: float) -> np.ndarray:

@@ -210,8 +210,7 @@ _ALONG_RAY, _BONE_ERROR = 0.1, 0.08
 """m; standard deviations of the position of a joint along its ray, and of a measured bone length."""
 BONE_STRETCH, BONE_SLACK = 0.25, 0.05
 """A bone is broken if its length differs by more than this share plus this number of metres from its usual length."""
-_STEPS = 8
-"""Number of Gauss-Newton steps."""
+_STEPS = 8  # Number of Gauss-Newton steps
 
 
 def interpolate_bodies(

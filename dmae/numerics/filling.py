@@ -11,8 +11,7 @@ from dmae.files.mapped import column_blocks, empty, frame_blocks
 from dmae.numerics.body import interpolate_bodies
 from dmae.numerics.paths import Interpolation, local_parabola, neighbours
 
-_JOINTS = [field.name for field in fields(Poses3D) if field.name != "skeleton"]
-"""Arrays of poses."""
+_JOINTS = [field.name for field in fields(Poses3D) if field.name != "skeleton"]  # Arrays of poses
 
 LONGEST_ABSENCE = 1.0
 """s; a person without any measurement for longer than this has left, and its joints are not filled."""
@@ -26,13 +25,10 @@ STILLS = 1.0
 Limbs of simulated people, hidden in single frames and completed with the weights for BODY_25: at 1/s the frames around
 help (107 mm; 119 without them), at 0.5/s they mislead (143; 84).
 """
-_USUAL_RATE = 25.0
-"""1/s; rate that methods are told for a frame by itself, which has none."""
-_STILLS_AT_A_TIME = 512
-"""People of stills that are filled together."""
+_USUAL_RATE = 25.0  # 1/s; rate that methods are told for a frame by itself, which has none
+_STILLS_AT_A_TIME = 512  # People of stills that are filled together
 
-_BLOCK_BYTES = 1 << 20
-"""Bytes of paths that are smoothed at a time. Smoothing needs about thirty times this memory."""
+_BLOCK_BYTES = 1 << 20  # Bytes of paths that are smoothed at a time. Smoothing needs about thirty times this memory.
 
 
 def present(poses: Poses3D, fps: float) -> np.ndarray:

@@ -2,10 +2,8 @@
 
 import numpy as np
 
-_POSITION = 10.0
-"""m; standard deviation of a position before the first measurement."""
-_VELOCITY = 2.0
-"""m/s; standard deviation of a velocity before the first measurement."""
+_POSITION = 10.0  # m; standard deviation of a position before the first measurement
+_VELOCITY = 2.0  # m/s; standard deviation of a velocity before the first measurement
 
 
 def smooth_paths(

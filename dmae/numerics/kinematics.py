@@ -97,8 +97,7 @@ _LANDMARKS = {
     "small_toe": ("foot", (0.085, -0.031, 0.026)),
 }
 """Segment and place of joints that are no origins of segments, fractions of stature; of the right side."""
-_ON_SKULL = {"body25b"}
-"""Skeletons whose neck is where the neck meets the skull."""
+_ON_SKULL = {"body25b"}  # Skeletons whose neck is where the neck meets the skull
 _HIP, _LOW_HIPS = np.array([0, 0.010, 0.006]), {"shelf14"}
 """Place of detected hips relative to the hip joint, fractions of stature, right side: OpenPose's are slightly above and
 outside it. Hips of some skeletons are below it and move with the thigh."""
@@ -108,14 +107,12 @@ _MODEL_ERROR = 0.008
 detectors call a joint."""
 _UNKNOWN_ERROR = {Source.MEASURED: 0.01, Source.DENOISED: 0.01, Source.COMPLETED: 0.06}
 """m; standard deviation of a joint without a covariance."""
-_HUBER = 3.0
-"""Distance in standard deviations from which a joint pulls no stronger."""
+_HUBER = 3.0  # Distance in standard deviations from which a joint pulls no stronger
 _STEPS, _MOST_STEP, _CONVERGED = 12, 0.6, 1e-4
 """Gauss-Newton steps, the largest rotation of one, and the largest change that ends them, rad or m."""
 _FRAMES, _FITTED, _REFINED = 256, 100, 3
 """Frames that are solved together, frames from which the size of a body is measured, and how often it is."""
-_ENOUGH = 10
-"""Fewest frames that show where a landmark is, or how a person stands upright."""
+_ENOUGH = 10  # Fewest frames that show where a landmark is, or how a person stands upright
 _DETERMINED, _LARGEST_SD = 0.6, 20.0
 """An angle is determined if its standard deviation is below this share of the prior's, and below this, degrees."""
 

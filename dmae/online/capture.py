@@ -29,8 +29,7 @@ if TYPE_CHECKING:
 
 BATCH = 0.08
 """s of frames that are finished together. Their joints are measured with one frame, their rays with the next."""
-_MIN_MEMORY = 2.0
-"""s of frames that are remembered at least: bone lengths are measured over them."""
+_MIN_MEMORY = 2.0  # s of frames that are remembered at least: bone lengths are measured over them
 
 
 class OnlineCapture:

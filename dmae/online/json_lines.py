@@ -33,8 +33,7 @@ from dmae.online.completion import FinishedFrame
 
 LONGEST = 4_000_000
 """Characters of a line."""
-_MOST_DETECTIONS = 1000
-"""Of one camera in one frame."""
+_MOST_DETECTIONS = 1000  # Of one camera in one frame
 _NAMES = [kind.name.lower() for kind in Source]
 
 

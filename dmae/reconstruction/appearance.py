@@ -11,14 +11,10 @@ from dmae.reconstruction.association import NONE
 from dmae.reconstruction.config import CaptureConfig
 
 _TORSO = ("neck", "l_shoulder", "r_shoulder", "mid_hip", "l_hip", "r_hip")
-_PATCH_SHARE = 0.25
-"""Half the side of the patch as a share of the torso's extent: arms and background stay outside."""
-_MIN_HALF_SIDE = 2.0
-"""px; half the side of the smallest patch."""
-_OTHER_CLOTHES = 30.0
-"""CIELAB units; clothes that differ by this are of two people."""
-_SAMPLED_FRAMES = 8
-"""Number of frames of a track, evenly spread, from which its colour is taken."""
+_PATCH_SHARE = 0.25  # Half the side of the patch as a share of the torso's extent: arms and background stay outside
+_MIN_HALF_SIDE = 2.0  # px; half the side of the smallest patch
+_OTHER_CLOTHES = 30.0  # CIELAB units; clothes that differ by this are of two people
+_SAMPLED_FRAMES = 8  # Number of frames of a track, evenly spread, from which its colour is taken
 
 
 def has_appearance(clip: Clip, config: CaptureConfig) -> bool:

@@ -14,8 +14,7 @@ from dmae.reconstruction.config import AssociationConfig
 
 NONE = -1
 """Index of no track or detection."""
-_COLOUR_DIFFERENCE = 20.0
-"""CIELAB units; colour difference of clothes at which their affinity is 1/2."""
+_COLOUR_DIFFERENCE = 20.0  # CIELAB units; colour difference of clothes at which their affinity is 1/2
 _PARTNERS = 16
 """Largest number of detections of another view that are compared further with a detection, by highest affinity."""
 _ASSIGNED = 100
@@ -182,12 +181,9 @@ def _proposed(first: np.ndarray, second: np.ndarray, found: np.ndarray, view: np
     return np.concatenate(proposed)
 
 
-_PARALLEL = np.float32(1e-8)
-"""Squared sine of an angle; lines at smaller ones are parallel."""
-_FIRST = 19
-"""Number of joints by which most pairs are rejected, before the other joints are compared."""
-_ROUNDING = np.float32(1e-4)
-"""Of affinities, by far."""
+_PARALLEL = np.float32(1e-8)  # Squared sine of an angle; lines at smaller ones are parallel
+_FIRST = 19  # Number of joints by which most pairs are rejected, before the other joints are compared
+_ROUNDING = np.float32(1e-4)  # Of affinities, by far
 
 
 @compiled(fastmath=True)

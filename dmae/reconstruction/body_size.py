@@ -16,8 +16,7 @@ _FRAMES, _PAIRS, _DETECTIONS = 40, 10, 8
 """Largest numbers of frames for the measurement of bodies, of pairs of cameras per frame, of detections per camera."""
 _GAP = 0.05
 """Largest median distance between the rays of two cameras to the joints of one body, as a share of its extent."""
-_WHOLE = 0.6
-"""Smallest share of the joints that two cameras must have in common."""
+_WHOLE = 0.6  # Smallest share of the joints that two cameras must have in common
 
 
 def in_units_of_people(steps: Callable[[Clip, CaptureConfig], Poses3D], clip: Clip, config: CaptureConfig) -> Poses3D:

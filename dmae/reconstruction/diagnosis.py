@@ -25,14 +25,12 @@ from dmae.reconstruction.people import (
 )
 from dmae.reconstruction.tracking import MIN_JOINTS, Tracks, fewest_joints, longest_bone, track
 
-_FRAMES = 10
-"""Number of frames in which detections are compared."""
+_FRAMES = 10  # Number of frames in which detections are compared
 _PAIRS = 300_000
 """Number of pairs of detections that are compared in these frames; of crowds, fewer frames are compared."""
 _NORMALISED = 2.0
 """px; smallest image in which people are detected. Joints that are outside it have shares of the image beyond 1."""
-_SHORTEST_BONE = 0.1
-"""m; a body has a bone that is longer than this."""
+_SHORTEST_BONE = 0.1  # m; a body has a bone that is longer than this
 _SCALES = {
     1.0: "",
     0.001: "lengths of the calibration are in mm: data.unit=mm, or divide its translations by 1000",

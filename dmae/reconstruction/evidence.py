@@ -15,8 +15,7 @@ from dmae.reconstruction.triangulation import Points, triangulate_by_sigma
 
 _BLOCK = 1 << 18
 """Number of joints of detections, or of people, in all cameras that are processed together: some hundred MB."""
-_FEWEST = 64
-"""Frames in a block."""
+_FEWEST = 64  # Frames in a block
 
 
 def evidence_blocks(clip: Clip, persons: int = 1) -> list[slice]:

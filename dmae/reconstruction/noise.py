@@ -20,18 +20,14 @@ USUAL = 0.73
 """Confidence of a usual joint; all joints have it if confidences say nothing."""
 _BINS = np.array([0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 1])
 """Quantiles of the scores in a recording between which one sigma is estimated."""
-_PRIOR = 10.0
-"""Number of observations that the prior of each parameter counts as."""
+_PRIOR = 10.0  # Number of observations that the prior of each parameter counts as
 _CLIPPED = 2.5
 """Squared standardised residuals, relative to their expected value, count at most this: detections of others, swaps."""
 _EXPECTED = 0.809, 0.918
 """Mean of clipped squares of Gaussian residuals, of joints that two views measured (1 degree of freedom) and others."""
-_ROUNDS = 30
-"""Number of updates of the parameters."""
-_LEAST_PX, _LEAST_M = 0.2, 0.001
-"""px and m; smallest sigmas."""
-_SAYS = 0.15
-"""Relative difference of sigma between confidences below which confidences say nothing."""
+_ROUNDS = 30  # Number of updates of the parameters
+_LEAST_PX, _LEAST_M = 0.2, 0.001  # px and m; smallest sigmas
+_SAYS = 0.15  # Relative difference of sigma between confidences below which confidences say nothing
 
 
 @dataclass(frozen=True)
@@ -124,8 +120,7 @@ class DetectionNoise:
         )
 
 
-_USUAL_M = 0.05
-"""m; sigma of a usual joint for which the distances of the configuration are made."""
+_USUAL_M = 0.05  # m; sigma of a usual joint for which the distances of the configuration are made
 
 
 @dataclass(frozen=True)

@@ -15,12 +15,9 @@ from dmae.reconstruction.association import NONE
 from dmae.reconstruction.config import CaptureConfig, SubjectConfig
 from dmae.reconstruction.tracking import Tracks
 
-_DUPLICATE_DISTANCE = 0.15
-"""m; two tracks with a smaller median distance between their joints belong to one person."""
-_REENTRY_DISTANCE, _WALKING_SPEED = 0.5, 1.5
-"""m and m/s: largest distance of a re-entry from the place of exit."""
-_BUILD_DIFFERENCE = 0.15
-"""Relative difference of bone lengths above which two tracks belong to different people."""
+_DUPLICATE_DISTANCE = 0.15  # m; two tracks with a smaller median distance between their joints belong to one person
+_REENTRY_DISTANCE, _WALKING_SPEED = 0.5, 1.5  # m and m/s: largest distance of a re-entry from the place of exit
+_BUILD_DIFFERENCE = 0.15  # Relative difference of bone lengths above which two tracks belong to different people
 
 
 def same_person(
@@ -150,8 +147,7 @@ def coincidental(tracks: Tracks, views: int) -> np.ndarray:
     return known_joints(tracks.xyz).sum(0) < _MIN_AGREEMENT * detected
 
 
-_LINK_BUILD = 0.1
-"""Relative difference of bone lengths above which two tracks are never linked to one person."""
+_LINK_BUILD = 0.1  # Relative difference of bone lengths above which two tracks are never linked to one person
 _LINK_DISTANCE, _LINK_SPEED = 0.5, 2.0
 """m and m/s: largest distance from the end of a track to the start of another track of the same person."""
 _NEAR_SUBJECT_M, _NEAR_SUBJECT = 1.0, 0.1

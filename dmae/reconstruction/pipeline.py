@@ -28,12 +28,10 @@ from dmae.reconstruction.triangulation import Points
 
 _WIDE_PX, _WIDE_M = 0.006, 0.06
 """Noise that is assumed before anything is known: share of the width of the image, and m on the person."""
-_ALTERNATIONS = 3
-"""Number of times that people are found and their residuals measured."""
+_ALTERNATIONS = 3  # Number of times that people are found and their residuals measured
 _EXPECTED_BY, _EXPECTED_IN_CLIPS = 2.0, 10.0
 """s; time around a window, online or in a block of a long clip, from which hidden joints in it are predicted."""
-_STILLS = 4000
-"""Frames of stills whose people are kept in memory."""
+_STILLS = 4000  # Frames of stills whose people are kept in memory
 
 
 def capture(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None = None) -> Poses3D:

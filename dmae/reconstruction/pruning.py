@@ -11,12 +11,10 @@ from dmae.numerics.compiled import compiled
 
 LONGEST_JUMP = 0.2
 """s"""
-_NOISE = 0.10
-"""m; a deviation that noise explains, of joints measured well."""
+_NOISE = 0.10  # m; a deviation that noise explains, of joints measured well
 _DEVIATIONS, _BONE_DEVIATIONS = 4.0, 4.0
 """Usual standard deviations of a joint that noise explains, in its place and in the length of a bone to it."""
-_ACCELERATION = 60.0
-"""m/s^2; hands in vigorous motion reach it."""
+_ACCELERATION = 60.0  # m/s^2; hands in vigorous motion reach it
 
 
 def prune(xyz: np.ndarray, skeleton: Skeleton, fps: float, deviation: float = 0.0) -> np.ndarray:

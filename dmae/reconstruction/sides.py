@@ -17,8 +17,7 @@ from dmae.reconstruction.association import NONE
 from dmae.reconstruction.config import CaptureConfig, DistanceUnit
 from dmae.reconstruction.evidence import Evidence, evidence_blocks, project
 
-_SIGMA = 0.04
-"""m; standard deviation of the distance of joints from their expected places, including the noise of both."""
+_SIGMA = 0.04  # m; standard deviation of the distance of joints from their expected places, including the noise of both
 _MIN_EVIDENCE = 8.0
 """Smallest logarithm of the ratio of likelihoods, with sides exchanged and as detected, for a pair, a limb or the whole
 body to be exchanged. A pair that is exchanged alone is at least 11 cm wide."""

@@ -25,8 +25,7 @@ from dmae.reconstruction.evidence import Evidence, evidence_blocks
 from dmae.reconstruction.noise import DetectionNoise
 from dmae.reconstruction.sides import Sides, exchange, find_exchanged, nearer_side
 
-_VELOCITY_FADE = 0.5
-"""s; velocities decay to 1/e in this time unless they are measured again."""
+_VELOCITY_FADE = 0.5  # s; velocities decay to 1/e in this time unless they are measured again
 
 
 class TrackedFrame(NamedTuple):
@@ -180,19 +179,15 @@ class TrackState:
         )
 
 
-_CONFIRMATION_S = 0.2
-"""s; measured time after which a track is confirmed. Confirmed tracks take detections first."""
+_CONFIRMATION_S = 0.2  # s; measured time after which a track is confirmed. Confirmed tracks take detections first.
 MIN_JOINTS = 3
 """Smallest number of joints of a measured person, and of a detection that is compared."""
 _LONGEST_BONE = 0.8
 """m; a person with a longer bone consists of detections of two people. In your own skeletons, bones may have the length
 of the body."""
-_DUPLICATE_DISTANCE = 0.2
-"""m; a new person at a smaller median distance from a tracked one is a duplicate of it."""
-_REENTRY_DISTANCE, _WALKING_SPEED = 0.3, 1.5
-"""m and m/s: largest distance of a re-entry from the predicted place."""
-_ITERATIONS = 2
-"""Number of steps of refinement; points for assignment need not be exact."""
+_DUPLICATE_DISTANCE = 0.2  # m; a new person at a smaller median distance from a tracked one is a duplicate of it
+_REENTRY_DISTANCE, _WALKING_SPEED = 0.3, 1.5  # m and m/s: largest distance of a re-entry from the predicted place
+_ITERATIONS = 2  # Number of steps of refinement; points for assignment need not be exact
 
 
 class Tracker:
@@ -403,12 +398,9 @@ def _reenter(new: np.ndarray, state: TrackState, unmeasured: np.ndarray) -> tupl
     return track, ~duplicate & (track == NONE)
 
 
-_LEAST_RADIUS = 0.02
-"""m; smallest assumed residual of views that agree, even if the residual is smaller."""
-_DISAGREEMENT = 0.25
-"""m; residual of a joint on which views do not agree."""
-_SHARES = np.array([0.5, 0.8])
-"""Shares of the joints whose residuals are judged."""
+_LEAST_RADIUS = 0.02  # m; smallest assumed residual of views that agree, even if the residual is smaller
+_DISAGREEMENT = 0.25  # m; residual of a joint on which views do not agree
+_SHARES = np.array([0.5, 0.8])  # Shares of the joints whose residuals are judged
 _PAIRS = np.array([0.38, 0.76])
 """m; R for each share: figures of two views agree within a residual r by chance with probability (r / R)^2."""
 _SHAPES = np.array([[3.0, 0.0], [4800.0, 4.0]])

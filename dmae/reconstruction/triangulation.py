@@ -10,16 +10,11 @@ from dmae.numerics.compiled import compiled
 from dmae.reconstruction.config import NoiseModel
 
 DEFAULT_NOISE = NoiseModel()
-_MIN_DEPTH = 0.05
-"""m; points that are nearer to a camera are not used."""
-_CONVERGED = 1e-6
-"""m; shorter steps end the refinement of a point."""
-_HUBER = 2.0
-"""Sigmas; residuals beyond them count linearly."""
-_PRIOR_FREEDOM = 4.0
-"""Degrees of freedom for which the sigmas count when residuals of a point contradict them."""
-_AGREEING = 3
-"""A point is triangulated from this number of agreeing views, even if two views agree more closely."""
+_MIN_DEPTH = 0.05  # m; points that are nearer to a camera are not used
+_CONVERGED = 1e-6  # m; shorter steps end the refinement of a point
+_HUBER = 2.0  # Sigmas; residuals beyond them count linearly
+_PRIOR_FREEDOM = 4.0  # Degrees of freedom for which the sigmas count when residuals of a point contradict them
+_AGREEING = 3  # A point is triangulated from this number of agreeing views, even if two views agree more closely
 
 
 @dataclass(frozen=True)
@@ -134,8 +129,7 @@ def triangulate_by_sigma(
     )
 
 
-_PAIRED_VIEWS = 4
-"""Largest number of views from which pairs are made."""
+_PAIRED_VIEWS = 4  # Largest number of views from which pairs are made
 
 
 @compiled()

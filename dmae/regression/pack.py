@@ -108,12 +108,10 @@ def write_pack(pack: list[Case]) -> str:
 _SIZE = (1280, 1024)
 _CENTRE = ((_SIZE[0] - 1) / 2, (_SIZE[1] - 1) / 2)
 _ROOM = np.array([[-1.2, -1.2, 0], [1.2, 1.2, 2]])
-_GROSS = (50, 300)
-"""px; the smallest and the largest gross error."""
+_GROSS = (50, 300)  # px; the smallest and the largest gross error
 _GROSS_ON_PERSON = 0.07
 """m; a larger error of a detection of the crowd, measured at the person's depth, is gross. 94 % are smaller."""
-_FAR = (500_000, 5_400_000, 300)
-"""m; UTM coordinates of the origin of a room in Bavaria."""
+_FAR = (500_000, 5_400_000, 300)  # m; UTM coordinates of the origin of a room in Bavaria
 _CROWD_FRAMES = slice(0, None, 12)
 _CROWD_JOINTS = (
     "nose", "neck", "r_shoulder", "r_elbow", "r_wrist", "l_shoulder", "l_elbow", "l_wrist",

@@ -15,12 +15,9 @@ from dmae.regression.pack import Case, cases
 
 SECONDS = 30.0
 """s; time limit of a solver for one case."""
-_EXACT, _EXACT_IN_CORNERS = 1e-4, 3e-3
-"""m."""
-_MEDIAN, _HIGH, _HIGH_IN_CROWDS = 1.15, 1.25, 1.35
-"""Multiples of the errors of `oracle`."""
-_DEEPEST = 0.1
-"""m; points with a larger standard deviation by the oracle, along its worst direction, are not judged."""
+_EXACT, _EXACT_IN_CORNERS = 1e-4, 3e-3  # m
+_MEDIAN, _HIGH, _HIGH_IN_CROWDS = 1.15, 1.25, 1.35  # Multiples of the errors of `oracle`
+_DEEPEST = 0.1  # m; points with a larger standard deviation by the oracle, along its worst direction, are not judged
 _STANDARD_ERRORS = 4
 
 REASONS = {

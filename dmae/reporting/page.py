@@ -20,8 +20,7 @@ from dmae.reporting.tables import Table
 _ASSETS = resources.files("dmae.reporting") / "assets"
 _SCRIPTS = ("page.js", "decisions.js", "player_data.js", "player_drawing.js", "player.js")
 _LARGEST_SVG = 300_000
-_WIDE = 6.5
-"""Inches. A wider figure gets its own row; a narrower one is placed next to a table."""
+_WIDE = 6.5  # Inches. A wider figure gets its own row; a narrower one is placed next to a table.
 _NUMBER = re.compile(r"[<>±~+-]?\s*\d|-?$")
 _THEME = {"#000000": "currentColor", "#ffffff": "var(--page)", "#dddddd": "var(--line)"}
 """Colours of figures that follow the page from light to dark."""

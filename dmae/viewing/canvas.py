@@ -14,10 +14,8 @@ from dmae.reporting.figures import COMPLETED, PERSONS
 RGB = tuple[int, int, int]
 PAPER, INK, FAINT = (22, 25, 30), (233, 236, 240), (139, 148, 158)
 _EMPTY, _GRID = (58, 63, 71), (84, 91, 101)
-_FINE = 4
-"""Number of fractional bits of pixel positions in OpenCV's drawing functions."""
-_FAR = 20
-"""Multiple of the image width; points farther outside the image are not drawn."""
+_FINE = 4  # Number of fractional bits of pixel positions in OpenCV's drawing functions
+_FAR = 20  # Multiple of the image width; points farther outside the image are not drawn
 
 
 def _rgb(text: str) -> RGB:

@@ -17,12 +17,9 @@ from dmae.reporting.tables import counted
 from dmae.viewing.canvas import FAINT, INK, PAPER, RED, RGB, Mark, draw_mark, font, person_colour
 from dmae.viewing.overlay import COLOURS, DETECTED, MEANINGS, TRUE, Layers, Overlay, first_joints
 
-_GAP = 6
-"""px; space between views."""
-_MAX_WIDTH = 2560
-"""px; greatest width of a sheet or video. With many cameras, views are drawn smaller."""
-_COLUMNS = 6
-"""Greatest number of columns of a sheet."""
+_GAP = 6  # px; space between views
+_MAX_WIDTH = 2560  # px; greatest width of a sheet or video. With many cameras, views are drawn smaller.
+_COLUMNS = 6  # Greatest number of columns of a sheet
 
 
 def has_images(clip: Clip) -> bool:

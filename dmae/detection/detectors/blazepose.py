@@ -26,23 +26,19 @@ from dmae.detection.detectors.landmarks import (
 from dmae.detection.pipeline import body_radius
 from dmae.detection.registry import PoseDetectorConfig, pose_detector
 
-_GRIDS = ((28, 2), (14, 2), (7, 6))
-"""Grids of anchors: number of cells in a row, and number of anchors in a cell."""
+_GRIDS = ((28, 2), (14, 2), (7, 6))  # Grids of anchors: number of cells in a row, and number of anchors in a cell
 _MIN_SCORE = 0.5
-_MAX_OVERLAP = 0.3
-"""Smallest intersection over union of two boxes of one person."""
+_MAX_OVERLAP = 0.3  # Smallest intersection over union of two boxes of one person
 _SHARES, _LARGEST, _SHRINK = (1.0, 0.6, 0.35), 1.5, 0.6
 """Sides of the windows in videos, relative to the longer side of the image. In photographs: the largest side, for
 bodies that the border cuts off, and the ratio of the sides that follow 1."""
 _SMALLEST_PX, _SMALLEST = 240, 0.12
 """Side at which no smaller windows of photographs follow, px and relative to the longer side. In a window of 240 px
 people of 60 px are found."""
-_STEP = 0.5
-"""Largest step from window to window, relative to the side of a window."""
+_STEP = 0.5  # Largest step from window to window, relative to the side of a window
 _BODY_ENDS, _BODY_HALF_WIDTH = 0.9, 0.3
 """Extent of a body from the middle of its hips, relative to the radius of the circle around the body."""
-_SAME_HIPS = 0.15
-"""Boxes of one body: distance of the hips relative to the radius."""
+_SAME_HIPS = 0.15  # Boxes of one body: distance of the hips relative to the radius
 _SAME_PLACE, _SAME_SIZE = 0.35, 1.6
 """Two regions of one person: distance of the centres relative to the radius, and ratio of the sizes."""
 
@@ -218,14 +214,12 @@ top of the head, which is not a joint."""
 _SIDES = (1.0, 1.15, 1.3, 0.87)
 """Sides of the regions that are tried, relative to the region of the expected joints. Which region the network needs
 depends on hair, clothes and what else is near."""
-_CLEAR_THERE = 0.3
-"""Smallest mean confidence of the joints of a person that is expected at a place."""
+_CLEAR_THERE = 0.3  # Smallest mean confidence of the joints of a person that is expected at a place
 _NEAR, _OTHER = 0.12, 0.15
 """Largest median distance of the joints from the expected places, and smallest one from the joints of another person,
 relative to the radius. In rendered views, 391 results were this near; their largest median error was 0.11 of the
 person's height."""
-_SURE = 0.08
-"""No other region is tried after a result this near."""
+_SURE = 0.08  # No other region is tried after a result this near
 
 
 def find_expected(
@@ -283,20 +277,16 @@ def _painted(xy: np.ndarray) -> Person:
 
 # The people in the images of one camera
 
-_PASSES = 3
-"""Passes of the second network on a new person, each on the region that the previous pass found."""
-_RETRIES = 5
-"""Number of images in which a lost person is searched at its last place, and a candidate is examined again."""
+_PASSES = 3  # Passes of the second network on a new person, each on the region that the previous pass found
+_RETRIES = 5  # Number of images in which a lost person is searched at its last place, and a candidate is examined again
 _SETTLED, _STEADY = 0.06, 0.1
 """Largest distance between the results of two passes for one person, relative to the torso.
 
 In regions without a person, or with two people, the distance is larger. Presence alone is unreliable where people
 overlap or leave the image: with it, windows found 93 % of the people in full view, and 9 of 81 other regions were
 mistaken for people. With this agreement the figures are 93 % and 3."""
-_FAINT = 0.3
-"""Smallest presence in a pass if the passes agree."""
-_CLEAR = 0.42
-"""Smallest mean confidence of the joints of a person."""
+_FAINT = 0.3  # Smallest presence in a pass if the passes agree
+_CLEAR = 0.42  # Smallest mean confidence of the joints of a person
 _MOST_PASSES, _CERTAIN, _ALIKE, _LEAST_INSIDE = 4, 0.9, 0.08, 11
 """In photographs: number of passes; smallest presence in two passes, and largest median distance between their joints
 relative to the radius of the body, with which a person is accepted although its torso moved; smallest number of joints
@@ -305,27 +295,21 @@ inside of the image. Seen from an end, as of people who sit, a torso is short, a
 Of 79 regions at people in 34 photographs, agreement of torsos accepts 46, this one 61; of 119 others, 2 and 1."""
 _SHIFTS = (-0.4, 0.4)
 """Offsets of the searches next to a region that contains parts of two people, relative to its radius."""
-_NARROWER = 0.8
-"""Side of the regions of these searches, relative to the first region."""
+_NARROWER = 0.8  # Side of the regions of these searches, relative to the first region
 _CROWD = (1.6, 2.4)
 """Sides of the windows around people, relative to their regions. Other people are searched there, with these people
 painted over."""
 _CLEARER = 0.05
 """A newly found person replaces a followed one if the mean confidence of the joints is higher by this much."""
-_DROP = 0.12
-"""A followed person is searched again if the mean confidence falls by this much below its usual value."""
-_JUMP = 0.25
-"""Movement from one image to the next, relative to the torso, after which a second pass checks the person."""
+_DROP = 0.12  # A followed person is searched again if the mean confidence falls by this much below its usual value
+_JUMP = 0.25  # Movement from one image to the next, relative to the torso, after which a second pass checks the person
 _FULL_SEARCHES = 3
 """Number of first images that are searched in all windows. Later images are searched in some windows, in turn."""
 _DOUBTED = 0.6
 """Mean confidence of joints below which a followed person is compared with the result of a search at its place."""
-_CHECKED = 5
-"""Number of images after which a second pass checks a followed person."""
-_MEMORY = 0.9
-"""Weight of the previous value in the running mean of the confidence, per image."""
-_STRAYED = 0.2
-"""A followed person is given up if a second pass finds it farther away than this, relative to the torso."""
+_CHECKED = 5  # Number of images after which a second pass checks a followed person
+_MEMORY = 0.9  # Weight of the previous value in the running mean of the confidence, per image
+_STRAYED = 0.2  # A followed person is given up if a second pass finds it farther away than this, relative to the torso
 _LOOK_BACK, _LOOK_BACK_BYTES = 25, 100e6
 """Number of previous images in which a new person is searched, and largest memory that they take, bytes."""
 

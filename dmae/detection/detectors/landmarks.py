@@ -78,8 +78,7 @@ def _quiet() -> Iterator[None]:
 _MARGIN = 1.125
 """Side of a region, relative to the circle around the body. MediaPipe uses 1.25. In rendered views of people with
 exact truth, 1.125 brings 2 to 6 % more of the visible joints within 5 % of the height."""
-_LEVELS = 4
-"""Number of levels of a pyramid; each level has half the width and height of the previous one."""
+_LEVELS = 4  # Number of levels of a pyramid; each level has half the width and height of the previous one
 
 
 @dataclass(frozen=True)
@@ -161,8 +160,7 @@ def pyramid_of(picture: np.ndarray) -> list[np.ndarray]:
 
 # The 33 joints of the person in a region, by BlazePose's second network
 
-_HIP, _TOP = 33, 34
-"""Landmarks that are not joints: the middle of the hips, and a point on the circle around the body."""
+_HIP, _TOP = 33, 34  # Landmarks that are not joints: the middle of the hips, and a point on the circle around the body
 TORSO = BLAZEPOSE33.index("l_shoulder", "r_shoulder", "l_hip", "r_hip")
 _EXCHANGED = BLAZEPOSE33.index("r_shoulder", "l_shoulder", "r_hip", "l_hip")
 LIMBS = [
@@ -176,8 +174,7 @@ LIMBS = [
 HEAD = BLAZEPOSE33.index("l_ear", "r_ear", "nose")
 _LIMB_WIDTH, _HEAD_RADIUS = 0.35, 0.3
 """Width of the limbs and radius of the head that are painted over, relative to the size of the torso."""
-_BLUR = 0.3
-"""Side of the box over which colours are averaged for painting, relative to the image."""
+_BLUR = 0.3  # Side of the box over which colours are averaged for painting, relative to the image
 
 
 @dataclass(frozen=True)

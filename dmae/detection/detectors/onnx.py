@@ -13,8 +13,7 @@ from dmae.formats.openpose import BY_COUNT
 
 _MEAN, _DEVIATION = np.array((123.675, 116.28, 103.53), np.float32), np.array((58.395, 57.12, 57.375), np.float32)
 """Mean and standard deviation of the colours in ImageNet, with which these models are trained."""
-_BOX_MARGIN = 1.25
-"""Height of the box around a person, relative to the circle around the body."""
+_BOX_MARGIN = 1.25  # Height of the box around a person, relative to the circle around the body
 
 
 @pose_detector("onnx")

@@ -34,8 +34,7 @@ from dmae.registry import unknown
 _GROUPS = ("scene", "props", "motion", "interaction", "rig", "detector", "occlusion", "retries")
 """Options of `synth generate` that a definition can contain. The others set the output and the number of clips."""
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
-_MOST_CLIPS = 1_000_000
-"""Of a set."""
+_MOST_CLIPS = 1_000_000  # Of a set
 
 
 @dataclass(frozen=True)

@@ -18,10 +18,8 @@ from dmae.numerics.statistics import multiscale_noise
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
 
-_GATE = 0.25
-"""Share of a person's height in the image. A detection with a greater mean distance shows another person."""
-_FRAMES = 200
-"""Number of frames that are matched together, to limit memory."""
+_GATE = 0.25  # Share of a person's height in the image. A detection with a greater mean distance shows another person.
+_FRAMES = 200  # Number of frames that are matched together, to limit memory
 _LIMBS = {
     "arm": ("elbow", "wrist", "hand", "thumb"),
     "leg": ("knee", "ankle", "toe", "heel", "foot"),

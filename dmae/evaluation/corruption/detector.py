@@ -16,17 +16,13 @@ from dmae.evaluation.corruption.corrupt import (
 from dmae.evaluation.corruption.registry import corruption
 from dmae.numerics.statistics import bursts, multiscale_noise
 
-_TIMES = (0.5, 0.1)
-"""s; correlation times of errors that come in bursts, mixed half and half."""
-_GHOST_TIMES = [3.0, 0.3]
-"""s; correlation times of a ghost's presence, mixed half and half."""
-_DUTY = 0.25
-"""Share of the time in which a ghost is detected."""
+_TIMES = (0.5, 0.1)  # s; correlation times of errors that come in bursts, mixed half and half
+_GHOST_TIMES = [3.0, 0.3]  # s; correlation times of a ghost's presence, mixed half and half
+_DUTY = 0.25  # Share of the time in which a ghost is detected
 _PLACES = 64
 """Number of ghosts that are drawn for each view. The first ones are used, so that a higher level only adds ghosts. The
 greatest level is this number times `_DUTY`."""
-_JITTER = 0.01
-"""Standard deviation of a ghost's joints, as a share of its height."""
+_JITTER = 0.01  # Standard deviation of a ghost's joints, as a share of its height
 
 
 @corruption("misses", order=20, unit="%", levels=(10, 20, 40, 60), small=(20, 40), most=100)

@@ -22,27 +22,19 @@ from dmae.evaluation.corruption.corrupt import (
 from dmae.evaluation.corruption.registry import corruption
 
 _PILLARS = 6
-_CANDIDATES = 40
-"""Number of candidate places for pillars; the ones farthest from all people are used."""
-_AROUND = 0.8
-"""m; distance of a passer-by from the person."""
-_TURN = 8.0
-"""s; time in which a passer-by walks once around the person."""
+_CANDIDATES = 40  # Number of candidate places for pillars; the ones farthest from all people are used
+_AROUND = 0.8  # m; distance of a passer-by from the person
+_TURN = 8.0  # s; time in which a passer-by walks once around the person
 _ADDED = 32
 """Number of people that are drawn for a crowd. The first ones are added, so that a higher level only adds people."""
-_DISTANCE = (1.0, 2.0)
-"""m; distance of a person of the crowd from the copied person."""
-_DELAY = (0.5, 2.0)
-"""s; delay of the motion of an added person."""
+_DISTANCE = (1.0, 2.0)  # m; distance of a person of the crowd from the copied person
+_DELAY = (0.5, 2.0)  # s; delay of the motion of an added person
 _POINTS = np.linspace(0, 1, 5)
 """Places along a bone, as shares of its length, at which its distance from a line of sight is taken."""
 _TRUNK = ("hip", "shoulder", "neck")
-_RADII = (0.05, 0.13)
-"""m; half the thickness of a limb or head, and of the trunk."""
-_AHEAD = 0.15
-"""m; points that are nearer than this to a joint, along the line of sight, do not hide it."""
-_APART = 3
-"""A bone hides a joint of the same body if it is this many bones away."""
+_RADII = (0.05, 0.13)  # m; half the thickness of a limb or head, and of the trunk
+_AHEAD = 0.15  # m; points that are nearer than this to a joint, along the line of sight, do not hide it
+_APART = 3  # A bone hides a joint of the same body if it is this many bones away
 
 
 @corruption("objects", order=10, unit="%", levels=(10, 20, 40, 60), small=(20, 40), most=100)

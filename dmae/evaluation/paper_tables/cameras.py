@@ -16,8 +16,7 @@ from dmae.evaluation.paper_tables.table import NOISE_NOTE, MeasuredRow, TableCol
 from dmae.evaluation.scores import figure_score, run_table, score, summary
 from dmae.progress import progress
 
-_MOST_SUBSETS = 5
-"""Subsets of a size for each clip, evenly spread over all of them."""
+_MOST_SUBSETS = 5  # Subsets of a size for each clip, evenly spread over all of them
 _NOTES = (
     "Published rows are on CMU Panoptic, with real detections of people who stand and play music in a dome; rows "
     "measured here are on simulated people, so that they are beside each other and not compared.",

@@ -37,8 +37,7 @@ from dmae.metrics.registry import protocol
 TUNED_HERE, ALONE = "dmae, fine-tuned on this data", "dmae, trained only on this data"
 _TRANSFER_STEPS = {TableSize.small: (60, 200), TableSize.full: (1000, 6000)}
 """Steps of fine-tuning, and of training from scratch."""
-_OBSERVED_WEIGHT = 0.2
-"""Settings with which the shipped weights were trained."""
+_OBSERVED_WEIGHT = 0.2  # Settings with which the shipped weights were trained
 _TRANSFER_NOTES = (
     "The paper's own recordings of interactions (BU-Mocap) are replaced by simulated ones. Published rows are "
     "therefore not compared. The first half of the clips of each data set is used for training, the second is scored.",

@@ -126,8 +126,7 @@ def others(clip: Clip, part: slice) -> Iterator[Clip]:
             yield replace(piece, id=f"{clip.id} frames {frames.start} to {frames.stop - 1}")
 
 
-_BESIDE = 1.5
-"""s next to a part that are given with it: half a window, and the second after which nobody is present."""
+_BESIDE = 1.5  # s next to a part that are given with it: half a window, and the second after which nobody is present
 
 
 @dataclass(frozen=True)
@@ -191,8 +190,7 @@ VARIANTS = {
     "code of joints": CodesConfig(signal_sigma=0.4, no_time=True),
     BOTH: CodesConfig(signal_sigma=0.4),
 }
-_LIMB_FRAMES = 13
-"""Half a second at the network's rate."""
+_LIMB_FRAMES = 13  # Half a second at the network's rate
 _CODE_NOTES = (
     "Trained and scored on simulated people, since BU-Mocap is not available. The four rows of the ablation have "
     f"equally many steps, {STEPS[TableSize.full][-1]} of 16 windows; {LONGER}: {PAPER.learning.steps}. Codes are "

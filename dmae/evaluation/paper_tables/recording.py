@@ -38,8 +38,7 @@ from dmae.reconstruction.registry import capture_method
 _LANDMARKS = ("nose", "l_ear", "r_ear", "l_shoulder", "r_shoulder")
 _TOP_OF_NOSE = np.array([0.75, 0.75, 1.5])
 """The top of the head from the middle of the shoulders, as multiples of the nose's offset from there."""
-_SHARE = {"mvpose": 1.0, "voxelpose": 0.75}
-"""Weight of the nose's formula against that of the ears."""
+_SHARE = {"mvpose": 1.0, "voxelpose": 0.75}  # Weight of the nose's formula against that of the ears
 
 
 def convert_with_head(poses: Poses3D, target: Skeleton, head: str) -> Poses3D:

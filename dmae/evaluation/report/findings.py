@@ -25,12 +25,9 @@ _CAUSES = {
 }
 PROBABILITIES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
 """Stated probabilities of the confidence regions; scores name 0.9."""
-_DOUBTS = 40
-"""Number of doubtful joints that the page lists for a clip."""
-_OF_A_KIND = 6
-"""Greatest number of moments of each kind."""
-_MOST_JOINTS = 0.3
-"""A frame is a moment if at least this share of a person's joints is not measured."""
+_DOUBTS = 40  # Number of doubtful joints that the page lists for a clip
+_OF_A_KIND = 6  # Greatest number of moments of each kind
+_MOST_JOINTS = 0.3  # A frame is a moment if at least this share of a person's joints is not measured
 
 
 class State(StrEnum):

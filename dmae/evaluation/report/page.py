@@ -33,16 +33,14 @@ MOST_CLIPS = 6
 """Greatest number of clips in the player."""
 MOST_FRAMES = 4500
 """Frames of all clips in the player together: three minutes at 25 frames/s."""
-_FEW = 100
-"""Joints; of fewer a page states the number, not the share."""
+_FEW = 100  # Joints; of fewer a page states the number, not the share
 _KINDS = {
     "error": "Largest errors of a joint",
     "missed": "True people without a captured one",
     "not measured": "Frames with the fewest measured joints of a person",
     "reprojection": "Measured joints farthest from their detection",
 }
-_MOST_MOMENTS = 8
-"""Rows of each table of moments."""
+_MOST_MOMENTS = 8  # Rows of each table of moments
 
 
 def write_clips_report(

@@ -179,8 +179,7 @@ def code_hash() -> str:
 
 CACHE = "cache.jsonl"
 """Name of the file of results inside the folder of a stress test."""
-_TRIED = 3
-"""Number of cells that a forecast computes."""
+_TRIED = 3  # Number of cells that a forecast computes
 
 
 @dataclass(frozen=True)

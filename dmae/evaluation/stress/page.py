@@ -142,8 +142,7 @@ _COLOURS = ("#000000", "#e69f00", "#56b4e9", "#009e73", "#cc79a7", "#d55e00", "#
 """Colours of Okabe and Ito, which colour-blind readers can distinguish. Yellow is hard to see on white; grey replaces
 it."""
 _MARKERS = "osD^vP*X"
-_APART = 0.075
-"""Smallest distance between two names, as a share of the height of a panel."""
+_APART = 0.075  # Smallest distance between two names, as a share of the height of a panel
 
 
 def axis_figure(axis: dict) -> Figure:

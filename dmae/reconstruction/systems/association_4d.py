@@ -30,8 +30,7 @@ _EPIPOLAR_M, _TRACKING_M = 0.15, 0.2
 """m; distances between two rays, and between a ray and a joint of the frame before, at which edges end."""
 _EPIPOLAR, _TRACKING, _LIMB, _VIEWS, _ROOT = 2.0, 2.0, 1.0, 2.0, 0.5
 """Weights in the score of a clique: of its edges, of its number of views, and of how near the root its bone is."""
-_FEW_VIEWS = 1.5
-"""Number of views at which the score for their number is 0.2; it rises to 1."""
+_FEW_VIEWS = 1.5  # Number of views at which the score for their number is 0.2; it rises to 1
 _LEAST_ASSIGNED, _LEAST_JOINTS = 5, 5
 """Fewest detected joints of a new person in all views, and fewest joints in space of any person."""
 _MOST_CLIQUES, _MOST_CAMERAS = 2000, 12

@@ -18,10 +18,8 @@ from dmae.reconstruction.triangulation import closest_approach
 _NEAR_M, _SHARED = 0.05, 0.5
 """Two detections are taken for one body, to measure bones, if the median distance of their rays is below `_NEAR_M`
 and they share this part of the joints."""
-_MEASURED_FRAMES = 60
-"""Frames of a clip in which bones are measured."""
-_LEAST_SPREAD = 0.02
-"""m; least standard deviation of the length of a bone."""
+_MEASURED_FRAMES = 60  # Frames of a clip in which bones are measured
+_LEAST_SPREAD = 0.02  # m; least standard deviation of the length of a bone
 _COLUMNS = 100
 """Tracks of a clip with a column of their own, so that memory does not grow with the ghosts of a long recording."""
 _TRACK_M, _TRACK_SPEED, _TRACK_S = 0.5, 2.0, 1.0

@@ -23,16 +23,14 @@ from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.registry import capture_method
 from dmae.reconstruction.systems.common import Frame, as_tracks, bone_lengths, frames_of, max_product, meet, project
 
-_UNKNOWN_PX = 25.0
-"""px; distance of two detections of one view, or without a common joint."""
+_UNKNOWN_PX = 25.0  # px; distance of two detections of one view, or without a common joint
 _STEEPNESS, _LEAST_SPREAD_PX = 5.0, 5.0
 """Of the sigmoid that turns standardised distances into affinities; and the spread of distances, px, below which all
 are alike, so that the diagonal is set to their mean."""
 _ALPHA, _LAMBDA, _MU = 0.5, 50.0, 64.0
 """Equation 8: reward of sparsity, weight of the nuclear norm, and first step of the optimisation."""
 _ITERATIONS, _TOLERANCE = 500, 5e-4
-_MATCHED = 0.5
-"""Entries of the solution above it are matches."""
+_MATCHED = 0.5  # Entries of the solution above it are matches
 _HEATMAP_M, _FLOOR = 0.05, 1e-5
 """m at the person, standard deviation of the Gaussian that stands for a heatmap; and the least value of a heatmap."""
 

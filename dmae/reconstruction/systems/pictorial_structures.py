@@ -28,15 +28,13 @@ from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.registry import capture_method
 from dmae.reconstruction.systems.common import Frame, as_tracks, bone_lengths, frames_of, max_product, meet, project
 
-_APART_M = 0.2
-"""m; rays that pass each other at more are not a state."""
+_APART_M = 0.2  # m; rays that pass each other at more are not a state
 _ERROR_M = 0.05
 """m at the person; error of reprojection by which a potential falls to 1/e, and within which a view shows a joint."""
 _LEAST_LOG = -4.5
 """Logarithm of a potential, three standard deviations of a bone. A state does not fall below it: a joint that nobody
 sees takes any. What a person has below it is left out."""
-_LEAST_JOINTS = 0.5
-"""A parse with a smaller share of its joints is not a person, and ends the frame."""
+_LEAST_JOINTS = 0.5  # A parse with a smaller share of its joints is not a person, and ends the frame
 _MOST_PEOPLE, _MOST_STATES, _MOST_NEAR = 20, 400, 2000
 """In a frame; of a joint, the most certain; and before that, the nearest pairs of rays."""
 

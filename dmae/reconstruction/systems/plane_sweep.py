@@ -42,14 +42,10 @@ from dmae.reconstruction.systems.common import Frame, as_tracks, frames_of, proj
 WEIGHTS = Path(__file__).parents[2] / "models" / "plane_sweep.safetensors"
 _NEAREST, _FARTHEST, _LIMIT, _STEP = 1.0, 8.0, 50.0, 7 / 63
 """m; depths of the first plane, and of the last one at least and at most; and between planes."""
-_AROUND = np.linspace(-1, 1, 64)
-"""m; depths of the planes of joints, from the middle of the hips."""
-_SIGMA, _JOINT_SIGMA = 10 / 1063, 8 / 1063
-"""rad; at this distance in the image a score is 1/e."""
-_WINDOW = 16
-"""Planes around the best ones over which the depth of a person is averaged."""
-_SAME_M = 0.1
-"""m; mean distance of joints below which poses of two targets are one person."""
+_AROUND = np.linspace(-1, 1, 64)  # m; depths of the planes of joints, from the middle of the hips
+_SIGMA, _JOINT_SIGMA = 10 / 1063, 8 / 1063  # rad; at this distance in the image a score is 1/e
+_WINDOW = 16  # Planes around the best ones over which the depth of a person is averaged
+_SAME_M = 0.1  # m; mean distance of joints below which poses of two targets are one person
 _CHANNELS = 32
 _HIPS = BODY25.index("l_hip", "r_hip")
 _SHOULDERS = BODY25.index("l_shoulder", "r_shoulder")
@@ -226,8 +222,7 @@ def load_networks() -> Networks:
 # Training, on people placed at random in rings of cameras.
 
 _BATCH, _RATE = 8, 2e-3
-_MISSING = {"elbow": 0.1, "knee": 0.1, "wrist": 0.2, "ankle": 0.2}
-"""How often a joint is not detected; others 0.05."""
+_MISSING = {"elbow": 0.1, "knee": 0.1, "wrist": 0.2, "ankle": 0.2}  # How often a joint is not detected; others 0.05
 
 
 def train(poses: np.ndarray, steps: int, rng: np.random.Generator, out: Path) -> None:
