@@ -280,6 +280,10 @@ class Target(TypedDict, total=False):
     """(N, J) uint8 `Visibility`; missing if the clip has no visibility labels."""
     masks: Tensor
     """(N, H, W) bool, True for visible pixels of the person; only with `masks=True`."""
+    depth: Tensor
+    """(H, W) float32 m along the optical axis, zeros where there is no surface; only with `depth=True`."""
+    depth_known: Tensor
+    """(H, W) bool, True where there is a surface within 65 m; only with `depth=True`."""
     area: Tensor
     """(N,) float32 px."""
     persons: Tensor
@@ -304,6 +308,7 @@ class FrameDataset(Dataset):
         skeleton: Name of the skeleton of the joints.
         every: Step between frames: 2 takes every second frame.
         masks: Whether targets have masks. Masks need id images.
+        depth: Whether targets have depth. Depth needs depth images.
 
     Raises:
         FileNotFoundError: the path is neither a clip nor a data set.
@@ -311,18 +316,21 @@ class FrameDataset(Dataset):
         KeyError: there is no such skeleton.
     """
 
-    def __init__(self, path: str | Path, skeleton: str = "coco17", every: int = 1, masks: bool = False):
+    def __init__(
+        self, path: str | Path, skeleton: str = "coco17", every: int = 1, masks: bool = False, depth: bool = False
+    ):
         if every < 1:
             raise ValueError(f"expected every 1 or more, got {every}")
-        self.every, self.masks = every, masks
+        self.every, self.masks, self.depth = every, masks, depth
+        kinds = ("rgb", *(("ids",) if masks else ()), *(("depth",) if depth else ()))
         self.skeleton: Skeleton = get_skeleton(skeleton)
         self.files: list[ClipFile] = list(clip_files(Path(path)))
         for file in self.files:
-            for kind in ("rgb", "ids") if masks else ("rgb",):
+            for kind in kinds:
                 if kind not in file.kinds:
                     raise ValueError(
                         f"{file.folder}: expected images of kind {kind}, found {', '.join(file.kinds) or 'none'}; "
-                        f"synth generate images={'all' if masks else 'rgb'} makes them"
+                        f"synth generate images={'rgb' if len(kinds) == 1 else 'all'} makes them"
                     )
             if "truth" not in file.persons:
                 raise ValueError(f"{file.folder}: the clip has no truth, which the labels of images are made from")
@@ -355,6 +363,10 @@ class FrameDataset(Dataset):
         if self.masks:
             shown = np.array([1 + person.person for person in persons], ids.dtype)
             target["masks"] = torch.from_numpy(ids == shown[:, None, None])
+        if self.depth:
+            depth = clip.images.at("depth", camera, 0)
+            target["depth_known"] = torch.from_numpy(~np.isnan(depth))
+            target["depth"] = torch.from_numpy(np.nan_to_num(depth))
         return torch.from_numpy(picture).permute(2, 0, 1).float() / 255, target
 
     def _target(self, persons: list[PersonLabel]) -> Target:

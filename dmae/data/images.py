@@ -209,10 +209,15 @@ def write_video(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
             container.mux(packet)
 
 
-def write_depth(path: Path, depth: np.ndarray) -> None:
-    """Write depth (H, W), m, as a 16-bit PNG in mm; 0 where it is NaN or at least 65.5 m."""
+def depth_steps(depth: np.ndarray) -> np.ndarray:
+    """Return depth (H, W), m, as uint16 mm; 0 where it is NaN or at least 65.5 m."""
     known = np.isfinite(depth) & (depth < 65.5)
-    _write(path, np.where(known, np.round(np.where(known, depth, 0) * 1000), 0).astype(np.uint16))
+    return np.where(known, np.round(np.where(known, depth, 0) * 1000), 0).astype(np.uint16)
+
+
+def write_depth(path: Path, depth: np.ndarray) -> None:
+    """Write depth (H, W), m, as a 16-bit PNG of `depth_steps`."""
+    _write(path, depth_steps(depth))
 
 
 def write_ids(path: Path, ids: np.ndarray) -> None:

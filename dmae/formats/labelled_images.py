@@ -12,6 +12,7 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.conversion import convert
+from dmae.data.images import depth_steps
 from dmae.data.labels import Visibility
 from dmae.data.skeleton import Skeleton
 from dmae.formats.poses import pixel_covariances
@@ -127,8 +128,10 @@ def joints_box(xy: np.ndarray, labelled: np.ndarray) -> Box | None:
     return (*low.tolist(), *(high - low).round(3).tolist())
 
 
-SHOWN = ("rgb", "ids", "amodal")
+SHOWN = ("rgb", "ids", "amodal", "depth")
 """Kinds of images that pictures, and the labels of their persons, are made from."""
+DEPTH = "depth.png"
+"""Suffix of images of depth, in place of `jpg` or `png`."""
 
 
 @dataclass(frozen=True)
@@ -178,6 +181,8 @@ class Picture:
     size: tuple[int, int]  # Width and height, px
     persons: list[PersonLabel]  # Labels of the persons in the picture
     rgb: np.ndarray | None = None  # (H, W, 3) uint8; None if there is no colour image, or if it was not requested
+    # (H, W) float32 m along the optical axis, NaN where there is no surface; None as `rgb`
+    depth: np.ndarray | None = None
 
     @property
     def path(self) -> str:
@@ -185,9 +190,13 @@ class Picture:
         return f"{file_part(self.camera)}/{self.number:06d}"
 
     def encoded(self, suffix: str) -> bytes:
-        """Return `rgb` encoded as `jpg` (quality 95) or `png`."""
-        quality = {"jpg": [cv2.IMWRITE_JPEG_QUALITY, 95], "png": [cv2.IMWRITE_PNG_COMPRESSION, 1]}[suffix]
-        written, data = cv2.imencode(f".{suffix}", cv2.cvtColor(self.rgb, cv2.COLOR_RGB2BGR), quality)
+        """Return `rgb` encoded as `jpg` (quality 95) or `png`; or `depth` as `depth.png`, 16 bit, in mm, 0 for NaN."""
+        png = [cv2.IMWRITE_PNG_COMPRESSION, 1]
+        if suffix == DEPTH:
+            written, data = cv2.imencode(".png", depth_steps(self.depth), png)
+        else:
+            quality = {"jpg": [cv2.IMWRITE_JPEG_QUALITY, 95], "png": png}[suffix]
+            written, data = cv2.imencode(f".{suffix}", cv2.cvtColor(self.rgb, cv2.COLOR_RGB2BGR), quality)
         if not written:
             raise OSError(f"frame {self.number} of camera {self.camera}: could not write {suffix}")
         return data.tobytes()
@@ -198,14 +207,16 @@ def file_part(name: str) -> str:
     return quote(name, safe="").replace(".", "%2E").replace("~", "%7E") or "%"
 
 
-def read_pictures(clip: Clip, labels: JointLabels, *, every: int = 1, rgb: bool = True) -> Iterator[Picture]:
-    """Yield the pictures of a clip, view by view, one frame in `every`, in colour if `rgb` and the clip has any.
+def read_pictures(
+    clip: Clip, labels: JointLabels, *, every: int = 1, rgb: bool = True, depth: bool = False
+) -> Iterator[Picture]:
+    """Yield the pictures of a clip, view by view, one frame in `every`; `rgb` and `depth` if asked for and present.
 
     One picture is in memory at a time. Raises ValueError if an image has another size than its camera, and
     FileNotFoundError if it is missing.
     """
     frames = range(0, len(clip), every)
-    kinds = _kinds(clip, labels, rgb)
+    kinds = _kinds(clip, labels, rgb) | ({"depth"} if depth and clip.images and "depth" in clip.images.kinds else set())
     images = clip.images and clip.images.select(slice(None, None, every), clip.rig.names)
     first = clip.provenance.get("first_frame", 0)
     for view, name in enumerate(clip.rig.names):
@@ -218,9 +229,9 @@ def read_pictures(clip: Clip, labels: JointLabels, *, every: int = 1, rgb: bool 
                         f"clip {clip.id!r}, {kind} of camera {name}, frame {frame}: expected {size[0]} x {size[1]} px, "
                         f"found {image.shape[1]} x {image.shape[0]}"
                     )
-            colour, ids, amodal = read
+            colour, ids, amodal, metres = read
             persons = label_persons(clip, labels, frame, view, ids, amodal)
-            yield Picture(name, view, frame, first + frame, size, persons, colour)
+            yield Picture(name, view, frame, first + frame, size, persons, colour, metres)
 
 
 def array_pictures(

@@ -49,7 +49,7 @@ def corruptions_page() -> str:
     about = (
         "The corruptions of `dmae stress`, one axis for each. `dmae.corrupt(clip, {name: level})` applies one at one "
         "level. At level 0 nothing changes. Corruptions work on real and on simulated clips: the places of people are "
-        "taken from the truth, or else from the measurement of all cameras. [Add one](../how-to/add_corruption.md)."
+        "taken from the truth, or else from the measurement of all cameras. [Add one](../how-to/add.md#a-corruption)."
     )
     parts = ["# Corruptions", about]
     for entry in corruptions():

@@ -128,7 +128,7 @@ def test_keys_of_splits_and_statistics_are_those_of_the_page(tmp_path):
 
 
 def test_keys_of_exports_are_those_of_the_page(tmp_path):
-    data = pictured_set(tmp_path / "set", clips=1)
+    data = pictured_set(tmp_path / "set", clips=1, depth=True)
     export_data_set(data, tmp_path / "coco")
     content = json.loads((tmp_path / "coco/annotations/person_keypoints_train.json").read_text())
     tables = rows(section("exports", "coco"))

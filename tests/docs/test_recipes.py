@@ -1,4 +1,4 @@
-"""The code in the how-to pages that add something: it runs, and what it adds works."""
+"""The code in the how-to page that adds something: it runs, and what it adds works."""
 
 import importlib
 import json
@@ -29,14 +29,15 @@ PAGES = Path(__file__).parents[2] / "docs/how-to"
 
 @pytest.fixture
 def recipe(tmp_path: Path, monkeypatch):
-    """Import the code of a page as a module of its own, registered until the end of the test."""
+    """Import the code of a section of the page as a module of its own, registered until the end of the test."""
     monkeypatch.syspath_prepend(tmp_path)
     for registry in (reader, metric, completion_method, corruption, interaction, exporter):
         monkeypatch.setattr(registry, "_added", {})
 
-    def load(page: str):
-        (code,) = re.findall(r"```python\n(.*?)```", (PAGES / f"{page}.md").read_text(), re.DOTALL)
-        name = f"recipe_{page}"
+    def load(title: str):
+        section = (PAGES / "add.md").read_text().split(f"\n## {title}\n")[1].split("\n## ")[0]
+        (code,) = re.findall(r"```python\n(.*?)```", section, re.DOTALL)
+        name = f"recipe_{title.split()[-1]}"
         (tmp_path / f"{name}.py").write_text(code)
         sys.modules.pop(name, None)
         return importlib.import_module(name)
@@ -47,45 +48,45 @@ def recipe(tmp_path: Path, monkeypatch):
 def test_a_format(recipe, small_clip, tmp_path: Path):
     from dmae.formats.calibrations import write_calibration
 
-    recipe("add_format")
+    recipe("A format")
     found = small_clip.detections
     values = np.concatenate([found.xy, found.score[..., None]], -1)
     (tmp_path / "lizard.json").write_text(json.dumps(values.tolist()))
     write_calibration(small_clip.rig, tmp_path / "calibration.toml", "pose2sim")
-    for clip in (dmae.read(tmp_path, fps=25), dmae.read(tmp_path, format="recipe_add_format:read_lizard")):
+    for clip in (dmae.read(tmp_path, fps=25), dmae.read(tmp_path, format="recipe_format:read_lizard")):
         np.testing.assert_array_equal(clip.detections.xy, found.xy)
 
 
 def test_a_metric(recipe, small_clip):
-    recipe("add_metric")
+    recipe("A metric")
     scores = dmae.evaluate(small_clip, dmae.capture(small_clip))
     assert scores["jerkiness"] > 0
 
 
 def test_a_corruption(recipe, small_clip):
-    recipe("add_corruption")
-    for name in ("shade", "recipe_add_corruption:shade"):
+    recipe("A corruption")
+    for name in ("shade", "recipe_corruption:shade"):
         shaded = dmae.corrupt(small_clip, {name: 20}).detections
         assert 0 < shaded.observed.sum() < small_clip.detections.observed.sum()
 
 
 def test_a_completion_method(recipe, small_clip):
-    recipe("add_method")
+    recipe("A completion method")
     captured = dmae.capture(small_clip)
-    filled = dmae.capture(small_clip, fill="recipe_add_method:fill_midpoint")
+    filled = dmae.capture(small_clip, fill="recipe_method:fill_midpoint")
     np.testing.assert_array_equal(filled.xyz[captured.measured], captured.xyz[captured.measured])
     assert (filled.source == dmae.Source.COMPLETED).any()
 
 
 def test_an_interaction(recipe):
-    recipe("add_interaction")
-    interaction = synth.InteractionConfig(kind="recipe_add_interaction:face_off")
+    recipe("An interaction")
+    interaction = synth.InteractionConfig(kind="recipe_interaction:face_off")
     clip = next(synth.generate(clips=1, seconds=1, interaction=interaction, scene="studio", seed=1))
     assert clip.truth.xyz.shape[1] == 2
 
 
 def test_a_detector_error(recipe, tmp_path: Path):
-    module = recipe("add_detector_error")
+    module = recipe("A detector error")
     (tmp_path / "keeps_views.py").write_text(
         "VIEWS = []\n\ndef keep(view, *, rng):\n    VIEWS.append(view)\n    return view\n"
     )
@@ -98,9 +99,9 @@ def test_a_detector_error(recipe, tmp_path: Path):
 
 
 def test_a_layout(recipe, small_clip, tmp_path: Path):
-    recipe("add_layout")
+    recipe("An export layout")
     dmae.save(small_clip, tmp_path / "walk")
-    for index, layout in enumerate(("nose_paths", "recipe_add_layout:export_nose_paths")):
+    for index, layout in enumerate(("nose_paths", "recipe_layout:export_nose_paths")):
         synth.export(tmp_path / "walk", tmp_path / f"noses{index}", layout)
         (table,) = (tmp_path / f"noses{index}").glob("train_*.csv")
         persons = small_clip.truth.xyz.shape[1]

@@ -7,7 +7,7 @@ import numpy as np
 
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D, Poses3D
-from dmae.data.images import FIRST_OBJECT_ID, Images, write_ids, write_video
+from dmae.data.images import FIRST_OBJECT_ID, Images, write_depth, write_ids, write_video
 from dmae.data.labels import DetectionLabels, JointError, OcclusionLabels, Visibility
 from dmae.data.skeleton import BODY25, Skeleton
 
@@ -100,10 +100,11 @@ def full_clip(frames: int = 12, views: int = 4) -> Clip:
     )
 
 
-def pictured_clip(folder: Path, frames: int = 3, views: int = 2) -> Clip:
+def pictured_clip(folder: Path, frames: int = 3, views: int = 2, depth: bool = False) -> Clip:
     """A clip with images of colour and ids, 240 x 150 px: discs on the joints of two walkers, and before them a box.
 
-    In the last frame of the first view the box is before all of person 1.
+    In the last frame of the first view the box is before all of person 1. With `depth`, the box is 2 m away, people
+    4.321 m, and there is no surface elsewhere.
     """
     clip = full_clip(frames, views)
     quarter = np.diag([0.25, 0.25, 1])
@@ -126,6 +127,9 @@ def pictured_clip(folder: Path, frames: int = 3, views: int = 2) -> Clip:
                 ids[ids == 2] = FIRST_OBJECT_ID
             shown[frame, view] = [np.count_nonzero(ids == 1 + person) for person in (0, 1)]
             write_ids(folder / "ids" / name / f"{frame:06d}.png", ids)
+            if depth:
+                metres = np.select([ids >= FIRST_OBJECT_ID, ids > 0], [2, 4.321], np.nan)
+                write_depth(folder / "depth" / name / f"{frame:06d}.png", metres)
             colours.append(np.array([(30, 60, 90), (200, 80, 40), (40, 200, 80), (200, 200, 60)], np.uint8)[
                 np.select([ids == 1, ids == 2, ids >= FIRST_OBJECT_ID], [1, 2, 3], 0)
             ])  # fmt: skip
@@ -137,6 +141,6 @@ def pictured_clip(folder: Path, frames: int = 3, views: int = 2) -> Clip:
         true_rig=None,
         detections=replace(clip.detections, xy=clip.detections.xy / 4),
         occlusion=replace(clip.occlusion, **pixels),
-        images=Images(folder, rig.names, tuple(range(frames)), ("rgb", "ids")),
+        images=Images(folder, rig.names, tuple(range(frames)), ("rgb", "ids", *["depth"] * depth)),
         provenance={"first_frame": 5},
     )

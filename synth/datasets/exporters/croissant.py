@@ -50,6 +50,7 @@ _DESCRIBED = {
 """Files that the metadata lists one by one, by layout. `SHA256SUMS` lists all."""
 _PICTURE_FIELDS = {
     "file_name": ("sc:Text", "file_name", {}),
+    "depth_file_name": ("sc:Text", "depth_file_name", {}),
     # Croissant's reader turns a column of names like 000000 into numbers, so the name is taken from the path.
     "clip": ("sc:Text", "file_name", {"regex": "^([^/]+)/"}),
     "camera": ("sc:Text", "camera", {"jsonPath": "name"}),
@@ -212,7 +213,9 @@ def _record_sets(out: Path, summary: dict) -> list[dict]:
             sources = {
                 key: (kind, {"column": column}, transform)
                 for key, (kind, column, transform) in _PICTURE_FIELDS.items()
-                if column != "persons" or transform["jsonPath"] in first.get("persons", ())
+                if transform.get("jsonPath") in first.get("persons", ())
+                or column not in ("persons", "depth_file_name")
+                or key in first
             }
             found.append(_record_set(split, file, sources))
         if summary["exporter"] == "coco":

@@ -126,8 +126,9 @@ def _write_coco_clip(task: ClipTask) -> Counter:
     clip, counts = task.load(), Counter(clips=1)
     images, annotations = [], []
     physical = PhysicalEntries(task.folder, clip.rig)
-    for picture in task.pictures(clip, counts):
-        images.append(image_entry(picture, len(images) + 1, task.write(picture, "images")) | {"clip": task.name})
+    for picture in task.pictures(clip, counts, depth=True):
+        entry = image_entry(picture, len(images) + 1, task.write(picture, "images"))
+        images.append(entry | task.write_depth(picture, "images", "depth_file_name") | {"clip": task.name})
         for person in picture.persons:
             entry = annotation_entry(person, len(annotations) + 1, len(images))
             annotations.append(entry | physical.of(picture, person))
@@ -221,7 +222,7 @@ SHARD_BYTES = 10**9
 
 @exporter("webdataset")
 def export_webdataset(selection: Selection, out: Path) -> dict[str, Counter]:
-    """Tar shards `<split>-000000.tar` of `<clip>/<camera>/<frame>.jpg` and `.json`."""
+    """Tar shards `<split>-000000.tar` of `<clip>/<camera>/<frame>.jpg`, `.json`, and `.depth.npz` if there is depth."""
     found = {split: Counter() for split in selection.splits}
     shard = None
     try:
@@ -249,7 +250,7 @@ def _write_webdataset_clip(task: ClipTask) -> Counter:
     about = clip_entry(clip) | {"clip": task.name, "joints": joint_names(task.skeleton)}
     physical = PhysicalEntries(task.folder, clip.rig)
     with tarfile.open(task.part("tar"), "w") as tar:
-        for picture in task.pictures(clip, counts):
+        for picture in task.pictures(clip, counts, depth=True):
             persons = []
             for number, person in enumerate(picture.persons, 1):
                 entry = annotation_entry(person, number, 0)
@@ -262,7 +263,12 @@ def _write_webdataset_clip(task: ClipTask) -> Counter:
                 "frame": picture.number,
                 "persons": persons,
             }
-            for suffix, data in ((task.suffix, picture.encoded(task.suffix)), ("json", json.dumps(label).encode())):
+            files = {task.suffix: picture.encoded(task.suffix), "json": json.dumps(label).encode()}
+            if picture.depth is not None:
+                # Not PNG: readers of shards decode each PNG as 8 bits of colour, and silently clip millimetres.
+                np.savez_compressed(stream := io.BytesIO(), depth=picture.depth)
+                files["depth.npz"] = stream.getvalue()
+            for suffix, data in files.items():
                 member = tarfile.TarInfo(f"{task.file_name(picture)}.{suffix}")
                 member.size = len(data)
                 tar.addfile(member, io.BytesIO(data))
@@ -307,9 +313,10 @@ def _write_huggingface_clip(task: ClipTask) -> Counter:
     clip, counts = task.load(), Counter(clips=1)
     about = clip_entry(clip) | {"clip": task.name}
     lines, of_persons, physical = [], [], PhysicalEntries(task.folder, clip.rig)
-    for picture in task.pictures(clip, counts):
+    for picture in task.pictures(clip, counts, depth=True):
+        files = {"file_name": task.write(picture, ""), **task.write_depth(picture, "", "depth_file_name")}
         camera = camera_entry(clip.rig, picture.view)
-        lines.append({"file_name": task.write(picture, ""), **about, "camera": camera, "frame": picture.number})
+        lines.append({**files, **about, "camera": camera, "frame": picture.number})
         of_persons.append(
             [
                 annotation_entry(each, 0, 0) | {"xyz": world_joints(each)} | physical.of(picture, each)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from dmae.data.clip import Clip
 from dmae.data.skeleton import Skeleton
 from dmae.data.store import load_clip
-from dmae.formats.labelled_images import PersonLabel, Picture, file_part, joint_labels, read_pictures
+from dmae.formats.labelled_images import DEPTH, PersonLabel, Picture, file_part, joint_labels, read_pictures
 from dmae.parallel import in_parallel
 from dmae.progress import progress
 from synth.datasets.config import PictureFormat
@@ -39,13 +39,13 @@ class ClipTask:
         clip = load_clip(self.folder)
         return clip if clip.true_rig is None else replace(clip, rig=clip.true_rig, true_rig=None)
 
-    def pictures(self, clip: Clip, counts: Counter) -> Iterator[Picture]:
-        """Yield the pictures of the clip with the persons that they show.
+    def pictures(self, clip: Clip, counts: Counter, *, depth: bool = False) -> Iterator[Picture]:
+        """Yield the pictures of the clip with the persons that they show, and with depth if asked for and present.
 
         `counts` is increased by the numbers of pictures, persons shown, persons hidden, masks and amodal masks.
         """
         labels = joint_labels(clip, clip.truth, self.skeleton)
-        for picture in read_pictures(clip, labels, every=self.every):
+        for picture in read_pictures(clip, labels, every=self.every, depth=depth):
             shown = [person for person in picture.persons if person.shown]
             counts["pictures"] += 1
             counts["persons"] += len(shown)
@@ -59,11 +59,18 @@ class ClipTask:
         return f"{file_part(self.name)}/{picture.path}"
 
     def write(self, picture: Picture, folder: str) -> str:
-        """Write a picture into `<folder>/<split>`, and return its path relative to that folder."""
-        name = f"{self.file_name(picture)}.{self.suffix}"
+        """Write the colours of a picture into `<folder>/<split>`, and return its path relative to that folder."""
+        return self._write(picture, folder, self.suffix)
+
+    def write_depth(self, picture: Picture, folder: str, key: str) -> dict[str, str]:
+        """Write the depth of a picture beside its colours, and return its path by `key`; nothing without depth."""
+        return {} if picture.depth is None else {key: self._write(picture, folder, DEPTH)}
+
+    def _write(self, picture: Picture, folder: str, suffix: str) -> str:
+        name = f"{self.file_name(picture)}.{suffix}"
         path = self.out / folder / self.split / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(picture.encoded(self.suffix))
+        path.write_bytes(picture.encoded(suffix))
         return name
 
     def part(self, suffix: str) -> Path:

@@ -117,6 +117,19 @@ def test_pictures_are_the_images_with_what_the_ids_show(pictures):
     assert "masks" not in FrameDataset(pictures)[0][1]
 
 
+def test_depth_is_in_metres_and_says_where_it_is_known(tmp_path):
+    frames = FrameDataset(pictured_set(tmp_path / "set", clips=1, depth=True), depth=True)
+    for index in range(len(frames)):
+        _, view, frame = frames.place(index)
+        image, target = frames[index]
+        clip = load_clip(tmp_path / "set/000000")
+        true = clip.images.at("depth", clip.rig.names[view], frame)
+        assert target["depth"].dtype == torch.float32 and target["depth"].shape == image.shape[1:]
+        np.testing.assert_array_equal(target["depth_known"], np.isfinite(true))
+        np.testing.assert_array_equal(target["depth"], np.nan_to_num(true))
+        assert target["depth"][65, 120] == 2  # the box
+
+
 @pytest.mark.slow
 def test_workers_give_what_one_process_gives(clips, pictures):
     windows, frames = WindowDataset(clips, frames=4, every=3), FrameDataset(pictures)
@@ -166,6 +179,8 @@ def test_bad_input_is_refused(clips, pictures, tmp_path):
         WindowDataset(clips, frames=0)
     with pytest.raises(ValueError, match=r"expected images of kind rgb, found none; synth generate images=rgb"):
         FrameDataset(clips)
+    with pytest.raises(ValueError, match=r"expected images of kind depth, found rgb, ids; synth generate images=all"):
+        FrameDataset(pictures, depth=True)
     with pytest.raises(KeyError, match="body26"):
         FrameDataset(pictures, skeleton="body26")
     clip = full_clip(3)

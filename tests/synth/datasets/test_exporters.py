@@ -234,6 +234,58 @@ def test_rows_hold_picture_camera_and_persons(exported, data, tmp_path):
     assert people == 33
 
 
+# Depth in each layout that has a place for it, as its own library decodes it.
+
+READ_DEPTH = {
+    "webdataset": """
+import sys
+import numpy as np
+import webdataset
+shard = webdataset.WebDataset(sys.argv[2] + "/train-000000.tar", shardshuffle=False)
+for number, sample in enumerate(shard.decode("rgb8")):
+    label = sample["json"]
+    of = label["camera"]["name"], label["frame"]
+    np.savez(f"{sys.argv[1]}/{number}", depth=sample["depth.npz"]["depth"], of=of)
+""",
+    "huggingface": """
+import sys
+import numpy as np
+from datasets import load_dataset
+for number, row in enumerate(load_dataset(sys.argv[2])["train"]):
+    np.savez(f"{sys.argv[1]}/{number}", depth=np.array(row["depth"]), of=(row["camera"]["name"], row["frame"]))
+""",
+}
+
+
+@pytest.mark.parametrize("format", ["coco", *READ_DEPTH])
+def test_depth_is_that_of_the_clip(format, tmp_path):
+    data, out, folder = pictured_set(tmp_path / "set", clips=1, depth=True), tmp_path / "out", tmp_path / "read"
+    export(data, out, format)
+    folder.mkdir()
+    found = {}
+    if format == "coco":
+        for image in COCO(out / "annotations/person_keypoints_train.json").imgs.values():
+            depth = cv2.imread(str(out / "images/train" / image["depth_file_name"]), cv2.IMREAD_UNCHANGED)
+            found[image["camera"], image["frame"]] = depth
+    else:
+        offline = {"HF_HOME": str(tmp_path / "kept"), "HF_HUB_OFFLINE": "1", "HF_DATASETS_OFFLINE": "1"}
+        printed_lines(READ_DEPTH[format], tmp_path, folder, out, **offline)
+        for path in folder.iterdir():
+            with np.load(path) as read:
+                found[read["of"][0], int(read["of"][1])] = read["depth"]
+    clip = load_clip(data / "000000")
+    assert len(found) == 6
+    for (camera, frame), depth in found.items():
+        true = clip.images.at("depth", camera, frame - 5)
+        assert np.isnan(true).any()
+        if format != "webdataset":  # 16 bit, mm, 0 where there is no surface
+            assert depth.dtype == np.uint16
+            depth = np.where(depth > 0, depth / np.float32(1000), np.nan)
+        np.testing.assert_array_equal(depth, true)
+    names = (out / "SHA256SUMS").read_text()
+    assert names.count(".depth.png") == (0 if format == "webdataset" else 6)
+
+
 # Sequences of CMU Panoptic, read back by the reader of such recordings.
 
 
