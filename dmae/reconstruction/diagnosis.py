@@ -11,6 +11,7 @@ from dmae.data.skeleton import Skeleton
 from dmae.numerics.statistics import median_known
 from dmae.reconstruction.association import NONE, Candidates, count_pairs, find_groups
 from dmae.reconstruction.body_size import resized_clip, resized_config, sized
+from dmae.reconstruction.chance import resting_ghosts
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.people import (
@@ -125,7 +126,7 @@ def explain_capture(clip: Clip, config: CaptureConfig) -> Explanation:
     tracks = track(clip, config)
     stages.append(("tracks that were started", tracks.xyz.shape[1]))
     if tracks.xyz.shape[1]:
-        more, suggestion = _kept(tracks, clip, config)
+        more, suggestion = _kept(tracks, clip, config, evidence)
         stages += more
         suggestions = [*suggestions, *suggestion]
     elif not suggestions:
@@ -210,7 +211,9 @@ def _other_readings(evidence: Evidence, skeleton: Skeleton, frames: np.ndarray, 
     return suggestions
 
 
-def _kept(tracks: Tracks, clip: Clip, config: CaptureConfig) -> tuple[list[tuple[str, int]], list[str]]:
+def _kept(
+    tracks: Tracks, clip: Clip, config: CaptureConfig, evidence: Evidence
+) -> tuple[list[tuple[str, int]], list[str]]:
     """Return the stages from tracks to people, and suggested changes so that some people remain."""
     skeleton, fps, tracking = clip.detections.skeleton, clip.fps, config.tracking
     tracks = merge(tracks, same_person(tracks.xyz, skeleton, fps, tracking.reentry_s))
@@ -240,10 +243,16 @@ def _kept(tracks: Tracks, clip: Clip, config: CaptureConfig) -> tuple[list[tuple
     stages.append(("of these with views that agree on most joints", int(agreed.sum())))
     if not agreed.any():
         return stages, ["cameras agree by coincidence only: dmae doctor examines calibration and synchronisation"]
-    wanted = wanted_people(tracks.select(agreed), clip.rig, skeleton, fps, config).xyz.shape[1]
+    tracks = tracks.select(agreed)
+    ghosts = resting_ghosts(clip, tracks.assigned, tracks.xyz, config, evidence.noise)
+    stages.append(("of these that move, or agree better than ghosts at rest would by chance", int((~ghosts).sum())))
+    if ghosts.all():
+        return stages, ["nobody moves, and views agree no better than by chance: more cameras, or fewer ghosts, decide"]
+    tracks = tracks.select(~ghosts)
+    wanted = wanted_people(tracks, clip.rig, skeleton, fps, config).xyz.shape[1]
     stages.append(("of these asked for by capture.persons and capture.subject", wanted))
     if not wanted and config.subject.leg_m is not None:
-        legs = leg_lengths(tracks.select(agreed).xyz, skeleton)
+        legs = leg_lengths(tracks.xyz, skeleton)
         suggestions.append(
             f"legs are {', '.join(f'{leg:.2f}' for leg in legs)} m long, which capture.subject.leg_m leaves out"
         )

@@ -15,6 +15,7 @@ from dmae.progress import progress
 from dmae.reconstruction.appearance import appearance_differs, has_appearance
 from dmae.reconstruction.association import NONE
 from dmae.reconstruction.body_size import in_units_of_people, resized_clip, resized_config, sized
+from dmae.reconstruction.chance import resting_ghosts
 from dmae.reconstruction.config import AssociationConfig, CaptureConfig
 from dmae.reconstruction.evidence import Evidence, evidence_blocks
 from dmae.reconstruction.noise import DetectionNoise, fit, residuals
@@ -99,6 +100,7 @@ def _capture(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None) ->
     tracks = inside_volume(tracks, config.volume)
     measured = well_measured(tracks, tracking.births(len(skeleton))).sum(0)
     tracks = tracks.select(~false_positives(tracks, measured, len(clip), fps, config))
+    tracks = tracks.select(~resting_ghosts(clip, tracks.assigned, tracks.xyz, config, noise))
     tracks = wanted_people(tracks, clip.rig, skeleton, fps, config)
     return _measured_people(clip, tracks, config, noise)
 

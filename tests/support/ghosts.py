@@ -15,13 +15,14 @@ def two_people(frames: int) -> np.ndarray:
     return np.stack([walk(*way) for way in ways], 1)[:frames]
 
 
-def haunted_clip(ghosts: int, frames: int, fixed: bool, seed: int = 1) -> Clip:
-    """Return two people in five views, with `ghosts` ghosts in each view that are as sharp and confident as people.
+def haunted_clip(ghosts: int, frames: int, fixed: bool, seed: int = 1, people: np.ndarray | None = None) -> Clip:
+    """Return people in five views, with `ghosts` ghosts in each view that are as sharp and confident as people.
 
     Each ghost is the projection of a body somewhere in a room of 6 m. The bodies are independent between views. Fixed
-    ghosts stay for the whole clip; other ghosts are new in each frame.
+    ghosts stay for the whole clip; other ghosts are new in each frame. People (F, P, 25, 3) are by default two who pass
+    each other.
     """
-    clip, rng = detected_clip(two_people(frames), 5), np.random.default_rng(seed)
+    clip, rng = detected_clip(two_people(frames) if people is None else people, 5), np.random.default_rng(seed)
     shape = (1 if fixed else frames, 5, ghosts)
     body = walk((0, 0), (0, 0), frames=1)[0] * rng.uniform(0.8, 1.1, (*shape, 1, 1))
     body = body + rng.normal(0, 0.05, body.shape)

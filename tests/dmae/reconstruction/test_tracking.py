@@ -7,23 +7,43 @@ import pytest
 
 from dmae.data.clip import Detections2D
 from dmae.data.skeleton import BODY25
+from dmae.numerics.statistics import median_over_frames
+from dmae.reconstruction.chance import beyond_chance
 from dmae.reconstruction.config import CaptureConfig, TrackingConfig
 from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.pipeline import capture, learn_noise
-from dmae.reconstruction.tracking import beyond_chance
 from tests.support.clips import looking_at_origin, t_pose
 from tests.support.detected_people import detected_clip, errors, rows_of, walk
 from tests.support.ghosts import haunted_clip, two_people
 
 
-@pytest.mark.parametrize(("ghosts", "fixed", "frames"), [(50, False, 12), (150, True, 12), (50, True, 60)])
-def test_ghosts_are_no_people(ghosts, fixed, frames):
-    poses, people = capture(haunted_clip(ghosts, frames, fixed), CaptureConfig()), two_people(frames)
+@pytest.mark.parametrize(
+    ("ghosts", "fixed", "frames", "seed"),
+    [(50, False, 12, 1), (150, True, 12, 1), (50, True, 60, 1), (20, True, 60, 8), (20, True, 60, 10)],
+)
+def test_ghosts_are_no_people(ghosts, fixed, frames, seed):
+    poses, people = capture(haunted_clip(ghosts, frames, fixed, seed), CaptureConfig()), two_people(frames)
     assert poses.xyz.shape[1] == 2
     assert sorted(rows_of(poses, people)) == [[0], [1]]
     off = errors(poses, people)
     assert np.isfinite(off).mean() > 0.97
     assert np.nanmedian(off) < 0.03
+
+
+@pytest.mark.parametrize(("ghosts", "hidden"), [(0, 3), (5, 2), (20, 0)])
+def test_people_who_stand_still_among_resting_ghosts_are_people(ghosts, hidden):
+    """They stand like mannequins; the first cameras see neither of them."""
+    people = np.repeat(two_people(20)[10:11], 60, 0)
+    clip = haunted_clip(ghosts, 60, fixed=True, people=people)
+    place = clip.rig.project(people)[0]
+    off = np.linalg.norm(clip.detections.xy[:, :, :, None] - place[:, :, None], axis=-1)
+    near = (median_over_frames(np.moveaxis(off, -1, 0)) < 12).any(-1)
+    near[:, hidden:] = False
+    xy, score = clip.detections.xy.copy(), clip.detections.score.copy()
+    xy[near], score[near] = np.nan, np.nan
+    poses = capture(replace(clip, detections=Detections2D(BODY25, xy, score)), CaptureConfig())
+    assert sorted(rows_of(poses, people)) == [[0], [1]]
+    assert poses.xyz.shape[1] == 2
 
 
 def test_nobody_is_lost_among_ghosts_in_a_short_clip():

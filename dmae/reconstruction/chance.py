@@ -1,0 +1,277 @@
+"""Chance: how often unrelated figures agree, which tells people from ghosts, the figures where no person is.
+
+V views, D detections in a view, P persons, J joints.
+"""
+
+import numpy as np
+
+from dmae.data.clip import Clip
+from dmae.files.mapped import by_frames
+from dmae.numerics.compiled import compiled
+from dmae.numerics.statistics import mean_known, median_known, median_over_frames
+from dmae.reconstruction.association import NONE
+from dmae.reconstruction.config import CaptureConfig
+from dmae.reconstruction.evidence import Evidence
+from dmae.reconstruction.noise import USUAL, DetectionNoise
+
+_SAMPLED = 8, 24  # Numbers of frames, least and greatest, in which it is examined whether a figure moves
+_AT_REST = 4.0  # Sigmas; half of the joints of a figure that rests stay within this
+_GESTURE = 3.0  # Sigmas; a joint moves if half of its detections are farther than this from their mean
+_FITTING = 1.8  # Sigmas; a figure shows a person if half of its joints, averaged over time, are within this
+
+
+def resting_ghosts(
+    clip: Clip, assigned: np.ndarray, xyz: np.ndarray, config: CaptureConfig, noise: DetectionNoise
+) -> np.ndarray:
+    """Return (P,) True for tracks of ghosts that rest in the images and agree by chance.
+
+    Ghosts that come and go agree in some frames only. Those that stay agree in all frames if they do in one: the frames
+    say the same thing again and again, and in the luckiest of them the agreement looks close. So the joints of figures
+    that rest are averaged over time, which leaves what the views really disagree by, and count as one observation.
+    Views that do not fit the others closer than detections scatter are not views of this figure. What is left has to be
+    beyond chance, see `beyond_chance`. Figures that move, or whose joints move, in two views at once are people. Rigs of two
+    cameras are left as they are: pairs of people who stand in a group are hardly beyond chance.
+
+    Args:
+        assigned: (F, P, V, J) index of the detection that shows the joint in the view, or `NONE`.
+        xyz: (F, P, J, 3) m, NaN where absent.
+    """
+    ghosts, most = np.zeros(assigned.shape[1], bool), config.tracking.max_by_chance
+    if most is None or len(clip.rig) < 3:
+        return ghosts
+    rig, resting, means, moving = clip.rig.undistorted, [], [], np.zeros(len(clip.rig))
+    for person in range(len(ghosts)):
+        frames = np.flatnonzero(by_frames(lambda part: (part != NONE).any((1, 2)), assigned[:, person]))
+        if len(frames) < _SAMPLED[0]:
+            continue
+        share = len(frames) / len(clip)
+        frames = frames[np.linspace(0, len(frames) - 1, min(len(frames), _SAMPLED[1])).astype(int)]
+        mean = _at_rest(clip, frames, assigned[frames, person], xyz[frames, person], noise)
+        if mean is None:
+            moving += share * (assigned[frames, person] != NONE).any(-1).mean(0)
+        else:
+            resting.append(person)
+            means.append(mean)
+    if not resting:
+        return ghosts
+    # Each mean figure is a detection of its own.
+    xy = np.stack(means, 1)
+    known = ~np.isnan(xy[..., 0])
+    evidence = Evidence(rig, xy[None], np.where(known, USUAL, np.nan)[None], config.widened(noise.widening), noise)
+    own = np.where(known.swapaxes(0, 1), np.arange(len(resting))[:, None, None], NONE)
+    for figure in own:
+        _drop_misfits(evidence, figure)
+    points, found = evidence.triangulate(0, own), np.zeros(len(resting), bool)
+    figures = np.maximum(_figures(clip, config.th_p) - moving, 1)
+    width = rig.size[:, 0].astype(float)
+    beyond_chance(rig.projections, rig.focal, width, xy, own, points.xyz, points.used, figures, float(most), found)
+    ghosts[resting] = ~found
+    return ghosts
+
+
+def _figures(clip: Clip, th_p: float) -> np.ndarray:
+    """Return the mean number (V,) of detections of three confident joints or more."""
+    frames = np.unique(np.linspace(0, len(clip) - 1, _SAMPLED[1]).astype(int))
+    return ((clip.detections.score[frames] >= th_p).sum(-1) >= 3).sum(-1).mean(0)
+
+
+def _at_rest(
+    clip: Clip, frames: np.ndarray, assigned: np.ndarray, xyz: np.ndarray, noise: DetectionNoise
+) -> np.ndarray | None:
+    """Return the mean figures (V, J, 2), undistorted px, of a track that rests in S sampled frames; None if it moves.
+
+    Args:
+        frames: (S,)
+        assigned: (S, V, J) detections of its joints, or `NONE`.
+        xyz: (S, J, 3) m.
+    """
+    rig, views = clip.rig, assigned.shape[1]
+    figure = np.array([[_most_frequent(row) for row in each] for each in assigned])  # (S, V)
+    own = (assigned == figure[..., None]) & (assigned != NONE)
+    found = clip.detections.xy[frames[:, None], np.arange(views), figure]
+    found = rig.undistort(np.where(own[..., None], found, np.nan))
+    depth = rig.cam_from_world[:, 2, :3] @ median_known(xyz.reshape(-1, 3)) + rig.cam_from_world[:, 2, 3]
+    sigma = np.hypot(noise.usual_m * rig.focal / np.maximum(depth, 0.1), noise.floor_px)
+    means, moved, gestures = np.full(found.shape[1:], np.nan), 0, np.zeros(found.shape[2], int)
+    for view in range(views):
+        shown = found[own[:, view].sum(-1) >= 3, view]
+        if len(shown) < _SAMPLED[0] / 2:
+            continue
+        apart = np.linalg.norm(shown[:, None] - shown, axis=-1)
+        near = median_over_frames(np.moveaxis(apart, -1, 0)) < _AT_REST * sigma[view]
+        same = near[near.sum(1).argmax()]
+        if 2 * same.sum() < len(same):
+            moved += 1
+            continue
+        means[view] = mean_known(shown[same])
+        away = median_over_frames(np.linalg.norm(shown[same] - means[view], axis=-1))
+        gestures += away > _GESTURE * sigma[view]
+    return None if moved >= 2 or (gestures >= 2).sum() >= 2 else means
+
+
+def _most_frequent(detections: np.ndarray) -> int:
+    """Return the detection that most joints have, or `NONE`."""
+    known = detections[detections != NONE]
+    return int(np.bincount(known).argmax()) if len(known) else NONE
+
+
+def _drop_misfits(evidence: Evidence, own: np.ndarray) -> None:
+    """Replace by `NONE`, one after the other, the views (V, J) of a figure that fit the others least.
+
+    A view fits if half of its joints are closer to the reprojected ones than detections scatter.
+    """
+    rig, limit = evidence.rig, _FITTING * evidence.noise.usual_m
+    while (seen := (own != NONE).any(-1)).sum() > 2:
+        xyz = evidence.triangulate(0, own[None]).xyz[0]
+        pixel, depth = (each[0] for each in rig.project(xyz[None]))
+        xy = evidence.xy[0, np.arange(len(own))[:, None], own, np.arange(own.shape[1])]
+        number = (own != NONE).sum(0)
+        # There are 2 n coordinates, and the point has three degrees of freedom.
+        freedom = np.sqrt(2 * number / np.maximum(2 * number - 3, 1))
+        off = np.where(own == NONE, np.nan, np.linalg.norm(pixel - xy, axis=-1) * depth / rig.focal[:, None] * freedom)
+        off = np.where(np.isnan(off) & (own != NONE) & (number > 1), np.inf, off)
+        off = median_over_frames(off.T)
+        worst = np.where(seen, np.nan_to_num(off, nan=np.inf), -1).argmax()
+        if off[worst] <= limit:
+            break
+        own[worst] = NONE
+
+
+_LEAST_RADIUS = 0.02  # m; smallest assumed residual of views that agree, even if the residual is smaller
+_DISAGREEMENT = 0.25  # m; residual of a joint on which views do not agree
+_SHARES = np.array([0.5, 0.8])  # Shares of the joints whose residuals are judged
+_PAIRS = np.array([0.38, 0.76])
+"""m; R for each share: figures of two views agree within a residual r by chance with probability (r / R)^2."""
+_SHAPES = np.array([[3.0, 0.0], [4800.0, 4.0]])
+"""c and d, r in m, for each share: a third figure that is within 2 r of the place of two others agrees with them in its
+shape with probability c r^d; more than 1 as figures agree from farther away."""
+
+
+@compiled()
+def beyond_chance(projections, focal, width, xy, assigned, xyz, used, figures, most, supported):
+    """Find the people with views that agree better than unrelated figures would.
+
+    Figures of two views that have nothing to do with each other agree within r with probability q = (r / R)^2: rays of
+    most joints meet if the figures have the same size and height above the floor there. A figure of a third view also
+    has to be at this place, and to have this shape. Assume that figures are spread over the floor at random, and that a
+    view overlooks the area z_v^2 width_v / focal_v at the person's depth z_v. A third figure then agrees with
+    probability p_v = s pi (2 r)^2 / area_v, with s the probability of its shape. View v has n_v figures. The expected
+    number of times that k views agree by chance is thus
+
+        E = q e_k(n_1 p_1, ..., n_V p_V) / p^2,
+
+    with e_k the elementary symmetric polynomial, the sum over all choices of k views. It is computed with r the
+    residual that half of the joints have at most, and with r that of four fifths of them, where s is small; the
+    smaller E counts. This is the a contrario rule of Desolneux, Moisan & Morel (IJCV 2000). Probabilities were measured
+    on figures of random poses, directions, sizes and places, in the images and on the floor.
+
+    People with more views are tested first; among people with equally many views, those with smaller residuals. The
+    first is supported if E is at most `most`. The figures of supported people are explained, so they do not count for
+    later ones; and if a share of all figures is explained by m people, so may be the others, and E may be `most` for
+    each of them: it is at most (1 + share * m) times `most`.
+
+    Args:
+        projections: (V, 3, 4) pinhole projection matrices.
+        focal: (V,) px.
+        width: (V,) px of the image.
+        xy: (V, D, J, 2) px.
+        assigned: (P, V, J) detections of the joints, negative where none.
+        xyz: (P, J, 3) m, NaN where absent.
+        used: (P, J, V) True for the views that a joint was triangulated from.
+        figures: (V,) numbers of figures, float; those of supported people are subtracted.
+        most: Largest E.
+        supported: (P,) bool, written.
+    """
+    persons, views, _ = assigned.shape
+    depth, agrees = np.zeros((persons, views)), np.zeros((persons, views), np.bool_)
+    radius2, key = np.zeros((persons, len(_SHARES))), np.zeros(persons)
+    chance, polynomial = np.zeros(views), np.zeros(views + 1)
+    for p in range(persons):
+        _measure(projections, focal, xy, assigned[p], xyz[p], used[p], depth[p], agrees[p], radius2[p])
+        key[p] = radius2[p, 0] - agrees[p].sum()
+    found, explained = 0, 0.0
+    for p in np.argsort(key):
+        count, least = agrees[p].sum(), np.inf
+        supported[p] = False
+        if count < 2:
+            continue
+        for share in range(len(_SHARES)):
+            shape = _SHAPES[share, 0] * np.sqrt(radius2[p, share]) ** _SHAPES[share, 1]
+            polynomial[:], place = 0.0, 0.0
+            polynomial[0] = 1.0
+            for v in range(views):
+                near = 0.0
+                if depth[p, v] > 0:
+                    near = min(1.0, shape * 4 * np.pi * radius2[p, share] * focal[v] / (width[v] * depth[p, v] ** 2))
+                if agrees[p, v]:
+                    place += near / count
+                chance[v] = max(figures[v], 0.0) * near
+            for v in range(views):
+                for k in range(v + 1, 0, -1):
+                    polynomial[k] += polynomial[k - 1] * chance[v]
+            pairs = min(1.0, radius2[p, share] / _PAIRS[share] ** 2)
+            least = min(least, polynomial[count] * pairs / place**2)
+        known = explained / max(explained + np.maximum(figures, 0.0).sum(), 1.0)
+        if least <= most * (1 + known * found):
+            supported[p], found, explained = True, found + 1, explained + count
+            for v in range(views):
+                figures[v] -= agrees[p, v]
+
+
+@compiled()
+def _measure(projections, focal, xy, assigned, xyz, used, depth, agrees, radius2):
+    """Write the depth of a person in each view, m, the views that agree, and the squared residual, m^2, that each of
+    `_SHARES` of the joints in these views has at most.
+
+    The figure of a view is the detection that shows most joints there; fragments of others are not judged. A view
+    agrees if three joints or more, and half of those that it and another view detect, were triangulated from its
+    figure. False positives in the other views say nothing about those that agree, so only these have residuals.
+    """
+    views, joints = assigned.shape
+    middle, known = np.zeros(3), 0
+    for j in range(joints):
+        if not np.isnan(xyz[j, 0]):
+            known += 1
+            middle += xyz[j]
+    figure, counts = np.full(views, -1), np.zeros(joints, np.int64)
+    for v in range(views):
+        most = 0
+        for j in range(joints):
+            same = (assigned[v] == assigned[v, j]).sum()
+            if assigned[v, j] >= 0 and same > most:
+                figure[v], most = assigned[v, j], same
+        shown, fitted = 0, 0
+        for j in range(joints):
+            if figure[v] >= 0 and assigned[v, j] == figure[v] and (assigned[:, j] >= 0).sum() > 1:
+                shown += 1
+                fitted += used[j, v] and not np.isnan(xyz[j, 0])
+        agrees[v] = fitted >= 3 and 2 * fitted >= shown
+        if known:
+            P = projections[v, 2]
+            depth[v] = (P[0] * middle[0] + P[1] * middle[1] + P[2] * middle[2]) / known + P[3]
+        if agrees[v]:
+            counts += assigned[v] == figure[v]
+    squares, judged = np.empty(joints), 0
+    radius2[:] = 0.0
+    for v in range(views):
+        detected = 0
+        for j in range(joints):
+            d = figure[v]
+            if not agrees[v] or assigned[v, j] != d or counts[j] < 2:
+                continue
+            P, square = projections[v], np.inf
+            z = P[2, 0] * xyz[j, 0] + P[2, 1] * xyz[j, 1] + P[2, 2] * xyz[j, 2] + P[2, 3]
+            if z > 0:
+                x = (P[0, 0] * xyz[j, 0] + P[0, 1] * xyz[j, 1] + P[0, 2] * xyz[j, 2] + P[0, 3]) / z - xy[v, d, j, 0]
+                y = (P[1, 0] * xyz[j, 0] + P[1, 1] * xyz[j, 1] + P[1, 2] * xyz[j, 2] + P[1, 3]) / z - xy[v, d, j, 1]
+                # There are 2 n coordinates, and the point has three degrees of freedom.
+                square = counts[j] / (2 * counts[j] - 3) * (x * x + y * y) * (z / focal[v]) ** 2
+            squares[detected] = min(square, _DISAGREEMENT**2)
+            detected += 1
+        if detected:
+            judged += 1
+            ordered = np.sort(squares[:detected])
+            for share in range(len(_SHARES)):
+                radius2[share] += ordered[min(int(_SHARES[share] * detected), detected - 1)]
+    for share in range(len(_SHARES)):
+        radius2[share] = max(radius2[share] / judged, _LEAST_RADIUS**2) if judged else _DISAGREEMENT**2
