@@ -29,8 +29,8 @@ def resting_ghosts(
     say the same thing again and again, and in the luckiest of them the agreement looks close. So the joints of figures
     that rest are averaged over time, which leaves what the views really disagree by, and count as one observation.
     Views that do not fit the others closer than detections scatter are not views of this figure. What is left has to be
-    beyond chance, see `beyond_chance`. Figures that move, or whose joints move, in two views at once are people. Rigs of two
-    cameras are left as they are: pairs of people who stand in a group are hardly beyond chance.
+    beyond chance, see `beyond_chance`. Figures that move, or whose joints move, in two views at once are people. With
+    two cameras nobody is judged: of people who stand in a group, pairs of figures are hardly beyond chance.
 
     Args:
         assigned: (F, P, V, J) index of the detection that shows the joint in the view, or `NONE`.
