@@ -12,7 +12,7 @@ import pytest
 from dmae.clusters import CLUSTERS
 from dmae.parallel import Backend, in_parallel, process_count, running_on
 from tests.support.cluster_tasks import square_or_die
-from tests.support.commands import command_line
+from tests.support.commands import command_line, synth
 from tests.support.processes import command_of, family, processor_seconds
 
 ENVIRONMENT = {
@@ -81,9 +81,9 @@ def test_a_task_outlives_the_death_of_its_worker(backend, order, tmp_path):
 def test_a_data_set_is_the_same_with_a_killed_worker(tmp_path):
     """`synth generate` on a local Ray of two processes, one of which is killed over its first clip."""
     needs("ray")
-    options = ("clips=3", "seed=5", "scene.seconds=0.4", "scene.persons=[1,1]", "workers=2")
-    subprocess.run(command_line("synth", "generate", *options, "out=here"), cwd=tmp_path, check=True)
-    line = command_line("synth", "generate", *options, "backend=ray", "out=there")
+    options = ("clips=3", "seed=5", "scene.seconds=0.4", "scene.persons=[1,1]")
+    assert synth(tmp_path, "generate", *options, "out=here").returncode == 0
+    line = command_line("synth", "generate", *options, "workers=2", "backend=ray", "out=there")
     process = subprocess.Popen(line, cwd=tmp_path, env=ENVIRONMENT)
     killed = None
     while process.poll() is None:

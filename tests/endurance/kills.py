@@ -27,10 +27,10 @@ _SHORT = ("learning.steps=6", "learning.epoch=2", "learning.batch=4")
 _MADE = ("seed=3", "clips=6", "scene.seconds=0.6", "scene.persons=[1,2]", "workers=2")
 LINES = {
     "generation": ("synth", "generate", *_MADE),
-    "capture": ("dmae", "capture", "data=../data", "workers=2"),
-    "training": ("dmae", "train", "data=../captured", *_SHORT, *_SMALL),
+    "capture": ("dmae", "capture", "data=../generation/out", "workers=2"),
+    "training": ("dmae", "train", "data=../capture/out", *_SHORT, *_SMALL),
 }
-"""What is killed."""
+"""What is killed. Each command starts from what the one before has made."""
 _UNLIKE = ("tensorboard", "checkpoint")
 """Beginnings of the names of files that hold times of day, or what only a run that goes on needs."""
 
@@ -50,30 +50,28 @@ class Kill:
     same: bool
 
 
-def prepare(folder: Path) -> None:
-    """Make what capture and training start from."""
-    for line in (
-        ("synth", "generate", *_MADE, "out=data"),
-        ("dmae", "capture", "data=data", "out=captured"),
-    ):
-        subprocess.run(command_line(*line), cwd=folder, check=True, stdout=subprocess.DEVNULL)
+def run_undisturbed(folder: Path) -> dict[str, float]:
+    """Run each command in a folder of its name; return how long it took, s, after it had made its output folder."""
+    took = {}
+    for name in LINES:
+        (folder / name).mkdir()
+        process, begun = _start(name, folder / name)
+        assert process.wait() == 0
+        took[name] = time.monotonic() - begun
+    return took
 
 
-def kill_often(name: str, moments: int, folder: Path, seed: int = 0, first: int = 0) -> Iterator[Kill]:
+def kill_often(name: str, moments: int, folder: Path, took: float, seed: int = 0, first: int = 0) -> Iterator[Kill]:
     """Kill a command at random moments, each time in a new folder; yield what became of it.
 
     Args:
         name: One of `LINES`.
-        folder: That `prepare` was given.
+        folder: That `run_undisturbed` was given.
+        took: How long the command took undisturbed, s.
         seed: Of the moments.
         first: Number of moments that are left out.
     """
-    rng = random.Random(f"{seed} {name}")
-    undisturbed = folder / f"{name}_undisturbed"
-    undisturbed.mkdir()
-    process, begun = _start(name, undisturbed)
-    assert process.wait() == 0
-    took, expected = time.monotonic() - begun, _contents(undisturbed / "out")
+    rng, expected = random.Random(f"{seed} {name}"), _contents(folder / name / "out")
     for number in range(moments):
         moment = rng.uniform(0, took)
         if number < first:
@@ -119,12 +117,12 @@ def main() -> None:
     if asked.out and Path(asked.out).is_file():
         made["found"] = json.loads(Path(asked.out).read_text())["found"]
     with tempfile.TemporaryDirectory() as folder:
-        prepare(Path(folder))
+        took = run_undisturbed(Path(folder))
         for name in asked.commands:
             found = made["found"].setdefault(name, {"kills": 0, "same": 0, "with_files": 0})
             if found["kills"] >= asked.moments:
                 continue
-            for kill in kill_often(name, asked.moments, Path(folder), first=found["kills"]):
+            for kill in kill_often(name, asked.moments, Path(folder), took[name], first=found["kills"]):
                 found["kills"] += 1
                 found["same"] += kill.same
                 found["with_files"] += kill.whole > 0

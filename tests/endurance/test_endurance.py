@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.endurance.kills import LINES, kill_often, prepare
+from tests.endurance.kills import LINES, kill_often, run_undisturbed
 from tests.endurance.memory import peak_memory
 from tests.support.commands import command_line
 
@@ -14,16 +14,16 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory) -> Path:
+def undisturbed(tmp_path_factory) -> tuple[Path, dict[str, float]]:
     folder = tmp_path_factory.mktemp("endurance")
-    prepare(folder)
-    return folder
+    return folder, run_undisturbed(folder)
 
 
 @pytest.mark.parametrize("name", LINES)
-def test_killed_commands_end_with_the_same_files(name, folder):
+def test_killed_commands_end_with_the_same_files(name, undisturbed):
     """Killed after 27 % (generation), 52 % (capture) and 69 % (training) of the time."""
-    (found,) = kill_often(name, 1, folder, seed=1)
+    folder, took = undisturbed
+    (found,) = kill_often(name, 1, folder, took[name], seed=1)
     assert found.same, found
 
 
@@ -37,25 +37,19 @@ def full_disk(limit: int):
 
 
 @pytest.mark.parametrize("name", LINES)
-@pytest.mark.parametrize("kilobytes", [0.5, 6])
-def test_a_full_disk_leaves_nothing_half_written(name, kilobytes, folder, tmp_path):
+def test_a_full_disk_leaves_nothing_half_written(name, undisturbed, tmp_path):
     """The first limit stops at the first file of settings, the other one at arrays, weights or checkpoints."""
-    place = tmp_path / "place"
+    place, line = tmp_path / "place", command_line(*LINES[name], "out=out")
     place.mkdir()
-    for link in ("data", "captured"):
-        (tmp_path / link).symlink_to(folder / link)
-    done = subprocess.run(
-        command_line(*LINES[name], "out=out"),
-        cwd=place,
-        capture_output=True,
-        text=True,
-        preexec_fn=full_disk(int(1024 * kilobytes)),
-    )
-    assert done.returncode not in (0, -25), done.stderr
-    there = [path for path in (place / "out").rglob("*") if path.is_file() and "tensorboard" not in path.parts]
-    assert not [path for path in there if path.suffix in (".safetensors", ".ckpt", ".partial")], there
-    assert not [path for path in there if path.name == "clip.json"]
-    again = subprocess.run(command_line(*LINES[name], "out=out"), cwd=place, capture_output=True, text=True)
+    for made in LINES:
+        (tmp_path / made).symlink_to(undisturbed[0] / made)
+    for limit in (512, 6 * 1024):
+        done = subprocess.run(line, cwd=place, capture_output=True, text=True, preexec_fn=full_disk(limit))
+        assert done.returncode not in (0, -25), done.stderr
+        there = [path for path in (place / "out").rglob("*") if path.is_file() and "tensorboard" not in path.parts]
+        assert not [path for path in there if path.suffix in (".safetensors", ".ckpt", ".partial")], there
+        assert not [path for path in there if path.name == "clip.json"]
+    again = subprocess.run(line, cwd=place, capture_output=True, text=True)
     assert again.returncode == 0, again.stderr
 
 
