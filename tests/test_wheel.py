@@ -1,6 +1,8 @@
 """The project installed as a wheel, far from its checkout, finds its own configurations and scenes."""
 
+import json
 import os
+import shutil
 import subprocess
 import sys
 import venv
@@ -34,6 +36,9 @@ def bin(tmp_path_factory) -> Path:
     bin = folder / "env" / ("Scripts" if os.name == "nt" else "bin")
     pip = [sys.executable, "-m", "pip", f"--python={bin / 'python'}", "install", "--quiet", "--no-deps", str(wheel)]
     subprocess.run(pip, check=True, capture_output=True)
+    # Machine code of the same sources: compiling it again would take half a minute.
+    for code in ROOT.glob("dmae/**/__pycache__/*.nb[ci]"):
+        shutil.copy(code, site / code.relative_to(ROOT))
     return bin
 
 
@@ -51,11 +56,18 @@ def test_it_is_the_wheel_that_runs(bin, tmp_path):
 
 
 @pytest.mark.slow
-def test_it_runs_the_small_demo(bin, tmp_path):
-    printed = run(tmp_path, bin / "dmae", "demo")
-    assert "Look at runs/demo/report.html" in printed
-    assert "<html" in (tmp_path / "runs/demo/report.html").read_text()[:200]
-    assert (load_clip(tmp_path / "runs/demo/captured/000000").poses.source == Source.MEASURED).mean() > 0.8
+def test_the_demo_goes_from_an_empty_folder_to_a_page(bin, tmp_path):
+    printed = run(tmp_path, bin / "dmae", "demo", "out='demo,2'")
+    assert "[8/8] report" in printed and "Look at demo,2/report.html; what the steps printed" in printed
+    assert len(printed.splitlines()) < 30
+    out = tmp_path / "demo,2"
+    assert (load_clip(out / "captured/000000").poses.source == Source.MEASURED).mean() > 0.8
+    results = json.loads((out / "scores/scores.json").read_text())["results"]
+    assert [result["method"] for result in results] == ["measured", "linear", "dmae", "model"]
+    page = (out / "report.html").read_text()
+    assert "<html" in page[:200] and "What to look at: press Play." in page
+    hidden = [f"{result['mean']['hidden']['mpjpe']:.0f}\N{NO-BREAK SPACE}mm" for result in results[1:]]
+    assert f"{hidden[1]} with these weights, {hidden[2]} with the network" in page
 
 
 @pytest.mark.skipif(not shipped(), reason="no weights are in this checkout")
