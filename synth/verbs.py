@@ -729,7 +729,7 @@ def realism(
         ValueError: a clip has no truth, no labels or no colour images.
 
     Examples:
-        >>> clip = next(synth.generate(seconds=0.2, clips=1, seed=7, out="walks"))
+        >>> clip = next(synth.generate(seconds=0.1, clips=1, seed=7, out="walks"))
         >>> seen = next(synth.render("walks", quality="draft", images=["rgb"], out="seen"))
         >>> rows = synth.realism("seen", every=5)
         >>> rows[0].heading, rows[0].people > 0

@@ -4,7 +4,9 @@ import doctest
 import inspect
 import subprocess
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +23,23 @@ VERBS = sorted(
     for name in module.__all__
     if getattr(module, name).__module__.startswith(home)
 )
+
+generate = synth.generate
+
+
+@cache
+def generated(**options) -> tuple[dmae.Clip, ...]:
+    """Clips that nothing is written of are made once for all tests."""
+    return tuple(generate(**options))
+
+
+def generate_once(*config, **options) -> Iterator[dmae.Clip]:
+    return generate(*config, **options) if config or "out" in options else iter(generated(**options))
+
+
+@pytest.fixture
+def clip() -> dmae.Clip:
+    return generated(seconds=1, clips=1, seed=7)[0]
 
 
 @pytest.mark.parametrize("package", ["dmae", "synth"])
@@ -53,6 +72,8 @@ def test_unknown_name_lists_the_known_ones(module):
 def test_example_of_a_verb_runs(package: str, name: str, tmp_path: Path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     verb = getattr(sys.modules[package], name)
+    if verb is not generate:
+        monkeypatch.setattr(synth, "generate", generate_once)
     names = {"dmae": dmae, "synth": synth, "np": np, "Path": Path, "replace": replace}
     examples = doctest.DocTestFinder(recurse=False).find(verb, f"{package}.{name}", globs=names)
     assert examples[0].examples, f"{package}.{name} has no example"
@@ -106,17 +127,17 @@ def test_generate_in_memory_makes_the_clips_of_the_command(tmp_path: Path):
         np.testing.assert_array_equal(one.detections.xy, other.detections.xy)
 
 
-def test_triangulate_takes_pixels_as_detected():
+def test_triangulate_takes_pixels_as_detected(clip):
     """Lens distortion is removed inside."""
-    rig = next(synth.generate(seconds=0.4, clips=1)).rig
+    rig = clip.rig
     bent = dmae.CameraRig(rig.names, rig.K, rig.dist + [0.1, -0.05, 0.001, 0, 0], rig.cam_from_world, rig.size)
     xyz = np.random.default_rng(0).uniform((-1, -1, 0), (1, 1, 2), (20, 3))
     points = dmae.triangulate(bent, bent.project(xyz)[0], np.ones((20, len(rig))))
     np.testing.assert_allclose(points.xyz, xyz, atol=1e-5)
 
 
-def test_triangulate_takes_axes_as_a_rig_projects_them():
-    rig = next(synth.generate(seconds=0.4, clips=1)).rig
+def test_triangulate_takes_axes_as_a_rig_projects_them(clip):
+    rig = clip.rig
     xyz = np.random.default_rng(0).uniform((-1, -1, 0), (1, 1, 2), (4, 3, 7, 3))
     points = dmae.triangulate(rig, rig.project(xyz)[0])
     np.testing.assert_allclose(points.xyz, xyz, atol=1e-5)
@@ -127,8 +148,8 @@ def test_triangulate_takes_axes_as_a_rig_projects_them():
         dmae.triangulate(rig, rig.project(xyz)[0], np.ones(4))
 
 
-def test_people_are_simulated_with_cameras_that_exist(tmp_path: Path):
-    rig = next(synth.generate(seconds=0.2, clips=1)).rig
+def test_people_are_simulated_with_cameras_that_exist(clip, tmp_path: Path):
+    rig = clip.rig
     rig = dmae.CameraRig([f"cam_{name}" for name in rig.names], rig.K, rig.dist, rig.cam_from_world, rig.size)
     clip = next(synth.generate(seconds=0.2, clips=1, rig=rig))
     assert clip.rig.names == rig.names
@@ -147,19 +168,18 @@ def test_people_are_simulated_with_cameras_that_exist(tmp_path: Path):
         (lambda clip: dmae.train([clip], "model", 3), "config: expected a dmae.TrainConfig or the name of a preset"),
     ],
 )
-def test_a_configuration_of_another_type_is_refused(call, message):
+def test_a_configuration_of_another_type_is_refused(call, message, clip):
     with pytest.raises(TypeError, match=message):
-        call(next(synth.generate(seconds=0.2, clips=1)))
+        call(clip)
 
 
-def test_a_preset_is_given_by_its_name():
-    clip = next(synth.generate(seconds=0.4, clips=1, seed=7))
+def test_a_preset_is_given_by_its_name(clip):
     paper = dmae.capture(clip, dmae.preset("capture", "paper"))
     np.testing.assert_array_equal(dmae.capture(clip, "paper").xyz, paper.xyz)
 
 
-def test_poses_are_converted_to_another_skeleton():
-    truth = next(synth.generate(seconds=0.2, clips=1)).truth
+def test_poses_are_converted_to_another_skeleton(clip):
+    truth = clip.truth
     found = dmae.to_skeleton(truth, "coco17")
     nose = dmae.get_skeleton("body25").joints.index("nose")
     np.testing.assert_array_equal(found.xyz[:, :, found.skeleton.joints.index("nose")], truth.xyz[:, :, nose])
@@ -180,8 +200,7 @@ def test_the_wrong_type_is_named_with_what_to_do():
         dmae.capture("walk")
 
 
-def test_evaluate_without_poses_says_what_to_do():
-    clip = next(synth.generate(seconds=0.4, clips=1))
+def test_evaluate_without_poses_says_what_to_do(clip):
     with pytest.raises(ValueError, match=r"has no poses; run dmae\.capture"):
         dmae.evaluate(clip)
 

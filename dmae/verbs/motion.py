@@ -371,7 +371,7 @@ def run(
             `out` is given for a clip in memory.
 
     Examples:
-        >>> clip = next(synth.generate(seconds=0.2, clips=1, seed=7, out="walks"))
+        >>> clip = next(synth.generate(seconds=0.1, clips=1, seed=7, out="walks"))
         >>> seen = next(synth.render("walks", quality="draft", images=["rgb"], out="seen"))
         >>> found = dmae.run(seen)
         >>> len(found.poses.xyz) == len(seen)
