@@ -31,7 +31,7 @@ def seconds_to_generate(config: GenerateConfig) -> float:
 def config(tmp_path) -> GenerateConfig:
     return GenerateConfig(
         out=str(tmp_path / "data"), seed=1, clips=3, scene=SceneConfig(persons=[2, 3], seconds=1.2),
-        rig=RigConfig(ring=RingConfig(views=2, focal=200, size=[192, 144])), quality=ImageQuality.draft,
+        rig=RigConfig(ring=RingConfig(views=2, focal=100, size=[96, 72])), quality=ImageQuality.draft,
     )  # fmt: skip
 
 
