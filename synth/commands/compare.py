@@ -20,15 +20,13 @@ from synth.detector.statistics import measure, measure_all, read_recording
 
 
 def run(config: CompareCommand, out: Path) -> None:
-    """Print the comparison and write its page.
+    """Print the comparison and write its page. Exit with status 1 if a limit for detections is exceeded.
 
     Raises FileNotFoundError, ValueError if there is nothing to measure, or skeletons differ; the message says where.
     """
-    (_compare_motion if config.by is CompareBy.motion else _compare_detections)(config, out)
-
-
-def _compare_detections(config: CompareCommand, out: Path) -> None:
-    """Compare detections. Exit with status 1 if a limit is exceeded."""
+    if config.by is CompareBy.motion:
+        _compare_motion(config, out)
+        return
     real = measure(read_recording(Path(config.real), config.frames))
     clips = load(DataConfig("clip", config.sim))
     with running_on(config.backend):

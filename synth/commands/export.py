@@ -10,19 +10,10 @@ from synth.datasets.exporters.export import export
 
 def run(config: ExportDataCommand, out: Path) -> None:
     with running_on(config.backend):
-        summary = export(
-            Path(config.data),
-            out,
-            config.format,
-            splits=None if config.splits is None else Path(config.splits),
-            skeleton=config.skeleton,
-            every=config.every,
-            pictures=config.pictures,
-            workers=config.workers,
-            damaged=config.damaged,
-            robot=config.robot,
-            about=config.about,
-        )
+        names = ("skeleton", "every", "pictures", "workers", "damaged", "robot", "about")
+        options = {name: getattr(config, name) for name in names}
+        splits = None if config.splits is None else Path(config.splits)
+        summary = export(Path(config.data), out, config.format, splits=splits, **options)
     for split, counts in summary["splits"].items():
         shown = ", ".join(counted(counts.get(f"{key}s", 0), key) for key in ("clip", "picture", "person", "mask"))
         print(f"{out}: {split}: {shown}")

@@ -1,6 +1,5 @@
 """`synth fit-detector`: fit a preset for `configs/detector/` to a recording of the user."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +15,7 @@ from dmae.reporting.tables import counted, print_tables
 from synth.commands.config import FitDetectorCommand
 from synth.datasets.config import GenerateConfig
 from synth.datasets.generate import generate
-from synth.detector.comparison import Row, compare, table, write_page
+from synth.detector.comparison import compare, table, write_page
 from synth.detector.config import ErrorReference, Limits
 from synth.detector.fitting import Fit, fit, preset_yaml
 from synth.detector.statistics import measure, read_recording
@@ -29,9 +28,13 @@ def run(config: FitDetectorCommand, out: Path) -> None:
     known = config.truth == ErrorReference.annotated
     if (config.extra_data or config.held_back) and not known:
         raise ValueError("extra_data and held_back need truth=annotated: clips with truth")
-    if known and (clips := _labelled(config, (config.detections, *config.extra_data))):
-        _fit_to_truth(config, clips, out)
-        return
+    recorded = (Path(config.detections) / "detection").is_dir()
+    if known and not recorded and config.clips is None and config.frames is None:
+        folders = config.detections, *config.extra_data
+        clips = [clip for folder in folders for clip in load(DataConfig("clip", folder))]
+        if clips and all(clip.truth is not None and clip.occlusion is not None for clip in clips):
+            _fit_to_truth(config, clips, out)
+            return
     recording = read_recording(Path(config.detections), config.frames)
     real = measure(recording, config.truth)
     clips = _clips(config, recording, out)
@@ -43,14 +46,6 @@ def run(config: FitDetectorCommand, out: Path) -> None:
     _write(config, fitted, what, out)
     write_page(out / "compare.html", real, replace(fitted.statistics, name="simulated"), rows)
     print(f"{out / 'compare.html'}")
-
-
-def _labelled(config: FitDetectorCommand, folders: Sequence[str]) -> list[Clip]:
-    """Return the clips of some folders if all have truth and visibility labels; otherwise an empty list."""
-    if config.clips is not None or config.frames is not None or (Path(config.detections) / "detection").is_dir():
-        return []
-    clips = [clip for folder in folders for clip in load(DataConfig("clip", folder))]
-    return clips if all(clip.truth is not None and clip.occlusion is not None for clip in clips) else []
 
 
 def _fit_to_truth(config: FitDetectorCommand, clips: list[Clip], out: Path) -> None:
@@ -71,18 +66,20 @@ def _fit_to_truth(config: FitDetectorCommand, clips: list[Clip], out: Path) -> N
         print_tables([replace(table(rows), caption=f"{titles[name]}. {table(rows).caption}")])
     what = f"{sum(map(len, clips))} frames of {counted(len(clips), 'clip')} with truth"
     _write(config, fitted, what, out)
-    write_atomic(
-        out / "distances.json",
-        json_text({name: [_json_row(row) for row in rows] for name, rows in distances.items()}) + "\n",
-    )
+
+    def known(value: float | None) -> float | None:
+        return None if value is None or not np.isfinite(value) else round(float(value), 5)
+
+    written = {
+        name: [
+            {"what": row.what, "real": known(row.real), "simulated": known(row.sim), "distance": known(row.distance),
+             "allowed": known(row.allowed), "exceeded": row.exceeded}
+            for row in rows
+        ]
+        for name, rows in distances.items()
+    }  # fmt: skip
+    write_atomic(out / "distances.json", json_text(written) + "\n")
     print(f"{out / 'distances.json'}")
-
-
-def _json_row(row: Row) -> dict:
-    values = {name: None if value is None or not np.isfinite(value) else round(float(value), 5)
-              for name, value in (("real", row.real), ("simulated", row.sim), ("distance", row.distance),
-                                  ("allowed", row.allowed))}  # fmt: skip
-    return {"what": row.what, **values, "exceeded": row.exceeded}
 
 
 def _write(config: FitDetectorCommand, fitted: Fit, what: str, out: Path) -> None:
@@ -101,23 +98,11 @@ def _write(config: FitDetectorCommand, fitted: Fit, what: str, out: Path) -> Non
 
 
 def _clips(config: FitDetectorCommand, recording: Clip, out: Path) -> list[Clip]:
-    folder = config.clips
-    if folder is None:
-        folder = str(out / "clips")
+    folder = config.clips or str(out / "clips")
+    if config.clips is None:
         scene = replace(config.scene, fps=recording.fps)
         rig = replace(listed_rig(recording.rig), name=recording.id, origin=config.origin)
-        generate(
-            GenerateConfig(
-                out=folder,
-                seed=config.seed,
-                clips=config.count,
-                workers=config.workers,
-                backend=config.backend,
-                scene=scene,
-                motion=config.motion,
-                interaction=config.interaction,
-                rig=rig,
-                detector=config.detector,
-            )
-        )
+        same = {name: getattr(config, name) for name in
+                ("seed", "workers", "backend", "motion", "interaction", "detector")}  # fmt: skip
+        generate(GenerateConfig(out=folder, clips=config.count, scene=scene, rig=rig, **same))
     return list(load(DataConfig("clip", folder)))

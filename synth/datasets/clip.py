@@ -5,6 +5,7 @@ import platform
 from contextlib import suppress
 from dataclasses import replace
 from importlib import metadata
+from itertools import product
 
 import cv2
 import mujoco
@@ -19,7 +20,7 @@ from synth.datasets.images import check_images
 from synth.datasets.occlusion import confirm, sample_hidden_scene, summary
 from synth.detector.config import DetectorConfig
 from synth.detector.simulated_detector import detect
-from synth.errors import FailedSimulation
+from synth.errors import FailedSimulation, until_success
 from synth.labels.visibility import joint_visibility
 from synth.people.body import SKELETON, landmarks
 from synth.physics.body_state import BodyState, joint_positions, moved_with
@@ -84,18 +85,14 @@ def label_clip(
             "manifest": line,
             "spec": json.loads(spec.to_json()),
             **({"room": list(filled)} if filled else {}),
-            "versions": _versions(),
+            "versions": {
+                "dmae-synth": metadata.version("dmae-synth"),
+                "python": platform.python_version(),
+                **{"numpy": np.__version__, "scipy": scipy.__version__},
+                **{"opencv": cv2.__version__, "mujoco": mujoco.__version__},
+            },
         },
     )
-
-
-def _versions() -> dict[str, str]:
-    modules = {"numpy": np, "scipy": scipy, "opencv": cv2, "mujoco": mujoco}
-    return {
-        "dmae-synth": metadata.version("dmae-synth"),
-        "python": platform.python_version(),
-        **{name: module.__version__ for name, module in modules.items()},
-    }
 
 
 # Generate one clip from a configuration, a seed and a number: truth, labels, detections, and body states.
@@ -120,36 +117,18 @@ def check(config: GenerateConfig) -> CameraRig:
         FailedSimulation: no possible cameras were found, or `occlusion.target` cannot be met.
     """
     load_room(config.scene.arena)
-    rig = _some_rig(config)
+    rig = until_success(lambda attempt: _rig(config, attempt_seed(config.seed, attempt), 0), config.retries)
     add_cameras(mujoco.MjSpec(), rig)
     config.occlusion.check(rig)
     check_images(config.image_options, rig)
     with suppress(FailedSimulation):
         _scene(replace(config, occlusion=OcclusionConfig()), rig, config.seed, 0)
     if config.occlusion.target:
-        _check_target(config)
+        # One of a few clips must meet it.
+        seeds = [attempt_seed(config.seed, attempt) for attempt in range(min(config.retries, 2) + 1)]
+        tries = list(product(seeds, range(min(config.clips, 3))))
+        until_success(lambda number: _scene(config, _rig(config, *tries[number]), *tries[number]), len(tries) - 1)
     return rig
-
-
-def _check_target(config: GenerateConfig) -> None:
-    """Raise FailedSimulation if the occlusion target cannot be met in any of a few test clips."""
-    tries = [(attempt, clip) for attempt in range(min(config.retries, 2) + 1) for clip in range(min(config.clips, 3))]
-    for number, (attempt, clip) in enumerate(tries, 1):
-        seed = attempt_seed(config.seed, attempt)
-        try:
-            _scene(config, _rig(config, seed, clip), seed, clip)
-            return
-        except FailedSimulation:
-            if number == len(tries):
-                raise
-
-
-def _some_rig(config: GenerateConfig) -> CameraRig:
-    """Return the cameras of the first clip, from the first attempt that gives possible cameras."""
-    for attempt in range(config.retries):
-        with suppress(FailedSimulation):
-            return _rig(config, attempt_seed(config.seed, attempt), 0)
-    return _rig(config, attempt_seed(config.seed, config.retries), 0)
 
 
 def _rig(config: GenerateConfig, seed: int, index: int) -> CameraRig:
@@ -173,10 +152,7 @@ def generate_clip(config: GenerateConfig, index: int) -> Clip:
 
 def simulate_clip(config: GenerateConfig, index: int) -> tuple[Clip, BodyState]:
     """Generate clip `index` of a data set, without images, and its body states. Raises as `generate_clip`."""
-    for attempt in range(config.retries):
-        with suppress(FailedSimulation):
-            return _attempt(config, index, attempt)
-    return _attempt(config, index, config.retries)
+    return until_success(lambda attempt: _attempt(config, index, attempt), config.retries)
 
 
 def _attempt(config: GenerateConfig, index: int, attempt: int) -> tuple[Clip, BodyState]:
@@ -201,15 +177,7 @@ def _attempt(config: GenerateConfig, index: int, attempt: int) -> tuple[Clip, Bo
 
 
 def _scene(config: GenerateConfig, rig: CameraRig, seed: int, index: int) -> SampledScene:
+    drawn_from = config.scene, config.motion, config.props
     if config.occlusion.target:
-        return sample_hidden_scene(
-            config.scene,
-            config.motion,
-            config.props,
-            config.occlusion,
-            rig,
-            config.interaction,
-            seed=seed,
-            clip=index,
-        )
-    return sample_scene(config.scene, config.motion, config.props, config.interaction, seed=seed, clip=index)
+        return sample_hidden_scene(*drawn_from, config.occlusion, rig, config.interaction, seed=seed, clip=index)
+    return sample_scene(*drawn_from, config.interaction, seed=seed, clip=index)

@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dmae.data.images import Images
 from dmae.data.store import load_clip, save_clip
 from dmae.files.checksums import clip_checksum, write_checksums
 from dmae.files.structured import read_json
@@ -20,7 +19,7 @@ from dmae.reporting.tables import counted
 from synth.datasets.clip import check, clip_id, simulate_clip
 from synth.datasets.config import GenerateConfig
 from synth.datasets.generate import limit_threads
-from synth.errors import FailedSimulation
+from synth.errors import until_success
 from synth.physics.body_state import save_state
 from synth.rendering.renderer import Renderer, render_images
 from synth.scene.build import build_scene
@@ -101,21 +100,18 @@ def _forecast(config: GenerateConfig) -> Forecast:
     frames = config.scene.frames
     pictures = (len(to_make) + len(to_render)) * frames * len(rig) if config.image_options.kinds else 0
     costs = _costs(config, counts) if counts else {}
-    workers, known = process_count(config.workers), sorted(costs)
-
-    def cost(people: int) -> _Cost:
-        return _Cost(*(float(np.interp(people, known, values)) for values in zip(*map(costs.get, known), strict=True)))
-
+    known = sorted(costs)
     seconds, size = [], 0.0
     for index, people in counts.items():
-        each = cost(people)
+        each = _Cost(*(np.interp(people, known, values) for values in zip(*map(costs.get, known), strict=True)))
         took = each.image_clip_seconds + frames * each.image_frame_seconds
         size += each.image_bytes
         if index in to_make:
             took += each.clip_seconds + frames * each.frame_seconds
             size += each.clip_bytes + frames * each.frame_bytes
         seconds.append(took)
-    return Forecast(len(to_make), frames * len(to_make), pictures, _makespan(seconds, workers), size / 1e6)
+    took = float(_makespan(seconds, process_count(config.workers)))
+    return Forecast(len(to_make), frames * len(to_make), pictures, took, float(size) / 1e6)
 
 
 def _makespan(seconds: list[float], workers: int) -> float:
@@ -151,17 +147,13 @@ def _costs(config: GenerateConfig, counts: dict[int, int]) -> dict[int, _Cost]:
     # measured.
     while len(tasks) < min(process_count(config.workers), len(counts) // _PART):
         tasks.append(tasks[len(tasks) % len(chosen)])
-    list(in_parallel(_warm_up, [(config, task[1]) for task in tasks], config.workers))
+    list(in_parallel(_first_success, [(config, indices, _SHORT) for _, indices in tasks], config.workers))
     found = list(in_parallel(_measure, tasks, config.workers))
     # Several measurements with the same number of people are averaged.
     by_number: dict[int, list[_Cost]] = {}
     for (_, indices), cost in zip(tasks, found, strict=True):
         by_number.setdefault(counts[indices[0]], []).append(cost)
     return {number: _Cost(*np.mean(measured, axis=0)) for number, measured in by_number.items()}
-
-
-def _warm_up(config: GenerateConfig, indices: list[int]) -> None:
-    _first_success(config, indices, _SHORT)
 
 
 def _measure(config: GenerateConfig, indices: list[int]) -> _Cost:
@@ -197,12 +189,7 @@ def _timed(config: GenerateConfig, indices: list[int], seconds: float, folder: P
 def _first_success(config: GenerateConfig, indices: list[int], seconds: float) -> tuple:
     """Make clips in order until one succeeds, and return it."""
     short = replace(config, scene=replace(config.scene, seconds=seconds))
-    for index in indices[:-1]:
-        try:
-            return simulate_clip(short, index)
-        except FailedSimulation:
-            continue
-    return simulate_clip(short, indices[-1])
+    return until_success(lambda number: simulate_clip(short, indices[number]), len(indices) - 1)
 
 
 def _with_images(cost: _Cost, config: GenerateConfig, clip, state, folder: Path) -> _Cost:
@@ -220,7 +207,7 @@ def _with_images(cost: _Cost, config: GenerateConfig, clip, state, folder: Path)
             how = {"kinds": options.kinds, "rgb": options.rgb.value}
             images = render_images(renderer, state.qpos[:count], rig, folder / str(count), clip.fps, **how).images
             took.append(time.perf_counter() - start)
-            sizes.append(_image_bytes(images))
+            sizes.append({kind: _bytes_in(images.folder / kind) for kind in images.kinds})
     between = max(1, frames - 1)
     frame_seconds = (took[1] - took[0]) / between if frames > 1 else took[0]
     whole = config.scene.frames
@@ -234,10 +221,6 @@ def _with_images(cost: _Cost, config: GenerateConfig, clip, state, folder: Path)
         image_clip_seconds=begun + max(0.0, took[0] - frame_seconds), image_frame_seconds=frame_seconds,
         image_bytes=size,
     )  # fmt: skip
-
-
-def _image_bytes(images: Images) -> dict[str, int]:
-    return {kind: _bytes_in(images.folder / kind) for kind in images.kinds}
 
 
 def _bytes_in(folder: Path) -> int:

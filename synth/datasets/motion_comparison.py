@@ -93,7 +93,7 @@ def take_tracks(
         take = read_take(file, reading.fps, unit=reading.unit, up=reading.up, mapping=reading.mapping)
         motion = fit_to_body(cut(take, start=0, seconds=len(take) / take.fps, fps=fps), _PERFORMER)
         joints = reference_joints(_PERFORMER, motion.root, motion.rotations)
-        tracks.append(Track(take.name, fps, _on_body25(Poses3D(SKELETON, joints[:, None]))[:, 0]))
+        tracks.append(Track(take.name, fps, convert(Poses3D(SKELETON, joints[:, None]), BODY25).xyz[:, 0]))
     return tracks, again
 
 
@@ -124,7 +124,7 @@ def tracks_of(clips: Iterable[tuple[str, Clip]], *, captured: bool) -> list[Trac
             raise ValueError(f"{name}: expected {wanted}, found none")
         if tracks and clip.fps != tracks[0].fps:
             raise ValueError(f"{name}: expected {tracks[0].fps:g} frames a second as before, found {clip.fps:g}")
-        xyz = _on_body25(poses)
+        xyz = convert(poses, BODY25).xyz
         tracks += [Track(f"{Path(name).name}, person {p}", clip.fps, xyz[:, p]) for p in range(xyz.shape[1])]
     if not tracks:
         raise ValueError(f"expected people in the clips, found {len(names)} clips without people")
@@ -139,11 +139,6 @@ def same_rate(recorded: Sequence[Track], simulated: Sequence[Track], real: str, 
             f"expected one frame rate, found {rates[0]:g} a second in {real} and {rates[1]:g} in {sim}; simulate with "
             f"scene.fps={rates[0]:g}"
         )
-
-
-def _on_body25(poses: Poses3D) -> np.ndarray:
-    """Return (F, P, 25, 3) joints of BODY25, m, world."""
-    return convert(poses, BODY25).xyz
 
 
 # Compare the motion of generated and recorded people by distributions of kinematic quantities.

@@ -1,6 +1,6 @@
 """Occlusion of people: its measurement and summary, and scenes that meet a target."""
 
-from collections.abc import Callable
+from bisect import bisect_left
 from dataclasses import replace
 
 import mujoco
@@ -42,8 +42,7 @@ def histogram(visibility: np.ndarray, *, by_self: bool = True) -> np.ndarray:
 
 
 def summary(visibility: np.ndarray, config: OcclusionConfig) -> dict:
-    """Return a clip's occlusion for the manifest, from (F, V, P, J) `Visibility` of the joints of
-    `SKELETON`.
+    """Return a clip's occlusion for the manifest, from (F, V, P, J) `Visibility` of the joints of `SKELETON`.
 
     It has the fraction of all joints with each `Visibility`, by its name; `hidden_in`, the fractions of the joints of
     BODY_25 that are hidden in 0, 1, ... V cameras; and `hidden_in_by_others`, the same without occlusion by a person's
@@ -148,9 +147,14 @@ def sample_hidden_scene(
     low, high = config.target[0] + inset, config.target[1] - inset
     aim = float(generator(seed, clip, Stream.LAYOUT).uniform(low, high))
     people = sample_people(scene, motion, interaction, seed=seed, clip=clip)
+    nearest, farthest = scene.clearance
+    cameras = tuple((float(x), float(y)) for x, y in rig.centers[:, :2])
+    # People keep apart at closeness 0, and crowd together at 1.
     base, found, closeness = None, [], 0.5
     for draw in range(config.layouts):
-        layout = _layout(scene, closeness, draw, rig)
+        gathering = scene.gathering * _SPREAD ** (1 - 2 * closeness)
+        clearance = farthest + closeness * (nearest - farthest)
+        layout = Layout(draw, gathering, clearance, max(_PROPS, scene.props[0]), cameras)
         try:
             spec, motions = lay_out(people, scene, props, layout)
         except FailedSimulation:
@@ -159,11 +163,14 @@ def sample_hidden_scene(
         base = base or build_scene(replace(spec, props=()), rig)
         prediction = _OcclusionPrediction(SampledScene(spec, motions), base, rig, config)
         fewest, most = min(scene.props[0], len(spec.props)), len(spec.props)
-        for count in _counts(prediction.share, fewest, most, aim):
+        # More props never hide less: try the numbers that hide just more and just less than the aim.
+        more = bisect_left(range(most + 1), aim, lo=fewest, key=prediction.share)
+        for count in sorted({min(more, most), max(more - 1, fewest)}, reverse=True):
             if low <= prediction.share(count) <= high:
                 return SampledScene(replace(spec, props=spec.props[:count]), motions)
         found += prediction.histograms.values()
-        short = _target_error(prediction.share(fewest), prediction.share(most), low, high)
+        # The fraction of joints by which any number of props hides too little (> 0) or too much (< 0).
+        short = min(0.0, high - prediction.share(fewest)) + max(0.0, low - prediction.share(most))
         wanted = float(np.clip(closeness + short / _FAR, 0, 1))
         if abs(short) > _FAR / 2 and wanted == closeness:
             break
@@ -174,38 +181,6 @@ def sample_hidden_scene(
             "larger scene.radius would help"
         )
     raise unmet(found, config)
-
-
-def _counts(share: Callable[[int], float], fewest: int, most: int, aim: float) -> tuple[int, ...]:
-    """Return the numbers of props that hide just more and just less than `aim`. More props never hide less."""
-    if share(fewest) >= aim:
-        return (fewest,)
-    if share(most) <= aim:
-        return (most,)
-    while most - fewest > 1:
-        middle = (fewest + most) // 2
-        if share(middle) < aim:
-            fewest = middle
-        else:
-            most = middle
-    return most, fewest
-
-
-def _target_error(fewest: float, most: float, low: float, high: float) -> float:
-    """Return the fraction of joints by which any number of props hides too little (> 0) or too much (< 0)."""
-    return min(0.0, high - fewest) + max(0.0, low - most)
-
-
-def _layout(scene: SceneConfig, closeness: float, draw: int, rig: CameraRig) -> Layout:
-    """Return a layout with many props, in which people keep apart (`closeness` 0) or crowd together (1)."""
-    nearest, farthest = scene.clearance
-    return Layout(
-        draw=draw,
-        gathering=scene.gathering * _SPREAD ** (1 - 2 * closeness),
-        clearance=farthest + closeness * (nearest - farthest),
-        props=max(_PROPS, scene.props[0]),
-        cameras=tuple((float(x), float(y)) for x, y in rig.centers[:, :2]),
-    )
 
 
 class _OcclusionPrediction:
@@ -240,18 +215,14 @@ class _OcclusionPrediction:
     def share(self, count: int) -> float:
         """Return the fraction of the joints that count as hidden with the first `count` props of the scene."""
         if count not in self.histograms:
-            joints = self._visibility(count)[..., DETECTED]
-            self.histograms[count] = histogram(joints, by_self=self._config.by_self)
+            seen = self._without_props
+            if count:
+                props, _ = _build_props(self._spec.props[:count])
+                ids, still = np.full(props.ngeom, FIRST_OBJECT_ID), np.empty((len(self._places), 0))
+                behind = joint_visibility(props, still, self._places, self._depth, ids, self._rig).visibility
+                seen = np.where(behind == Visibility.HIDDEN_BY_OBJECT, behind, seen)
+            self.histograms[count] = histogram(seen[..., DETECTED], by_self=self._config.by_self)
         return hidden_share(self.histograms[count], self._config.views)
-
-    def _visibility(self, count: int) -> np.ndarray:
-        """Return (F, V, P, 39) `Visibility`."""
-        if not count:
-            return self._without_props
-        props, _ = _build_props(self._spec.props[:count])
-        ids, still = np.full(props.ngeom, FIRST_OBJECT_ID), np.empty((len(self._places), 0))
-        behind = joint_visibility(props, still, self._places, self._depth, ids, self._rig).visibility
-        return np.where(behind == Visibility.HIDDEN_BY_OBJECT, behind, self._without_props)
 
 
 def _build_props(props: tuple[PropSpec, ...]) -> tuple[mujoco.MjModel, np.ndarray]:

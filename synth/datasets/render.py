@@ -106,7 +106,13 @@ def _render(config: RenderConfig, settings: dict, folder: Path, number: int, cli
     except (FileNotFoundError, ValueError):
         pass
     clip, state = load_clip(folder), load_state(folder)
-    clip = _without_images(clip) if config.rig == _NO_RIG else _relabelled(config, settings, clip, state)
+    if config.rig == _NO_RIG:
+        # Without images, and without the numbers of pixels that were counted in them.
+        bare = {key: value for key, value in clip.provenance.items() if key != "images"}
+        occlusion = replace(clip.occlusion, visible_pixels=None, amodal_pixels=None)
+        clip = replace(clip, images=None, occlusion=occlusion, provenance=bare)
+    else:
+        clip = _relabelled(config, settings, clip, state)
     shutil.rmtree(target, ignore_errors=True)
     with whole_folder(target) as partial:
         save_clip(clip, partial)
@@ -115,13 +121,6 @@ def _render(config: RenderConfig, settings: dict, folder: Path, number: int, cli
             add_images(clip, state, partial, options, seen)
         write_checksums(partial)
     return clip.provenance["manifest"]
-
-
-def _without_images(clip: Clip) -> Clip:
-    """Return the clip without images, and without the numbers of pixels that were counted in them."""
-    bare = {key: value for key, value in clip.provenance.items() if key != "images"}
-    occlusion = replace(clip.occlusion, visible_pixels=None, amodal_pixels=None)
-    return replace(clip, images=None, occlusion=occlusion, provenance=bare)
 
 
 def _relabelled(config: RenderConfig, settings: dict, clip: Clip, state: BodyState) -> Clip:

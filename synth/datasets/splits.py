@@ -49,11 +49,8 @@ class Take:
 def list_takes(path: Path, shares: Mapping[str, float], *, seed: int = 0) -> list[Take]:
     """Read all takes at a path: a folder, a file or a list. A folder's are divided into sets that share no subject.
 
-    `shares` of the total duration are by name of set; empty for no sets. Subjects and sets of a list are kept.
-
-    Raises:
-        FileNotFoundError: there is no take.
-        ValueError: the shares do not add up to 1, the list already has sets, or there are fewer subjects than sets.
+    `shares` of the total duration are by name of set; empty for no sets. Subjects and sets of a list are kept. Raises
+    as `synth.takes`.
     """
     wanted = {name: share for name, share in shares.items() if share > 0}
     if wanted and abs(sum(wanted.values()) - 1) > 1e-6:
@@ -79,7 +76,7 @@ def _read(line: ListedTake) -> Take:
 
 
 def _divided(takes: Sequence[Take], shares: Mapping[str, float], *, seed: int) -> list[Take]:
-    """Return the takes with their sets. In random order, each subject goes to the set that lacks most time."""
+    """Return the takes with their sets."""
     seconds: dict[str, float] = defaultdict(float)
     for take in takes:
         seconds[take.listed.subject] += take.seconds
@@ -89,36 +86,36 @@ def _divided(takes: Sequence[Take], shares: Mapping[str, float], *, seed: int) -
             f"{len(people)} subjects with takes that can be read, {', '.join(people)}: too few for {len(shares)} sets, "
             f"{', '.join(shares)}; set the share of a set to 0, or add takes of other subjects"
         )
-    total = sum(seconds.values())
-    lacking = {name: share * total for name, share in shares.items()}
-    chosen: dict[str, str] = {}
-    for left, index in zip(
-        range(len(people), 0, -1), np.random.default_rng(seed).permutation(len(people)), strict=True
-    ):
-        empty = [name for name in shares if name not in chosen.values()]
-        eligible = empty if empty and left <= len(empty) else list(shares)
-        chosen[people[index]] = max(eligible, key=lambda name: lacking[name])
-        lacking[chosen[people[index]]] -= seconds[people[index]]
+    chosen = dict(zip(people, _dealt([seconds[person] for person in people], shares, seed=seed), strict=True))
     sets = [chosen[take.listed.subject] if take.readable else NO_SET for take in takes]
     return [replace(take, listed=replace(take.listed, set=name)) for take, name in zip(takes, sets, strict=True)]
 
 
+def _dealt(sizes: Sequence[float], shares: Mapping[str, float], *, seed: int) -> list[str]:
+    """Return the set of each of some groups of these sizes. In random order, each group goes to the set that lacks
+    most, and every set gets at least one group."""
+    total, taken, chosen = sum(sizes), dict.fromkeys(shares, 0.0), [""] * len(sizes)
+    order = np.random.default_rng(seed).permutation(len(sizes))
+    for left, index in zip(range(len(sizes), 0, -1), order, strict=True):
+        empty = [name for name in shares if name not in chosen]
+        eligible = empty if empty and left <= len(empty) else list(shares)
+        chosen[index] = max(eligible, key=lambda name: shares[name] * total - taken[name])
+        taken[chosen[index]] += sizes[index]
+    return chosen
+
+
 def as_table(takes: Sequence[Take], folder: Path) -> str:
-    """Return a list of takes as text. Paths are relative to the folder in which the list will be written."""
+    """Return a list of takes as text. Paths inside the folder in which it will be written are relative to it."""
     buffer = io.StringIO()
     table = csv.writer(buffer, delimiter="\t", lineterminator="\n")
     table.writerow(["file", "subject", "set", "seconds", "fps", "notes"])
+    folder = folder.resolve()
     for take in takes:
-        path = _relative_path(take.listed.path, folder)
+        path = take.listed.path.resolve()
+        file = (path.relative_to(folder) if path.is_relative_to(folder) else path).as_posix()
         numbers = f"{take.seconds:.2f}", f"{take.fps:.4g}"
-        table.writerow([path, take.listed.subject, take.listed.set, *numbers, take.notes])
+        table.writerow([file, take.listed.subject, take.listed.set, *numbers, take.notes])
     return buffer.getvalue()
-
-
-def _relative_path(path: Path, folder: Path) -> str:
-    """Return a path relative to a folder if it is inside that folder, otherwise the whole path."""
-    path, folder = path.resolve(), folder.resolve()
-    return path.relative_to(folder).as_posix() if path.is_relative_to(folder) else path.as_posix()
 
 
 # Split data sets so that no person, motion or rig is in two splits, and find such leaks in existing splits.
@@ -157,7 +154,10 @@ def identities(folder: Path, by: SplitBy) -> set[str]:
     """
     folder = Path(folder)
     if by is SplitBy.rig:
-        return {_rig(folder / "arrays.safetensors")}
+        with safe_open(folder / "arrays.safetensors", framework="numpy") as arrays:
+            owner = "true_rig" if "true_rig.K" in arrays.keys() else "rig"  # noqa: SIM118
+            numbers = [arrays.get_tensor(f"{owner}.{name}") for name in ("K", "dist", "cam_from_world", "size")]
+        return {_digest(b"".join((each.astype(np.float64).round(6) + 0.0).tobytes() for each in numbers))}
     spec = read_json(folder / "clip.json")["provenance"].get("spec")
     if spec is None:
         raise ValueError(
@@ -175,13 +175,6 @@ def identities(folder: Path, by: SplitBy) -> set[str]:
     }
 
 
-def _rig(path: Path) -> str:
-    with safe_open(path, framework="numpy") as arrays:
-        owner = "true_rig" if "true_rig.K" in arrays.keys() else "rig"  # noqa: SIM118
-        numbers = [arrays.get_tensor(f"{owner}.{name}") for name in ("K", "dist", "cam_from_world", "size")]
-    return _digest(b"".join((each.astype(np.float64).round(6) + 0.0).tobytes() for each in numbers))
-
-
 def _digest(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()[:16]
 
@@ -189,8 +182,7 @@ def _digest(data: bytes) -> str:
 def split(data: Path, shares: dict[str, float], by: SplitBy = SplitBy.person, *, seed: int = 0) -> dict[str, list[str]]:
     """Divide the clips of a data set so that clips that share something are in the same split.
 
-    Groups of such clips are taken in random order. Each group goes to the split that lacks most clips, and every split
-    gets at least one group. Returns the names of clips by split, in the order of the data set.
+    Returns the names of clips by split, in the order of the data set.
 
     Raises:
         ValueError: the shares do not add up to 1, or there are fewer groups than splits.
@@ -206,13 +198,9 @@ def split(data: Path, shares: dict[str, float], by: SplitBy = SplitBy.person, *,
             f"{data}: by={by.name} its {len(folders)} clips are {len(groups)} groups that share nothing, too few for "
             f"{len(wanted)} splits; split by something else, or fewer ways"
         )
-    order = np.random.default_rng(seed).permutation(len(groups))
-    target = {name: share * len(folders) for name, share in wanted.items()}
     made: dict[str, list[str]] = {name: [] for name in wanted}
-    for left, index in zip(range(len(groups), 0, -1), order, strict=True):
-        empty = [name for name in wanted if not made[name]]
-        eligible = empty if empty and left <= len(empty) else list(wanted)
-        made[max(eligible, key=lambda name: target[name] - len(made[name]))] += groups[index]
+    for group, name in zip(groups, _dealt([len(group) for group in groups], wanted, seed=seed), strict=True):
+        made[name] += group
     return {name: sorted(names) for name, names in made.items()}
 
 

@@ -4,7 +4,7 @@ import io
 import json
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import reduce
 from pathlib import Path
 from typing import NamedTuple
@@ -21,6 +21,7 @@ from dmae.files.contents import write_atomic
 from dmae.numerics.body import body_heading
 from dmae.parallel import check_workers, in_parallel
 from dmae.progress import progress
+from dmae.reporting.tables import counted
 from synth.datasets.config import SplitBy
 from synth.datasets.splits import identities
 from synth.physics.body_state import FILE as STATE
@@ -124,20 +125,20 @@ class Statistics:
         """Return the sum of both counts. Raises ValueError if the clips have different skeletons."""
         if self.joints and other.joints and self.joints != other.joints:
             raise ValueError(f"expected clips of one skeleton, found joints {self.joints} and {other.joints}")
-        together = {each.name: (getattr(self, each.name), getattr(other, each.name)) for each in fields(self)}
+        known = [each.causes for each in (self, other) if each.causes is not None]
         names, kinds = self.histograms | other.histograms, self.contacts | other.contacts
         return Statistics(
             joints=self.joints or other.joints,
-            causes=_sum(*together["causes"]),
+            counts=self.counts + other.counts,
+            causes=sum(known) if known else None,
+            histograms={name: self.histograms.get(name, 0) + other.histograms.get(name, 0) for name in names},
+            occluders=self.occluders + other.occluders,
+            scenes=self.scenes + other.scenes,
             contacts={kind: self.contacts.get(kind, ()) + other.contacts.get(kind, ()) for kind in kinds},
-            histograms={name: _sum(self.histograms.get(name), other.histograms.get(name)) for name in names},
-            **{name: one + two for name, (one, two) in together.items() if isinstance(one, Counter)},
-            **{name: one | two for name, (one, two) in together.items() if isinstance(one, set)},
+            persons=self.persons | other.persons,
+            takes=self.takes | other.takes,
+            rigs=self.rigs | other.rigs,
         )
-
-
-def _sum(one: np.ndarray | None, two: np.ndarray | None) -> np.ndarray | None:
-    return two if one is None else one if two is None else one + two
 
 
 def measure(data: Path | list[Path], *, workers: int = 1) -> Statistics:
@@ -270,7 +271,7 @@ def _by(scenes: Counter[str], prefix: str) -> dict[str, int]:
 
 
 def _listed(counts: dict[str, int]) -> str:
-    return ", ".join(f"{name}: {count} {'clip' if count == 1 else 'clips'}" for name, count in sorted(counts.items()))
+    return ", ".join(f"{name}: {counted(count, 'clip')}" for name, count in sorted(counts.items()))
 
 
 # A figure of the histograms of a data set.
@@ -306,8 +307,7 @@ def draw(found: Statistics) -> bytes:
         axes.stairs(counts / counts.sum(), quantity.edges, fill=True, color=_BARS)
         axes.set_xlim(quantity.edges[used[0]], quantity.edges[used[-1] + 1])
         axes.xaxis.set_major_locator(MaxNLocator("auto", integer=quantity.edges[0] == -0.5))
-    panel = figure.add_subplot(grid[3, 2:])
-    _draw_occluders(panel, found)
+    _draw_occluders(figure.add_subplot(grid[3, 2:]), found)
     file = io.BytesIO()
     figure.savefig(file, format="png", dpi=110)
     return file.getvalue()
@@ -378,8 +378,7 @@ def describe(data: Path | list[Path], out: Path, *, workers: int = 1) -> Statist
     found = measure(data, workers=workers)
     lines = [line for path in data if (path / MANIFEST).is_file() for line in read_manifest(path)]
     failed = sum(line["status"] != "ok" for line in lines)
-    picture = draw(found)
-    write_atomic(out / PICTURE, picture)
+    write_atomic(out / PICTURE, draw(found))
     write_atomic(out / PAGE, page(found, ", ".join(path.resolve().name for path in data), failed))
     write_atomic(out / NUMBERS, json.dumps(numbers(found, failed), indent=1))
     return found
@@ -433,8 +432,8 @@ def page(found: Statistics, name: str, failed: int) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def _listed_counts(counts, prefix: str) -> str:
-    found = {key.removeprefix(prefix): count for key, count in counts.items() if key.startswith(prefix)}
+def _listed_counts(counts: Counter[str], prefix: str) -> str:
+    found = _by(counts, prefix)
     order = sorted(found, key=lambda key: (not key.isdigit(), int(key) if key.isdigit() else 0, key))
     return ", ".join(f"{key}: {found[key]}" for key in order) or "not known"
 
@@ -495,11 +494,10 @@ def contact_rows(kept: dict) -> list[tuple[str, ...]]:
 def _quantities(found: Statistics) -> str:
     rows = []
     for name, quantity in QUANTITIES.items():
-        counts = found.histograms.get(name)
-        if counts is None or not counts.sum():
-            rows.append((quantity.meaning, quantity.unit, "not measured", "", ""))
-            continue
-        rows.append((quantity.meaning, quantity.unit, *(f"{value:.3g}" for value in quantiles(counts, quantity.edges))))
+        counts, values = found.histograms.get(name), ["not measured", "", ""]
+        if counts is not None and counts.sum():
+            values = [f"{value:.3g}" for value in quantiles(counts, quantity.edges)]
+        rows.append((quantity.meaning, quantity.unit, *values))
     return "Precision is the bin width of the histograms in `statistics.json`.\n\n" + _table(
         ("quantity", "unit", "5 % below", "median", "95 % below"), rows
     )

@@ -1,6 +1,7 @@
 """Check clips and data sets: files, numbers, labels, detections and images, and that they agree with each other."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import fields
 from itertools import repeat
 from pathlib import Path
@@ -99,26 +100,18 @@ def check_surplus(clip: Clip) -> list[str]:
     if clip.images is None:
         return []
     images, problems = clip.images, []
-    if "rgb" in images.kinds:
-        for path in filter(Path.is_file, sorted(images.folder.glob("rgb/*.mp4"))):
-            problems += _check_length(path, len(images.frames))
+    for path in sorted(images.folder.glob("rgb/*.mp4")) if "rgb" in images.kinds else ():
+        # `check_images` reports unreadable videos.
+        with suppress(OSError, IndexError, av.FFmpegError), av.open(str(path)) as container:
+            found, expected = container.streams.video[0].frames, len(images.frames)
+            if found > expected:
+                problems.append(f"rgb/{path.name}: expected {expected} frames, found {found}")
     found = {path for ending in ("png", "mp4", "jpg") for path in images.folder.rglob(f"*.{ending}")}
     surplus = sorted(found - image_files(images))
     if surplus:
         first = surplus[0].relative_to(images.folder)
         problems.append(f"image files that do not belong to the clip: {len(surplus)}, first {first}")
     return problems
-
-
-def _check_length(path: Path, frames: int) -> list[str]:
-    """Check that a video has no more frames than expected. An unreadable video is not reported here."""
-    try:
-        with av.open(str(path)) as container:
-            found = container.streams.video[0].frames
-    except (OSError, IndexError, av.FFmpegError):
-        # `check_images` reports it.
-        return []
-    return [f"rgb/{path.name}: expected {frames} frames, found {found}"] if found > frames else []
 
 
 # Checks of the numbers, labels and detections of a clip. Each check returns descriptions of the problems it finds.
@@ -161,19 +154,16 @@ def check_numbers(clip: Clip) -> list[str]:
 
 def check_labels(clip: Clip) -> list[str]:
     """Check that codes and occluders exist, and that margins are known for hidden joints and only for these."""
-    problems = []
+    wrong = {}
     if clip.occlusion is not None:
-        problems += _check_occlusion(clip.occlusion, clip.truth)
+        wrong |= _wrong_occlusion(clip.occlusion, clip.truth)
     if clip.detection_labels is not None:
-        problems += _check_detection_labels(clip.detection_labels, clip.detections.observed)
-    return problems
-
-
-def _counted(wrong: dict[str, np.ndarray]) -> list[str]:
+        wrong |= _wrong_detection_labels(clip.detection_labels, clip.detections.observed)
     return [f"{what}: {int(found.sum())} of {found.size}" for what, found in wrong.items() if found.any()]
 
 
-def _check_occlusion(labels: OcclusionLabels, truth: Poses3D) -> list[str]:
+def _wrong_occlusion(labels: OcclusionLabels, truth: Poses3D) -> dict[str, np.ndarray]:
+    """Return where labels are wrong, by what is wrong."""
     code, wrong = labels.visibility, {}
     persons = truth.xyz.shape[1]
     absent = np.broadcast_to(np.isnan(truth.xyz).any(-1)[:, None], code.shape)
@@ -193,10 +183,10 @@ def _check_occlusion(labels: OcclusionLabels, truth: Poses3D) -> list[str]:
         wrong["depth_margin is not positive"] = labels.depth_margin <= 0
     if labels.amodal_pixels is not None:
         wrong["visible_pixels exceed amodal_pixels"] = labels.visible_pixels > labels.amodal_pixels
-    return _counted(wrong)
+    return wrong
 
 
-def _check_detection_labels(labels: DetectionLabels, observed: np.ndarray) -> list[str]:
+def _wrong_detection_labels(labels: DetectionLabels, observed: np.ndarray) -> dict[str, np.ndarray]:
     wrong = {}
     for name, there in (("person", observed.any(-1)), ("joint_person", observed)):
         person = getattr(labels, name)
@@ -205,7 +195,7 @@ def _check_detection_labels(labels: DetectionLabels, observed: np.ndarray) -> li
     if labels.error is not None:
         absent = labels.error == JointError.ABSENT
         wrong["error is not ABSENT exactly where nothing is detected"] = absent == observed
-    return _counted(wrong)
+    return wrong
 
 
 def check_projection(clip: Clip) -> list[str]:
@@ -304,9 +294,10 @@ def verify(path: Path, *, fast: bool = False) -> Verification:
     """Check a clip, or all clips of a data set and its manifest. If `fast`, compare only the sizes of files, and the
     contents of JSON files with their checksums. Raises FileNotFoundError if the path is neither."""
     path = Path(path)
-    if (path / "clip.json").is_file() or (_is_clip(path) and not (path / MANIFEST).is_file()):
+    has_manifest = (path / MANIFEST).is_file()
+    if (path / "clip.json").is_file() or ((path / "arrays.safetensors").is_file() and not has_manifest):
         return _result(path.parent, [path.name], verify_clip(path, fast=fast)[1], number_of(path))
-    if not (path / MANIFEST).is_file() and not (path / CHECKSUMS).is_file():
+    if not has_manifest and not (path / CHECKSUMS).is_file():
         raise FileNotFoundError(f"{path}: expected a clip (clip.json) or a data set ({MANIFEST}), found neither")
     lines, problems = _manifest(path)
     config, found = _config(path)
@@ -353,10 +344,6 @@ def verify_clip(folder: Path, *, fast: bool = False) -> tuple[Clip | None, list[
         # A clip may also refer to some frames of another clip.
         problems += [Problem(folder.name, "images", what) for what in check_surplus(clip)]
     return clip, problems
-
-
-def _is_clip(path: Path) -> bool:
-    return (path / "arrays.safetensors").is_file()
 
 
 def _result(path: Path, names: list[str], problems: list[Problem], number: str | None) -> Verification:
@@ -444,10 +431,7 @@ def _check_line(clip: Clip, line: dict, config: dict | None) -> list[str]:
     ]
     if config is None:
         return problems
-    try:
-        fps, kinds = config["scene"]["fps"], image_kinds(config["images"])
-    except (KeyError, TypeError, ValueError):
-        return [*problems, f"{CONFIG}: expected the configuration of a data set, found {config!r:.60}"]
+    fps, kinds = config["scene"]["fps"], image_kinds(config["images"])
     if clip.fps != fps:
         problems.append(f"fps: {fps} in {CONFIG}, {clip.fps} in the clip")
     found = clip.images.kinds if clip.images else ()

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.stats import ks_2samp
 
+from dmae.numerics.statistics import mean_known
 from dmae.reporting.page import CaptionedFigure, Section, write_report
 from dmae.reporting.tables import Table
 from synth.detector.config import Limits
@@ -61,7 +62,10 @@ def compare(real: DetectorStatistics, sim: DetectorStatistics, limits: Limits) -
             if np.isfinite([a, b]).all():
                 rows.append(_plain(f"missed {name}: {kind}", a, b))
     if real.views.size and real.views.shape == sim.views.shape:
-        rows += [_detecting_views(kind, real.views[k], sim.views[k], limits.views) for k, kind in enumerate(real.kinds)]
+        for kind, *shares in zip(real.kinds, real.views, sim.views, strict=True):
+            means = [float(each @ np.arange(len(each))) for each in shares]
+            distance = float(np.abs(np.cumsum(shares[0] - shares[1])).max())
+            rows.append(Row(f"views that detect: {kind}", *means, distance, limits.views))
         for view, (a, b) in enumerate(zip(np.nanmean(real.missed, 1), np.nanmean(sim.missed, 1), strict=True)):
             rows.append(_plain(f"missed in view {view}", float(a), float(b)))
     few = min(len(real.miss_seconds), len(sim.miss_seconds)) < ENOUGH
@@ -79,38 +83,26 @@ def compare(real: DetectorStatistics, sim: DetectorStatistics, limits: Limits) -
             rows.append(
                 Row(f"median error at confidence {low:.1f}-{min(high, 1):.1f}", a, b, abs(b / a - 1), limits.confidence)
             )
-    lags = real.autocorrelation
-    rows += [
-        _plain(f"correlation of errors after {lag} s", real.autocorrelation[lag], sim.autocorrelation[lag])
-        for lag in lags
-    ]
+    for lag, correlation in real.autocorrelation.items():
+        rows.append(_plain(f"correlation of errors after {lag} s", correlation, sim.autocorrelation[lag]))
     rows.append(_plain("constant fraction of errors", real.constant, sim.constant))
     rows.append(_plain(f"errors above {GROSS} heights", *(float((both.error > GROSS).mean()) for both in (real, sim))))
     for k, kind in enumerate(real.kinds):
         if real.inverted[real.kind == k].any() or sim.inverted[sim.kind == k].any():
             rows.append(_plain(f"inverted: {kind}", *(float(b.inverted[b.kind == k].mean()) for b in (real, sim))))
-    for name in ("person_missed", "ghosts", "ghost_joints", "ghost_score", "fragments"):
-        a, b = (_known_mean(getattr(both, name)) for both in (real, sim))
-        rows.append(_plain({"person_missed": "people missed whole", "ghosts": "ghosts in a view and frame",
-                            "ghost_joints": "joints of a ghost", "ghost_score": "confidence of its joints",
-                            "fragments": "fragments in a view and frame"}[name], a, b))  # fmt: skip
+    for name, what in (
+        ("person_missed", "people missed whole"),
+        ("ghosts", "ghosts in a view and frame"),
+        ("ghost_joints", "joints of a ghost"),
+        ("ghost_score", "confidence of its joints"),
+        ("fragments", "fragments in a view and frame"),
+    ):
+        rows.append(_plain(what, *(float(mean_known(getattr(both, name), None)) for both in (real, sim))))
     return rows
-
-
-def _known_mean(values: np.ndarray | float) -> float:
-    """Return the mean of the known values; NaN if there are none, as for confidences of ghosts without ghosts."""
-    known = np.asarray(values, float)[~np.isnan(values)]
-    return float(known.mean()) if known.size else float("nan")
 
 
 def _plain(what: str, real: float, sim: float) -> Row:
     return Row(what, real, sim, abs(real - sim))
-
-
-def _detecting_views(kind: str, real: np.ndarray, sim: np.ndarray, allowed: float) -> Row:
-    """Compare the numbers of views that detect a joint: means, and distance between the distributions (V + 1,)."""
-    means = [float(shares @ np.arange(len(shares))) for shares in (real, sim)]
-    return Row(f"views that detect: {kind}", *means, float(np.abs(np.cumsum(real - sim)).max()), allowed)
 
 
 def _distance(what: str, real: np.ndarray, sim: np.ndarray, allowed: float | None) -> Row:

@@ -1,21 +1,13 @@
 """The configuration of a simulated 2D pose detector: one field for each kind of error."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Protocol
+from typing import Any
 
 from synth.detector.errors_of_joints import Inversions, Misses, Noise, Scores
 from synth.detector.errors_of_persons import Drops, Ghosts, Merges, Splits, Swaps, Timing
 from synth.detector.parts import PartsConfig
-from synth.detector.view import Times, View
-
-
-class DetectorError(Protocol):
-    """One kind of error: its parameters, and the function that applies it."""
-
-    def apply(self, view: View) -> View:
-        """Return the view with errors of this kind."""
+from synth.detector.view import Times
 
 
 @dataclass(frozen=True)
@@ -56,12 +48,10 @@ class DetectorConfig:
     """Errors of your own, applied last: `module:function` each, called as function(view, rng=generator) -> view (see
     `synth.detector.view.View`)."""
 
-    def errors(self) -> Iterator[tuple[str, DetectorError]]:
-        """Yield the name and the parameters of each kind of error, in order of application."""
-        for one in fields(self):
-            value = getattr(self, one.name)
-            if hasattr(value, "apply"):
-                yield one.name, value
+    def errors(self) -> dict[str, Any]:
+        """Return the parameters of each kind of error by its name, in order of application. Each has a method `apply`,
+        which returns a `View` with errors of this kind."""
+        return {name: value for name, value in vars(self).items() if hasattr(value, "apply")}
 
 
 class ErrorReference(StrEnum):

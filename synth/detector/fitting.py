@@ -191,7 +191,9 @@ def _corrected_part(part: PartConfig, real: DetectorStatistics, sim: DetectorSta
         return part
     middle = [error_quantile(both, kind, 0.5) for both in (real, sim)]
     tails = [error_quantile(both, kind, 0.95) / error_quantile(both, kind, 0.5) for both in (real, sim)]
-    missed = _more_missed(real, sim, kind)
+    mean = _odds(float(np.nanmean(real.missed[:, kind]))) / _odds(float(np.nanmean(sim.missed[:, kind])))
+    sided = np.diff(real.missed_by_side[kind])[0] > _FAR_SIDE_EXCESS and np.isfinite(sim.missed_by_side[kind, 0])
+    near = _odds(real.missed_by_side[kind, 0]) / _odds(sim.missed_by_side[kind, 0]) if sided else mean
     scores = [both.score[both.kind == kind] for both in (real, sim)]
     spread = float(scores[0].var() / max(scores[1].var(), 1e-6))
     return replace(
@@ -199,16 +201,10 @@ def _corrected_part(part: PartConfig, real: DetectorStatistics, sim: DetectorSta
         noise=round(_towards(part.noise, *middle, 1e-4, 0.2), 5),
         tail=round(_towards(part.tail, tails[1], tails[0], 1.5, 30), 2),
         score=_rounded(_beta(part.score, float(scores[0].mean() - scores[1].mean()), spread)),
-        miss=[_scaled_odds(miss, factor**_STEP) for miss, factor in zip(part.miss, missed, strict=True)],
+        miss=[
+            _scaled_odds(miss, factor**_STEP) for miss, factor in zip(part.miss, (near, mean, mean, mean), strict=True)
+        ],
     )
-
-
-def _more_missed(real: DetectorStatistics, sim: DetectorStatistics, kind: int) -> list[float]:
-    """Return factors for the odds of the misses, in the order of `PartConfig.miss`."""
-    mean = _odds(float(np.nanmean(real.missed[:, kind]))) / _odds(float(np.nanmean(sim.missed[:, kind])))
-    sided = np.diff(real.missed_by_side[kind])[0] > _FAR_SIDE_EXCESS and np.isfinite(sim.missed_by_side[kind, 0])
-    near = _odds(real.missed_by_side[kind, 0]) / _odds(sim.missed_by_side[kind, 0]) if sided else mean
-    return [near, mean, mean, mean]
 
 
 def _beta(shape: Sequence[float], shift: float, spread: float) -> list[float]:

@@ -53,7 +53,7 @@ def detect(
         ValueError: the truth lacks joints of BODY25, arrays have wrong shapes, `fps` is not above 0, or a custom error
             cannot be imported.
     """
-    columns = _columns(truth)
+    columns = body25_columns(truth)
     expected = (len(truth.xyz), len(rig), *truth.xyz.shape[1:3])
     if occlusion.visibility.shape != expected:
         raise ValueError(
@@ -83,11 +83,11 @@ def detect(
             minimum_score=config.scores.minimum,
             random=random,
         )
-        for _, error in config.errors():
+        for error in config.errors().values():
             view = error.apply(view)
         for key, function in custom.items():
             view = function(view, rng=random(ErrorStream.CUSTOM, zlib.crc32(key.encode()))).reported()
-        views.append(_shown(*_shuffled(view)))
+        views.append(_shown(view))
     return _stacked(views, xy)
 
 
@@ -95,7 +95,12 @@ def _generator(base: int, view: int, *stream: int) -> np.random.Generator:
     return np.random.default_rng([base, view, *stream])
 
 
-def _columns(truth: Poses3D) -> list[int]:
+def body25_columns(truth: Poses3D) -> list[int]:
+    """Return the indices of the joints of BODY25, with the names `<joint>` or `body25.<joint>`, in a truth.
+
+    Raises:
+        ValueError: it lacks some.
+    """
     prefix = "body25." if "body25.nose" in truth.skeleton.joints else ""
     wanted = [prefix + joint for joint in BODY25.joints]
     lacking = [joint for joint in wanted if joint not in truth.skeleton.joints]
@@ -107,21 +112,15 @@ def _columns(truth: Poses3D) -> list[int]:
     return truth.skeleton.index(*wanted)
 
 
-def _shuffled(view: View) -> tuple[View, np.ndarray]:
-    """Put the detections of each frame in random order, empty ones last; with their persons (F, D), -1 for none."""
-    detected = view.observed.any(-1)
+def _shown(view: View) -> tuple[View, np.ndarray]:
+    """Return the view as it is reported, and the persons of its detections (F, D), -1 for none: the detections of each
+    frame in random order, empty ones last, and in each frame those of the frame `view.shown`."""
+    detected, lost = view.observed.any(-1), view.shown < 0
     order = np.argsort(view.random(ErrorStream.ORDER).uniform(size=detected.shape) + ~detected, axis=1)
-    rows = np.arange(len(order))[:, None]
-    arrays = {name: getattr(view, name)[rows, order] for name in ("xy", "score", "owner", "kind")}
-    return replace(view, **arrays), np.where(detected[rows, order], view.person[order], -1)
-
-
-def _shown(view: View, person: np.ndarray) -> tuple[View, np.ndarray]:
-    """Return the view and persons after lost frames: each frame gets the detections of the frame `view.shown`."""
-    lost = view.shown < 0
-    arrays = {name: getattr(view, name)[view.shown] for name in ("xy", "score", "owner", "kind")}
+    place = view.shown[:, None], order[view.shown]
+    arrays = {name: getattr(view, name)[place] for name in ("xy", "score", "owner", "kind")}
     arrays["xy"][lost], arrays["score"][lost] = np.nan, np.nan
-    return replace(view, **arrays), np.where(lost[:, None], -1, person[view.shown])
+    return replace(view, **arrays), np.where(detected[place] & ~lost[:, None], view.person[place[1]], -1)
 
 
 def _stacked(views: list[tuple[View, np.ndarray]], true_xy: np.ndarray) -> Detected:

@@ -12,6 +12,7 @@ from dmae.data.conversion import convert
 from dmae.formats.reading import DataConfig, load
 from dmae.numerics.filling import fill_world, smooth
 from dmae.numerics.paths import gap_lengths, linear
+from dmae.numerics.statistics import mean_known
 from dmae.parallel import in_parallel
 from dmae.progress import progress
 from dmae.reconstruction.config import CaptureConfig
@@ -133,7 +134,12 @@ def measure(clip: Clip, reference: ErrorReference = ErrorReference.others) -> De
     """
     views = len(clip.rig)
     if reference == ErrorReference.annotated:
-        clip = _annotated(clip)
+        known = np.zeros(len(clip), bool) if clip.truth is None else ~np.isnan(clip.truth.xyz).all((1, 2, 3))
+        if not known.any():
+            raise ValueError(
+                f"clip {clip.id!r}: no person is annotated; measure against the other views with truth=others"
+            )
+        clip = clip.select(frames=np.flatnonzero(known))
     elif views < 3:
         raise ValueError(
             f"clip {clip.id!r}: errors are measured against the other views, which takes 3 cameras or more"
@@ -156,6 +162,13 @@ def measure(clip: Clip, reference: ErrorReference = ErrorReference.others) -> De
     ghosts = whole.left_over & ~whole.near
     ghost_joints = ~np.isnan(clip.detections.score) & ghosts[..., None]
     energy = [part[4] for part in errors]
+    starts = missed & np.concatenate([np.ones_like(missed[:1]), ~missed[:-1]])
+    # Only people in at least two images can be measured.
+    count = (~np.isnan(whole.score)).sum(1)[in_image.sum(1) >= 2]
+    histograms = [
+        np.bincount(each.ravel(), minlength=views + 1) / max(each.size, 1)
+        for each in (count[:, kind_index == k] for k in range(len(kinds)))
+    ]
     return DetectorStatistics(
         name=clip.id,
         fps=clip.fps,
@@ -172,8 +185,9 @@ def measure(clip: Clip, reference: ErrorReference = ErrorReference.others) -> De
             ]
         ),
         joint_misses=_joint_misses(missed, expected, clip),
-        views=np.stack([_views_histogram(whole, kind_index == k) for k in range(len(kinds))]),
-        miss_seconds=_miss_lengths(missed, expected & detected) / clip.fps,
+        views=np.stack(histograms),
+        # Stretches in which a joint is missed, including those cut by the clip's end.
+        miss_seconds=gap_lengths(~missed)[starts & expected & detected] / clip.fps,
         autocorrelation={lag: _mean_ratio([part[lag] for part in energy]) for lag in (0.04, 0.2)},
         constant=_mean_ratio([part["constant"] for part in energy]),
         person_missed=_ratio((in_image & ~whole.matched).sum((0, 2)), in_image.sum((0, 2))),
@@ -195,13 +209,6 @@ def _mean_ratio(parts: list[tuple[float, float]]) -> float:
 
 def _share(event: np.ndarray, counted: np.ndarray, joints: np.ndarray, axis: tuple[int, ...]) -> np.ndarray:
     return _ratio(event[..., joints].sum(axis), counted[..., joints].sum(axis))
-
-
-def _annotated(clip: Clip) -> Clip:
-    """Return the clip reduced to the frames with annotated persons."""
-    if clip.truth is None or np.isnan(clip.truth.xyz).all():
-        raise ValueError(f"clip {clip.id!r}: no person is annotated; measure against the other views with truth=others")
-    return clip.select(frames=np.flatnonzero(~np.isnan(clip.truth.xyz).all((1, 2, 3))))
 
 
 def _reference(clip: Clip, reference: ErrorReference) -> Poses3D:
@@ -280,20 +287,6 @@ def _sides(clip: Clip, reference: Poses3D) -> tuple[np.ndarray, np.ndarray]:
     return along > 0.5, along < -0.5
 
 
-def _views_histogram(match: Match, joints: np.ndarray) -> np.ndarray:
-    """Return (V + 1,) the share of joints that 0..V views detect, for people in at least two images."""
-    there = (~np.isnan(match.height)).sum(1) >= 2
-    count = (~np.isnan(match.score[..., joints])).sum(1)[there]
-    return np.bincount(count.ravel(), minlength=match.score.shape[1] + 1) / max(count.size, 1)
-
-
-def _miss_lengths(missed: np.ndarray, expected: np.ndarray) -> np.ndarray:
-    """Return the lengths, frames, of stretches in which a joint is missed, including those cut by the clip's end."""
-    lengths = gap_lengths(~missed)
-    starts = missed & np.concatenate([np.ones_like(missed[:1]), ~missed[:-1]])
-    return lengths[starts & expected]
-
-
 # Several clips
 
 _SAMPLES = ("kind", "error", "inverted", "score", "miss_seconds")
@@ -325,7 +318,11 @@ def pool(parts: Sequence[DetectorStatistics], frames: Sequence[int]) -> Detector
     if len({part.kinds for part in parts}) > 1:
         raise ValueError("clips of several skeletons cannot be measured as one")
     if len({len(part.ghosts) for part in parts}) > 1:
-        parts = [_over_views(part) for part in parts]
+        of_views, no_views = ("missed", "person_missed", "ghosts", "fragments"), np.empty((len(parts[0].kinds), 0))
+        parts = [
+            replace(part, views=no_views, **{name: mean_known(getattr(part, name))[None] for name in of_views})
+            for part in parts
+        ]
     values = {f.name: [getattr(part, f.name) for part in parts] for f in fields(DetectorStatistics)}
 
     def mean(name: str):
@@ -338,18 +335,6 @@ def pool(parts: Sequence[DetectorStatistics], frames: Sequence[int]) -> Detector
     return DetectorStatistics(
         **shared, **pooled, **{name: mean(name) for name in values if name not in shared | pooled}
     )
-
-
-def _over_views(part: DetectorStatistics) -> DetectorStatistics:
-    """Return the statistics for a single camera: the mean of the known values over cameras."""
-    shares = {}
-    for name in ("missed", "person_missed", "ghosts", "fragments"):
-        value = getattr(part, name)
-        known = ~np.isnan(value)
-        count = known.sum(0, keepdims=True)
-        total = np.where(known, value, 0).sum(0, keepdims=True)
-        shares[name] = np.where(count > 0, total / np.maximum(count, 1), np.nan)
-    return replace(part, **shares, views=np.empty((len(part.kinds), 0)))
 
 
 def _mean(values: list, weights: Sequence[int]):

@@ -12,7 +12,7 @@ from synth.interactions.registry import InteractionConfig, find_interaction
 from synth.interactions.script import Cast, Reach, Role, Script, poses_of, seated, wrapped
 from synth.motion.config import PROCEDURAL, MotionConfig
 from synth.motion.feet import fit_to_body, foot_contacts, lock_feet, step_along
-from synth.motion.geometry import about, reach_with_arm
+from synth.motion.geometry import about, forwards, reach_with_arm
 from synth.motion.motion import Motion
 from synth.motion.readers.takes import partner
 from synth.motion.source import cut, draw_takes, load_motion, takes
@@ -59,7 +59,7 @@ def _along(base: Motion, path: np.ndarray, body: Body) -> Motion:
     # The path continues straight beyond its ends.
     ends = np.clip(travelled, planned[0], planned[-1])
     line = np.stack([np.interp(ends, planned, column) for column in path.T], axis=1)
-    line[:, :2] += (travelled - ends)[:, None] * np.stack([np.cos(line[:, 2]), np.sin(line[:, 2])], 1)
+    line[:, :2] += (travelled - ends)[:, None] * forwards(line[:, 2])
     turn = about("z", gaussian_filter1d(line[:, 2] - direction, 0.2 * base.fps, mode="nearest"))
     root = base.root.copy()
     root[:, :2] = line[:, :2] + np.einsum("fij,fj->fi", turn[:, :2, :2], base.root[:, :2] - way)

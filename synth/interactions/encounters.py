@@ -24,7 +24,7 @@ from synth.interactions.script import (
     step_back,
     thickness,
 )
-from synth.motion.geometry import minimum_jerk
+from synth.motion.geometry import forwards, leftwards, minimum_jerk
 from synth.people.body import SEGMENTS
 
 _TIGHTEST = 1.0
@@ -47,7 +47,7 @@ def crossing(cast: Cast, *, rng: np.random.Generator) -> Script:
         heading = first + 2 * np.pi * (person + rng.uniform(-0.15, 0.15)) / count
         late, aside = order[person] + rng.uniform(-0.05, 0.05), rng.uniform(-0.12, 0.12)
         path = _through(cast, heading, rng.uniform(0.9, 1.3), side, late)
-        path[:, :2] += aside * np.array((-np.sin(heading), np.cos(heading)))
+        path[:, :2] += aside * leftwards(heading)
         roles.append(Role(path, walks=True))
     return Script(tuple(roles))
 
@@ -61,8 +61,7 @@ def walking_together(cast: Cast, *, rng: np.random.Generator) -> Script:
     way = _through(within, rng.uniform(0, 2 * np.pi), rng.uniform(0.8, 1.2), rng.choice((-1, 1)))
     # Centre the path, so that its farthest point is near the middle.
     way[:, :2] -= (way[:, :2].min(0) + way[:, :2].max(0)) / 2
-    ahead = np.stack([np.cos(way[:, 2]), np.sin(way[:, 2])], 1)
-    left = np.stack([-ahead[:, 1], ahead[:, 0]], 1)
+    ahead, left = forwards(way[:, 2]), leftwards(way[:, 2])
     abreast = -(-count // rows)
     roles = []
     for person in range(count):
@@ -116,7 +115,7 @@ def circle_talk(cast: Cast, *, rng: np.random.Generator) -> Script:
     roles = []
     for person in range(count):
         angle = first + 2 * np.pi * (person + rng.uniform(-0.08, 0.08)) / count
-        at = radius * np.array((np.cos(angle), np.sin(angle)))
+        at = radius * forwards(angle)
         speaks = speakers[now] == person
         gaze = np.where(speaks, (person + 1 + int(rng.integers(count - 1))) % count, speakers[now])
         roles.append(Role(standing(cast, at, angle + np.pi + rng.normal(0, 0.08)), gaze=gaze))
@@ -145,7 +144,7 @@ def _through(cast: Cast, heading: float, speed: float, side: float, late: float 
     speed = max(min(speed, cast.radius / max(farthest, 1e-9)), _SLOWEST)
     along = speed * (cast.seconds - cast.seconds[-1] / 2 - late)
     if np.abs(along).max() <= cast.radius:
-        xy = along[:, None] * np.array((np.cos(heading), np.sin(heading)))
+        xy = along[:, None] * forwards(heading)
         return np.column_stack([xy, np.full(len(along), heading)])
     bend = side * max(_TIGHTEST, cast.radius / 2)
     angle = along / bend
@@ -202,8 +201,7 @@ def dance(cast: Cast, *, rng: np.random.Generator) -> Script:
     apart = max(0.46, sum(thickness(body) for body in cast.bodies) + rng.uniform(0.12, 0.2))
     turning = rng.choice((-1, 1)) * rng.uniform(0.5, 0.9)
     yaw = rng.uniform(0, 2 * np.pi) + turning * seconds + 0.15 * np.sin(np.pi * seconds / (2 * beat))
-    ahead = np.stack([np.cos(yaw), np.sin(yaw)], 1)
-    left = np.stack([-ahead[:, 1], ahead[:, 0]], 1)
+    ahead, left = forwards(yaw), leftwards(yaw)
     # Forward and back in four beats, to either side in eight.
     to_and_fro = 0.12 * np.sin(np.pi * seconds / (2 * beat))[:, None] * ahead
     middle = to_and_fro + 0.15 * np.sin(np.pi * seconds / (4 * beat))[:, None] * left
@@ -365,7 +363,7 @@ def huddle(cast: Cast, *, rng: np.random.Generator) -> Script:
     roles = []
     for person in range(count):
         angle = first + 2 * np.pi * person / count
-        out = np.array((np.cos(angle), np.sin(angle)))
+        out = forwards(angle)
         far, facing = radius + 0.5 * min(1.0, when), angle + np.pi
         start, end = np.array((*(far * out), facing)), np.array((*(radius * out), facing))
         path = approach(cast, start, end, begin=0.0, speed=(far - radius) / max(when, 0.6))
@@ -440,7 +438,7 @@ def fight(cast: Cast, *, rng: np.random.Generator) -> Script:
     apart = gaussian_filter1d(apart, 0.1 * cast.fps, mode="nearest")
     roles = []
     for person, sign in enumerate((-1, 1)):
-        xy = sign * apart[:, None] / 2 * np.stack([np.cos(yaw), np.sin(yaw)], 1)
+        xy = sign * apart[:, None] / 2 * forwards(yaw)
         path = np.column_stack([xy, yaw + (np.pi if sign > 0 else 0) - 0.35])
         lean = np.full(len(seconds), 0.05)
         for blow in blows:

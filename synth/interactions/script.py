@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from synth.motion.geometry import PALM, minimum_jerk
+from synth.motion.geometry import PALM, forwards, leftwards, minimum_jerk
 from synth.motion.motion import Motion
 from synth.people.body import SEGMENTS, Body, segment_origins
 from synth.people.surfaces import trunk_sections
@@ -174,7 +174,7 @@ def wrapped(angle: np.ndarray | float) -> np.ndarray | float:
 def step_back(path: np.ndarray, cast: Cast, begin: float, far: float) -> np.ndarray:
     """Return a (F, 3) path that goes back a distance `far`, m, from the time `begin`, s, on, facing ahead."""
     share = far * ease((cast.seconds - begin) / max(0.8, far / 0.5))
-    ahead = np.stack([np.cos(path[:, 2]), np.sin(path[:, 2])], 1)
+    ahead = forwards(path[:, 2])
     return np.column_stack([path[:, :2] - share[:, None] * ahead, path[:, 2]])
 
 
@@ -192,7 +192,7 @@ def face_to_face(
     first to the second. They walk `come`, m, each, arrive at `when`, s, and are then `apart` along and `aside` across
     it, m."""
     yaw = rng.uniform(0, 2 * np.pi)
-    ahead, left = np.array((np.cos(yaw), np.sin(yaw))), np.array((-np.sin(yaw), np.cos(yaw)))
+    ahead, left = forwards(yaw), leftwards(yaw)
     roles = []
     for person, sign in enumerate((-1, 1)):
         place = sign * (ahead * apart / 2 + left * aside / 2)

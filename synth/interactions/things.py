@@ -24,7 +24,7 @@ from synth.interactions.script import (
     within_reach,
     wrapped,
 )
-from synth.motion.geometry import minimum_jerk
+from synth.motion.geometry import forwards, leftwards, minimum_jerk
 from synth.motion.procedural.trajectory import random_drift
 from synth.people.body import SEGMENTS, Body
 from synth.rooms.props import PlacedProp, prop_size
@@ -41,7 +41,7 @@ def pass_box(cast: Cast, *, rng: np.random.Generator) -> Script:
     """One person carries a box to another, who takes it, turns, and carries it away."""
     seconds, last = cast.seconds, cast.seconds[-1]
     yaw = rng.uniform(0, 2 * np.pi)
-    ahead, left = np.array((np.cos(yaw), np.sin(yaw))), np.array((-np.sin(yaw), np.cos(yaw)))
+    ahead, left = forwards(yaw), leftwards(yaw)
     held, _ = holding_place(cast.bodies)
     when = min(rng.uniform(1.3, 2.4), 0.36 * last)
     start = np.array((*(-(held[0] + min(1.1, 0.6 * when)) * ahead), yaw))
@@ -90,7 +90,7 @@ def hand_over(
 
     def front(k: int) -> np.ndarray:
         heading = paths[k][:, 2]
-        return paths[k][:, :2] + held[k] * np.stack([np.cos(heading), np.sin(heading)], 1)
+        return paths[k][:, :2] + held[k] * forwards(heading)
 
     share = minimum_jerk((seconds - taken) / 0.3)
     middle = np.column_stack([front(0) + share[:, None] * (front(1) - front(0)), np.full(len(seconds), height)])
@@ -174,7 +174,7 @@ def shelving(cast: Cast, *, rng: np.random.Generator) -> Script:
             angle = angle - 2 * np.pi * gives
             angle = angle + meeting * (middle + np.arctan2(held, half_length + _BACK) - angle)
             gaze = np.where(meeting > 0.5, giver - person, gaze)
-        out = np.stack([np.cos(angle), np.sin(angle)], 1)
+        out = forwards(angle)
         surface = np.minimum(
             half_length / np.maximum(np.abs(out[:, 0]), 1e-9), half_depth / np.maximum(np.abs(out[:, 1]), 1e-9)
         )
@@ -275,8 +275,7 @@ def counter(cast: Cast, *, rng: np.random.Generator) -> Script:
             if poses.origins[:, person, SEGMENTS.index(f"{side}_upper_arm"), 2].min() < top:
                 continue
             hips, heading = poses.origins[:, person, 0], roles[person].path[:, 2]
-            ahead = np.stack([np.cos(heading), np.sin(heading)], 1)
-            left = np.stack([-ahead[:, 1], ahead[:, 0]], 1)
+            ahead, left = forwards(heading), leftwards(heading)
             palm = np.empty((len(seconds), 3))
             palm[:, :2] = hips[:, :2] + 0.62 * arm * ahead + 0.24 * sign * arm * left
             palm[:, 2] = top + _HAND
@@ -297,7 +296,7 @@ def table(cast: Cast, *, rng: np.random.Generator) -> Script:
     roles, stools = [], []
     for person, body in enumerate(cast.bodies):
         angle = first + 2 * np.pi * (person + rng.uniform(-0.04, 0.04)) / count
-        out = np.array((np.cos(angle), np.sin(angle)))
+        out = forwards(angle)
         at = (radius + 0.16 * body.stature * max(1.0, body.girth)) * out
         stools.append(PlacedProp(STOOL, (float(at[0]), float(at[1])), angle))
         gaze = np.where(speakers[now] == person, (person + 1) % count, speakers[now])
@@ -312,7 +311,7 @@ def table(cast: Cast, *, rng: np.random.Generator) -> Script:
         reaches = []
         for person in range(count):
             heading = roles[person].path[0, 2]
-            ahead, left = np.array((np.cos(heading), np.sin(heading))), np.array((-np.sin(heading), np.cos(heading)))
+            ahead, left = forwards(heading), leftwards(heading)
             edge = -radius * ahead
             for side, sign in (("l", 1.0), ("r", -1.0)):
                 palm = np.tile((*(edge + 0.13 * ahead + 0.16 * sign * left), top + _HAND), (len(seconds), 1))

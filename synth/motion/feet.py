@@ -13,7 +13,7 @@ from scipy.ndimage import (
 )
 from scipy.spatial.transform import Rotation
 
-from synth.motion.geometry import about, aligned, minimum_jerk, smoothstep, two_bone_ik
+from synth.motion.geometry import about, aligned, forwards, leftwards, minimum_jerk, smoothstep, two_bone_ik
 from synth.motion.motion import Motion
 from synth.people.body import ANKLE_HEIGHT, SEGMENTS, SIDES, Body, segment_origins
 from synth.people.mjcf import capsules
@@ -273,18 +273,17 @@ def step_along(
     width, out = rng.uniform(0.055, 0.08) * body.stature, np.radians(rng.uniform(4, 14))
     phase = rng.uniform(0, 2)
     under = path.copy()
-    under[:, :2] += ahead * np.stack([np.cos(path[:, 2]), np.sin(path[:, 2])], 1)
+    under[:, :2] += ahead * forwards(path[:, 2])
     feet = [
         _footsteps(under, seconds, sign * width, sign * out, phase + (sign < 0), body.stature)
         for sign in SIDES.values()
     ]
     ankles, turns = np.stack([foot[0] for foot in feet], 1), np.stack([foot[1] for foot in feet], 1)
     heading = gaussian_filter1d(path[:, 2], 0.08 * fps, mode="nearest")
-    forward = np.stack([np.cos(heading), np.sin(heading)], 1)
+    forward, left = forwards(heading), leftwards(heading)
     # The hips shift towards the foot that bears the weight.
     bearing = np.stack([foot[2] for foot in feet], 1)
     support = (ankles[..., :2] * bearing[..., None]).sum(1) / bearing.sum(1, keepdims=True)
-    left = np.stack([-forward[:, 1], forward[:, 0]], 1)
     aside = np.clip(((support - under[:, :2]) * left).sum(1), -width, width)
     aside = gaussian_filter1d(aside, 0.12 * fps, mode="nearest")
     root = np.zeros((len(path), 3))
@@ -331,7 +330,7 @@ def _footsteps(
     middles = np.concatenate([lands[:1] - 2 * _PERIOD, lands]) + stance / 2
     holds = _at(path, seconds, middles)
     heading = holds[:, 2]
-    holds[:, :2] += aside * np.stack([-np.sin(heading), np.cos(heading)], 1)
+    holds[:, :2] += aside * leftwards(heading)
     holds[:, 2] += out
     for k in range(1, len(holds)):
         moved = np.linalg.norm(holds[k, :2] - holds[k - 1, :2])
@@ -343,7 +342,7 @@ def _footsteps(
     length = np.linalg.norm(end[:, :2] - start[:, :2], axis=1)
     stepping = (length > 0) | (start[:, 2] != end[:, 2])
     place = start + minimum_jerk(share)[:, None] * (end - start)
-    forward = ((end - start)[:, :2] * np.stack([np.cos(place[:, 2]), np.sin(place[:, 2])], 1)).sum(1)
+    forward = ((end - start)[:, :2] * forwards(place[:, 2])).sum(1)
     # The heel rises before the foot does. The foot meets the floor with the heel first and then rolls flat.
     following = np.minimum(k + 1, count - 1)
     next_forward = _ahead(holds, following)
@@ -361,7 +360,7 @@ def _footsteps(
     cosine, sine = np.cos(pitch), np.sin(pitch)
     rolled, up = pivot - cosine * pivot - sine * ankle_height, cosine * ankle_height - sine * pivot
     ankle = np.empty((len(seconds), 3))
-    ankle[:, :2] = place[:, :2] + rolled[:, None] * np.stack([np.cos(place[:, 2]), np.sin(place[:, 2])], 1)
+    ankle[:, :2] = place[:, :2] + rolled[:, None] * forwards(place[:, 2])
     lift = _LIFT * np.clip(0.35 + length / 0.5, 0, 1) * stepping
     ankle[:, 2] = up + lift * 16 * share**2 * (1 - share) ** 2
     weight = np.where(stepping, 1 - np.sin(np.pi * share) ** 2, 1.0) + 0.02

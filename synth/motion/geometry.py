@@ -29,6 +29,24 @@ def aligned(along: np.ndarray, forward: np.ndarray, axis: tuple[float, float, fl
     return np.stack([along, forward, np.cross(along, forward)], axis=2) @ canonical
 
 
+def slerp(first: np.ndarray, last: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Return rotations (n, S, 3, 3) on the shortest way from `first` to `last`, (n, S, 3, 3) or (S, 3, 3), at shares
+    (n,) of it."""
+    turn = Rotation.from_matrix((first.swapaxes(-1, -2) @ last).reshape(-1, 3, 3)).as_rotvec()
+    turn = turn.reshape(-1, first.shape[-3], 3) * share[:, None, None]
+    return first @ Rotation.from_rotvec(turn.reshape(-1, 3)).as_matrix().reshape(*turn.shape, 3)
+
+
+def forwards(heading: np.ndarray | float) -> np.ndarray:
+    """Return the direction (..., 2) on the floor of headings (...), rad."""
+    return np.stack([np.cos(heading), np.sin(heading)], -1)
+
+
+def leftwards(heading: np.ndarray | float) -> np.ndarray:
+    """Return the direction (..., 2) on the floor to the left of headings (...), rad."""
+    return np.stack([-np.sin(heading), np.cos(heading)], -1)
+
+
 # Easing curves from 0 to 1
 
 

@@ -1,7 +1,6 @@
 """Kinematics of one person's joints: angles, speeds, accelerations, and feet on the floor."""
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -94,16 +93,43 @@ def kinematics(xyz: np.ndarray, fps: float) -> dict[str, np.ndarray]:
     )
     middle, neck, nose = np.moveaxis(xyz[:, BODY25.index("mid_hip", "neck", "nose")], 1, 0)
     up, vertical = _unit(neck - middle), np.array((0.0, 0.0, 1.0))
-    level = _axes(hip, vertical)
-    values = _legs(hip, knee, ankle, toe - heel, _axes(hip, up), up)
-    values |= _arms(shoulder, elbow, wrist, _axes(shoulder, up), up)
-    values |= _trunk(up, _unit(hip[:, 0] - hip[:, 1]), level, _axes(shoulder, vertical), nose - ear.mean(1))
 
+    thigh, shin, down = _unit(knee - hip), _unit(ankle - knee), -up[:, None]
+    forward, left, _ = _axes(hip, up)
+    values = {
+        "hip flexion": _angle(_dot(thigh, forward[:, None]), _dot(thigh, down)),
+        "hip abduction": _elevation(_dot(thigh, left[:, None] * _OUTWARD)),
+        "knee flexion": _between(thigh, shin),
+        "ankle flexion": -_elevation(_dot(shin, _unit(toe - heel))),
+    }
+    upper, fore = _unit(elbow - shoulder), _unit(wrist - elbow)
+    forward, left, _ = _axes(shoulder, up)
+    raised = _between(upper, down)
+    values |= {
+        "arm raised": raised,
+        "arm forward": _elevation(_dot(upper, forward[:, None])),
+        "arm outward": _elevation(_dot(upper, left[:, None] * _OUTWARD)),
+        "elbow flexion": _between(upper, fore),
+        "arms raised unequally": np.abs(raised[:, 0] - raised[:, 1]),
+    }
+    # The level axes of hips and of shoulders.
+    level, shoulders, face = _axes(hip, vertical), _axes(shoulder, vertical), nose - ear.mean(1)
+    values |= {
+        "pelvis tilt, left up": _elevation(_unit(hip[:, 0] - hip[:, 1])[:, 2]),
+        "trunk lean, forward": _angle(_dot(up, level[0]), up[:, 2]),
+        "trunk lean, left": _angle(_dot(up, level[1]), up[:, 2]),
+        "trunk twist, left": _angle(_dot(shoulders[0], level[1]), _dot(shoulders[0], level[0])),
+        "head turn, left": _angle(_dot(face, shoulders[1]), _dot(face, shoulders[0])),
+        "face, up": _elevation(_unit(face)[:, 2]),
+    }
+
+    lengths = np.linalg.norm(knee - hip, axis=-1) + np.linalg.norm(ankle - knee, axis=-1)
+    leg = float(np.median(known)) if (known := lengths[lengths > 0]).size else np.nan
     sole = np.stack([toe, heel], axis=2)
     # The slowest sole point is the support: a heel or a toe may stay in place while the rest turns about it.
     slide = np.linalg.norm(_speed(sole, fps)[..., :2], axis=-1).min((1, 2))
     values |= {
-        "hip height, legs": 100 * middle[:, 2] / _length(hip, knee, ankle),
+        "hip height, legs": 100 * middle[:, 2] / leg,
         "feet apart": _dot(ankle[:, 0] - ankle[:, 1], level[1]),
         "foot over floor": 100 * sole[..., 2].min(-1),
         "foot slide": 100 * slide,
@@ -114,10 +140,13 @@ def kinematics(xyz: np.ndarray, fps: float) -> dict[str, np.ndarray]:
         values[f"{name}, acceleration"] = np.abs(_acceleration(values[name], fps))
     # In axes that turn about the vertical with the hips.
     wrist_from_hips = np.stack([_dot(wrist - middle[:, None], axis[:, None]) for axis in level], axis=-1)
+    before, after = level[1][:-2], level[1][2:]
+    turned = _angle(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0], _dot(before, after))
+    turning = np.pad(np.abs(turned) * fps / 2, 1, constant_values=np.nan)
     values |= {
         "hips along floor, speed": np.linalg.norm(_speed(middle, fps)[:, :2], axis=-1),
         "hips up and down, speed": np.abs(_speed(middle, fps)[:, 2]),
-        "pelvis turning, speed": _turning(level[1], fps),
+        "pelvis turning, speed": turning,
         "ankle, speed": np.linalg.norm(_speed(ankle, fps), axis=-1),
         "wrist from hips, speed": np.linalg.norm(_speed(wrist_from_hips, fps), axis=-1),
     }
@@ -125,42 +154,6 @@ def kinematics(xyz: np.ndarray, fps: float) -> dict[str, np.ndarray]:
     for name, joint in joints.items():
         values[f"{name}, acceleration"] = np.linalg.norm(_acceleration(joint, fps), axis=-1)
     return values
-
-
-def _legs(hip, knee, ankle, foot, axes, up) -> dict[str, np.ndarray]:
-    forward, outward = axes[0][:, None], axes[1][:, None] * _OUTWARD
-    thigh, shin = _unit(knee - hip), _unit(ankle - knee)
-    return {
-        "hip flexion": _angle(_dot(thigh, forward), -_dot(thigh, up[:, None])),
-        "hip abduction": _elevation(_dot(thigh, outward)),
-        "knee flexion": _between(thigh, shin),
-        "ankle flexion": -_elevation(_dot(shin, _unit(foot))),
-    }
-
-
-def _arms(shoulder, elbow, wrist, axes, up) -> dict[str, np.ndarray]:
-    forward, outward = axes[0][:, None], axes[1][:, None] * _OUTWARD
-    upper, fore = _unit(elbow - shoulder), _unit(wrist - elbow)
-    raised = _between(upper, -up[:, None])
-    return {
-        "arm raised": raised,
-        "arm forward": _elevation(_dot(upper, forward)),
-        "arm outward": _elevation(_dot(upper, outward)),
-        "elbow flexion": _between(upper, fore),
-        "arms raised unequally": np.abs(raised[:, 0] - raised[:, 1]),
-    }
-
-
-def _trunk(up, across, level, shoulders, face) -> dict[str, np.ndarray]:
-    """Return the quantities of trunk and head; `level` and `shoulders` are the level axes of hips and of shoulders."""
-    return {
-        "pelvis tilt, left up": _elevation(across[:, 2]),
-        "trunk lean, forward": _angle(_dot(up, level[0]), up[:, 2]),
-        "trunk lean, left": _angle(_dot(up, level[1]), up[:, 2]),
-        "trunk twist, left": _angle(_dot(shoulders[0], level[1]), _dot(shoulders[0], level[0])),
-        "head turn, left": _angle(_dot(face, shoulders[1]), _dot(face, shoulders[0])),
-        "face, up": _elevation(_unit(face)[:, 2]),
-    }
 
 
 def _axes(pair: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -191,12 +184,6 @@ def _between(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     return np.degrees(np.arccos(np.clip(_dot(one, other), -1, 1)))
 
 
-def _length(*joints: np.ndarray) -> float:
-    """Return the median length of a chain of joints (F, 2, 3), m; NaN if no length is known."""
-    lengths = sum(np.linalg.norm(b - a, axis=-1) for a, b in pairwise(joints))
-    return float(np.median(known)) if (known := lengths[lengths > 0]).size else np.nan
-
-
 def _speed(values: np.ndarray, fps: float) -> np.ndarray:
     """Return central differences per second; NaN in the first and the last frame."""
     speed = np.full_like(values, np.nan)
@@ -208,10 +195,3 @@ def _acceleration(values: np.ndarray, fps: float) -> np.ndarray:
     acceleration = np.full_like(values, np.nan)
     acceleration[1:-1] = (values[2:] - 2 * values[1:-1] + values[:-2]) * fps**2
     return acceleration
-
-
-def _turning(left: np.ndarray, fps: float) -> np.ndarray:
-    """Return how fast a level direction (F, 3) turns, degrees per second."""
-    before, after = left[:-2], left[2:]
-    turned = _angle(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0], _dot(before, after))
-    return np.pad(np.abs(turned) * fps / 2, 1, constant_values=np.nan)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from synth.motion.geometry import forwards, leftwards
 from synth.people.body import SEGMENTS
 
 
@@ -75,7 +76,7 @@ class FloorPath:
         """Return a path that starts at the origin along +x and turns by `curvature` (K,), rad/m, left if positive."""
         step = np.diff(distance, prepend=distance[0])
         heading = np.cumsum(curvature * step)
-        xy = np.cumsum(np.stack([np.cos(heading), np.sin(heading)], 1) * step[:, None], axis=0)
+        xy = np.cumsum(forwards(heading) * step[:, None], axis=0)
         return FloorPath(distance, heading, xy)
 
     def heading_at(self, distance: np.ndarray) -> np.ndarray:
@@ -86,7 +87,7 @@ class FloorPath:
         """Return positions (..., 2), m, at distances (...) along the line and at offsets `left` of it, m."""
         heading = self.heading_at(distance)
         along = np.stack([np.interp(distance, self.distance, self.xy[:, i]) for i in range(2)], axis=-1)
-        return along + np.stack([-np.sin(heading), np.cos(heading)], axis=-1) * np.asarray(left)[..., None]
+        return along + leftwards(heading) * np.asarray(left)[..., None]
 
 
 def redirect(motion: Motion, start: tuple[float, float], yaw: float, turn: float) -> Motion:
@@ -159,10 +160,16 @@ def _sidestep(apart: np.ndarray, fps: float, clearance: float) -> np.ndarray | N
         # If paths meet head-on, both people step to the right. If neither moves, any direction works.
         passing = np.gradient(apart, axis=0)[nearest] if len(apart) > 1 else np.zeros(2)
         away = np.array((passing[1], -passing[0])) if passing.any() else np.array((1.0, 0.0))
-    close = np.flatnonzero(distance < clearance)
-    run = np.split(close, np.flatnonzero(np.diff(close) > 1) + 1)
-    first, last = next((r[0], r[-1]) for r in run if r[0] <= nearest <= r[-1])
-    time = np.arange(len(apart))
-    beyond = np.maximum(np.maximum(first - time, time - last), 0) / fps
-    ramp = 0.5 + 0.5 * np.cos(np.pi * np.minimum(beyond, 1.0))
+    _, ramp = ramp_around(distance < clearance, nearest, fps)
     return (missing + _SETTLED) * ramp[:, None] * (away / np.linalg.norm(away))
+
+
+def ramp_around(close: np.ndarray, frame: int, fps: float) -> tuple[slice, np.ndarray]:
+    """Return the run of True in `close` (F,) that holds a frame, and weights (F,) of a sidestep there: 1 in the run,
+    and less over a second before and after it."""
+    frames = np.flatnonzero(close)
+    runs = np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1)
+    first, last = next((run[0], run[-1]) for run in runs if run[0] <= frame <= run[-1])
+    time = np.arange(len(close))
+    beyond = np.maximum(np.maximum(first - time, time - last), 0) / fps
+    return slice(first, last + 1), 0.5 + 0.5 * np.cos(np.pi * np.minimum(beyond, 1.0))

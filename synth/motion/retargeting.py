@@ -9,11 +9,11 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from synth.motion.feet import sole_points
-from synth.motion.geometry import UPRIGHT, about, aligned
+from synth.motion.geometry import UPRIGHT, about, aligned, slerp
 from synth.motion.motion import Motion
 from synth.motion.readers import ReadOptions, take_name
 from synth.motion.readers.dialects import OWN, Dialect, at_rest, known_joints, recognise, renamed
-from synth.motion.readers.recording import SkeletonRecording
+from synth.motion.readers.recording import SkeletonRecording, runs
 from synth.motion.readers.takes import true_fps
 from synth.people.body import ANKLE_HEIGHT, LEG_LENGTH, SEGMENTS, Body, segment_origins
 
@@ -42,14 +42,18 @@ def level_floor(ankles: np.ndarray, fps: float, ankle_height: float) -> tuple[np
     standing = (speed < _STANDING_SPEED) & (ankles[..., 2] < ankles[..., 2].min(1, keepdims=True) + 0.05)
     spots = []
     for foot in range(2):
-        edges = np.flatnonzero(np.diff(standing[:, foot], prepend=False, append=False))
-        for first, last in zip(edges[::2], edges[1::2], strict=True):
+        for first, last in runs(standing[:, foot]):
             if last - first >= _STANDING_TIME * fps:
                 spots.append(np.median(ankles[first:last, foot], axis=0))
     if not spots:
         return np.eye(3), float(np.percentile(ankles[..., 2].min(1), 5)) - ankle_height
     spots = np.array(spots)
-    spots = spots[_on_lowest_level(spots[:, 2])]
+    # The lowest level is the lowest that enough ankles share; the lowest ankle alone if no two share one.
+    ordered = np.sort(spots[:, 2])
+    enough = min(max(2, _LOWEST * len(ordered)), len(ordered))
+    shared = np.searchsorted(ordered, ordered + _LEVEL, side="right") - np.arange(len(ordered)) >= enough
+    lowest = ordered[shared.argmax()] if shared.any() else ordered[0]
+    spots = spots[(spots[:, 2] >= lowest) & (spots[:, 2] <= lowest + _LEVEL)]
     centre = spots.mean(0)
 
     def residuals(plane: np.ndarray) -> np.ndarray:
@@ -60,16 +64,6 @@ def level_floor(ankles: np.ndarray, fps: float, ankle_height: float) -> tuple[np
     height, *slope = least_squares(residuals, (np.median(spots[:, 2]), 0, 0), loss="soft_l1").x
     level = Rotation.align_vectors([(0, 0, 1)], [(-slope[0], -slope[1], 1)])[0].as_matrix()
     return level, float((level @ (*centre[:2], height))[2]) - ankle_height
-
-
-def _on_lowest_level(heights: np.ndarray) -> np.ndarray:
-    """Return which heights (K,) of standing ankles are on the lowest level that enough ankles share, (K,) bool."""
-    ordered = np.sort(heights)
-    enough = min(max(2, _LOWEST * len(ordered)), len(ordered))
-    shared = np.searchsorted(ordered, ordered + _LEVEL, side="right") - np.arange(len(ordered)) >= enough
-    # If no two heights share a level, the lowest height alone is the level.
-    lowest = ordered[shared.argmax()] if shared.any() else ordered[0]
-    return (heights >= lowest) & (heights <= lowest + _LEVEL)
 
 
 def flatten_soles(feet: np.ndarray, heights: np.ndarray, ankle_height: float) -> np.ndarray:
@@ -143,7 +137,9 @@ def repair(motion: Motion, path: Path) -> Motion:
         if after - before - 1 > _LONGEST * motion.fps or speed > _FASTEST_BRIDGED:
             cuts.append((before, after))
         elif after - before > 1:
-            root[inside], rotations[inside] = _bridge(motion, before, after)
+            share = np.arange(1, after - before) / (after - before)
+            root[inside] = root[before] + share[:, None] * (root[after] - root[before])
+            rotations[inside] = slerp(rotations[before], rotations[after], share)
             bridged += after - before - 1
     starts, ends = [0, *(after for _, after in cuts)], [*(before + 1 for before, _ in cuts), len(motion)]
     first, end = max(zip(starts, ends, strict=True), key=lambda run: run[1] - run[0])
@@ -183,16 +179,6 @@ def _faults(motion: Motion, joints: np.ndarray) -> list[tuple[int, int]]:
     return faults
 
 
-def _bridge(motion: Motion, before: int, after: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return roots (n, 3) and rotations (n, 16, 3, 3) of the n frames between `before` and `after`."""
-    share = np.arange(1, after - before) / (after - before)
-    first, last = motion.rotations[before], motion.rotations[after]
-    turn = Rotation.from_matrix(first.swapaxes(-1, -2) @ last).as_rotvec()
-    turned = Rotation.from_rotvec((share[:, None, None] * turn).reshape(-1, 3)).as_matrix()
-    way = share[:, None] * (motion.root[after] - motion.root[before])
-    return motion.root[before] + way, first @ turned.reshape(len(share), -1, 3, 3)
-
-
 def correct_rate(motion: Motion) -> Motion:
     """Return a motion at half its rate if the stated rate is 120 and people in the air would fall too fast at it."""
     if not _STATED[0] < motion.fps < _STATED[1]:
@@ -211,9 +197,8 @@ def _falls(motion: Motion) -> list[float]:
     origins = segment_origins(body, root, motion.rotations)
     height = (origins[..., 2] @ body.masses) / body.masses.sum()
     above = sole_points(body, root, motion.rotations)[..., 2].min((1, 2)) > _CLEAR
-    edges = np.flatnonzero(np.diff(above, prepend=False, append=False))
     found = []
-    for first, end in zip(edges[::2], edges[1::2], strict=True):
+    for first, end in runs(above):
         if end - first < _FLIGHT * motion.fps:
             continue
         time = np.arange(end - first) / motion.fps

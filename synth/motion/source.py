@@ -7,11 +7,10 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from dmae.files.checks import check_numbers
 from synth.motion.config import PROCEDURAL, RECORDED, MotionConfig, UpAxis
-from synth.motion.geometry import about
+from synth.motion.geometry import about, slerp
 from synth.motion.motion import Motion
 from synth.motion.procedural.gait import make_motion
 from synth.motion.procedural.sequence import SEATED, make_sequence
@@ -153,15 +152,12 @@ def cut(take: Motion, *, start: float, seconds: float, fps: float) -> Motion:
     position = np.clip(times * take.fps, 0, len(take) - 1)
     before = np.minimum(position.astype(int), max(len(take) - 2, 0))
     after = np.minimum(before + 1, len(take) - 1)
-    share = (position - before)[:, None]
-    first = take.rotations[before]
-    turned = Rotation.from_matrix((first.swapaxes(-1, -2) @ take.rotations[after]).reshape(-1, 3, 3)).as_rotvec()
-    step = Rotation.from_rotvec((turned.reshape(frames, -1, 3) * share[..., None]).reshape(-1, 3)).as_matrix()
+    share = position - before
     return Motion(
         name=name,
         fps=fps,
-        root=take.root[before] * (1 - share) + take.root[after] * share,
-        rotations=first @ step.reshape(first.shape),
+        root=take.root[before] * (1 - share[:, None]) + take.root[after] * share[:, None],
+        rotations=slerp(take.rotations[before], take.rotations[after], share),
         hip_height=take.hip_height,
     )
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from synth.motion.config import PROCEDURAL
 from synth.motion.feet import foot_contacts, lock_feet, sole_points, weight_on_feet
-from synth.motion.motion import Motion, avoid_collisions
+from synth.motion.motion import Motion, avoid_collisions, ramp_around
 from synth.people.body import SEGMENTS, Body, segment_origins
 from synth.people.joint_limits import limit_joints
 from synth.scene.spec import PLAN_FPS, SceneSpec
@@ -51,7 +51,11 @@ def leg_clearance(limbs: np.ndarray, fps: float, obstacles: np.ndarray) -> np.nd
     shift = np.zeros((frames, persons, 2))
     for one in range(persons):
         for other in range(one + 1, persons):
-            step = _sidestep(*_missing(limbs[:, one], limbs[:, other]), fps)
+            apart = limbs[:, one, :, None] - limbs[:, other, None]
+            missing = _RADII[:, None] + _RADII + _GAP - np.linalg.norm(apart, axis=-1)
+            # The distance of trunks follows from the clearance of hips.
+            missing[:, _TRUNKS, _TRUNKS] = -np.inf
+            step = _sidestep(apart, missing, fps)
             shift[:, one] += step / 2
             shift[:, other] -= step / 2
         legs = limbs[:, one, : _TRUNKS.start]
@@ -61,35 +65,23 @@ def leg_clearance(limbs: np.ndarray, fps: float, obstacles: np.ndarray) -> np.nd
     return shift
 
 
-def _missing(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (F, 15, 15, 3) vectors from each point of `other` to each of `one`, and their missing clearance, m."""
-    apart = one[:, :, None] - other[:, None]
-    missing = _RADII[:, None] + _RADII + _GAP - np.linalg.norm(apart, axis=-1)
-    # The distance of trunks follows from the clearance of hips.
-    missing[:, _TRUNKS, _TRUNKS] = -np.inf
-    return apart, missing
-
-
 def _sidestep(apart: np.ndarray, missing: np.ndarray, fps: float) -> np.ndarray:
-    """Return the shortest smooth displacement after which no clearance is missing, (F, 2) m."""
+    """Return the shortest smooth displacement after which no clearance is missing, (F, 2) m.
+
+    `apart` (F, n, m, 3) are vectors between points, m, and `missing` (F, n, m) is the clearance that they lack, m.
+    """
     most = missing.max((1, 2), initial=-np.inf)
     worst = int(most.argmax())
     if not most[worst] > 0.005:
         return np.zeros((len(most), 2))
-    close = np.flatnonzero(most > 0)
-    run = np.split(close, np.flatnonzero(np.diff(close) > 1) + 1)
-    first, last = next((r[0], r[-1]) for r in run if r[0] <= worst <= r[-1])
-    within = missing[first : last + 1]
-    lacks = within > 0
-    vectors = apart[first : last + 1][lacks]
-    room = np.linalg.norm(vectors, axis=-1) + within[lacks]
+    run, ramp = ramp_around(most > 0, worst, fps)
+    lacks = missing[run] > 0
+    vectors = apart[run][lacks]
+    room = np.linalg.norm(vectors, axis=-1) + missing[run][lacks]
     along = vectors[:, :2] @ _DIRECTIONS.T
     across = (vectors**2).sum(-1)[:, None] - along**2
     needed = (np.sqrt(np.maximum(room[:, None] ** 2 - across, 0)) - along).max(0)
     best = int(needed.argmin())
-    time = np.arange(len(most))
-    beyond = np.maximum(np.maximum(first - time, time - last), 0) / fps
-    ramp = 0.5 + 0.5 * np.cos(np.pi * np.minimum(beyond, 1.0))
     return min(needed[best] + 0.005, _FARTHEST) * ramp[:, None] * _DIRECTIONS[best]
 
 

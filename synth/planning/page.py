@@ -9,7 +9,6 @@ import numpy as np
 import yaml
 from matplotlib.figure import Figure
 
-from dmae.data.cameras import CameraRig
 from dmae.data.json_values import json_text
 from dmae.files.contents import write_atomic
 from dmae.formats.pose2sim import write_cameras
@@ -180,7 +179,11 @@ def people_to_show(plan: CameraPlan) -> Rehearsal:
 
 def views_figure(plan: CameraPlan, planned: PlannedRig, people: Rehearsal) -> Figure:
     """Draw the view of each camera on simulated people in their room."""
-    clip = people.seen_by(_smaller(planned.rig), plan.config.detector)
+    # Images are scaled to the drawn width.
+    scale, K = _VIEW_WIDTH / planned.rig.size[:, 0], planned.rig.K.copy()
+    K[:, :2] *= scale[:, None, None]
+    size = np.maximum(1, np.round(planned.rig.size * scale[:, None])).astype(int)
+    clip = people.seen_by(replace(planned.rig, K=K, size=size), plan.config.detector)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "sheet.png"
         write_sheet(clip, path, chosen_layers(clip, LayersConfig()), rows=1, width=_VIEW_WIDTH, rooms=draw_rooms(clip))
@@ -191,14 +194,6 @@ def views_figure(plan: CameraPlan, planned: PlannedRig, people: Rehearsal) -> Fi
     axes.imshow(picture)
     axes.set_axis_off()
     return figure
-
-
-def _smaller(rig: CameraRig) -> CameraRig:
-    """Return the cameras with images scaled to the drawn width."""
-    scale = _VIEW_WIDTH / rig.size[:, 0]
-    K = rig.K.copy()
-    K[:, :2] *= scale[:, None, None]
-    return replace(rig, K=K, size=np.maximum(1, np.round(rig.size * scale[:, None])).astype(int))
 
 
 # The page of a plan: expected capture for each number of cameras, mounting positions, and views.

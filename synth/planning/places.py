@@ -96,7 +96,9 @@ def find_places(config: MountConfig, arena: Path, middle: np.ndarray, radius: fl
     }
     kinds = np.concatenate([np.full(len(at), kind) for kind, at in found.items()])
     at = np.concatenate([*found.values()])
-    kept = _inside_area(at, config.area) & _possible(model, data, at)
+    kept = _possible(model, data, at)
+    if config.area:
+        kept &= ((at[:, :2] >= config.area[:2]) & (at[:, :2] <= config.area[2:])).all(1)
     kinds, at = kinds[kept], at[kept]
     if len(at) < 2:
         raise ValueError(
@@ -190,10 +192,6 @@ def _on_tripods(config: MountConfig, arena: Path, middle: np.ndarray, radius: fl
 def _stacked(flat: np.ndarray, levels: np.ndarray) -> np.ndarray:
     """Return (n L, 3) points: each point (n, 2) at each of L heights, m."""
     return np.concatenate([np.column_stack([flat, np.full(len(flat), level)]) for level in levels])
-
-
-def _inside_area(at: np.ndarray, area: list[float]) -> np.ndarray:
-    return ((at[:, :2] >= area[:2]) & (at[:, :2] <= area[2:])).all(1) if area else np.ones(len(at), bool)
 
 
 def _possible(model: mujoco.MjModel, data: mujoco.MjData, at: np.ndarray) -> np.ndarray:

@@ -1,7 +1,6 @@
 """Choose cameras: simulated people, what each camera sees of them, and the search for the best rig."""
 
 import time
-from contextlib import suppress
 from dataclasses import dataclass
 
 import mujoco
@@ -17,8 +16,8 @@ from synth.datasets.config import OcclusionConfig
 from synth.datasets.occlusion import DETECTED
 from synth.detector.config import DetectorConfig
 from synth.detector.parts import by_joint
-from synth.detector.view import ErrorStream, View, height
-from synth.errors import FailedSimulation
+from synth.detector.view import View, height
+from synth.errors import until_success
 from synth.labels.visibility import joint_visibility
 from synth.people.body import landmarks
 from synth.physics.body_state import moved_with
@@ -75,10 +74,7 @@ def rehearse(config: PlanConfig, number: int) -> Rehearsal:
         FailedSimulation: the clip failed with every seed; the message is that of the last attempt.
         ValueError: the configuration cannot be met.
     """
-    for attempt in range(_RETRIES):
-        with suppress(FailedSimulation):
-            return _attempt(config, number, attempt)
-    return _attempt(config, number, _RETRIES)
+    return until_success(lambda attempt: _attempt(config, number, attempt), _RETRIES)
 
 
 def _attempt(config: PlanConfig, number: int, attempt: int) -> Rehearsal:
@@ -151,17 +147,13 @@ def gather(rehearsal: Rehearsal, candidates: CandidateCameras, detector: Detecto
         view = View(
             fps=rehearsal.spec.fps, size=candidates.rig.size[camera], xyz=joints, true_xy=xy[:, camera],
             visibility=visibility, occluder=seen.occluder[:, rank[camera]], parts=parts, times=detector.times,
-            minimum_score=0.0, random=_unused,
+            minimum_score=0.0, random=np.random.default_rng,
         )  # fmt: skip
         probability[:, camera] = 1 - detector.misses.probability(view)
         pixels = np.hypot(parts["noise"] * height(xy[:, camera])[..., None], detector.noise.minimum)
         pixels = pixels * np.where(visibility == Visibility.VISIBLE, 1.0, detector.noise.hidden)
         scale[:, camera] = pixels * along[:, camera] / candidates.rig.K[camera, 0, 0]
     return _evidence(joints, candidates.rig, probability, scale)
-
-
-def _unused(stream: ErrorStream) -> np.random.Generator:
-    raise AssertionError(f"a probability drew random numbers of {stream.name}")
 
 
 def _evidence(joints: np.ndarray, rig: CameraRig, probability: np.ndarray, scale: np.ndarray) -> JointEvidence:

@@ -342,14 +342,8 @@ def _shortened(group: str) -> str:
 def study(
     folders: Sequence[Path], simulated: Mapping[str, DetectorConfig], seed: int = 0, workers: int = 1
 ) -> dict[str, dict]:
-    """Measure the errors of the detections in clips, and of simulated detectors on the same clips.
-
-    Returns the `numbers` of each detector by its name. The detector of the clips is first.
-
-    Raises:
-        FileNotFoundError: there are no clips.
-        ValueError: a clip has no truth or labels, or the clips come from several detectors.
-    """
+    """Return the `numbers` of the detections in clips, and of simulated detectors on the same clips, by name of the
+    detector; that of the clips is first. Raises as `synth.detector_errors`."""
     tasks = []
     for folder in folders:
         clips = load(DataConfig("clip", str(folder)))

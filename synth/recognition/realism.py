@@ -18,6 +18,7 @@ from dmae.numerics.body import body_heading
 from dmae.parallel import in_parallel
 from dmae.progress import progress
 from synth.detector.parts import kind_of
+from synth.detector.simulated_detector import body25_columns
 from synth.scene.spec import SceneSpec
 
 STATURE = 1.7
@@ -82,7 +83,7 @@ def sightings(clip: Clip) -> Sightings:
     """
     if clip.truth is None or clip.occlusion is None or clip.occlusion.depth_margin is None:
         raise ValueError(f"clip {clip.id!r}: expected truth and labels of visibility, as synth generate makes them")
-    columns = truth_columns(clip)
+    columns = body25_columns(clip.truth)
     xyz = convert(clip.truth, BODY25).xyz.astype(np.float64)
     rig = clip.true_rig or clip.rig
     xy, depth = rig.project(xyz)
@@ -94,42 +95,26 @@ def sightings(clip: Clip) -> Sightings:
     turned = np.abs(np.angle(np.exp(1j * (heading - np.arctan2(sight[..., 1], sight[..., 0])))))
     trunk = xyz[:, :, _INDEX["neck"]] - hips
     lean = np.arccos(np.clip(trunk[..., 2] / np.maximum(np.linalg.norm(trunk, axis=-1), 1e-6), -1, 1))
+    hip, knee, ankle = (xyz[:, :, BODY25.index(f"l_{part}", f"r_{part}")] for part in ("hip", "knee", "ankle"))
+    leg = (np.linalg.norm(hip - knee, axis=-1) + np.linalg.norm(knee - ankle, axis=-1)).max(-1)
+    hips_over_feet = (hip[..., 2].mean(-1) - ankle[..., 2].min(-1)) / np.maximum(leg, 1e-6)
+    scene = scene_of(clip)
+    statures = [person.body.stature for person in scene.persons] if scene else [STATURE] * xyz.shape[1]
     return Sightings(
         xy=xy,
         visibility=clip.occlusion.visibility[..., columns],
         depth_margin=clip.occlusion.depth_margin[..., columns],
-        height=statures(clip) * focal[:, None] / depth,
+        height=np.array(statures) * focal[:, None] / depth,
         distance=np.linalg.norm(sight, axis=-1),
         turned=turned,
         bent=lean > _BENT,
-        seated=_hips_over_feet(xyz) < _SEATED,
+        seated=hips_over_feet < _SEATED,
     )
-
-
-def truth_columns(clip: Clip) -> list[int]:
-    """Return the indices of the joints of BODY25 in the truth of a clip."""
-    joints = clip.truth.skeleton.joints
-    prefix = "body25." if "body25.nose" in joints else ""
-    return clip.truth.skeleton.index(*(prefix + joint for joint in BODY25.joints))
 
 
 def scene_of(clip: Clip) -> SceneSpec | None:
     """Return the scene of a simulated clip; None for a recording."""
     return SceneSpec.of(clip) if clip.provenance.get("spec") else None
-
-
-def statures(clip: Clip) -> np.ndarray:
-    """Return the heights (P,) of the bodies, m."""
-    scene = scene_of(clip)
-    people = clip.truth.xyz.shape[1]
-    return np.full(people, STATURE) if scene is None else np.array([each.body.stature for each in scene.persons])
-
-
-def _hips_over_feet(xyz: np.ndarray) -> np.ndarray:
-    """Return the height (F, P) of the hips above the lower foot, relative to the length of the longer leg."""
-    hip, knee, ankle = (xyz[:, :, BODY25.index(f"l_{part}", f"r_{part}")] for part in ("hip", "knee", "ankle"))
-    leg = np.linalg.norm(hip - knee, axis=-1) + np.linalg.norm(knee - ankle, axis=-1)
-    return (hip[..., 2].mean(-1) - ankle[..., 2].min(-1)) / np.maximum(leg.max(-1), 1e-6)
 
 
 # Run a detector on crops of single people. Each crop is around the true position; no other information is given.
@@ -184,7 +169,9 @@ def crops(clip: Clip, seen: Sightings, detector: PictureDetector, every: int = 1
         raise ValueError(f"clip {clip.id!r} has no colour images; make it with images=rgb")
     with np.errstate(invalid="ignore"):
         chosen = (seen.unobstructed.mean(-1) >= UNOBSTRUCTED) & (seen.height >= _LEAST)
-    reported = np.isin(BODY25.joints, _reported(detector))
+    shape = (1, 1, 1, len(detector.skeleton))
+    everything = Detections2D(detector.skeleton, np.zeros((*shape, 2)), np.ones(shape))
+    reported = ~np.isnan(convert_detections(everything, BODY25).score.ravel())
     for frame in range(0, len(clip), every):
         for view, name in enumerate(clip.rig.names):
             people = np.flatnonzero(chosen[frame, view])
@@ -192,7 +179,11 @@ def crops(clip: Clip, seen: Sightings, detector: PictureDetector, every: int = 1
                 picture = clip.images.at("rgb", name, frame)
             for person in people:
                 visible = seen.visible[frame, view, person] & reported
-                yield _crop(picture, seen, (frame, view, int(person)), detector, visible)
+                for wide in SIDES:
+                    crop = _looked_for(picture, seen, (frame, view, int(person)), detector, visible, wide)
+                    if crop.found:
+                        break
+                yield crop
 
 
 def cut(picture: np.ndarray, corner: tuple[int, int], side: int) -> np.ndarray:
@@ -200,24 +191,6 @@ def cut(picture: np.ndarray, corner: tuple[int, int], side: int) -> np.ndarray:
     left, top = corner
     shift = np.array([[1.0, 0.0, left], [0.0, 1.0, top]])
     return cv2.warpAffine(picture, shift, (side, side), flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP)
-
-
-def _reported(detector: PictureDetector) -> list[str]:
-    """Return the names of the joints of BODY25 that the detector's skeleton has."""
-    skeleton = detector.skeleton
-    shape = (1, 1, 1, len(skeleton))
-    whole = convert_detections(Detections2D(skeleton, np.zeros((*shape, 2)), np.ones(shape)), BODY25)
-    return [joint for joint, score in zip(BODY25.joints, whole.score.ravel(), strict=True) if not np.isnan(score)]
-
-
-def _crop(
-    picture: np.ndarray, seen: Sightings, place: tuple[int, int, int], detector: PictureDetector, counted: np.ndarray
-) -> Crop:
-    for wide in SIDES:
-        crop = _looked_for(picture, seen, place, detector, counted, wide)
-        if crop.found:
-            break
-    return crop
 
 
 def _looked_for(
@@ -314,12 +287,8 @@ class Rate:
 
 
 def judge(folders: Sequence[Path], config: PoseDetectorConfig, every: int = 1, workers: int = 1) -> list[Judged]:
-    """Run a detector on each person in plain sight in the images of clips, every so many frames.
-
-    Raises:
-        FileNotFoundError: there are no clips.
-        ValueError: a clip has no truth, no labels or no colour images.
-    """
+    """Run a detector on each person in plain sight in the images of clips, every so many frames. Raises as
+    `synth.realism`."""
     tasks = []
     for folder in folders:
         clips = load(DataConfig("clip", str(folder)))

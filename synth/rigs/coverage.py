@@ -92,21 +92,16 @@ def check_rig(rig: CameraRig, source: str, stage: Stage, origin: Sequence[float]
             names the camera and the object, and the point where the cameras' axes meet.
     """
     faults = find_faults(rig, stage)
-    if faults:
-        hint = "" if origin is None else _origin_hint(rig, origin, stage)
-        raise FailedSimulation(f"{source}: " + "; ".join(faults.values()) + hint)
-
-
-def _origin_hint(rig: CameraRig, origin: Sequence[float], stage: Stage) -> str:
-    """Return the advice to build the scene where the cameras look; empty if they look at people, or do not meet."""
-    meeting = meeting_point(rig)
-    if meeting is None or np.hypot(*meeting[:2]) <= stage.radius:
-        return ""
-    x, y, z = meeting + origin
-    return (
-        f". The cameras' axes meet at about ({x:.2f}, {y:.2f}, {z:.2f}) m of the rig's world, and people are around "
-        f"rig.origin={list(map(float, origin))}: set rig.origin=[{x:.2f},{y:.2f},{float(origin[2]):g}]"
-    )
+    if not faults:
+        return
+    hint, meeting = "", None if origin is None else meeting_point(rig)
+    if meeting is not None and np.hypot(*meeting[:2]) > stage.radius:
+        x, y, z = meeting + origin
+        hint = (
+            f". The cameras' axes meet at about ({x:.2f}, {y:.2f}, {z:.2f}) m of the rig's world, and people are "
+            f"around rig.origin={list(map(float, origin))}: set rig.origin=[{x:.2f},{y:.2f},{float(origin[2]):g}]"
+        )
+    raise FailedSimulation(f"{source}: " + "; ".join(faults.values()) + hint)
 
 
 def meeting_point(rig: CameraRig) -> np.ndarray | None:

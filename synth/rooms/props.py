@@ -102,18 +102,6 @@ class Neighbours(Mapping):
         return len(list(self.folder.iterdir()))
 
 
-def check_counts(suffix: str, data: bytes) -> None:
-    """Raise ValueError if a file states more elements than it has bytes; the message gives both numbers."""
-    counts: list[float] = []
-    if suffix == ".ply":
-        counts = [float(count) for count in _PLY_ELEMENT.findall(data[:10_000].partition(b"end_header")[0])]
-    elif suffix == ".glb":
-        counts = _glb_counts(data)
-    for count in counts:
-        if not 0 <= count <= len(data):
-            raise ValueError(f"it states {count:.4g} elements in {len(data)} bytes")
-
-
 def _glb_counts(data: bytes) -> list[float]:
     """Return the numbers of elements that the accessors of a glTF file state. Their data must be in the same file."""
     magic, _, _, length, kind = _GLB_HEAD.unpack_from(data)
@@ -131,14 +119,6 @@ def _glb_counts(data: bytes) -> list[float]:
         if "uri" in image:
             raise ValueError(f"it names {json.dumps(image['uri'])[:60]}, expected all data in the file")
     return counts
-
-
-def check_repetition(scene: trimesh.Scene, most: int) -> None:
-    """Raise ValueError if the placed meshes of a scene have more than `most` faces, counted once per placement."""
-    placed = [scene.geometry[scene.graph[node][1]] for node in scene.graph.nodes_geometry]
-    faces = sum(len(getattr(mesh, "faces", ())) for mesh in placed)
-    if faces > most:
-        raise ValueError(f"{faces} faces are too many, at most {most}; simplify the mesh")
 
 
 # Meshes: find the files, read them, and refuse meshes that cannot be simulated
@@ -210,12 +190,23 @@ def _read(path: str) -> list[trimesh.Trimesh]:
         raise ValueError(f"{path}: {size / 2**20:.0f} MiB are too large for a prop; simplify it to {_MOST_FACES} faces")
     data = read_bytes(file)
     try:
-        check_counts(file.suffix.lower(), data)
+        # A file that states more elements than it has bytes would take far more memory.
+        counts: list[float] = []
+        if file.suffix.lower() == ".ply":
+            counts = [float(count) for count in _PLY_ELEMENT.findall(data[:10_000].partition(b"end_header")[0])]
+        elif file.suffix.lower() == ".glb":
+            counts = _glb_counts(data)
+        for count in counts:
+            if not 0 <= count <= len(data):
+                raise ValueError(f"it states {count:.4g} elements in {len(data)} bytes")
         with np.errstate(all="ignore"):
             scene = trimesh.load_scene(
                 io.BytesIO(data), file_type=file.suffix.lower()[1:], resolver=Neighbours(file.parent)
             )
-            check_repetition(scene, _MOST_FACES)
+            # Each placement of a mesh counts.
+            placed = [scene.geometry[scene.graph[node][1]] for node in scene.graph.nodes_geometry]
+            if (faces := sum(len(getattr(mesh, "faces", ())) for mesh in placed)) > _MOST_FACES:
+                raise ValueError(f"{faces} faces are too many, at most {_MOST_FACES}; simplify the mesh")
             found = scene.dump()
     # The readers of trimesh can raise errors of any type.
     except Exception as error:

@@ -9,6 +9,7 @@ look through them from outside.
 """
 
 from dataclasses import dataclass, field
+from itertools import product
 from math import prod
 from pathlib import Path
 from typing import NamedTuple
@@ -108,7 +109,14 @@ def read_mjcf(path: Path) -> mujoco.MjSpec:
     the message names both files.
     """
     path = Path(path)
-    check_mjcf(path)
+    found = _Found(path.resolve().parent)
+    _read(path, found, ())
+    for file, kind, name in found.assets:
+        folders = ["", *(folder for key, folder in found.dirs if key in ("assetdir", _FOLDERS.get(kind)))]
+        for asset in _existing(found, file, kind, [Path(folder) / name for folder in folders]):
+            check_file(asset, _MOST_ASSET)
+            if asset.suffix.lower() in (".png", ".jpg", ".jpeg", ".bmp"):
+                check_picture(asset)
     try:
         return mujoco.MjSpec.from_file(str(path))
     except (ValueError, mujoco.FatalError) as error:
@@ -127,18 +135,6 @@ def compile_mjcf(path: Path) -> mujoco.MjModel:
     check_numbers(f"{path}: positions of geoms, m", model.geom_pos, _FARTHEST)
     check_numbers(f"{path}: positions of bodies, m", model.body_pos, _FARTHEST)
     return model
-
-
-def check_mjcf(path: Path) -> None:
-    """Check a file and all files that it includes. Raises the same errors as `read_mjcf`."""
-    found = _Found(path.resolve().parent)
-    _read(path, found, ())
-    for file, kind, name in found.assets:
-        folders = ["", *(folder for key, folder in found.dirs if key in ("assetdir", _FOLDERS.get(kind)))]
-        for asset in _existing(found, file, kind, [Path(folder) / name for folder in folders]):
-            check_file(asset, _MOST_ASSET)
-            if asset.suffix.lower() in (".png", ".jpg", ".jpeg", ".bmp"):
-                check_picture(asset)
 
 
 def _read(path: Path, found: _Found, above: tuple[Path, ...]) -> None:
@@ -297,7 +293,10 @@ def _filled(spec: mujoco.MjSpec):
     """Add the missing parts of a room, and yield a description of each."""
     if taken := _remove_joints(spec):
         yield f"left out {taken}: rooms are static"
-    _reset_options(spec)
+    usual = mujoco.MjSpec().option
+    for name in dir(usual):
+        if not name.startswith("_") and not callable(getattr(usual, name)):
+            setattr(spec.option, name, getattr(usual, name))
     for geom in spec.geoms:
         if geom.contype or geom.conaffinity:
             geom.contype, geom.conaffinity = 0, _OBJECT_BITS
@@ -341,24 +340,12 @@ def _remove_joints(spec: mujoco.MjSpec) -> str:
     return ", ".join(f"{count} {name}" for name, count in counts.items())
 
 
-def _reset_options(spec: mujoco.MjSpec) -> None:
-    usual = mujoco.MjSpec().option
-    for name in dir(usual):
-        value = getattr(usual, name)
-        if not name.startswith("_") and not callable(value):
-            setattr(spec.option, name, value)
-
-
 def _floor_geoms(spec: mujoco.MjSpec) -> list[mujoco.MjsGeom]:
     """Return the geoms that people around the origin stand on; an empty list if most of the ground is missing."""
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    places = [
-        (x, y)
-        for x in (-_FLOOR_SEARCH_RADIUS, 0.0, _FLOOR_SEARCH_RADIUS)
-        for y in (-_FLOOR_SEARCH_RADIUS, 0.0, _FLOOR_SEARCH_RADIUS)
-    ]
+    places = list(product((-_FLOOR_SEARCH_RADIUS, 0.0, _FLOOR_SEARCH_RADIUS), repeat=2))
     found, geom = [], np.zeros(1, np.int32)
     for place in places:
         # mj_multiRay misses some geoms if a ray is exactly vertical.

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +10,8 @@ from synth.errors import FailedSimulation
 from synth.interactions.script import STOOL, Load, Script
 from synth.motion.motion import Motion, avoid_collisions, redirected_path
 from synth.rooms.props import PlacedProp, PropSize, footprints, prop_size
+from synth.rooms.room import arena_file
+from synth.scene.config import SceneConfig
 
 _PROP_DRAWS = 60
 """Number of positions that are drawn for a prop before it is left out."""
@@ -24,11 +25,9 @@ def place_props(
     count: int,
     kinds: dict[str, PropSize],
     paths: np.ndarray,
-    arena: Path,
+    config: SceneConfig,
     *,
     fps: float,
-    middle: Sequence[float],
-    radius: float,
     clearance: float,
     occupied: np.ndarray,
     rng: np.random.Generator,
@@ -38,13 +37,11 @@ def place_props(
 
     Args:
         paths: (F, P, 2) hips before people step aside for each other, m.
-        middle: x and y of the middle, m.
-        radius: Greatest distance of props from the middle, m.
         occupied: (K, 3) x, y and radius of discs where other props stand, m.
         cameras: (x, y) of cameras, m. If there are any, each prop stands between a camera and a person, with its broad
             side across the line of sight, up to 1.5 m beyond the radius. Large kinds are then drawn more often.
     """
-    obstacles = footprints(arena)
+    obstacles, middle, radius = footprints(arena_file(config.arena)), config.middle, config.radius
     walked = (paths + avoid_collisions(paths, fps, clearance=clearance, obstacles=obstacles)).reshape(-1, 2)
     occupied = np.concatenate([obstacles, occupied])
     cameras = np.array(cameras).reshape(-1, 2)
@@ -113,11 +110,8 @@ class Placement(NamedTuple):
 
 def place_persons(
     motions: list[Motion],
-    arena: Path,
+    config: SceneConfig,
     *,
-    middle: Sequence[float],
-    radius: float,
-    gathering: float,
     clearance: float,
     rng: np.random.Generator,
     others: np.ndarray | None = None,
@@ -129,25 +123,22 @@ def place_persons(
     each other's stools.
 
     Args:
-        middle: x and y of the middle, m.
-        radius: Greatest distance of hips from the middle, m.
-        gathering: Distance of people from the meeting point, m (standard deviation).
         others: (F, Q, 2) hips of people who are placed already, m.
         occupied: (K, 3) x, y and radius of discs where furniture stands, m.
 
     Raises FailedSimulation, which names a motion without space and what to change.
     """
-    obstacles = footprints(arena)
+    obstacles, middle, radius = footprints(arena_file(config.arena)), config.middle, config.radius
     if occupied is not None:
         obstacles = np.concatenate([obstacles, occupied])
-    meeting = rng.normal(middle, 0.25 * gathering, 2)
+    meeting = rng.normal(middle, 0.25 * config.gathering, 2)
     placements: list[Placement] = []
     paths, stools = np.empty((len(motions[0]), 0, 2)) if others is None else others, np.empty((0, 3))
     for number, motion in enumerate(motions):
         best, least = None, np.inf
         for attempt in range(_DRAWS):
             # Each failed draw widens the search, so later draws are farther from the middle.
-            spread = gathering * (1 + attempt / 15)
+            spread = config.gathering * (1 + attempt / 15)
             placed, path, outside = _draw(motion, meeting + rng.normal(0, spread, 2), middle, radius, rng=rng)
             cost = 10 * outside + _crowding(path, paths, np.concatenate([obstacles, stools]), clearance)
             own = stool_discs(motion, path)
@@ -184,34 +175,23 @@ def stool_discs(motion: Motion, path: np.ndarray) -> np.ndarray:
 
 
 def place_script(
-    script: Script,
-    motions: list[Motion],
-    arena: Path,
-    *,
-    middle: Sequence[float],
-    radius: float,
-    gathering: float,
-    rng: np.random.Generator,
+    script: Script, motions: list[Motion], config: SceneConfig, *, rng: np.random.Generator
 ) -> tuple[list[Placement], list[PlacedProp], list[Load]]:
     """Place all people of an interaction together, with their furniture and the objects that are carried.
 
-    Args:
-        motions: One for each person, around the origin.
-        middle: x and y of the middle, m.
-        radius: Greatest distance of hips from the middle, m; the clip fails half a metre beyond it.
-        gathering: Distance of the interaction from the middle, m (standard deviation).
-
-    Raises FailedSimulation if there is no space; the message says what to change.
+    `motions`, one for each person, are around the origin. Raises FailedSimulation if there is no space up to half a
+    metre beyond the radius; the message says what to change.
     """
     furniture = [placed_discs(prop_size(prop.kind).discs, prop.at, prop.yaw) for prop in script.furniture]
-    obstacles = footprints(arena)
+    obstacles, middle, radius = footprints(arena_file(config.arena)), config.middle, config.radius
     paths = np.concatenate([motion.root[:, :2] for motion in motions])
     occupied = np.concatenate([np.column_stack([paths, np.full(len(paths), _PERSON_RADIUS)]), *furniture])
     reach = float(np.linalg.norm(paths, axis=1).max())
     walking = all(role.walks for role in script.roles)
     best, least = None, np.inf
     for attempt in range(_DRAWS):
-        at, yaw = rng.normal(middle, 0.25 * gathering * (1 + attempt / 10), 2), float(rng.uniform(-np.pi, np.pi))
+        at = rng.normal(middle, 0.25 * config.gathering * (1 + attempt / 10), 2)
+        yaw = float(rng.uniform(-np.pi, np.pi))
         places = placed_discs(occupied, at, yaw)[:, :2]
         gap = np.linalg.norm(places[:, None] - obstacles[:, :2], axis=-1) - obstacles[:, 2] - occupied[:, 2:]
         blocked = np.maximum(0, -gap).max(1, initial=0.0)

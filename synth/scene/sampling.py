@@ -144,50 +144,36 @@ def lay_out(
     """
     props = props or PropsConfig()
     seed, clip = people.seed, people.clip
-    arena = arena_file(config.arena)
     kinds = find_meshes(props.path) if props.path else config.prop_kinds
     sizes = {kind: prop_size(kind, props.scale, props.up) for kind in kinds}
     clearance = people.clearance
     if layout:
+        config = replace(config, gathering=layout.gathering)
         clearance, rng = layout.clearance, generator(seed, clip, Stream.LAYOUT).spawn(layout.draw + 1)[-1]
-    where = {"middle": config.middle, "radius": config.radius, "gathering": (layout or config).gathering}
     furniture, loads = [], []
     if people.script:
         taking_part = people.motions[: len(people.script.roles)]
-        placements, furniture, loads = place_script(people.script, taking_part, arena, **where, rng=rng)
+        placements, furniture, loads = place_script(people.script, taking_part, config, rng=rng)
         if bystanders := people.motions[len(taking_part) :]:
             paths = [redirected_path(motion, *at) for motion, at in zip(taking_part, placements, strict=True)]
             placements += place_persons(
-                bystanders,
-                arena,
-                **where,
-                clearance=max(clearance, _BYSTANDER_GAP),
-                others=np.stack(paths, axis=1),
-                occupied=_occupied(furniture),
-                rng=rng.spawn(_PLACES + 1)[_PLACES],
-            )
+                bystanders, config, clearance=max(clearance, _BYSTANDER_GAP), rng=rng.spawn(_PLACES + 1)[_PLACES],
+                others=np.stack(paths, axis=1), occupied=_occupied(furniture),
+            )  # fmt: skip
         clearance = min(clearance, people.script.clearance or clearance)
     else:
-        placements = place_persons(people.motions, arena, **where, clearance=clearance, rng=rng)
+        placements = place_persons(people.motions, config, clearance=clearance, rng=rng)
     paths = [redirected_path(motion, *placed) for motion, placed in zip(people.motions, placements, strict=True)]
     for motion, path in zip(people.motions, paths, strict=True):
         furniture += [PlacedProp(STOOL, (x, y), 0.0) for x, y, _ in stool_discs(motion, path).tolist()]
+    count = layout.props if layout else int(rng.integers(config.props[0], config.props[1], endpoint=True))
     placed_props = place_props(
-        layout.props if layout else int(rng.integers(config.props[0], config.props[1], endpoint=True)),
-        sizes,
-        np.stack(paths, axis=1),
-        arena,
-        fps=PLAN_FPS,
-        middle=config.middle,
-        radius=config.radius,
-        clearance=clearance,
-        cameras=layout.cameras if layout else (),
-        occupied=_occupied(furniture),
-        rng=rng,
-    )
+        count, sizes, np.stack(paths, axis=1), config, fps=PLAN_FPS, clearance=clearance,
+        occupied=_occupied(furniture), rng=rng, cameras=layout.cameras if layout else (),
+    )  # fmt: skip
     # The first child of the scene's stream paints textures (synth/scene/build.py); the second one draws colours.
     colours = generator(seed, clip, Stream.SCENE).spawn(2)[1]
-    decor = sample_decor(arena, randomize=config.randomize, rng=colours)
+    decor = sample_decor(arena_file(config.arena), randomize=config.randomize, rng=colours)
 
     def prop_spec(prop: PlacedProp, *how) -> PropSpec:
         return PropSpec(*prop, sample_tint(rng=colours) if config.randomize else None, *how)

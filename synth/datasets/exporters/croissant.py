@@ -67,6 +67,7 @@ _ANNOTATION_FIELDS = {
 }  # fmt: skip
 """Fields of an annotation of COCO. Croissant's reader takes records of one length from a file, so images have none."""
 _LISTS = ("bbox", "keypoints", "xyz", "visibility")
+_AUTHORS = "The authors of this data set"
 
 
 def write_metadata(data: Path, out: Path, summary: dict, about: AboutConfig) -> None:
@@ -78,30 +79,20 @@ def write_metadata(data: Path, out: Path, summary: dict, about: AboutConfig) -> 
         summary: Content of `export.json`.
         about: What only the publisher knows.
     """
-    scenes, seed = _scenes(data, summary), _seed(data)
-    texts = describe(summary, scenes, seed)
+    # Clips by `arena=` and `motion=`, as `synth stats` counts them.
+    scenes: Counter = Counter()
+    for name in (name for split in summary["splits"].values() for name in split["names"]):
+        spec = read_json(data / name / "clip.json").get("provenance", {}).get("spec")
+        if spec:
+            scenes.update((f"arena={spec['arena']}", f"motion={spec['motion']['kind']}"))
+    config = data / "config.json"
+    texts = describe(summary, scenes, read_json(config).get("seed") if config.is_file() else None)
     write_atomic(out / DATASHEET, datasheet(texts, summary, about))
     write_atomic(out / CITATION, _citation(summary, about))
     files = sorted(path for path in out.rglob("*") if path.is_file())
     sums = "".join(f"{checksum(path).sha256}  {path.relative_to(out).as_posix()}\n" for path in files)
     write_atomic(out / SUMS, sums)
     write_atomic(out / CROISSANT, json.dumps(croissant(out, summary, texts, about), indent=1))
-
-
-def _scenes(data: Path, summary: dict) -> Counter:
-    """Return the numbers of clips by `arena=` and `motion=`, as `synth stats` counts them."""
-    scenes: Counter = Counter()
-    for split in summary["splits"].values():
-        for name in split["names"]:
-            spec = read_json(data / name / "clip.json").get("provenance", {}).get("spec")
-            if spec:
-                scenes.update((f"arena={spec['arena']}", f"motion={spec['motion']['kind']}"))
-    return scenes
-
-
-def _seed(data: Path) -> int | None:
-    path = data / "config.json"
-    return read_json(path).get("seed") if path.is_file() else None
 
 
 def describe(summary: dict, scenes: Counter, seed: int | None) -> dict[str, str]:
@@ -168,7 +159,13 @@ def croissant(out: Path, summary: dict, texts: dict[str, str], about: AboutConfi
     objects = {path.relative_to(out).as_posix(): path for path in files}
     name = about.name or f"dmae-synth-{summary['exporter']}"
     version = f"1.0.0+{checksum(out / SUMS).sha256[:8]}"
-    fields = {key: text for key, text in texts.items() if key != "rights"}
+    year = f", year={{{about.date[:4]}}}" if about.date else ""
+    stated = {
+        "license": about.licence,
+        "url": about.url,
+        "datePublished": about.date,
+        "creator": about.creator and {"@type": "sc:Organization", "name": about.creator},
+    }
     return {
         "@context": _CONTEXT,
         "@type": "sc:Dataset",
@@ -177,11 +174,9 @@ def croissant(out: Path, summary: dict, texts: dict[str, str], about: AboutConfi
         f"{texts['rights']}",
         "conformsTo": ["http://mlcommons.org/croissant/1.0", "http://mlcommons.org/croissant/RAI/1.0"],
         "version": version,
-        "citeAs": _bibtex(name, version, about),
-        **({"license": about.licence} if about.licence else {}),
-        **({"url": about.url} if about.url else {}),
-        **({"datePublished": about.date} if about.date else {}),
-        **({"creator": {"@type": "sc:Organization", "name": about.creator}} if about.creator else {}),
+        "citeAs": f"@misc{{{name}, title={{{name}}}, author={{{about.creator or _AUTHORS}}}{year}, "
+        f"note={{version {version}, made by dmae-synth}}}}",
+        **{key: value for key, value in stated.items() if value},
         "isLiveDataset": False,
         "distribution": [
             {
@@ -198,7 +193,7 @@ def croissant(out: Path, summary: dict, texts: dict[str, str], about: AboutConfi
         "recordSet": _record_sets(out, summary),
         "rai:dataCollectionType": ["Software Collection"],
         "rai:hasSyntheticData": True,
-        **{f"rai:{key}": text for key, text in fields.items()},
+        **{f"rai:{key}": text for key, text in texts.items() if key != "rights"},
     }
 
 
@@ -267,24 +262,15 @@ def datasheet(texts: dict[str, str], summary: dict, about: AboutConfig) -> str:
     return "\n\n".join([f"# Datasheet: {about.name or 'simulated people who hide each other'}", *parts]) + "\n"
 
 
-def _bibtex(name: str, version: str, about: AboutConfig) -> str:
-    author = about.creator or "The authors of this data set"
-    year = f", year={{{about.date[:4]}}}" if about.date else ""
-    return (
-        f"@misc{{{name}, title={{{name}}}, author={{{author}}}{year}, note={{version {version}, made by dmae-synth}}}}"
-    )
-
-
 def _citation(summary: dict, about: AboutConfig) -> str:
+    stated = {"license-url": about.licence, "url": about.url, "date-released": about.date}
     fields = {
         "cff-version": "1.2.0",
         "message": "If you use this data set, please cite it, and the software that made it.",
         "type": "dataset",
         "title": about.name or f"dmae-synth-{summary['exporter']}",
-        "authors": [{"name": about.creator or "The authors of this data set"}],
-        **({"license-url": about.licence} if about.licence else {}),
-        **({"url": about.url} if about.url else {}),
-        **({"date-released": about.date} if about.date else {}),
+        "authors": [{"name": about.creator or _AUTHORS}],
+        **{key: value for key, value in stated.items() if value},
         "references": [
             {
                 "type": "software",

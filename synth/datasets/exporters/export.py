@@ -41,23 +41,7 @@ def export(
     robot: str | None = None,
     about: AboutConfig | None = None,
 ) -> dict:
-    """Write a data set in the layout of another program, completely or not at all.
-
-    Args:
-        data: The data set, or a clip.
-        out: Folder to write. It must not exist yet, or be empty.
-        format: Name of an exporter, or `package.module:function`.
-        splits: File that `synth.datasets.splits.write_splits` wrote; by default all clips are in the split `train`.
-        skeleton: Skeleton to write; by default the default skeleton of the format.
-        every: Export one frame in this number; 2 for every second frame.
-        pictures: File format of images.
-        workers: Number of processes; -1 for one per core.
-        damaged: Whether to export even if files are missing or have changed since they were written.
-        robot: MJCF of the Unitree G1, for `g1` and `lerobot`; by default that of an installed mjlab.
-        about: What only the publisher knows, for `croissant.json`, the datasheet and the citation.
-
-    Returns:
-        The content of `export.json`, a summary of the export.
+    """Write a data set in the layout of another program, completely or not at all, as `synth.export`.
 
     Raises:
         FileNotFoundError: the data set or the file of splits does not exist.

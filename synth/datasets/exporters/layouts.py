@@ -6,7 +6,6 @@ import re
 import shutil
 import tarfile
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import TextIO
@@ -33,6 +32,10 @@ KEYS = (
 """Keys of an entry. Each kind of physical labels has some of them."""
 
 
+def _physical_labels(folder: Path) -> PhysicalLabels:
+    return load_physical_labels(folder) if (folder / FILE).is_file() else PhysicalLabels()
+
+
 class PhysicalEntries:
     """The entries of one clip. Entries are empty if the clip has no physical labels.
 
@@ -42,8 +45,7 @@ class PhysicalEntries:
     """
 
     def __init__(self, folder: Path, rig: CameraRig):
-        self._labels = load_physical_labels(folder) if (folder / FILE).is_file() else PhysicalLabels()
-        self._rig = rig
+        self._labels, self._rig = _physical_labels(folder), rig
         contacts = self._labels.contacts
         self._persons = None if contacts is None else contacts.persons
 
@@ -109,15 +111,12 @@ def _known(values: np.ndarray, digits: int) -> list[float] | None:
 @exporter("coco")
 def export_coco(selection: Selection, out: Path) -> dict[str, Counter]:
     """COCO keypoints with masks as run lengths, boxes, and the occluder of each joint."""
-    found = {split: Counter() for split in selection.splits}
-    tasks: dict[str, list[ClipTask]] = {split: [] for split in selection.splits}
-    for task, counts in selection.each_clip(_write_coco_clip, out):
-        found[task.split] += counts
-        tasks[task.split].append(task)
+    found = selection.export(_write_coco_clip, out)
     (out / "annotations").mkdir()
-    for split, each in tasks.items():
+    for split in selection.splits:
+        tasks = [task for task in selection.tasks(out) if task.split == split]
         with (out / f"annotations/person_keypoints_{split}.json").open("w") as file:
-            _join(file, each, category_entry(selection.skeleton))
+            _join(file, tasks, category_entry(selection.skeleton))
     return found
 
 
@@ -142,28 +141,24 @@ def _join(file: TextIO, tasks: list[ClipTask], category: dict) -> None:
     """Write the entries of all clips as one JSON with new ids. Only one entry is in memory at a time."""
     info = {"clips": {task.name: read_json(task.part("clip")) for task in tasks}}
     file.write(f'{{"info": {json.dumps(info)}, "categories": {json.dumps([category])}')
-    images_before = [0]
     file.write(', "images": [\n')
-    separator = ""
+    separator, number, before = "", 0, []
     for task in tasks:
-        count = 0
-        for line in _lines(task.part("images")):
-            file.write(separator + json.dumps(line | {"id": images_before[-1] + line["id"]}))
-            separator, count = ",\n", count + 1
-        images_before.append(images_before[-1] + count)
+        before.append(number)
+        with task.part("images").open() as lines:
+            for line in lines:
+                number += 1
+                file.write(separator + json.dumps(json.loads(line) | {"id": number}))
+                separator = ",\n"
     file.write('], "annotations": [\n')
     separator, number = "", 0
-    for task, before in zip(tasks, images_before, strict=False):
-        for line in _lines(task.part("annotations")):
-            number += 1
-            file.write(separator + json.dumps(line | {"id": number, "image_id": before + line["image_id"]}))
-            separator = ",\n"
+    for task, first in zip(tasks, before, strict=True):
+        with task.part("annotations").open() as lines:
+            for line in lines:
+                entry, number = json.loads(line), number + 1
+                file.write(separator + json.dumps(entry | {"id": number, "image_id": first + entry["image_id"]}))
+                separator = ",\n"
     file.write("]}\n")
-
-
-def _lines(path: Path) -> Iterator[dict]:
-    with path.open() as file:
-        yield from map(json.loads, file)
 
 
 # YOLO pose in the layout of Ultralytics: `data.yaml`, `images/<split>/`, and one text file per image in
@@ -176,9 +171,7 @@ _KEYS = {"train": "train", "validation": "val", "test": "test"}
 @exporter("yolo", validation=True)
 def export_yolo(selection: Selection, out: Path) -> dict[str, Counter]:
     """YOLO pose: one line per person with class, box and joints, as fractions of the image."""
-    found = {split: Counter() for split in selection.splits}
-    for task, counts in selection.each_clip(_write_yolo_clip, out):
-        found[task.split] += counts
+    found = selection.export(_write_yolo_clip, out)
     content = {_KEYS.get(split, split): f"images/{split}" for split in selection.splits}
     content["names"] = {0: "person"}
     content["kpt_shape"] = [len(selection.skeleton), 3]
@@ -254,15 +247,10 @@ def _write_webdataset_clip(task: ClipTask) -> Counter:
             persons = []
             for number, person in enumerate(picture.persons, 1):
                 entry = annotation_entry(person, number, 0)
-                persons.append(
-                    {key: value for key, value in entry.items() if not key.endswith("id") or key == "track_id"}
-                )
-                persons[-1] |= {"xyz": world_joints(person)} | physical.of(picture, person)
-            label = about | {
-                "camera": camera_entry(clip.rig, picture.view),
-                "frame": picture.number,
-                "persons": persons,
-            }
+                entry = {key: value for key, value in entry.items() if not key.endswith("id") or key == "track_id"}
+                persons.append(entry | {"xyz": world_joints(person)} | physical.of(picture, person))
+            camera = camera_entry(clip.rig, picture.view)
+            label = about | {"camera": camera, "frame": picture.number, "persons": persons}
             files = {task.suffix: picture.encoded(task.suffix), "json": json.dumps(label).encode()}
             if picture.depth is not None:
                 # Not PNG: readers of shards decode each PNG as 8 bits of colour, and silently clip millimetres.
@@ -301,9 +289,8 @@ are left out, because a column of nulls has no type."""
 @exporter("huggingface")
 def export_huggingface(selection: Selection, out: Path) -> dict[str, Counter]:
     """Image folders that `datasets.load_dataset` reads, with the persons of each picture."""
-    found = {split: Counter() for split in selection.splits}
-    for task, counts in selection.each_clip(_write_huggingface_clip, out):
-        found[task.split] += counts
+    found = selection.export(_write_huggingface_clip, out)
+    for task in selection.tasks(out):
         with (out / task.split / METADATA).open("ab") as joined, task.part("jsonl").open("rb") as part:
             shutil.copyfileobj(part, joined)
     return found
@@ -336,17 +323,13 @@ def _write_huggingface_clip(task: ClipTask) -> Counter:
 @exporter("npz", pictures=False, skeleton="body25")
 def export_npz(selection: Selection, out: Path) -> dict[str, Counter]:
     """One numpy file per clip: cameras, joints, visibility, and physical labels if there are any."""
-    found = {split: Counter() for split in selection.splits}
-    for task, counts in selection.each_clip(_write_npz_clip, out):
-        found[task.split] += counts
-    return found
+    return selection.export(_write_npz_clip, out)
 
 
 def _write_npz_clip(task: ClipTask) -> Counter:
     clip, counts = task.load(), Counter(clips=1)
     for _ in task.pictures(clip, counts) if clip.images is not None else ():
-        # Pictures are only counted for the README of the export, not written.
-        pass
+        pass  # Pictures are only counted for the README of the export, not written.
     frames = slice(None, None, task.every)
     labels = joint_labels(clip, clip.truth, task.skeleton)
     arrays = {
@@ -361,9 +344,7 @@ def _write_npz_clip(task: ClipTask) -> Counter:
         "objects": np.array(clip.occlusion.objects if clip.occlusion else (), dtype=str),
         **physical_arrays(task.folder, task.every),
     }
-    path = task.out / task.split / f"{file_part(task.name)}.npz"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    np.savez_compressed(path, **arrays)
+    np.savez_compressed(task.file("npz"), **arrays)
     return counts
 
 
@@ -372,18 +353,13 @@ def physical_arrays(folder: Path, every: int = 1) -> dict[str, np.ndarray]:
 
     Frame numbers of contacts are those of the clip. The result is empty if the clip has no physical labels.
     """
-    labels = load_physical_labels(folder) if (folder / FILE).is_file() else PhysicalLabels()
-    found = {}
+    labels, found = _physical_labels(folder), {}
     for kind in labels.kinds:
         part = getattr(labels, kind)
-        values = {field.name: np.array(getattr(part, field.name)) for field in fields(part)}
-        if kind == "contacts":
-            kept = part.frame % every == 0
-            values = {name: each if name == "names" else each[kept] for name, each in values.items()}
-        else:
-            single = ("names", "weights")
-            values = {name: each if name in single else each[::every] for name, each in values.items()}
-        found |= {f"{kind}.{name}": each for name, each in values.items()}
+        kept = part.frame % every == 0 if kind == "contacts" else slice(None, None, every)
+        for name in (field.name for field in fields(part)):
+            values = np.array(getattr(part, name))
+            found[f"{kind}.{name}"] = values if name in ("names", "weights") else values[kept]
     return found
 
 
@@ -396,10 +372,7 @@ PHYSICS = "physics.npz"
 @exporter("panoptic", pictures=False, skeleton="panoptic19", only=True)
 def export_panoptic(selection: Selection, out: Path) -> dict[str, Counter]:
     """One folder per clip in the layout of CMU Panoptic: calibration, poses in 3D, and images if there are any."""
-    found = {split: Counter() for split in selection.splits}
-    for task, counts in selection.each_clip(_write_panoptic_clip, out):
-        found[task.split] += counts
-    return found
+    return selection.export(_write_panoptic_clip, out)
 
 
 def _write_panoptic_clip(task: ClipTask) -> Counter:

@@ -10,7 +10,6 @@ import numpy as np
 
 from dmae.data.conversion import convert
 from dmae.formats.g1 import Episode, episodes, write_episodes, write_joint_csv
-from dmae.formats.labelled_images import file_part
 from dmae.formats.retargeting import Contact, RobotMotion, load_robot, retarget
 from synth.datasets.exporters import exporter
 from synth.datasets.exporters.selection import ClipTask, Selection
@@ -21,40 +20,31 @@ from synth.physics.body_state import BodyState, load_state
 def export_g1(selection: Selection, out: Path) -> dict[str, Counter]:
     """Unitree G1 joint CSV, a file for each person, in m and radians: `<split>/<clip>_P1.csv`."""
     load_robot(selection.robot)  # what is missing is said before the first clip
-    found = {split: Counter() for split in selection.splits}
-    for task, counts in selection.each_clip(_write_csv, out):
-        found[task.split] += counts
-    return found
+    return selection.export(_write_csv, out)
 
 
 @exporter("lerobot", pictures=False, skeleton="body25", only=True)
 def export_lerobot(selection: Selection, out: Path) -> dict[str, Counter]:
     """LeRobot v3 data set of Unitree G1 robots for each split: `<split>/data`, `<split>/meta`."""
     load_robot(selection.robot)
-    found, parts = {split: Counter() for split in selection.splits}, defaultdict(list)
-    for task, counts in selection.each_clip(_write_part, out):
-        found[task.split] += counts
-        parts[task.split].append(task.part("npz"))
-    for split, files in parts.items():
-        given, rates = [], {}
-        for file in files:
-            with np.load(file) as part:
-                rates.setdefault(float(part["fps"]), file.stem)
-                joints = tuple(part["joints"].tolist())
-                words = str(part["task"])
-                of_persons = zip(part["qpos"], part["flags"], part["measured"], strict=True)
-                given += [Episode(words, joints, *arrays) for arrays in of_persons]
-        if len(rates) > 1:
-            raise ValueError(
-                f"format=lerobot: expected clips of one frame rate, found {', '.join(map(str, rates))} fps"
-            )
-        write_episodes(out / split, given, next(iter(rates)))
+    found = selection.export(_write_part, out)
+    given, rates = defaultdict(list), defaultdict(dict)
+    for task in selection.tasks(out):
+        with np.load(task.part("npz")) as part:
+            rates[task.split][float(part["fps"])] = None
+            words, joints = str(part["task"]), tuple(part["joints"].tolist())
+            of_persons = zip(part["qpos"], part["flags"], part["measured"], strict=True)
+            given[task.split] += [Episode(words, joints, *arrays) for arrays in of_persons]
+    for split, fps in rates.items():
+        if len(fps) > 1:
+            raise ValueError(f"format=lerobot: expected clips of one frame rate, found {', '.join(map(str, fps))} fps")
+        write_episodes(out / split, given[split], *fps)
     return found
 
 
 def _write_csv(task: ClipTask) -> Counter:
     motion, _, counts = _retargeted(task)
-    write_joint_csv(motion, task.out / task.split / f"{file_part(task.name)}.csv")
+    write_joint_csv(motion, task.file("csv"))
     return counts
 
 
@@ -66,9 +56,7 @@ def _write_part(task: ClipTask) -> Counter:
         fps=task.load().fps / task.every,
         joints=np.array(motion.joints),
         task=words,
-        qpos=np.stack([one.qpos for one in each]),
-        flags=np.stack([one.flags for one in each]),
-        measured=np.stack([one.measured for one in each]),
+        **{name: np.stack([getattr(one, name) for one in each]) for name in ("qpos", "flags", "measured")},
     )
     return counts
 

@@ -22,7 +22,6 @@ from dmae.data.cameras import CameraRig
 from dmae.data.conversion import convert
 from dmae.files.contents import write_atomic
 from dmae.formats.glb import GltfFile
-from dmae.formats.labelled_images import file_part
 from synth.datasets.exporters import exporter
 from synth.datasets.exporters.selection import ClipTask, Selection
 from synth.physics.body_state import load_state
@@ -69,7 +68,7 @@ class _SceneInMotion:
 @exporter("glb", pictures=False, skeleton="body25")
 def export_glb(selection: Selection, out: Path) -> dict[str, Counter]:
     """glTF scene for each clip: room, props, people in motion, cameras, lights: `<split>/<clip>.glb`."""
-    return _export(selection, out, _write_glb)
+    return selection.export(_write_glb, out)
 
 
 @exporter("usd", pictures=False, skeleton="body25")
@@ -83,20 +82,7 @@ def export_usd(selection: Selection, out: Path) -> dict[str, Counter]:
         import pxr  # noqa: F401
     except ImportError:
         raise ValueError("format=usd needs usd-core: pip install 'dmae-synth[usd]'") from None
-    return _export(selection, out, _write_usd)
-
-
-def _export(selection: Selection, out: Path, write) -> dict[str, Counter]:
-    found = {split: Counter() for split in selection.splits}
-    for task, counts in selection.each_clip(write, out):
-        found[task.split] += counts
-    return found
-
-
-def _path(task: ClipTask, suffix: str) -> Path:
-    path = task.out / task.split / f"{file_part(task.name)}.{suffix}"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    return path
+    return selection.export(_write_usd, out)
 
 
 def _scene(task: ClipTask) -> _SceneInMotion:
@@ -112,30 +98,16 @@ def _scene(task: ClipTask) -> _SceneInMotion:
     # Neighbouring quaternions are near each other, so that they are interpolated the short way.
     signs = np.cumprod(np.sign((turns[1:] * turns[:-1]).sum(-1) + 1e-12), 0)
     turns[1:] *= signs[..., None]
-    truth = convert(clip.truth, task.skeleton)
-    xyz = truth.xyz[:: task.every].astype(np.float64)
+    xyz = convert(clip.truth, task.skeleton).xyz[:: task.every].astype(np.float64)
     names = [f"person{person}: {joint}" for person in range(xyz.shape[1]) for joint in task.skeleton.joints]
-    lights = [
-        (
-            model.light_type[number] == mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-            model.light_pos[number],
-            model.light_dir[number],
-            model.light_diffuse[number],
-        )
-        for number in range(model.nlight)
-        if model.light_bodyid[number] == 0
-    ]
+    far = model.light_type == mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+    rows = zip(far, model.light_pos, model.light_dir, model.light_diffuse, model.light_bodyid, strict=True)
+    lights = [tuple(row) for *row, body in rows if body == 0]
     return _SceneInMotion(
-        np.arange(len(qpos)) * task.every / clip.fps,
-        list(_pieces(model)),
-        [model.body(number).name for number in range(model.nbody)],
-        places,
-        turns,
-        names,
-        xyz.reshape(len(xyz), -1, 3),
-        clip.rig,
-        lights,
-    )
+        np.arange(len(qpos)) * task.every / clip.fps, list(_pieces(model)),
+        [model.body(number).name for number in range(model.nbody)], places, turns,
+        names, xyz.reshape(len(xyz), -1, 3), clip.rig, lights,
+    )  # fmt: skip
 
 
 def _pieces(model: mujoco.MjModel) -> Iterator[_Piece]:
@@ -248,7 +220,7 @@ def _write_glb(task: ClipTask) -> Counter:
             "extensionsUsed": ["KHR_lights_punctual"],
             "extensions": {"KHR_lights_punctual": {"lights": given}},
         }
-    write_atomic(_path(task, "glb"), file.data())
+    write_atomic(task.file("glb"), file.data())
     return Counter(clips=1, persons=len(scene.joints) // len(task.skeleton))
 
 
@@ -258,7 +230,7 @@ def _write_glb(task: ClipTask) -> Counter:
 def _write_usd(task: ClipTask) -> Counter:
     from pxr import Gf, Tf, Usd, UsdGeom, UsdLux, Vt
 
-    scene, path = _scene(task), _path(task, "usdc")
+    scene, path = _scene(task), task.file("usdc")
     stage, used = Usd.Stage.CreateNew(str(path)), set()
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)

@@ -5,7 +5,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
 
 from dmae.data.clip import Clip
 from dmae.data.skeleton import Skeleton
@@ -14,8 +13,6 @@ from dmae.formats.labelled_images import DEPTH, PersonLabel, Picture, file_part,
 from dmae.parallel import in_parallel
 from dmae.progress import progress
 from synth.datasets.config import PictureFormat
-
-# The clips that are exported, and the tasks and files of the processes that export them.
 
 PARTS = ".parts"
 """Folder of temporary files of the processes, in the folder of the export. It is removed at the end."""
@@ -58,6 +55,12 @@ class ClipTask:
         """Return the path of a picture in its split, without suffix: `<clip>/<camera>/<frame>`."""
         return f"{file_part(self.name)}/{picture.path}"
 
+    def file(self, suffix: str) -> Path:
+        """Return the path of a file for the whole clip, `<split>/<clip>.<suffix>`; its folder is made."""
+        path = self.out / self.split / f"{file_part(self.name)}.{suffix}"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path
+
     def write(self, picture: Picture, folder: str) -> str:
         """Write the colours of a picture into `<folder>/<split>`, and return its path relative to that folder."""
         return self._write(picture, folder, self.suffix)
@@ -80,13 +83,6 @@ class ClipTask:
         return path
 
 
-class Written(NamedTuple):
-    """The result of exporting a clip: its task, and counts of what was written."""
-
-    task: ClipTask
-    counts: Counter
-
-
 @dataclass(frozen=True)
 class Selection:
     """Clips of a data set, by split."""
@@ -99,21 +95,23 @@ class Selection:
     workers: int = 1  # Number of processes; -1 for one per core
     robot: str | None = None  # MJCF of the robot, for formats of robots; None for that of an installed package
 
-    def each_clip(self, function: Callable[[ClipTask], Counter], out: Path) -> Iterator[Written]:
-        """Yield the result of `function` for each clip, split by split, in the order of the clips."""
-        how = {
-            "skeleton": self.skeleton,
-            "every": self.every,
-            "suffix": self.pictures.value,
-            "out": out,
-            "robot": self.robot,
-        }
-        tasks = [
-            ClipTask(self.data / name, name, split, **how) for split, names in self.splits.items() for name in names
-        ]
+    def tasks(self, out: Path) -> list[ClipTask]:
+        """Return the tasks of all clips, split by split, in the order of the clips."""
+        how = self.skeleton, self.every, self.pictures.value, out, self.robot
+        return [ClipTask(self.data / name, name, split, *how) for split, names in self.splits.items() for name in names]
+
+    def each_clip(self, function: Callable[[ClipTask], Counter], out: Path) -> Iterator[tuple[ClipTask, Counter]]:
+        """Yield each task, and the counts that `function` returns for it in some process."""
+        tasks = self.tasks(out)
         made = in_parallel(function, ((task,) for task in tasks), self.workers)
-        for task, counts in zip(tasks, progress(made, "exporting clips", len(tasks)), strict=True):
-            yield Written(task, counts)
+        yield from zip(tasks, progress(made, "exporting clips", len(tasks)), strict=True)
+
+    def export(self, function: Callable[[ClipTask], Counter], out: Path) -> dict[str, Counter]:
+        """Run `function` on each clip, and return the sums of its counts, by split."""
+        found = {split: Counter() for split in self.splits}
+        for task, counts in self.each_clip(function, out):
+            found[task.split] += counts
+        return found
 
 
 def write_lines(path: Path, lines: list[dict]) -> None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from synth.motion.geometry import about, smoothstep
+from synth.motion.geometry import about, forwards, smoothstep
 from synth.motion.procedural.actions import Action, PoseOffsets
 from synth.motion.procedural.gait import rolled
 from synth.motion.procedural.trajectory import (
@@ -187,7 +187,7 @@ def perform_on_the_spot(
     )
     lifted = np.maximum(smoothstep(offsets.air / 0.3), smoothstep(offsets.feet[..., 2] / 0.02))
     weight = gaussian_filter1d(1.001 - lifted, 0.14 * fps, axis=0, mode="nearest")
-    middles = standing[..., :2] + _PRESSURE_CENTRE * np.stack([np.cos(yaw), np.sin(yaw)], -1)
+    middles = standing[..., :2] + _PRESSURE_CENTRE * forwards(yaw)
     support = (middles * weight[..., None]).sum(1) / weight.sum(1, keepdims=True)
     rest = _offset_at_rest(stance, ease)
     free = (1 - offsets.supported) * smoothstep(times / _SETTLING) * smoothstep((action.seconds - times) / _SETTLING)
@@ -243,5 +243,5 @@ def _offset_at_rest(stance: Stance, ease: np.ndarray) -> np.ndarray:
         head=np.tile((heading, 0), (frames, 1)),
         arms=ease,
     )
-    middle = (stance.feet[:, :2] + _PRESSURE_CENTRE * np.stack([np.cos(yaw), np.sin(yaw)], -1)).mean(0)
+    middle = (stance.feet[:, :2] + _PRESSURE_CENTRE * forwards(yaw)).mean(0)
     return middle - trajectory.centre_of_mass()[:, :2]

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from synth.motion.config import ProceduralConfig
-from synth.motion.geometry import about, smoothstep
+from synth.motion.geometry import about, forwards, smoothstep
 from synth.motion.motion import FloorPath, Motion
 from synth.motion.procedural.trajectory import (
     ANKLE,
@@ -110,7 +110,9 @@ class Walk:
             swinging = own >= self.stance
             ankles[:, leg] = self.planted(leg, strides, own)
             spare = min(spare, headroom(root, pelvis, ankles)[~swinging, leg].min(initial=np.inf))
-            ankles[swinging, leg] = self._swung(leg, strides[swinging], own[swinging], self._lift)
+            ankles[swinging, leg] = self.swung(
+                leg, strides[swinging], own[swinging], _fitted_lift(self.speed, self.width)
+            )
             change = smoothstep((own - self.stance) / (1 - self.stance))
             yaw = self.footprint(leg, strides)[1] * (1 - change) + self.footprint(leg, strides + 1)[1] * change
             feet[:, leg] = about("z", yaw) @ about("y", -self.pitch(own))
@@ -132,7 +134,7 @@ class Walk:
             -np.radians(4) * np.cos(2 * np.pi * (phase - 0.13)),
         )
 
-    def _hip(self, own: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def hip(self, own: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return a hip at its leg's own phase, m: ahead on the path, above the mean height, and outward of its foot."""
         ahead, up, left, turn, tilt = self.pelvis(own)
         return (
@@ -141,7 +143,7 @@ class Walk:
             HALF_HIPS - left - self.width / 2,
         )
 
-    def _published(self, own: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def published(self, own: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return a leg at its own phase: ankle ahead of and above the hip, m, and pitch of the foot, toes up, rad."""
         # The published thigh angle swings about a mean of 4 degrees; its range fits a stride of 1.31 m on these legs.
         thigh = np.radians(4) + (thigh_angle(own) - np.radians(4)) * self.stride / 1.31
@@ -153,35 +155,6 @@ class Walk:
     @property
     def _fit(self) -> "_Fit":
         return _fitted(self.speed, self.width)
-
-    def _best_fit(self) -> "_Fit":
-        """Find the hip height and the pitch of the foot for which published leg, hips and rolling foot agree best."""
-        own = np.linspace(0, 1, 1001)
-        published = self._published(own)[2]
-        ahead, above, outward = self._hip(own)
-        # Before the heel leaves the floor, the farther ahead a foot is planted, the lower the hips must be at heel
-        # strike and the higher they may be at mid stance. The best distance lets them be highest.
-        pitch = published * (1 - smoothstep((own - 0.03) / 0.06))
-        forward, up = rolled(pitch)
-        early = own < _HEEL_OFF
-        candidates = np.linspace(0.1, 0.5, 401)[:, None]
-        level = np.hypot((ahead - forward)[early] - candidates, outward[early])
-        allowed = np.sqrt(np.maximum(REACH**2 - level**2, 0)) + (up - above)[early]
-        best = allowed.min(1).argmax()
-        foot_ahead, height = float(candidates[best, 0]), float(allowed[best].min())
-        # Then the heel rises so that the knee follows the published angle.
-        late = (own >= _HEEL_OFF) & (own <= self.stance)
-        rises = -np.radians(np.linspace(0, 80, 801))
-        forward, up = rolled(rises)
-        leg = np.hypot((ahead[late] - foot_ahead)[:, None] - forward, (height + above[late])[:, None] - up)
-        leg = np.hypot(leg, outward[late][:, None])
-        wanted = leg_length(np.maximum(knee_angle(own[late]), STRAIGHTEST))
-        pitch[late] = rises[np.argmax(leg <= wanted[:, None], axis=1)]
-        # In the air the foot returns to the published pitch.
-        swing, last = own > self.stance, np.flatnonzero(late)[-1]
-        fading = 1 - smoothstep((own - self.stance) / 0.2)
-        pitch[swing] = (published + (pitch[last] - published[last]) * fading)[swing]
-        return _Fit(foot_ahead, height, pitch)
 
     def pitch(self, own: np.ndarray) -> np.ndarray:
         """Return the pitch of the foot, toes up, rad, at the leg's own phase."""
@@ -197,15 +170,15 @@ class Walk:
         """Return the ankle (F, 3), m, of a foot on the floor in its n-th stride, at its own phase within the stride."""
         xy, yaw = self.footprint(leg, stride)
         forward, up = rolled(self.pitch(own))
-        return np.concatenate([xy + forward[:, None] * np.stack([np.cos(yaw), np.sin(yaw)], 1), up[:, None]], axis=1)
+        return np.concatenate([xy + forward[:, None] * forwards(yaw), up[:, None]], axis=1)
 
-    def _swung(self, leg: int, stride: np.ndarray, own: np.ndarray, lift: float) -> np.ndarray:
+    def swung(self, leg: int, stride: np.ndarray, own: np.ndarray, lift: float) -> np.ndarray:
         """Return the ankle (F, 3), m, of a foot in the air after the stance of its n-th stride, at its own phase."""
         side, early = LEGS[leg]
 
         def published(own: np.ndarray) -> np.ndarray:
-            hip, up, _ = self._hip(own)
-            ahead, above, _ = self._published(own % 1)
+            hip, up, _ = self.hip(own)
+            ahead, above, _ = self.published(own % 1)
             xy = self.path.at(hip - self.stride * early + ahead, side * self.width / 2)
             return np.concatenate([xy, (self._fit.height + up + above)[:, None]], axis=1)
 
@@ -223,18 +196,6 @@ class Walk:
         correction += swing * u * (1 - u) * ((1 - u) * parting_speed - u * meeting_speed)
         correction[:, 2:] += lift * _arch(u)
         return published(stride + own) + correction
-
-    @property
-    def _lift(self) -> float:
-        return _lifted(self.speed, self.width)
-
-    def _needed_lift(self) -> float:
-        """Return how much a swinging foot must be raised at mid swing so that its tip clears the floor, m."""
-        u = np.linspace(0.1, 0.9, 81)
-        own = self.stance + (1 - self.stance) * u
-        pitch = self.pitch(own)
-        tip = self._swung(1, np.zeros(len(u)), own, lift=0)[:, 2] + TIP * np.sin(pitch) - ANKLE * np.cos(pitch)
-        return float(np.max(_CLEARANCE - tip / _arch(u)))
 
 
 @dataclass(frozen=True)
@@ -255,12 +216,43 @@ def _straight(speed: float, width: float) -> Walk:
 
 @lru_cache(maxsize=64)
 def _fitted(speed: float, width: float) -> _Fit:
-    return _straight(speed, width)._best_fit()
+    """Find the hip height and the pitch of the foot for which published leg, hips and rolling foot agree best."""
+    walk, own = _straight(speed, width), np.linspace(0, 1, 1001)
+    published = walk.published(own)[2]
+    ahead, above, outward = walk.hip(own)
+    # Before the heel leaves the floor, the farther ahead a foot is planted, the lower the hips must be at heel strike
+    # and the higher they may be at mid stance. The best distance lets them be highest.
+    pitch = published * (1 - smoothstep((own - 0.03) / 0.06))
+    forward, up = rolled(pitch)
+    early = own < _HEEL_OFF
+    candidates = np.linspace(0.1, 0.5, 401)[:, None]
+    level = np.hypot((ahead - forward)[early] - candidates, outward[early])
+    allowed = np.sqrt(np.maximum(REACH**2 - level**2, 0)) + (up - above)[early]
+    best = allowed.min(1).argmax()
+    foot_ahead, height = float(candidates[best, 0]), float(allowed[best].min())
+    # Then the heel rises so that the knee follows the published angle.
+    late = (own >= _HEEL_OFF) & (own <= walk.stance)
+    rises = -np.radians(np.linspace(0, 80, 801))
+    forward, up = rolled(rises)
+    leg = np.hypot((ahead[late] - foot_ahead)[:, None] - forward, (height + above[late])[:, None] - up)
+    leg = np.hypot(leg, outward[late][:, None])
+    wanted = leg_length(np.maximum(knee_angle(own[late]), STRAIGHTEST))
+    pitch[late] = rises[np.argmax(leg <= wanted[:, None], axis=1)]
+    # In the air the foot returns to the published pitch.
+    swing, last = own > walk.stance, np.flatnonzero(late)[-1]
+    fading = 1 - smoothstep((own - walk.stance) / 0.2)
+    pitch[swing] = (published + (pitch[last] - published[last]) * fading)[swing]
+    return _Fit(foot_ahead, height, pitch)
 
 
 @lru_cache(maxsize=64)
-def _lifted(speed: float, width: float) -> float:
-    return _straight(speed, width)._needed_lift()
+def _fitted_lift(speed: float, width: float) -> float:
+    """Return how much a swinging foot must be raised at mid swing so that its tip clears the floor, m."""
+    walk, u = _straight(speed, width), np.linspace(0.1, 0.9, 81)
+    own = walk.stance + (1 - walk.stance) * u
+    pitch = walk.pitch(own)
+    tip = walk.swung(1, np.zeros(len(u)), own, lift=0)[:, 2] + TIP * np.sin(pitch) - ANKLE * np.cos(pitch)
+    return float(np.max(_CLEARANCE - tip / _arch(u)))
 
 
 def _arch(u: np.ndarray) -> np.ndarray:

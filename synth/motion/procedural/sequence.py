@@ -8,7 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from scipy.ndimage import gaussian_filter1d
 
-from synth.motion.geometry import about, smoothstep
+from synth.motion.geometry import about, forwards, leftwards, smoothstep
 from synth.motion.motion import FloorPath, Motion
 from synth.motion.procedural.actions import (
     Action,
@@ -226,7 +226,7 @@ def walk_to(
     (place,), (yaw,) = walk.footprint(leg, np.floor([last + LEGS[leg][1] + 1e-9]))
     side = SIDES[leg][1]
     heading = yaw - side * start.toe_out
-    x, y = place - side * apart / 2 * np.array((-np.sin(heading), np.cos(heading)))
+    x, y = place - side * apart / 2 * leftwards(heading)
     return WalkTo(walk, begin, last, start, Stance.at(x, y, heading, apart, start.toe_out))
 
 
@@ -432,7 +432,7 @@ def _draw(
 def _behind(stance: Stance, distance: np.ndarray) -> np.ndarray:
     """Return places (K, 2) at distances (K,) behind a stance, m."""
     x, y, heading = stance.middle
-    return np.array((x, y)) - distance[:, None] * np.array((np.cos(heading), np.sin(heading)))
+    return np.array((x, y)) - distance[:, None] * forwards(heading)
 
 
 def _turn(stance: Stance, angle: float, style: Style) -> tuple[TurnTo, str]:
@@ -444,7 +444,7 @@ def _walk(
 ) -> list[tuple[WalkTo | TurnTo, str]] | None:
     """Draw a walk to a place near the origin, on an arc that begins straight ahead, after a turn where needed."""
     radius, angle = _ROOM * np.sqrt(rng.uniform()), rng.uniform(-np.pi, np.pi)
-    chord = radius * np.array((np.cos(angle), np.sin(angle))) - stance.middle[:2]
+    chord = radius * forwards(angle) - stance.middle[:2]
     length = float(np.linalg.norm(chord))
     if length < _SHORTEST:
         return None

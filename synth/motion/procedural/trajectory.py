@@ -6,10 +6,10 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 from scipy.spatial.transform import Rotation
 
-from synth.motion.geometry import about, aligned, minimum_jerk
+from synth.motion.geometry import about, aligned, leftwards, minimum_jerk
 from synth.motion.motion import Motion
 from synth.people import body
-from synth.people.body import SEGMENTS, Body, segment_origins
+from synth.people.body import SEGMENTS, Body, segment_origins, side_and_name
 
 SIDES = tuple(body.SIDES.items())
 """Left and right, and the sign of y there: the order of limbs in every array of this package."""
@@ -96,7 +96,7 @@ class Stance:
     @staticmethod
     def at(x: float, y: float, heading: float, width: float, toe_out: float) -> "Stance":
         """Return a stance with the feet side by side, `width` apart, m, each turned outward by `toe_out`, rad."""
-        left = width / 2 * np.array((-np.sin(heading), np.cos(heading)))
+        left = width / 2 * leftwards(heading)
         return Stance(np.array([(x + s * left[0], y + s * left[1], heading + s * toe_out) for _, s in SIDES]))
 
     @property
@@ -258,11 +258,6 @@ def reachable_root(trajectory: BodyTrajectory, fps: float) -> np.ndarray:
     return trajectory.root - gaussian_filter1d(drop, 0.05 * fps, mode="nearest")[:, None] * (0, 0, 1)
 
 
-def _levers() -> np.ndarray:
-    levers = np.array([_CENTRES[name.removeprefix("l_").removeprefix("r_")] for name in SEGMENTS]) * _BODY.stature
-    levers[[name.startswith("r_") for name in SEGMENTS], 1] *= -1
-    return levers
-
-
-_LEVERS = _levers()
+_LEVERS = np.array([_CENTRES[side_and_name(name)[1]] for name in SEGMENTS]) * _BODY.stature
 """(16, 3) centre of mass of each segment in its own frame, m."""
+_LEVERS[[name.startswith("r_") for name in SEGMENTS], 1] *= -1

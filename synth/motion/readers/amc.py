@@ -9,11 +9,11 @@ from scipy.spatial.transform import Rotation
 from synth.motion.motion import Motion
 from synth.motion.readers import ReadOptions, reader, take_name
 from synth.motion.readers.recording import (
-    LARGEST,
     SkeletonRecording,
     check_size,
     find_text,
     malformed,
+    number_table,
     numbers,
     read_lines,
 )
@@ -174,14 +174,6 @@ def _parse_frames(path: Path, lines: list[str], bones: dict[str, Bone]) -> dict[
         raise malformed(path, len(lines) - 1, f"{period - 1} bones a frame until the file ends", lines[-1])
     values = {name: np.empty((len(words) // period, 0)) for name in bones}
     for bone, name in enumerate(order, 1):
-        rows, channels = [row[1:] for row in words[bone::period]], len(bones[name].dof)
-        try:
-            values[name] = np.array(rows, np.float64)
-        except ValueError:
-            values[name] = np.empty((0, 0))
-        if values[name].shape[1] != channels or not (np.abs(values[name]) <= LARGEST).all():
-            # Slow, but finds the line.
-            values[name] = np.array(
-                [numbers(path, line, row, channels) for line, row in zip(filled[bone::period], rows, strict=True)]
-            )
+        rows = [row[1:] for row in words[bone::period]]
+        values[name] = number_table(path, filled[bone::period], rows, len(bones[name].dof))
     return values

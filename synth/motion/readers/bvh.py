@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from synth.motion.motion import Motion
 from synth.motion.readers import ReadOptions, reader
-from synth.motion.readers.recording import LARGEST, SkeletonRecording, check_size, malformed, numbers, read_lines
+from synth.motion.readers.recording import SkeletonRecording, check_size, malformed, number_table, numbers, read_lines
 from synth.motion.retargeting import retarget_take
 
 _CHANNELS = ("Xposition", "Yposition", "Zposition", "Xrotation", "Yrotation", "Zrotation")
@@ -110,29 +110,16 @@ def _parse_frames(path: Path, lines: list[str], first: int, frames: int, channel
     filled = [i for i in range(first, len(lines)) if lines[i].strip()]
     if len(filled) != frames:
         raise malformed(path, len(lines) - 1, f"{frames} frames, as the header states", f"{len(filled)} frames")
-    try:
-        values = np.array([lines[i].split() for i in filled], np.float64)
-    except ValueError:
-        values = None
-    if values is None or values.shape[1] != channels or not (np.abs(values) <= LARGEST).all():
-        # Slow, but finds the line.
-        values = np.array([numbers(path, i, lines[i].split(), channels) for i in filled])
-    return values
-
-
-def _root_offset(offset: list[float], channels: list[str], values: np.ndarray) -> np.ndarray:
-    """Return the vector (3,) to add to the root's position channels: the root's offset, or zero.
-
-    Some programs write the position of the body in one frame as the offset, and include it in the channels as well.
-    """
-    columns = [channels.index(f"{axis}position") for axis in "XYZ" if f"{axis}position" in channels]
-    repeats = len(columns) == 3 and all(offset) and np.isclose(values[:, columns], offset, rtol=1e-4).all(1).any()
-    return np.zeros(3) if repeats else np.array(offset)
+    return number_table(path, filled, [lines[i].split() for i in filled], channels)
 
 
 def _decode(tree: _Hierarchy, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return root positions (F, 3) and local rotations (F, J, 3, 3) from channel values."""
-    root = np.tile(_root_offset(tree.offsets[0], tree.channels[0], values), (len(values), 1))
+    # Some programs write the position of the body in one frame as the offset, and include it in the channels as well.
+    offset, channels = tree.offsets[0], tree.channels[0]
+    columns = [channels.index(f"{axis}position") for axis in "XYZ" if f"{axis}position" in channels]
+    repeats = len(columns) == 3 and all(offset) and np.isclose(values[:, columns], offset, rtol=1e-4).all(1).any()
+    root = np.tile(np.zeros(3) if repeats else np.array(offset), (len(values), 1))
     rotations = np.broadcast_to(np.eye(3), (len(values), len(tree.joints), 3, 3)).copy()
     # Joints with the same order of axes are converted together.
     same_order: dict[str, list[tuple[int, list[int]]]] = {}

@@ -113,8 +113,12 @@ def read_points(path: Path, fps: float | None = None) -> MarkerRecording:
     rate = fps or true_fps(path.stem, stated)
     check_rate(rate, path)
     units, screen = (_one(point, name, "").strip().lower() for name in ("UNITS", "Y_SCREEN"))
+    labels = labels[: places.shape[1]]
+    twice = sorted(label for label, count in Counter(labels).items() if count > 1 and not label.startswith("*"))
+    if twice:
+        raise ValueError(f"{path}: expected labels of markers that differ, found more than one of {', '.join(twice)}")
     return MarkerRecording(
-        places=_by_label(labels[: places.shape[1]], places, path),
+        places={label: places[:, i] for i, label in enumerate(labels)},
         fps=rate,
         unit={"in": "inches"}.get(units, units or "no unit"),
         up=screen[-1:] if screen[-1:] in UPRIGHT else "z",
@@ -198,13 +202,6 @@ def _numbers(raw: bytes, width: int, processor: int) -> np.ndarray:
     # Bytes may encode a signalling NaN.
     with np.errstate(invalid="ignore"):
         return np.frombuffer(raw, _BYTE_ORDERS[processor] + kind).astype(np.float64) * scale
-
-
-def _by_label(labels: list[str], places: np.ndarray, path: Path) -> dict[str, np.ndarray]:
-    twice = sorted(label for label, count in Counter(labels).items() if count > 1 and not label.startswith("*"))
-    if twice:
-        raise ValueError(f"{path}: expected labels of markers that differ, found more than one of {', '.join(twice)}")
-    return {label: places[:, i] for i, label in enumerate(labels)}
 
 
 def _marker_positions(places: dict[str, np.ndarray], mapping: dict[str, str], path: Path) -> dict[str, np.ndarray]:

@@ -1,5 +1,7 @@
 """What readers share: lines and numbers of text files, gaps in recordings, and the motion of a recorded skeleton."""
 
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -65,6 +67,22 @@ def numbers(path: Path, line: int, words: list[str], expected: int) -> list[floa
     return values
 
 
+def number_table(path: Path, lines: Sequence[int], rows: list[list[str]], columns: int) -> np.ndarray:
+    """Return the numbers (len(rows), columns) in the words of lines, counted from 0. Raises as `numbers`."""
+    with suppress(ValueError):
+        values = np.array(rows, np.float64)
+        if values.shape == (len(rows), columns) and (np.abs(values) <= LARGEST).all():
+            return values
+    # Slow, but finds the line.
+    return np.array([numbers(path, line, row, columns) for line, row in zip(lines, rows, strict=True)])
+
+
+def runs(mask: np.ndarray) -> list[tuple[int, int]]:
+    """Return the first index of each run of True in a mask (F,), and the one after its last."""
+    edges = np.flatnonzero(np.diff(mask, prepend=False, append=False)).tolist()
+    return list(zip(edges[::2], edges[1::2], strict=True))
+
+
 _LONGEST = 0.25
 """Longest gap that is interpolated, s; for the wrist of a walking person the error is about 2 cm."""
 
@@ -86,8 +104,7 @@ def fill_gaps(values: np.ndarray, names: list[str], fps: float, path: Path) -> t
     short = lost & (before >= 0) & (after < len(values)) & (after - before - 1 <= _LONGEST * fps)
     filled = np.where(short[..., None], pchip(values), values)
     whole = ~np.isnan(filled).any((1, 2))
-    edges = np.flatnonzero(np.diff(whole, prepend=False, append=False))
-    first, end = max(zip(edges[::2], edges[1::2], strict=True), key=lambda run: run[1] - run[0], default=(0, 0))
+    first, end = max(runs(whole), key=lambda run: run[1] - run[0], default=(0, 0))
     if end - first < 0.5 * len(values):
         share = lost.mean(0)
         worst = ", ".join(f"{names[k]} in {100 * share[k]:.0f} %" for k in share.argsort()[::-1][:5] if share[k])

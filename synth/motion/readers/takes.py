@@ -129,9 +129,10 @@ def read_take_list(path: Path) -> list[ListedTake]:
         )
     found: dict[Path, ListedTake] = {}
     for number, line in enumerate(lines, 2):
-        name = line["file"]
-        if not name or not _can_be_path(name):
-            raise ValueError(f"{path}, line {number}: expected the name of a file, found {name!r:.80}")
+        name = line["file"] or ""
+        longest = max(len(part.encode()) for part in re.split(r"[/\\]", name))
+        if not name or "\0" in name or len(name.encode()) > _LONGEST_PATH or longest > _LONGEST_NAME:
+            raise ValueError(f"{path}, line {number}: expected the name of a file, found {line['file']!r:.80}")
         if format_of(Path(name)) is None:
             continue
         file = path.parent / name
@@ -142,11 +143,6 @@ def read_take_list(path: Path) -> list[ListedTake]:
         person = subject(file) if stated in _UNKNOWN else stated
         found[file] = ListedTake(file, person, line["set"] or NO_SET)
     return list(found.values())
-
-
-def _can_be_path(name: str) -> bool:
-    longest = max(len(part.encode()) for part in re.split(r"[/\\]", name))
-    return "\0" not in name and len(name.encode()) <= _LONGEST_PATH and longest <= _LONGEST_NAME
 
 
 def find_subject_leaks(lines: Iterable[ListedTake]) -> list[str]:

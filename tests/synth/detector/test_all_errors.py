@@ -15,7 +15,7 @@ from synth.detector.parts import PartConfig, by_joint
 from synth.detector.view import Times, View
 from tests.support.detectors import CLEAN, FPS, everywhere, preset, run
 
-ERRORS = [name for name, _ in DetectorConfig().errors()]
+ERRORS = list(DetectorConfig().errors())
 TERRIBLE = preset("terrible")
 FRAMES, PERSONS = 60, 3
 
