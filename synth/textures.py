@@ -40,10 +40,6 @@ def _noise(x: np.ndarray, rng: np.random.Generator, sigma) -> np.ndarray:
     return noise / noise.std()
 
 
-def _plain(x, y, rng):
-    return np.zeros_like(x), 0.02 * _noise(x, rng, 1) + 0.03 * _noise(x, rng, 12)
-
-
 def _stripes(x, y, rng):
     count = int(rng.integers(3, 8))
     return (np.sin(2 * np.pi * count * y) > rng.uniform(-0.3, 0.6)).astype(float), 0.03 * _noise(x, rng, 1)
@@ -53,14 +49,6 @@ def _checks(x, y, rng):
     count = int(rng.integers(2, 6))
     bars = [(np.sin(2 * np.pi * count * axis) > 0.2).astype(float) for axis in (x, y)]
     return (bars[0] + bars[1]) / 2, 0.03 * _noise(x, rng, 1)
-
-
-def _melange(x, y, rng):
-    return np.clip(0.4 + 0.3 * _noise(x, rng, (4, 0.7)), 0, 1), 0.04 * _noise(x, rng, 10)
-
-
-def _camouflage(x, y, rng):
-    return (_noise(x, rng, 9) > 0.2) * 0.6 + (_noise(x, rng, 7) > 0.6) * 0.4, 0.03 * _noise(x, rng, 1)
 
 
 def _planks(x, y, rng):
@@ -81,18 +69,6 @@ def _tiles(x, y, rng):
     return np.where(edge < 0.015, 1.0, cell), 0.025 * _noise(x, rng, 2)
 
 
-def _plaster(x, y, rng):
-    return np.clip(0.3 + 0.15 * _noise(x, rng, 20), 0, 1), 0.012 * _noise(x, rng, 1)
-
-
-def _carpet(x, y, rng):
-    return np.clip(0.5 + 0.3 * _noise(x, rng, 1), 0, 1), 0.05 * _noise(x, rng, 16)
-
-
-def _concrete(x, y, rng):
-    return np.clip(0.4 + 0.22 * _noise(x, rng, 24) + 0.12 * _noise(x, rng, 5), 0, 1), 0.02 * _noise(x, rng, 1)
-
-
 def _paving(x, y, rng):
     rows = 6
     row = np.floor(y * rows).astype(int)
@@ -111,25 +87,27 @@ def _bricks(x, y, rng):
     return np.where(edge < 0.06, 1.0, tone), 0.04 * _noise(x, rng, 1) + 0.03 * _noise(x, rng, 8)
 
 
-def _sheet(x, y, rng):
-    """Return the blend and shading of corrugated steel with upright ribs."""
-    return 0.5 + 0.5 * np.sin(2 * np.pi * 8 * x), 0.02 * _noise(x, rng, (30, 3))
-
-
 _BLENDS = {
-    "plain": _plain,
+    "plain": lambda x, y, rng: (np.zeros_like(x), 0.02 * _noise(x, rng, 1) + 0.03 * _noise(x, rng, 12)),
     "stripes": _stripes,
     "checks": _checks,
-    "melange": _melange,
-    "camouflage": _camouflage,
+    "melange": lambda x, y, rng: (np.clip(0.4 + 0.3 * _noise(x, rng, (4, 0.7)), 0, 1), 0.04 * _noise(x, rng, 10)),
+    "camouflage": lambda x, y, rng: (
+        (_noise(x, rng, 9) > 0.2) * 0.6 + (_noise(x, rng, 7) > 0.6) * 0.4,
+        0.03 * _noise(x, rng, 1),
+    ),
     "planks": _planks,
     "tiles": _tiles,
-    "plaster": _plaster,
-    "carpet": _carpet,
-    "concrete": _concrete,
+    "plaster": lambda x, y, rng: (np.clip(0.3 + 0.15 * _noise(x, rng, 20), 0, 1), 0.012 * _noise(x, rng, 1)),
+    "carpet": lambda x, y, rng: (np.clip(0.5 + 0.3 * _noise(x, rng, 1), 0, 1), 0.05 * _noise(x, rng, 16)),
+    "concrete": lambda x, y, rng: (
+        np.clip(0.4 + 0.22 * _noise(x, rng, 24) + 0.12 * _noise(x, rng, 5), 0, 1),
+        0.02 * _noise(x, rng, 1),
+    ),
     "paving": _paving,
     "bricks": _bricks,
-    "sheet": _sheet,
+    # Corrugated steel with upright ribs
+    "sheet": lambda x, y, rng: (0.5 + 0.5 * np.sin(2 * np.pi * 8 * x), 0.02 * _noise(x, rng, (30, 3))),
 }
 """Functions of x and y (S, S), 0..1, and of `rng`. Each returns the blend of the two colours, 0..1, and the relative
 change of brightness, both (S, S)."""

@@ -177,8 +177,8 @@ def generate(
     if out is not None:
         generate_data_set(replace(config, out=str(out)))
         return (load_clip(folder) for folder in clip_folders(Path(out)))
-    if config.image_options.kinds:
-        raise ValueError(f"images={list(config.image_options.kinds)}: images are written to a folder; give out=...")
+    if config.kinds:
+        raise ValueError(f"images={list(config.kinds)}: images are written to a folder; give out=...")
     check(config)
     return _in_memory(config)
 

@@ -42,19 +42,13 @@ COMMANDS = {
     "label": Command(
         "Add contacts, forces and points on surfaces to clips",
         "synth.commands.config:LabelCommand",
-        (
-            "synth label data=runs/data",
-            "synth label data=runs/data labels=[contacts,forces] workers=2",
-        ),
+        ("synth label data=runs/data", "synth label data=runs/data labels=[contacts,forces] workers=2"),
         writes=None,
     ),
     "verify": Command(
         "Check that clips are complete and correct",
         "synth.commands.config:VerifyCommand",
-        (
-            "synth verify data=runs/data",
-            "synth verify data=runs/data fast=true out=runs/verify.json",
-        ),
+        ("synth verify data=runs/data", "synth verify data=runs/data fast=true out=runs/verify.json"),
         writes="file",
     ),
     "split": Command(
@@ -71,10 +65,7 @@ COMMANDS = {
     "stats": Command(
         "Describe a data set: a page with a figure",
         "synth.commands.config:StatsCommand",
-        (
-            "synth stats data=runs/data",
-            "synth stats data=runs/hug extra_data=[runs/fight,runs/dance] out=runs/card",
-        ),
+        ("synth stats data=runs/data", "synth stats data=runs/hug extra_data=[runs/fight,runs/dance] out=runs/card"),
     ),
     "realism": Command(
         "Measure what a real detector finds in rendered images",

@@ -30,15 +30,6 @@ class RgbFormat(Enum):
     jpeg = "jpeg"
 
 
-@dataclass(frozen=True)
-class ImageOptions:
-    """The images to render."""
-
-    kinds: tuple[str, ...]  # Kinds of images, from `dmae.data.images.KINDS`
-    quality: ImageQuality  # Quality of the images
-    rgb: RgbFormat  # Format of colour images
-
-
 def image_kinds(choices: list[str] | tuple[str, ...] | str) -> tuple[str, ...]:
     """Return the kinds of images that are meant by a list of `IMAGE_CHOICES`, or by one of them.
 
@@ -159,9 +150,9 @@ class GenerateConfig:
         return range(self.first, self.first + self.clips)
 
     @property
-    def image_options(self) -> ImageOptions:
-        """The images that are rendered."""
-        return ImageOptions(image_kinds(self.images), self.quality, self.rgb)
+    def kinds(self) -> tuple[str, ...]:
+        """The kinds of images to render, from `dmae.data.images.KINDS`."""
+        return image_kinds(self.images)
 
 
 @dataclass(frozen=True)
@@ -195,9 +186,9 @@ class RenderConfig:
         image_kinds(self.images)
 
     @property
-    def image_options(self) -> ImageOptions:
-        """The images to render."""
-        return ImageOptions(image_kinds(self.images), self.quality, self.rgb)
+    def kinds(self) -> tuple[str, ...]:
+        """The kinds of images to render, from `dmae.data.images.KINDS`."""
+        return image_kinds(self.images)
 
 
 class SplitBy(Enum):

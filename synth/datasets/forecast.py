@@ -76,7 +76,7 @@ class _Cost(NamedTuple):
 def is_long(config: GenerateConfig) -> bool:
     """Return whether a data set is large enough to justify the time of a forecast."""
     frames = len(config.numbers) * config.scene.frames
-    return frames > _MANY_FRAMES or (bool(config.image_options.kinds) and frames > _MANY_RENDERED)
+    return frames > _MANY_FRAMES or (bool(config.kinds) and frames > _MANY_RENDERED)
 
 
 def forecast(config: GenerateConfig) -> Forecast:
@@ -98,7 +98,7 @@ def _forecast(config: GenerateConfig) -> Forecast:
         for index in sorted([*to_make, *to_render])
     }
     frames = config.scene.frames
-    pictures = (len(to_make) + len(to_render)) * frames * len(rig) if config.image_options.kinds else 0
+    pictures = (len(to_make) + len(to_render)) * frames * len(rig) if config.kinds else 0
     costs = _costs(config, counts) if counts else {}
     known = sorted(costs)
     seconds, size = [], 0.0
@@ -131,7 +131,7 @@ def _missing(config: GenerateConfig) -> tuple[list[int], list[int]]:
             to_make.append(index)
             continue
         images = read_json(path).get("images") or {"kinds": ()}
-        if set(config.image_options.kinds) - set(images["kinds"]):
+        if set(config.kinds) - set(images["kinds"]):
             to_render.append(index)
     return to_make, to_render
 
@@ -168,7 +168,7 @@ def _measure(config: GenerateConfig, indices: list[int]) -> _Cost:
         cost = _Cost(
             max(0.0, short_seconds - few * frame_seconds), frame_seconds, short_bytes - few * frame_bytes, frame_bytes
         )
-        if not config.image_options.kinds:
+        if not config.kinds:
             return cost
         return _with_images(cost, config, clip, state, Path(folder) / "images")
 
@@ -194,17 +194,16 @@ def _first_success(config: GenerateConfig, indices: list[int], seconds: float) -
 
 def _with_images(cost: _Cost, config: GenerateConfig, clip, state, folder: Path) -> _Cost:
     """Return the cost with pictures added, measured on one frame and on a few frames of all views."""
-    options = config.image_options
     frames = min(_PICTURES, len(clip), max(2, config.scene.frames // _PART))
     rig = clip.rig if clip.true_rig is None else clip.true_rig
     start = time.perf_counter()
     scene = build_scene(SceneSpec.of(clip), rig)
-    with Renderer(scene.model, scene.geom_ids, rig, options.quality) as renderer:
-        renderer.picture(state.qpos[0], 0, options.kinds)
+    with Renderer(scene.model, scene.geom_ids, rig, config.quality) as renderer:
+        renderer.picture(state.qpos[0], 0, config.kinds)
         begun, took, sizes = time.perf_counter() - start, [], []
         for count in (1, frames):
             start = time.perf_counter()
-            how = {"kinds": options.kinds, "rgb": options.rgb.value}
+            how = {"kinds": config.kinds, "rgb": config.rgb.value}
             images = render_images(renderer, state.qpos[:count], rig, folder / str(count), clip.fps, **how).images
             took.append(time.perf_counter() - start)
             sizes.append({kind: _bytes_in(images.folder / kind) for kind in images.kinds})
@@ -212,7 +211,7 @@ def _with_images(cost: _Cost, config: GenerateConfig, clip, state, folder: Path)
     frame_seconds = (took[1] - took[0]) / between if frames > 1 else took[0]
     whole = config.scene.frames
     size = 0.0
-    for kind in options.kinds:
+    for kind in config.kinds:
         first, each = sizes[0][kind], (sizes[1][kind] - sizes[0][kind]) / between
         # A video has one keyframe per second; the frames between store differences.
         firsts = ceil(whole / max(1, round(clip.fps))) if images.path(kind, rig.names[0]).suffix == ".mp4" else 1

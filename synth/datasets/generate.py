@@ -26,7 +26,7 @@ from dmae.parallel import in_parallel, running_on
 from dmae.progress import counted_progress, progress
 from synth.datasets.clip import attempt_seed, check, clip_id, simulate_clip
 from synth.datasets.config import GenerateConfig, image_kinds
-from synth.datasets.images import add_images, missing_files, missing_kinds
+from synth.datasets.images import add_images, image_files, missing_kinds
 from synth.errors import FailedSimulation
 from synth.physics.body_state import FILE as STATE
 from synth.physics.body_state import load_state, save_state
@@ -65,7 +65,7 @@ def generate(config: GenerateConfig) -> list[dict]:
         read_manifest(out)  # a damaged one is refused before any work
     checksums = begin_data_set(out)
     tally = PictureTally(out, numbers)
-    if config.image_options.kinds:
+    if config.kinds:
         tally.begin([config.scene.frames * len(rig)] * len(numbers))
     limit_threads(config.workers)
     made: list[dict] = []
@@ -73,7 +73,7 @@ def generate(config: GenerateConfig) -> list[dict]:
     try:
         with running_on(config.backend):
             lines = in_parallel(_make, tasks, config.workers, ordered=False)
-            if config.image_options.kinds:
+            if config.kinds:
                 lines = counted_progress(lines, "rendering pictures", tally.count)
             else:
                 lines = progress(lines, "generating clips", len(numbers))
@@ -137,10 +137,10 @@ def _make(config: GenerateConfig, number: int, expected: Checksum | None) -> dic
 def _with_images(config: GenerateConfig, number: int, folder: Path) -> dict:
     """Add the missing images of a clip in a folder, and return its manifest line."""
     clip = load_clip(folder)
-    pictures = len(clip) * len(clip.rig) if missing_kinds(clip, config.image_options) else 0
+    pictures = len(clip) * len(clip.rig) if missing_kinds(clip, config) else 0
     with PictureTally(Path(config.out), config.numbers).clip(number, pictures) as seen:
         if pictures:
-            add_images(clip, load_state(folder), folder, config.image_options, seen)
+            add_images(clip, load_state(folder), folder, config, seen)
             write_checksums(folder)
     return clip.provenance["manifest"]
 
@@ -154,10 +154,11 @@ def _is_kept(folder: Path, config: GenerateConfig, expected: Checksum | None) ->
         line = clip.provenance["manifest"]
         seed = attempt_seed(config.seed, line["attempts"] - 1)
         wanted = (folder.name, folder.name, seed, config.scene.fps)
-        same = (clip.id, line["id"], line["seed"], clip.fps) == wanted and not missing_files(clip)
+        same = (clip.id, line["id"], line["seed"], clip.fps) == wanted
+        same &= all(path.is_file() for path in (image_files(clip.images) if clip.images else ()))
     except (FileNotFoundError, ValueError, KeyError, TypeError, AttributeError):
         return False
-    return same and ((folder / STATE).is_file() or not missing_kinds(clip, config.image_options))
+    return same and ((folder / STATE).is_file() or not missing_kinds(clip, config))
 
 
 def claim(out: Path, settings: dict) -> None:

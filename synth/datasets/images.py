@@ -9,7 +9,7 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
 from dmae.data.images import KINDS, Images
 from dmae.data.store import save_clip
-from synth.datasets.config import ImageOptions, RgbFormat
+from synth.datasets.config import GenerateConfig, RenderConfig, RgbFormat
 from synth.physics.body_state import BodyState
 from synth.rendering.opengl import find_backend
 from synth.rendering.renderer import Renderer, render_images
@@ -19,7 +19,7 @@ from synth.scene.spec import SceneSpec
 _FOLDER = "images"
 
 
-def check_images(options: ImageOptions, rig: CameraRig) -> None:
+def check_images(options: GenerateConfig | RenderConfig, rig: CameraRig) -> None:
     """Check that images can be rendered, before any work is done, and find the OpenGL backend.
 
     Raises:
@@ -36,7 +36,7 @@ def check_images(options: ImageOptions, rig: CameraRig) -> None:
     find_backend()
 
 
-def missing_kinds(clip: Clip, options: ImageOptions) -> tuple[str, ...]:
+def missing_kinds(clip: Clip, options: GenerateConfig | RenderConfig) -> tuple[str, ...]:
     """Return the kinds of images that a clip lacks. Raises ValueError if it has images of another quality or format."""
     if clip.images is None or not options.kinds:
         return options.kinds
@@ -51,7 +51,11 @@ def missing_kinds(clip: Clip, options: ImageOptions) -> tuple[str, ...]:
 
 
 def add_images(
-    clip: Clip, state: BodyState, folder: Path, options: ImageOptions, seen: Callable[[], None] = lambda: None
+    clip: Clip,
+    state: BodyState,
+    folder: Path,
+    options: GenerateConfig | RenderConfig,
+    seen: Callable[[], None] = lambda: None,
 ) -> Clip:
     """Render the missing images of a clip from its states, write them and the clip to its folder, and return the clip.
 
@@ -104,8 +108,3 @@ def add_images(
 def image_files(images: Images) -> set[Path]:
     """Return the paths of all files of images."""
     return {images.path(kind, view, frame) for kind in images.kinds for view in images.views for frame in images.frames}
-
-
-def missing_files(clip: Clip) -> list[Path]:
-    """Return the image files that a clip refers to but that do not exist."""
-    return [] if clip.images is None else sorted(path for path in image_files(clip.images) if not path.is_file())

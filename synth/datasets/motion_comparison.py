@@ -367,17 +367,13 @@ def numbers(
     real: Sequence[Sample], sim: Sequence[Sample], differences: Sequence[Difference], left_out: Sequence[str]
 ) -> dict:
     """Return all results for JSON, with None for NaN."""
-
-    def known(values: dict) -> dict:
-        return {key: None if isinstance(value, float) and np.isnan(value) else value for key, value in values.items()}
-
     return {
         "real": [{"name": each.name, "seconds": each.seconds} for each in real],
         "sim": [{"name": each.name, "seconds": each.seconds} for each in sim],
         "left_out": list(left_out),
         "differences": [
             {"quantity": d.quantity.name, "unit": d.quantity.unit}
-            | known({key: value for key, value in vars(d).items() if key != "quantity"})
+            | {key: None if value != value else value for key, value in vars(d).items() if key != "quantity"}
             for d in differences
         ],
     }

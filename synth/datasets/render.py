@@ -10,15 +10,15 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
 from dmae.data.json_values import decode
 from dmae.data.rng import Stream, generator
-from dmae.data.store import clip_folders, load_clip, read_manifest, save_clip, write_manifest
-from dmae.files.checksums import begin_data_set, clip_checksum, end_data_set, find_damage, write_checksums
+from dmae.data.store import clip_folders, load_clip, read_manifest, save_clip
+from dmae.files.checksums import begin_data_set, find_damage, write_checksums
 from dmae.files.contents import whole_folder
 from dmae.files.structured import read_json
 from dmae.parallel import in_parallel, running_on
 from dmae.progress import counted_progress
 from synth.datasets.clip import label_clip
 from synth.datasets.config import OcclusionConfig, RenderConfig
-from synth.datasets.generate import CONFIG, PictureTally, as_settings, claim, limit_threads
+from synth.datasets.generate import CONFIG, PictureTally, as_settings, claim, limit_threads, seal
 from synth.datasets.images import add_images, check_images, missing_kinds
 from synth.detector.config import DetectorConfig
 from synth.physics.body_state import BodyState, load_state, save_state
@@ -54,13 +54,13 @@ def render(config: RenderConfig) -> list[dict]:
     clip = load_clip(folders[0])
     load_state(folders[0])
     rig = clip.rig if config.rig == _NO_RIG else _new_rig(config, settings, SceneSpec.of(clip))
-    check_images(config.image_options, rig)
+    check_images(config, rig)
     claim(out, settings)
     lines = [read_json(folder / "clip.json")["provenance"]["manifest"] for folder in folders]
     tally = PictureTally(out, range(len(folders)))
     tally.begin([line["frames"] * len(rig) for line in lines])
     limit_threads(config.workers)
-    begin_data_set(out)
+    checksums = begin_data_set(out)
     made: list[dict] = []
     tasks = ((config, settings, folder, number, len(folders)) for number, folder in enumerate(folders))
     try:
@@ -70,8 +70,7 @@ def render(config: RenderConfig) -> list[dict]:
         for leftover in out.glob(".*.partial"):
             shutil.rmtree(leftover, ignore_errors=True)
         tally.end()
-        write_manifest(out, made)
-        end_data_set(out, (CONFIG,), {line["id"]: clip_checksum(out / line["id"]) for line in made})
+        seal(out, made, checksums)
     return read_manifest(out)
 
 
@@ -98,10 +97,10 @@ def _stage(settings: dict, spec: SceneSpec) -> Stage:
 
 def _render(config: RenderConfig, settings: dict, folder: Path, number: int, clips: int) -> dict:
     """Render one clip into the new data set, if it is not there yet, and return its manifest line."""
-    target, options = Path(config.out) / folder.name, config.image_options
+    target = Path(config.out) / folder.name
     try:
         kept = load_clip(target)
-        if not missing_kinds(kept, options) and not find_damage(target, fast=True):
+        if not missing_kinds(kept, config) and not find_damage(target, fast=True):
             return kept.provenance["manifest"]
     except (FileNotFoundError, ValueError):
         pass
@@ -118,7 +117,7 @@ def _render(config: RenderConfig, settings: dict, folder: Path, number: int, cli
         save_clip(clip, partial)
         save_state(state, partial)
         with PictureTally(Path(config.out), range(clips)).clip(number, len(clip) * len(clip.rig)) as seen:
-            add_images(clip, state, partial, options, seen)
+            add_images(clip, state, partial, config, seen)
         write_checksums(partial)
     return clip.provenance["manifest"]
 

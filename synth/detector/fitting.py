@@ -6,11 +6,12 @@ measured by `synth.detector.statistics.measure`, and each parameter is corrected
 """
 
 import json
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, is_dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import yaml
 from scipy.stats import spearmanr
 
 from dmae.data.clip import Clip
@@ -48,13 +49,7 @@ def _changed(config, default) -> dict:
 
 
 def _flow(value) -> str:
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{key}: {_flow(item)}" for key, item in value.items()) + "}"
-    if isinstance(value, list):
-        return "[" + ", ".join(map(_flow, value)) + "]"
-    text = json.dumps(value)
-    # For YAML 1.1, 2e-05 is text and 2.0e-05 is a number.
-    return text.replace("e", ".0e") if isinstance(value, float) and "e" in text and "." not in text else text
+    return yaml.safe_dump(value, default_flow_style=True, width=float("inf"), sort_keys=False).strip()
 
 
 def load_preset(name: str) -> DetectorConfig:

@@ -73,9 +73,12 @@ def _over_steps(base: Motion, role: Role, body: Body, *, rng: np.random.Generato
     footsteps = step_along(body, role.path, base.fps, rng=rng, hips=role.hips, ahead=role.ahead)
     turn = about("z", role.path[:, 2] - heading(base.rotations, base.fps))
     rotations = turn[:, None] @ base.rotations
-    if role.lean is not None:
-        _bend(rotations, role)
     across = np.stack([-np.sin(role.path[:, 2]), np.cos(role.path[:, 2]), 0 * role.path[:, 2]], 1)
+    if role.lean is not None:
+        # The spine bends half as much as the chest.
+        for share, segments in ((0.5, [_SPINE]), (1.0, [_CHEST, _HEAD, *_ARMS["l"], *_ARMS["r"]])):
+            bent = Rotation.from_rotvec(across * (share * role.lean)[:, None]).as_matrix()
+            rotations[:, segments] = bent[:, None] @ rotations[:, segments]
     swing = _SWING * gaussian_filter1d(footsteps.stride, 0.08 * base.fps, mode="nearest")
     for side, sign in (("l", 1.0), ("r", -1.0)):
         turned = Rotation.from_rotvec(across * (sign * swing)[:, None]).as_matrix()
@@ -86,14 +89,6 @@ def _over_steps(base: Motion, role: Role, body: Body, *, rng: np.random.Generato
             rotations[:, SEGMENTS.index(f"{side}_{name}")] = footsteps.legs[:, leg, place]
     name = f"{base.name}, over steps"
     return Motion(name, base.fps, footsteps.root, rotations, body.hip_height)
-
-
-def _bend(rotations: np.ndarray, role: Role) -> None:
-    """Bend the trunk forward in place, the spine half as much as the chest."""
-    across = np.stack([-np.sin(role.path[:, 2]), np.cos(role.path[:, 2]), 0 * role.path[:, 2]], 1)
-    for share, segments in ((0.5, [_SPINE]), (1.0, [_CHEST, _HEAD, *_ARMS["l"], *_ARMS["r"]])):
-        bent = Rotation.from_rotvec(across * (share * role.lean)[:, None]).as_matrix()
-        rotations[:, segments] = bent[:, None] @ rotations[:, segments]
 
 
 def look_at(motion: Motion, person: int, gaze: np.ndarray, heads: np.ndarray) -> Motion:

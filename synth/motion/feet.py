@@ -83,13 +83,7 @@ def weight_on_feet(body: Body, root: np.ndarray, rotations: np.ndarray, standing
 
 
 def lock_feet(
-    body: Body,
-    root: np.ndarray,
-    rotations: np.ndarray,
-    standing: np.ndarray,
-    fps: float,
-    *,
-    recorded: bool = False,
+    body: Body, root: np.ndarray, rotations: np.ndarray, standing: np.ndarray, fps: float, *, recorded: bool = False
 ) -> tuple[np.ndarray, np.ndarray]:
     """Remove foot skate: hold standing feet (`foot_contacts`) in place and keep all feet above the floor.
 
@@ -328,7 +322,11 @@ def _footsteps(
     lands = lifts + _SWING * _PERIOD
     # Positions of the foot before its first step and after each step.
     middles = np.concatenate([lands[:1] - 2 * _PERIOD, lands]) + stance / 2
-    holds = _at(path, seconds, middles)
+    holds = np.stack([np.interp(middles, seconds, column) for column in path.T], axis=1)
+    if len(path) > 1:
+        # The path continues straight before its start and after its end.
+        holds += np.minimum(middles - seconds[0], 0)[:, None] * (path[1] - path[0]) / (seconds[1] - seconds[0])
+        holds += np.maximum(middles - seconds[-1], 0)[:, None] * (path[-1] - path[-2]) / (seconds[1] - seconds[0])
     heading = holds[:, 2]
     holds[:, :2] += aside * leftwards(heading)
     holds[:, 2] += out
@@ -345,7 +343,7 @@ def _footsteps(
     forward = ((end - start)[:, :2] * forwards(place[:, 2])).sum(1)
     # The heel rises before the foot does. The foot meets the floor with the heel first and then rolls flat.
     following = np.minimum(k + 1, count - 1)
-    next_forward = _ahead(holds, following)
+    next_forward = ((holds[following + 1] - holds[following])[:, :2] * forwards(holds[following, 2])).sum(1)
     rising = np.clip((seconds - lands[k]) / stance, 0, 1)
     off = -_ROLL_OFF * np.clip(forward, 0, 0.8)
     strike = _STRIKE * np.clip(forward, 0, 0.8)
@@ -365,18 +363,3 @@ def _footsteps(
     ankle[:, 2] = up + lift * 16 * share**2 * (1 - share) ** 2
     weight = np.where(stepping, 1 - np.sin(np.pi * share) ** 2, 1.0) + 0.02
     return ankle, about("z", place[:, 2]) @ about("y", -pitch), weight
-
-
-def _ahead(holds: np.ndarray, k: np.ndarray) -> np.ndarray:
-    """Return the forward length of the k-th (F,) step, (F,) m."""
-    step, heading = holds[k + 1] - holds[k], holds[k, 2]
-    return step[:, 0] * np.cos(heading) + step[:, 1] * np.sin(heading)
-
-
-def _at(path: np.ndarray, seconds: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Return positions (K, 3) on a path at times (K,), extrapolated linearly before its start and after its end."""
-    found = np.stack([np.interp(times, seconds, column) for column in path.T], axis=1)
-    if len(path) > 1:
-        found += np.minimum(times - seconds[0], 0)[:, None] * (path[1] - path[0]) / (seconds[1] - seconds[0])
-        found += np.maximum(times - seconds[-1], 0)[:, None] * (path[-1] - path[-2]) / (seconds[1] - seconds[0])
-    return found

@@ -280,7 +280,12 @@ def retarget(
     leg = sum(lengths[f"{side}_{part}"] for side in "lr" for part in ("thigh", "shin")) / 2
     name, metres = unit_of(leg, recording.path, unit)
     rotations = _segments(dialect, joint, positions, orientations, from_motion)
-    start = dialect.blend if _is_t_pose(rotations[0]) else 0
+    # In a T-pose arms point sideways and legs down, relative to the pelvis, to within 25 degrees.
+    first = rotations[0, 0].T @ rotations[0]
+    arms, legs = ([SEGMENTS.index(f"{side}_{part}") for side in "lr" for part in parts]
+                  for parts in (("upper_arm", "forearm"), ("thigh", "shin")))  # fmt: skip
+    in_t_pose = min(*first[arms, 1, 1], *first[legs, 2, 2]) > np.cos(np.radians(25))
+    start = dialect.blend if in_t_pose else 0
     if len(recording) <= start:
         raise ValueError(f"{recording.path}: expected frames after the T-pose it begins with, found none")
     positions = positions[start:] @ _CANONICAL_FROM_FILE.T * metres
@@ -423,11 +428,3 @@ def _check_axes(motion: Motion, path: Path, lies: bool) -> None:
             f"in {100 * along.max():.0f} % of the frames: give motion.up=<the axis that points up in the file>, "
             "or, where people do lie, the axis that was assumed"
         )
-
-
-def _is_t_pose(rotations: np.ndarray) -> bool:
-    """Return whether arms point sideways and legs down, relative to the pelvis, to within 25 degrees; (16, 3, 3)."""
-    turned = rotations[0].T @ rotations
-    arms = turned[[SEGMENTS.index(f"{side}_{part}") for side in "lr" for part in ("upper_arm", "forearm")], 1, 1]
-    legs = turned[[SEGMENTS.index(f"{side}_{part}") for side in "lr" for part in ("thigh", "shin")], 2, 2]
-    return bool(min(*arms, *legs) > np.cos(np.radians(25)))

@@ -30,8 +30,6 @@ class MountConfig:
     room. Rooms without walls need it."""
     places: int = 120
     """Number of candidate places, spread evenly over the allowed surfaces."""
-    wall_distance: float = 0.15
-    """Distance of a camera from the wall or the ceiling that it is mounted on, m."""
     steepest_deg: float = 50.0
     """Greatest angle at which cameras look down, degrees. The detector presets are fitted to views from the side, and
     are not valid for views from above."""
@@ -50,8 +48,6 @@ class MountConfig:
             )
         if not 2 <= self.places <= MOST_PLACES:
             raise ValueError(f"mount.places: expected 2 to {MOST_PLACES} places, got {self.places}")
-        if not 0 < self.wall_distance < 2:
-            raise ValueError(f"mount.wall_distance: expected more than 0 and less than 2 m, got {self.wall_distance}")
         if not 0 < self.steepest_deg <= 90:
             raise ValueError(f"mount.steepest_deg: expected more than 0 and at most 90, got {self.steepest_deg}")
 

@@ -169,14 +169,6 @@ def floor_figure(planned: PlannedRig) -> Figure:
     return figure
 
 
-def people_to_show(plan: CameraPlan) -> Rehearsal:
-    """Return the first clip that the rigs were checked on, reduced to its middle frame."""
-    rehearsal = rehearse(plan.config, check_numbers(plan.config)[0])
-    frame = len(rehearsal.qpos) // 2
-    shown = slice(frame, frame + 1)
-    return replace(rehearsal, qpos=rehearsal.qpos[shown], joints=rehearsal.joints[shown])
-
-
 def views_figure(plan: CameraPlan, planned: PlannedRig, people: Rehearsal) -> Figure:
     """Draw the view of each camera on simulated people in their room."""
     # Images are scaled to the drawn width.
@@ -250,7 +242,11 @@ def worth_table(planned: PlannedRig) -> Table:
 
 def write_page(plan: CameraPlan, path: Path) -> None:
     """Write the page as one HTML file."""
-    people, config = people_to_show(plan), plan.config
+    config = plan.config
+    # The people of the first clip that the rigs were checked on, in its middle frame, are shown.
+    people = rehearse(config, check_numbers(config)[0])
+    shown = slice(len(people.qpos) // 2, len(people.qpos) // 2 + 1)
+    people = replace(people, qpos=people.qpos[shown], joints=people.joints[shown])
     sections = [
         Section(
             "How many cameras",

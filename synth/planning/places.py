@@ -18,6 +18,8 @@ _DIRECTIONS = 240
 """Number of directions around the people in which walls are searched."""
 _WALL_LENGTH, _WALL_HEIGHT = 1.5, 1.8
 """Least length and least top height of a wall, m."""
+_WALL_DISTANCE = 0.15
+"""Distance of a camera from the wall or the ceiling that it is mounted on, m."""
 _GRID = 0.5
 """Distance between places before they are thinned out, m."""
 _LEVEL_STEP = 0.6
@@ -91,7 +93,7 @@ def find_places(config: MountConfig, arena: Path, middle: np.ndarray, radius: fl
     grid = _grid(config, outline)
     found = {
         "wall": _on_walls(config, outline) if config.walls else np.empty((0, 3)),
-        "ceiling": _under_ceiling(config, model, data, outline, grid) if config.ceiling else np.empty((0, 3)),
+        "ceiling": _under_ceiling(model, data, outline, grid) if config.ceiling else np.empty((0, 3)),
         "tripod": _on_tripods(config, arena, middle, radius, grid) if config.tripods else np.empty((0, 3)),
     }
     kinds = np.concatenate([np.full(len(at), kind) for kind, at in found.items()])
@@ -150,7 +152,7 @@ def _on_walls(config: MountConfig, outline: _Outline) -> np.ndarray:
     """Return (K, 3) places in front of the walls, m."""
     angle = 2 * np.pi * np.flatnonzero(outline.walled) / _DIRECTIONS
     # The distance is measured along the ray, so that places in corners are in front of the wall as well.
-    reach = outline.reach[outline.walled] - config.wall_distance * np.sqrt(2)
+    reach = outline.reach[outline.walled] - _WALL_DISTANCE * np.sqrt(2)
     flat = outline.middle + reach[:, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
     return _stacked(flat[reach > 0], _levels(config.walls))
 
@@ -164,20 +166,18 @@ def _grid(config: MountConfig, outline: _Outline) -> np.ndarray:
         (x0, y0), (x1, y1) = outline.middle - most, outline.middle + most
     xs, ys = (np.arange(a, b + 1e-9, max(_GRID, (b - a) / 200)) for a, b in ((x0, x1), (y0, y1)))
     points = np.stack(np.meshgrid(xs, ys, indexing="ij"), -1).reshape(-1, 2)
-    return points[outline.holds(points, config.wall_distance + 0.1)] if outline.walled.any() else points
+    return points[outline.holds(points, _WALL_DISTANCE + 0.1)] if outline.walled.any() else points
 
 
-def _under_ceiling(
-    config: MountConfig, model: mujoco.MjModel, data: mujoco.MjData, outline: _Outline, grid: np.ndarray
-) -> np.ndarray:
+def _under_ceiling(model: mujoco.MjModel, data: mujoco.MjData, outline: _Outline, grid: np.ndarray) -> np.ndarray:
     """Return (K, 3) places under the ceiling, m, or at the height of the top of the walls where there is no ceiling."""
     places = []
     for x, y in grid:
         # mj_multiRay misses some geoms if a ray is exactly vertical.
         height = mujoco.mj_ray(model, data, (x, y, _WALL_HEIGHT), (0, 0, 1), None, 1, -1, np.zeros(1, np.int32))
         top = _WALL_HEIGHT + height if height > 0 else outline.top
-        if top - config.wall_distance > _WALL_HEIGHT:
-            places.append((x, y, top - config.wall_distance))
+        if top - _WALL_DISTANCE > _WALL_HEIGHT:
+            places.append((x, y, top - _WALL_DISTANCE))
     return np.reshape(places, (-1, 3))
 
 

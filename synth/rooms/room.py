@@ -252,11 +252,7 @@ _FLOOR_SEARCH_RADIUS = 1.5
 _HALF_SIDE = 10.0
 """Half of the side length of a floor that is added, m."""
 # Direction, diffuse colour, and whether the light casts a shadow: a light above, and two that brighten the shadows.
-_LIGHTS = (
-    ((-0.18, 0.13, -1.0), 0.46, True),
-    ((0.6, -0.5, -0.5), 0.20, False),
-    ((-0.6, -0.6, -0.35), 0.16, False),
-)
+_LIGHTS = (((-0.18, 0.13, -1.0), 0.46, True), ((0.6, -0.5, -0.5), 0.20, False), ((-0.6, -0.6, -0.35), 0.16, False))
 
 
 class Room(NamedTuple):

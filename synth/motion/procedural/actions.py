@@ -409,12 +409,21 @@ def dance(style: Style, *, rng: np.random.Generator) -> Action:
         clock = (times - lead) / beat
         share = plateau(times, 0, last, lead)
         offsets.hips[:, 2] = -share * (bounce + 0.015 + bounce * np.cos(2 * np.pi * clock))
-        weights = share[:, None] * _phrases(clock, phrases)
+        # The weights of the phrases, one after the other, with a sum of 1.
+        edges = np.arange(1, phrases) * 4
+        gone = np.stack([keyframes(clock, (edge - 0.5, 0), (edge + 0.5, 1)) for edge in edges], axis=1)
+        weights = np.diff(np.pad(gone, ((0, 0), (1, 1)), constant_values=((0, 0), (1, 0))), axis=1) * -1
+        weights = share[:, None] * weights
         side = np.sin(np.pi * clock / 2)
         for phrase, (kind, shape) in enumerate(zip(kinds, shapes, strict=True)):
             weight, begin = weights[:, phrase], lead + 4 * phrase * beat
             if kind == "sides":
-                _step_touch(offsets, times, begin, beat, wide)
+                # The left foot steps out, the right one follows; the right foot steps back, the left one follows.
+                for number, (foot, way) in enumerate(((0, 1), (1, 1), (1, -1), (0, -1))):
+                    start = begin + (number + 0.1) * beat
+                    gone, height = step_profile(times, start, start + 0.75 * beat, 0.04)
+                    offsets.feet[:, foot, 1] += way * wide * gone
+                    offsets.feet[:, foot, 2] += height
             else:
                 offsets.hips[:, 1] += weight * 0.05 * np.sin(np.pi * clock)
                 offsets.pelvis[:, 2] += np.radians(sway) * weight * np.sin(np.pi * clock)
@@ -431,19 +440,3 @@ def dance(style: Style, *, rng: np.random.Generator) -> Action:
         return offsets
 
     return Action(f"dance at {60 / beat:.0f} beats/min", last, pose)
-
-
-def _step_touch(offsets: PoseOffsets, times: np.ndarray, begin: float, beat: float, wide: float) -> None:
-    """Add four beats: the left foot steps out, the right one follows; the right foot steps back, the left follows."""
-    for number, (foot, way) in enumerate(((0, 1), (1, 1), (1, -1), (0, -1))):
-        start = begin + (number + 0.1) * beat
-        gone, height = step_profile(times, start, start + 0.75 * beat, 0.04)
-        offsets.feet[:, foot, 1] += way * wide * gone
-        offsets.feet[:, foot, 2] += height
-
-
-def _phrases(clock: np.ndarray, count: int) -> np.ndarray:
-    """Return the weights of the phrases of four beats over time, (F, count); one after the other, with a sum of 1."""
-    edges = np.arange(1, count) * 4
-    gone = np.stack([keyframes(clock, (edge - 0.5, 0), (edge + 0.5, 1)) for edge in edges], axis=1)
-    return np.diff(np.pad(gone, ((0, 0), (1, 1)), constant_values=((0, 0), (1, 0))), axis=1) * -1

@@ -349,12 +349,7 @@ class _Ground:
 
 
 def draw_agenda(
-    actions: Sequence[str],
-    weights: Mapping[str, float],
-    style: Style,
-    *,
-    seconds: float,
-    rng: np.random.Generator,
+    actions: Sequence[str], weights: Mapping[str, float], style: Style, *, seconds: float, rng: np.random.Generator
 ) -> tuple[list[AgendaItem], float]:
     """Draw the actions of a person, one after another in order of time, and the time at which the clip begins, s.
 
