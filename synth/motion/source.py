@@ -1,8 +1,7 @@
-"""The motion of a clip: draw a take or a procedural recipe, cut a stretch of it, and place it on the floor."""
+"""The motion of a clip: draw a take or a procedural recipe, and cut a stretch of it."""
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from dmae.files.checks import check_numbers
 from synth.motion.config import PROCEDURAL, RECORDED, MotionConfig, UpAxis
-from synth.motion.geometry import about, slerp
+from synth.motion.geometry import slerp
 from synth.motion.motion import Motion
 from synth.motion.procedural.gait import make_motion
 from synth.motion.procedural.sequence import SEATED, make_sequence
@@ -27,7 +26,7 @@ _FARTHEST = 10_000.0
 def load_motion(
     config: MotionConfig, *, seconds: float, fps: float, rng: np.random.Generator, seated: float = SEATED
 ) -> Motion:
-    """Draw a stretch of motion: round(seconds * fps) frames, anywhere on the floor; `place` moves them.
+    """Draw a stretch of motion: round(seconds * fps) frames, anywhere on the floor.
 
     For recorded motion, a take of `takes(config)` is drawn with equal probability, and a start within it (see `cut`).
     In procedural motion, `seated` is the hip height on a stool as a fraction of the standing hip height.
@@ -160,15 +159,3 @@ def cut(take: Motion, *, start: float, seconds: float, fps: float) -> Motion:
         rotations=slerp(take.rotations[before], take.rotations[after], share),
         hip_height=take.hip_height,
     )
-
-
-def place(motion: Motion, xy: tuple[float, float], yaw: float, leader: Motion | None = None) -> Motion:
-    """Move a motion over the floor: the mean of its root to `xy`, m, world, and the mean heading of its pelvis to
-    `yaw`, rad from +x to +y. With a leader, the leader would be moved there, and `motion` moves with it as its partner.
-    """
-    leader = leader or motion
-    facing = leader.rotations[:, 0, :2, 0].mean(0)
-    turn = about("z", yaw - np.arctan2(facing[1], facing[0]))
-    centre = np.array((*leader.root[:, :2].mean(0), 0))
-    root = (motion.root - centre) @ turn.T + (*xy, 0)
-    return replace(motion, root=root, rotations=turn @ motion.rotations)

@@ -1,7 +1,6 @@
-"""Draw takes, cut them, and place them on the floor."""
+"""Draw takes and cut them."""
 
 import os
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from dmae.data.resources import resource_folder
 from synth.motion.config import MotionConfig
 from synth.motion.motion import Motion
-from synth.motion.source import cut, load_motion, place, read_take, takes
+from synth.motion.source import cut, load_motion, read_take, takes
 from synth.people.body import SEGMENTS
 from tests.support.motion_files import amc, bvh
 
@@ -70,19 +69,6 @@ def test_a_single_frame_is_held():
     motion = cut(turning(1), start=0.5, seconds=1, fps=50)
     assert len(motion) == 50
     assert np.ptp(motion.root, axis=0).max() == 0
-
-
-def test_place_sets_position_and_heading():
-    take = turning(40, rate=0.3)
-    placed = place(take, (2.0, -1.0), np.pi / 2)
-    assert placed.root[:, :2].mean(0) == pytest.approx([2, -1])
-    assert heading(placed).mean() == pytest.approx(np.pi / 2)
-    assert np.allclose(placed.root[:, 2], take.root[:, 2])
-    # A partner keeps its position relative to the leader.
-    beside = replace(take, root=take.root + np.array((0.7, 0, 0)))
-    both = [place(motion, (2.0, -1.0), np.pi / 2, leader=take).root for motion in (take, beside)]
-    assert np.allclose(np.linalg.norm(both[1] - both[0], axis=1), 0.7)
-    assert np.allclose(both[0], placed.root)
 
 
 def bent(frames: int) -> list[dict]:
