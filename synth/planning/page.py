@@ -170,12 +170,14 @@ def floor_figure(planned: PlannedRig) -> Figure:
 
 
 def views_figure(plan: CameraPlan, planned: PlannedRig, people: Rehearsal) -> Figure:
-    """Draw the view of each camera on simulated people in their room."""
+    """Draw the view of each camera on simulated people in their room, in the middle frame."""
     # Images are scaled to the drawn width.
     scale, K = _VIEW_WIDTH / planned.rig.size[:, 0], planned.rig.K.copy()
     K[:, :2] *= scale[:, None, None]
     size = np.maximum(1, np.round(planned.rig.size * scale[:, None])).astype(int)
-    clip = people.seen_by(replace(planned.rig, K=K, size=size), plan.config.detector)
+    middle = len(people.simulation.qpos) // 2
+    rig, frames = replace(planned.rig, K=K, size=size), slice(middle, middle + 1)
+    clip = people.seen_by(rig, plan.config.detector, frames)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "sheet.png"
         write_sheet(clip, path, chosen_layers(clip, LayersConfig()), rows=1, width=_VIEW_WIDTH, rooms=draw_rooms(clip))
@@ -243,10 +245,7 @@ def worth_table(planned: PlannedRig) -> Table:
 def write_page(plan: CameraPlan, path: Path) -> None:
     """Write the page as one HTML file."""
     config = plan.config
-    # The people of the first clip that the rigs were checked on, in its middle frame, are shown.
-    people = rehearse(config, check_numbers(config)[0])
-    shown = slice(len(people.qpos) // 2, len(people.qpos) // 2 + 1)
-    people = replace(people, qpos=people.qpos[shown], joints=people.joints[shown])
+    people = rehearse(config, check_numbers(config)[0])  # of the first clip that the rigs were checked on
     sections = [
         Section(
             "How many cameras",

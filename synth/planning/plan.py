@@ -337,7 +337,7 @@ def forecast_plan(config: PlanConfig) -> PlanForecast:
     short = replace(config, scene=replace(config.scene, seconds=min(scene.seconds, 1.0)))
     start = time.perf_counter()
     rehearsal = rehearse(short, 0)
-    frames = len(rehearsal.qpos)
+    frames = len(rehearsal.simulation.qpos)
     simulated = (time.perf_counter() - start) / frames
     few = list(range(0, len(candidates), max(1, len(candidates) // 12)))[:12]
     some = CandidateCameras(candidates.rig[few], candidates.place[few], candidates.kind[few], candidates.view_deg[few])

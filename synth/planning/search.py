@@ -3,7 +3,6 @@
 import time
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 
 from dmae.data.cameras import CameraRig
@@ -19,9 +18,7 @@ from synth.detector.parts import by_joint
 from synth.detector.view import View, height
 from synth.errors import until_success
 from synth.labels.visibility import joint_visibility
-from synth.people.body import landmarks
-from synth.physics.body_state import moved_with
-from synth.physics.simulation import simulate
+from synth.physics.simulation import Simulation, simulate
 from synth.planning.config import PlanConfig
 from synth.planning.places import CandidateCameras, stage_of
 from synth.rigs.config import MiscalibrationConfig
@@ -41,29 +38,15 @@ class Rehearsal:
 
     number: int  # Number of the clip
     spec: SceneSpec  # The scene
-    model: mujoco.MjModel  # The compiled scene
-    geom_ids: np.ndarray  # (ngeom,) ids of the owners of its geoms
-    objects: tuple[str, ...]  # Names of its objects
-    qpos: np.ndarray  # (F, nq) states of the simulation
-    joints: np.ndarray  # (F, P, 39, 3) joints of `synth.people.body.SKELETON`, m, world
+    simulation: Simulation  # Its states
 
-    @property
-    def depth(self) -> np.ndarray:
-        """(P, 39) greatest depth of each joint under the surface of its limb, m."""
-        return np.stack([landmarks(person.body)[2] for person in self.spec.persons])
-
-    @property
-    def bodies(self) -> np.ndarray:
-        """(P, 39) index of the body that each joint moves with."""
-        return moved_with(self.model, [person.body for person in self.spec.persons])
-
-    def seen_by(self, rig: CameraRig, detector: DetectorConfig) -> Clip:
+    def seen_by(self, rig: CameraRig, detector: DetectorConfig, frames: slice = slice(None)) -> Clip:
         """Return the clip that these cameras record, each independently: truth, visibility and simulated detections."""
         stage = stage_of(arena_file(self.spec.arena), np.zeros(2), self.spec.radius)
         line = {"id": f"{self.number:06d}"}
         return label_clip(
-            line, self.spec, self, self.qpos, rig, detector=detector, occlusion=OcclusionConfig(),
-            error=MiscalibrationConfig(), stage=stage,
+            line, self.spec, self.simulation, self.simulation.qpos[frames], rig, detector=detector,
+            occlusion=OcclusionConfig(), error=MiscalibrationConfig(), stage=stage,
         )  # fmt: skip
 
 
@@ -89,8 +72,7 @@ def _attempt(config: PlanConfig, number: int, attempt: int) -> Rehearsal:
         pose(look_at(_PLACEHOLDER_CENTER, np.zeros(3)), _PLACEHOLDER_CENTER),
         [(64, 64)],
     )
-    done = simulate(spec, away, motions, painted=False)
-    return Rehearsal(number, spec, done.model, done.geom_ids, done.objects, done.qpos, done.joints)
+    return Rehearsal(number, spec, simulate(spec, away, motions, painted=False))
 
 
 # The evidence of each candidate camera on each joint: the probability and the accuracy of its detection.
@@ -130,13 +112,14 @@ def gather(rehearsal: Rehearsal, candidates: CandidateCameras, detector: Detecto
     Visibility is computed once for each place, by rays through the simulated scene. The detector's preset gives the
     probability and the accuracy of a detection for each kind of visibility.
     """
-    chosen = np.unique(np.linspace(0, len(rehearsal.qpos) - 1, frames).round().astype(int))
-    joints = rehearsal.joints[chosen][:, :, DETECTED]
+    done = rehearsal.simulation
+    chosen = np.unique(np.linspace(0, len(done.qpos) - 1, frames).round().astype(int))
+    joints = done.joints[chosen][:, :, DETECTED]
     first = np.unique(candidates.place, return_index=True)[1]
     rank = np.searchsorted(candidates.place[first], candidates.place)
     seen = joint_visibility(
-        rehearsal.model, rehearsal.qpos[chosen], joints, rehearsal.depth[:, DETECTED], rehearsal.geom_ids,
-        _all_round(candidates.rig[first]), rehearsal.bodies[:, DETECTED], rehearsal.objects,
+        done.model, done.qpos[chosen], joints, done.depth[:, DETECTED], done.geom_ids,
+        _all_round(candidates.rig[first]), done.bodies[:, DETECTED], done.objects,
     )  # fmt: skip
     xy, along = candidates.rig.project(joints)
     inside = candidates.rig.inside(xy) & (along > 0)
@@ -145,7 +128,7 @@ def gather(rehearsal: Rehearsal, candidates: CandidateCameras, detector: Detecto
     for camera in range(len(candidates)):
         visibility = np.where(inside[:, camera], seen.visibility[:, rank[camera]], Visibility.OUTSIDE_IMAGE)
         view = View(
-            fps=rehearsal.spec.fps, size=candidates.rig.size[camera], xyz=joints, true_xy=xy[:, camera],
+            fps=done.fps, size=candidates.rig.size[camera], xyz=joints, true_xy=xy[:, camera],
             visibility=visibility, occluder=seen.occluder[:, rank[camera]], parts=parts, times=detector.times,
             minimum_score=0.0, random=np.random.default_rng,
         )  # fmt: skip
