@@ -88,8 +88,10 @@ def label_clip(
             "versions": {
                 "dmae-synth": metadata.version("dmae-synth"),
                 "python": platform.python_version(),
-                **{"numpy": np.__version__, "scipy": scipy.__version__},
-                **{"opencv": cv2.__version__, "mujoco": mujoco.__version__},
+                "numpy": np.__version__,
+                "scipy": scipy.__version__,
+                "opencv": cv2.__version__,
+                "mujoco": mujoco.__version__,
             },
         },
     )
