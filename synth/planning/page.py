@@ -19,6 +19,7 @@ from dmae.viewing.overlay import chosen_layers
 from dmae.viewing.sheet import write_sheet
 from synth.planning.plan import FIGURES, CameraPlan, Expected, PlannedRig, check_numbers
 from synth.planning.search import Rehearsal, rehearse
+from synth.rigs.config import listed_rig
 from synth.viewing.rooms import draw_rooms
 
 NUMBERS = "plan.json"
@@ -102,18 +103,8 @@ def _plain(figures: dict) -> dict:
 
 def _preset(planned: PlannedRig) -> str:
     """Return the YAML preset of a rig. `rig=planned_<n>` finds it with `--config-dir`."""
-    rig = planned.rig
-    cameras = [
-        {
-            "name": name,
-            "size": rig.size[view].tolist(),
-            "K": rig.K[view].ravel().tolist(),
-            "cam_from_world": rig.cam_from_world[view, :3].ravel().tolist(),
-            "dist": rig.dist[view].tolist(),
-            "fisheye": bool(rig.fisheye[view]),
-        }
-        for view, name in enumerate(rig.names)
-    ]
+    rig, keys = planned.rig, ("name", "size", "K", "cam_from_world", "dist", "fisheye")
+    cameras = [{key: getattr(camera, key) for key in keys} for camera in listed_rig(rig).cameras]
     comment = f"# {len(rig)} cameras that `synth plan` chose.\n"
     return comment + yaml.safe_dump({"name": f"planned_{len(rig)}", "cameras": cameras}, sort_keys=False)
 

@@ -1,7 +1,7 @@
 """Errors of a detector by the occluder of a joint: observations of clips, tables, and a figure."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -169,35 +169,7 @@ _COLUMNS = (
 _KINDS = np.array([kind_of(joint) for joint in BODY25.joints])
 
 
-@dataclass(frozen=True)
-class JointRow:
-    """The joints of a group, for people that were found. Shares are from 0 to 1; None if no joint was detected."""
-
-    # heading, group: For example "cause" and "visible"
-    heading: str
-    group: str
-    joints: int  # Number of joints
-    missed: float  # Share of joints that were not detected
-    near: float | None  # Share of detected joints with an error within 5 % of the height
-    # median, p90: Median and 90 % quantile of the errors of detected joints, in heights
-    median: float | None
-    p90: float | None
-    confidence: float | None  # Mean confidence of detected joints
-    inverted: float | None  # Share of detected joints at the position of the same joint of the other side
-
-
-@dataclass(frozen=True)
-class PeopleRow:
-    """The people of a group."""
-
-    # heading, group: For example "visible joints" and "80 % or more"
-    heading: str
-    group: str
-    people: int  # Number of people
-    found: float  # Share of people that were found
-
-
-def joint_rows(joints: JointsSeen) -> list[JointRow]:
+def joint_rows(joints: JointsSeen) -> list[dict]:
     """Return the rows of joints. Visible and hidden joints are separate in rows by size, crowding, direction, kind."""
     visible = joints.cause == Visibility.VISIBLE
     groups = [("cause", name, joints.cause == cause) for cause, name in _CAUSES.items()]
@@ -208,14 +180,14 @@ def joint_rows(joints: JointsSeen) -> list[JointRow]:
     return [_joint_row(heading, group, joints[some]) for heading, group, some in groups if some.any()]
 
 
-def people_rows(people: PeopleSeen) -> list[PeopleRow]:
+def people_rows(people: PeopleSeen) -> list[dict]:
     """Return the rows of people. The rows by size, crowding and direction contain only people in plain sight."""
     plain = people.unobstructed >= UNOBSTRUCTED
     groups = [("visible joints", *each) for each in _ranges(people.visible, _SHARES)]
     groups.append(("in plain sight", "", plain))
     groups += [(f"{name}, in plain sight", group, some & plain) for name, group, some in _sorted(people)]
     return [
-        PeopleRow(heading, group, int(some.sum()), float(people.found[some].mean()))
+        {"heading": heading, "group": group, "people": int(some.sum()), "found": float(people.found[some].mean())}
         for heading, group, some in groups
         if some.any()
     ]
@@ -229,10 +201,16 @@ def _sorted(seen: JointsSeen | PeopleSeen) -> list[tuple[str, str, np.ndarray]]:
 
 
 def numbers(found: DetectorObservations) -> dict:
-    """Return the tables of a detector for JSON."""
+    """Return the tables of a detector for JSON: rows of `joints`, of people that were found, and of `people`.
+
+    Each row has a `heading` and a `group`, such as "cause" and "visible", and the number of joints or people. `found`
+    and `missed` are shares of these, from 0 to 1. Of detected joints, `near` is the share with an error within 5 % of
+    the height, `inverted` that of joints at the position of the same joint of the other side; `median` and `p90` of
+    errors are in heights. They are None if no joint was detected.
+    """
     return {
-        "joints": [asdict(row) for row in joint_rows(found.joints)],
-        "people": [asdict(row) for row in people_rows(found.people)],
+        "joints": joint_rows(found.joints),
+        "people": people_rows(found.people),
         "pictures": found.pictures,
         "ghosts": found.ghosts,
         "duplicates": found.duplicates,
@@ -274,20 +252,18 @@ def _ranges(values: np.ndarray, edges: Sequence[float], unit: str = "") -> list[
     return found
 
 
-def _joint_row(heading: str, group: str, some: JointsSeen) -> JointRow:
-    error, score = some.error[~some.missed], some.score[~some.missed]
-    known = len(error) > 0
-    return JointRow(
-        heading,
-        group,
-        len(some.error),
-        float(some.missed.mean()),
-        float((error < NEAR).mean()) if known else None,
-        float(np.median(error)) if known else None,
-        float(np.quantile(error, 0.9)) if known else None,
-        float(score.mean()) if known else None,
-        float(some.inverted[~some.missed].mean()) if known else None,
-    )
+def _joint_row(heading: str, group: str, some: JointsSeen) -> dict:
+    detected = some[~some.missed]
+    row = {"heading": heading, "group": group, "joints": len(some.error), "missed": float(some.missed.mean())}
+    if not len(detected.error):
+        return row | dict.fromkeys(("near", "median", "p90", "confidence", "inverted"))
+    return row | {
+        "near": float((detected.error < NEAR).mean()),
+        "median": float(np.median(detected.error)),
+        "p90": float(np.quantile(detected.error, 0.9)),
+        "confidence": float(detected.score.mean()),
+        "inverted": float(detected.inverted.mean()),
+    }
 
 
 # Curves of the errors of several detectors.

@@ -5,7 +5,7 @@ CMU Graphics Lab Motion Capture Database (free for research and commercial use),
 them. No recorded motion is played.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -47,32 +47,8 @@ _ARM_LEAST, _ARM_MOST = np.radians((-26, -8, -10, 0, -10)), np.radians((2, 6, 15
 """Bounds of the offsets that a person adds to the angles of arms at ease, rad."""
 
 
-@dataclass(frozen=True)
-class Carriage:
-    """The posture of one person."""
-
-    drop: float  # Distance of the hips below their height with straight legs, m
-    lean: np.ndarray  # (2,) lean of the trunk to the front and to the right, rad
-    nod: float  # Nod of the head, rad
-    arms: np.ndarray  # (2, 5) offsets that are added to the angles of both arms at ease, rad
-    activity: float  # Size of all small movements, 1 on average
-
-
-def draw_carriage(*, rng: np.random.Generator) -> Carriage:
-    """Draw the posture of a person."""
-    both, apart = rng.uniform(_ARM_LEAST, _ARM_MOST), rng.uniform(_ARM_LEAST, _ARM_MOST, (2, 5))
-    return Carriage(
-        drop=_DEEPEST * rng.uniform(0.05, 1.0),
-        lean=np.radians(rng.normal((2.0, 0.0), (4.0, 2.0))),
-        nod=np.radians(rng.normal(6.0, 8.0)),
-        arms=0.65 * both + 0.35 * apart,
-        activity=rng.uniform(0.5, 1.6),
-    )
-
-
 def carried(
     trajectory: BodyTrajectory,
-    carriage: Carriage,
     walking: np.ndarray,
     raised: np.ndarray,
     times: np.ndarray,
@@ -83,38 +59,44 @@ def carried(
     """Return a trajectory of F frames with the posture of a person applied. Feet on the floor stay in place.
 
     `walking` (F,) is the share of walking against standing; `raised` (F, 2) the weight of the action of each arm
-    against the arm at ease; `rng` draws small movements.
+    against the arm at ease; `rng` draws the posture and small movements.
     """
+    # Offsets of arms at ease, which are alike on both sides; how low the hips are; lean of the trunk to the front and
+    # to the right; nod of the head; size of all small movements.
+    both, apart = rng.uniform(_ARM_LEAST, _ARM_MOST), rng.uniform(_ARM_LEAST, _ARM_MOST, (2, 5))
+    lowered = _DEEPEST * rng.uniform(0.05, 1.0)
+    lean, nod = np.radians(rng.normal((2.0, 0.0), (4.0, 2.0))), np.radians(rng.normal(6.0, 8.0))
+    activity = rng.uniform(0.5, 1.6)
 
     def drifts(kinds) -> np.ndarray:
         drawn = [random_drift(rng, times, np.radians(rms), fastest) for rms, fastest in kinds]
-        return carriage.activity * np.stack(drawn, axis=1)
+        return activity * np.stack(drawn, axis=1)
 
     upright = smoothstep((trajectory.root[:, 2] / HIP_HEIGHT - _LOW) / (_HIGH - _LOW))
     upright = gaussian_filter1d(upright, 0.1 * fps, mode="nearest")
     standing = gaussian_filter1d(1 - np.minimum(1, 2 * walking), 0.2 * fps, mode="nearest")
     still = upright * (_WALKING + (1 - _WALKING) * standing)
     root = trajectory.root.copy()
-    sway, bounce = (carriage.activity * rms for rms in (_SWAY[0], _BOUNCE[0]))
+    sway, bounce = (activity * rms for rms in (_SWAY[0], _BOUNCE[0]))
     root[:, :2] += still[:, None] * np.stack([random_drift(rng, times, sway, _SWAY[1]) for _ in range(2)], axis=1)
     # The hips never rise above the height of straight legs, and their path has no kink there.
-    drop = carriage.drop + random_drift(rng, times, bounce, _BOUNCE[1])
+    drop = lowered + random_drift(rng, times, bounce, _BOUNCE[1])
     root[:, 2] -= still * (drop + np.hypot(drop, 0.02)) / 2
-    still_feet = upright * standing * (1 - np.minimum(1, 4 * walking)) * carriage.activity
+    still_feet = upright * standing * (1 - np.minimum(1, 4 * walking)) * activity
     ankles, feet = _on_toes(trajectory, still_feet, times, fps, rng=rng)
     turn, front, side = (upright[:, None] * drifts(_PELVIS)).T
     turned = about("z", turn) @ trajectory.pelvis @ about("y", front) @ about("x", side)
     chest = trajectory.chest + upright[:, None] * drifts(_CHEST)
-    chest[:, 1:] += upright[:, None] * carriage.lean
+    chest[:, 1:] += upright[:, None] * lean
     # The hips balance a leaning trunk.
     ahead, right = (chest[:, axis] - trajectory.chest[:, axis] for axis in (1, 2))
     cos, sin = np.cos(chest[:, 0]), np.sin(chest[:, 0])
     root[:, :2] -= _COUNTER * np.stack([cos * ahead + sin * right, sin * ahead - cos * right], axis=1)
     # The head turns with the chest, within the range of the neck.
     head = trajectory.head + chest[:, :2] - trajectory.chest[:, :2] + (1 - raised.max(1) / 2)[:, None] * drifts(_HEAD)
-    head = chest[:, :2] + _MOST_HEAD * np.tanh((head + (0, carriage.nod) - chest[:, :2]) / _MOST_HEAD)
+    head = chest[:, :2] + _MOST_HEAD * np.tanh((head + (0, nod) - chest[:, :2]) / _MOST_HEAD)
     free = 1 - raised
-    arms = trajectory.arms + free[..., None] * carriage.arms
+    arms = trajectory.arms + free[..., None] * (0.65 * both + 0.35 * apart)
     for arm in range(2):
         arms[:, arm] += (0.4 + 0.6 * free[:, arm, None]) * drifts(_ARMS)
     # Elbows bend in one direction only.

@@ -25,7 +25,7 @@ from synth.motion.procedural.actions import (
     step_profile,
     wave,
 )
-from synth.motion.procedural.carriage import carried, draw_carriage, perform_on_the_spot
+from synth.motion.procedural.carriage import carried, perform_on_the_spot
 from synth.motion.procedural.gait import LEGS, Walk, rolled
 from synth.motion.procedural.trajectory import (
     ANKLE,
@@ -529,7 +529,7 @@ def make_sequence(
             trajectories.append(_upright(lower_body, arms, style))
             walking[frames], swing[frames] = lower_body.walking, style.swing * lower_body.swing
     trajectory = _with_sway(concatenate(trajectories), walking, swing, swing_share, times, fps, rng=rng)
-    trajectory = carried(trajectory, draw_carriage(rng=rng), walking, raised, times, fps, rng=rng)
+    trajectory = carried(trajectory, walking, raised, times, fps, rng=rng)
     motion = replace(trajectory, root=reachable_root(trajectory, fps)).motion(
         ", ".join(name for _, name in actions), fps
     )
