@@ -38,6 +38,10 @@ ROTATION, CENTRE = slice(0, 3), slice(3, 6)
 FOCAL, K1, K2, OFFSET, DRIFT = range(6, 11)
 Q = 11
 """Number of parameters of a camera."""
+PARTS = {
+    "rotation": ROTATION, "centre": CENTRE, "focal": FOCAL, "k1": K1, "k2": K2, "offset": OFFSET, "drift": DRIFT,
+}  # fmt: skip
+"""Parameters of a camera by name."""
 
 
 @dataclass(frozen=True)
@@ -103,36 +107,13 @@ class Freedom:
 
     free: np.ndarray  # (V, Q) True for parameters that may change
     prior: np.ndarray  # (V, Q) standard deviation of their change, inf where nothing is known
-    # True if most cameras should stay and a few may move far (Cauchy); False if all move a little
-    robust_prior: bool = False
 
     @classmethod
-    def of(
-        cls,
-        views: int,
-        only: list[int] | None = None,
-        *,
-        rotation: bool = False,
-        centre: bool = False,
-        focal: bool = False,
-        k1: bool = False,
-        k2: bool = False,
-        offset: bool = False,
-        drift: bool = False,
-    ) -> Freedom:
-        """Return the freedom of the named parameters, of all views or of some."""
+    def of(cls, views: int, only: list[int] | None = None, **wanted: bool) -> Freedom:
+        """Return the freedom of the parameters, named as in `PARTS`, that are True, of all views or of some."""
         free = np.zeros((views, Q), bool)
-        rows = slice(None) if only is None else only
-        for part, wanted in (
-            (ROTATION, rotation),
-            (CENTRE, centre),
-            (FOCAL, focal),
-            (K1, k1),
-            (K2, k2),
-            (OFFSET, offset),
-            (DRIFT, drift),
-        ):
-            free[rows, part] = wanted
+        for name, each in wanted.items():
+            free[slice(None) if only is None else only, PARTS[name]] = each
         return cls(free, np.full((views, Q), np.inf))
 
 
@@ -184,11 +165,6 @@ class Observations:
     def at(self, bodies: np.ndarray) -> Observations:
         """Return some of the bodies."""
         return replace(self, frame=self.frame[bodies], person=self.person[bodies], start=self.start[bodies])
-
-    def bodies_a_second(self) -> float:
-        """Return the largest number of bodies of one person per second."""
-        seconds = np.ptp(self.frame) / self.tracks.fps + 1 / self.tracks.fps if len(self) else 1.0
-        return len(self) / max(len(np.unique(self.person)), 1) / seconds
 
     def seen(self, calibration: Calibration) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return each body's detections given the cameras' clocks, (M, V, J, 2) px, and velocities, px/s, 0 if
@@ -261,15 +237,15 @@ class AdjustmentProblem:
         self.offset_views = np.arange(len(freedom.free)) if offsets else np.empty(0, int)
         self.people, self.person = np.unique(observations.person, return_inverse=True)
         # An error that lasts for several frames counts once, for any number of these frames.
-        self.offset_weight = observations.bodies_a_second() * _ALIKE_S / OFFSET_M**2
+        fps = observations.tracks.fps
+        seconds = np.ptp(observations.frame) / fps + 1 / fps if len(observations) else 1.0
+        bodies_a_second = len(observations) / max(len(self.people), 1) / seconds
+        self.offset_weight = bodies_a_second * _ALIKE_S / OFFSET_M**2
         self.free = np.flatnonzero(freedom.free)
         self.bones = np.array(observations.tracks.skeleton.bones).reshape(-1, 2) if bones else np.empty((0, 2), int)
         self.timed = freedom.free[:, [OFFSET, DRIFT]].any()
         self.fixed_seen = None if self.timed else observations.seen(origin)
         self.depth: np.ndarray | None = None
-
-    def at(self, calibration: Calibration, xyz: np.ndarray, offset: np.ndarray | None = None) -> AdjustmentState:
-        return AdjustmentState(self, calibration, xyz, offset)
 
 
 class AdjustmentState:
@@ -312,9 +288,11 @@ class AdjustmentState:
         lost = np.isfinite(sigma) & ~known & (np.isfinite(sigma).sum(1, keepdims=True) >= 2)
         self.cost = self.cost + 25.0 * lost.sum((1, 2))
         self.bone_cost = self._bones()
-        self.prior_cost = self._prior()
+        self.step = problem.origin.difference(calibration)
+        self.prior_weight = 1 / problem.freedom.prior**2
+        prior_cost = float(((self.step / problem.freedom.prior) ** 2).sum())
         offset_cost = problem.offset_weight * (self.offset**2).sum()
-        self.total = float(self.cost.sum() + self.bone_cost + self.prior_cost + offset_cost)
+        self.total = float(self.cost.sum() + self.bone_cost + prior_cost + offset_cost)
 
     def _bones(self) -> float:
         bones, person = self.problem.bones, self.problem.observations.person
@@ -338,18 +316,6 @@ class AdjustmentState:
         self.bone_off, self.bone_weight = off, np.where(ok & np.isfinite(usual), 1 / (1 + off**2 / ROBUST**2), 0)
         self.bone_unit = np.nan_to_num(vector / np.maximum(length, 1e-6)[..., None]) / sigma[..., None]
         return float((ROBUST**2 * np.log1p(off**2 / ROBUST**2)).sum())
-
-    def _prior(self) -> float:
-        freedom = self.problem.freedom
-        self.step = self.problem.origin.difference(self.calibration)
-        off = self.step / freedom.prior
-        self.prior_weight = 1 / freedom.prior**2
-        if not freedom.robust_prior:
-            return float((off**2).sum())
-        # All parameters of one camera leave their prior together.
-        square = (off**2).sum(-1)
-        self.prior_weight = self.prior_weight / (1 + square)[:, None]
-        return float(np.log1p(square).sum())
 
     def jacobians(self) -> tuple[np.ndarray, np.ndarray]:
         """Return derivatives of the pixels by the joints (M, V, J, 2, 3) and by the parameters (M, V, J, 2, Q)."""

@@ -70,12 +70,12 @@ def adjust(
     origin, damping = calibration, 1e-3
     xyz = observations.start if xyz is None else xyz
     problem = AdjustmentProblem(observations, origin, freedom, bones, offsets)
-    state = problem.at(calibration, xyz)
+    state = AdjustmentState(problem, calibration, xyz)
     for _ in range(iterations):
         moved = False
         for _ in range(6):
             step, move, offset = solve(state, damping, move_people)
-            tried = problem.at(state.calibration.changed(step), state.xyz + move, state.offset + offset)
+            tried = AdjustmentState(problem, state.calibration.changed(step), state.xyz + move, state.offset + offset)
             if tried.total <= state.total:
                 moved = state.total - tried.total > tolerance * max(state.total, 1e-9)
                 state, damping = tried, max(damping / 5, 1e-9)
@@ -83,38 +83,29 @@ def adjust(
             damping = max(damping * 8, 1e-6)
         if not moved:
             break
-    return _adjusted(state)
-
-
-def _adjusted(state: AdjustmentState) -> Adjusted:
-    """Return the outcome at a state."""
-    free, V = state.problem.free, len(state.calibration.rig)
+    free, V = problem.free, len(calibration.rig)
     information, gradient = np.zeros((V * Q, V * Q)), np.zeros(V * Q)
-    scores, spread = np.zeros((len(state.xyz), V * Q)), np.zeros((V * Q, V * Q))
+    scores, spread = np.zeros((len(xyz), V * Q)), np.zeros((V * Q, V * Q))
     if len(free):
-        found = reduced(state)
+        parts = _derivatives(state)
+        found = _reduced(state, parts, *_inverse(state, parts, 0.0))
         information[np.ix_(free, free)], gradient[free] = found.information, found.gradient
         spread[np.ix_(free, free)], scores[:, free] = found.offset_spread, found.scores
-    px = np.sqrt((state.residual**2).sum(-1))
+    # The mean second derivative of the robust cost over the mean weight: w^2 for a Cauchy weight w.
+    weight = np.where(state.known, state.scale**2, 0)
+    usual = (weight * state.robust).sum()
     return Adjusted(
         state.calibration,
         np.where(state.known.any(1)[..., None], state.xyz, np.nan),
         np.where(state.known, np.sqrt(state.error2), np.nan),
-        np.where(state.known, px, np.nan),
+        np.where(state.known, np.sqrt((state.residual**2).sum(-1)), np.nan),
         information,
         gradient,
         state.cost,
         scores,
         spread,
-        _curvature(state),
+        float((weight * state.robust**2).sum() / usual) if usual else 1.0,
     )
-
-
-def _curvature(state: AdjustmentState) -> float:
-    """Return the mean second derivative of the robust cost over the mean weight: w^2 for a Cauchy weight w."""
-    weight = np.where(state.known, state.scale**2, 0)
-    usual = (weight * state.robust).sum()
-    return float((weight * state.robust**2).sum() / usual) if usual else 1.0
 
 
 _CHUNK = 128  # Number of bodies that are eliminated together, to limit memory
@@ -182,12 +173,6 @@ def _inverse(state: AdjustmentState, parts: _Parts, damping: float) -> tuple[np.
         gradient[:, b] += push[:, index]
         gradient[:, a] -= push[:, index]
     return np.linalg.inv(A.reshape(M, 3 * J, 3 * J) + 1e-6 * np.eye(3 * J)), gradient.reshape(M, 3 * J)
-
-
-def reduced(state: AdjustmentState) -> Reduced:
-    """Return the equations of the cameras."""
-    parts = _derivatives(state)
-    return _reduced(state, parts, *_inverse(state, parts, 0.0))
 
 
 def _reduced(
@@ -319,20 +304,13 @@ def covariance_of_cameras(observations: Observations, adjusted: Adjusted, freedo
     if len(free):
         scores, index = adjusted.scores[:, free], np.ix_(free, free)
         scatter = scores.T @ scores
-        G = (
-            _bodies_per_error(observations, scores @ np.linalg.pinv(_root(scatter))) * scatter
-            + adjusted.offset_spread[index]
-        )
+        values, vectors = np.linalg.eigh(scatter)
+        root = vectors * np.sqrt(np.maximum(values, 0)) @ vectors.T
+        G = _bodies_per_error(observations, scores @ np.linalg.pinv(root)) * scatter + adjusted.offset_spread[index]
         H = np.linalg.pinv(adjusted.information[index] * adjusted.curvature)
         covariance[index] = H @ G @ H
     blocks = covariance.reshape(views, Q, views, Q)
     return blocks[np.arange(views), :, np.arange(views)]
-
-
-def _root(matrix: np.ndarray) -> np.ndarray:
-    """Return the symmetric square root of a covariance matrix."""
-    values, vectors = np.linalg.eigh(matrix)
-    return vectors * np.sqrt(np.maximum(values, 0)) @ vectors.T
 
 
 def _bodies_per_error(observations: Observations, scores: np.ndarray) -> float:

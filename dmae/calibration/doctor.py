@@ -177,21 +177,18 @@ def _examine(hypothesis: Hypothesis, correction: Correction | None) -> tuple[Exa
     """Examine single cameras, unless a fault of all cameras explains that people cannot be measured."""
     if correction is not None and len(correction.views) == len(hypothesis.rig) and correction.fault in _EXCLUSIVE:
         return None
-    scale = _scale_to_metres(hypothesis)
-    if scale == 1:
-        return examined(hypothesis)
-    pose = hypothesis.rig.cam_from_world.copy()
-    pose[:, :3, 3] *= scale
-    return examined(replace(hypothesis, rig=replace(hypothesis.rig, cam_from_world=pose)))
-
-
-def _scale_to_metres(hypothesis: Hypothesis) -> float:
-    """Return the factor that gives people human size if they are far from it, otherwise 1."""
-    pairs, frames = pairs_to_compare(len(hypothesis.rig)), hypothesis.sample_frames(CHECKED_FRAMES)
-    sample = ViewSample.of(hypothesis, frames)
+    pairs, sample = (
+        pairs_to_compare(len(hypothesis.rig)),
+        ViewSample.of(hypothesis, hypothesis.sample_frames(CHECKED_FRAMES)),
+    )
     people = triangulate_matches(sample, pairs, measure_agreement(sample, pairs))
     ratio = relative_size(people, hypothesis.skeleton)
-    return 1.0 if ratio is None or 0.5 < ratio < 2 else 1 / ratio
+    if ratio is None or 0.5 < ratio < 2:
+        return examined(hypothesis)
+    # Give people that are far from human size this size.
+    pose = hypothesis.rig.cam_from_world.copy()
+    pose[:, :3, 3] *= 1 / ratio
+    return examined(replace(hypothesis, rig=replace(hypothesis.rig, cam_from_world=pose)))
 
 
 def _explains(camera: Named, correction: Correction | None, hypothesis: Hypothesis, pairs: Pairs) -> bool:

@@ -148,19 +148,14 @@ def examine(tracks: ImageTracks, calibration: Calibration) -> Examination | None
 def _fit(observations: Observations, calibration: Calibration, xyz: np.ndarray, view: int, kind: Kind) -> Adjusted:
     """Fit a difference of one camera, from bodies (M, J, 3)."""
     if kind == Kind.late:
-        calibration = _nearest_offset(observations, calibration, view, xyz)
+        # Start at the offset at which the detections of the camera are nearest to the bodies.
+        late, fps = np.arange(Q) == OFFSET, observations.tracks.fps
+        tried = [calibration.with_step(view, late * (frames / fps)) for frames in _OFFSETS]
+        calibration = min(tried, key=lambda each: adjust(observations, each, iterations=0, xyz=xyz).cost.sum())
     free = np.zeros((len(calibration.rig), Q), bool)
     free[view, list(PARAMETERS[kind])] = True
     freedom = Freedom(free, np.full(free.shape, np.inf))
     return adjust(observations, calibration, freedom, iterations=10, xyz=xyz, tolerance=1e-4)
-
-
-def _nearest_offset(observations: Observations, calibration: Calibration, view: int, xyz: np.ndarray) -> Calibration:
-    """Return the calibration with the offset of a view at which its detections are nearest to the bodies."""
-    late, fps = np.arange(Q) == OFFSET, observations.tracks.fps
-    tried = [calibration.with_step(view, late * (frames / fps)) for frames in _OFFSETS]
-    costs = [adjust(observations, each, iterations=0, xyz=xyz).cost.sum() for each in tried]
-    return tried[int(np.argmin(costs))]
 
 
 def _refit(observations: Observations, calibration: Calibration, xyz: np.ndarray) -> Adjusted:

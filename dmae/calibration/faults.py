@@ -354,7 +354,11 @@ def _checked_gain(before: PairScores, frames: np.ndarray, correction: Correction
 def _corrections_with_amount(hypothesis: Hypothesis, frames: np.ndarray, base: PairScores) -> Iterator[Correction]:
     """Search the best scale of detections, of all cameras or of one, and the best distortion of cameras without one."""
     views = list(range(len(hypothesis.rig)))
-    searches = [(Fault.scale, _scaled, part, _LOG_SCALES, _SCALE_STEP) for part in [views, *([view] for view in views)]]
+
+    def scaled(hypothesis: Hypothesis, part: list[int], log_scale: float) -> Hypothesis:
+        return rescale(hypothesis, part, np.exp(log_scale))
+
+    searches = [(Fault.scale, scaled, part, _LOG_SCALES, _SCALE_STEP) for part in [views, *([view] for view in views)]]
     pinholes = np.flatnonzero(~hypothesis.rig.distorted).tolist()
     if pinholes:
         searches.append((Fault.distorted, _with_lens, pinholes, _K1, _K1_STEP))
@@ -379,10 +383,6 @@ def _rounded(log_scale: float) -> float:
     """Round to a ratio of small integers if one is near, because most images are scaled by one."""
     ratio = np.log(float(Fraction(np.exp(log_scale)).limit_denominator(4)))
     return ratio if abs(ratio - log_scale) < 0.02 else log_scale
-
-
-def _scaled(hypothesis: Hypothesis, views: list[int], log_scale: float) -> Hypothesis:
-    return rescale(hypothesis, views, np.exp(log_scale))
 
 
 def _with_lens(hypothesis: Hypothesis, views: list[int], k1: float) -> Hypothesis:

@@ -53,7 +53,10 @@ def match_tracks(clip: Clip, config: CaptureConfig | None = None) -> ImageTracks
             aligned,
         )
         if gate != _GATES[-1]:
-            aligned = _align(tracks, aligned)
+            # Move each camera so that it fits the people, which do not move.
+            some = Observations.of(tracks, aligned, _ALIGNED_BODIES)
+            free = Freedom.of(len(clip.rig), rotation=True, centre=True)
+            aligned = adjust(some, aligned, free, move_people=False, iterations=12).calibration
     return tracks
 
 
@@ -75,13 +78,6 @@ def _assigned(
         found[frame, people[near]] = xy[frame, detections[near]]
         scores[frame, people[near]] = score[frame, detections[near]]
     return found, scores
-
-
-def _align(tracks: ImageTracks, calibration: Calibration) -> Calibration:
-    """Move each camera so that it fits the people, which do not move."""
-    everything = Observations.of(tracks, calibration, _ALIGNED_BODIES)
-    free = Freedom.of(len(calibration.rig), rotation=True, centre=True)
-    return adjust(everything, calibration, free, move_people=False, iterations=12).calibration
 
 
 _SURE_SCORE, _SURE_JOINTS, _MIN_FRAMES = 0.4, 6, 15

@@ -106,16 +106,16 @@ def refine(clip: Clip, config: RefineConfig | None = None) -> Refined:
                 "calibrating needs 20 or more: record people who walk about, or correct what `dmae doctor` finds"
             )
         before = before or adjust(observations, origin, iterations=10, tolerance=1e-4)
-        freedom = _freedom(len(clip.rig), views, config)
+        freedom = Freedom.of(
+            len(clip.rig), views, rotation=config.extrinsics, centre=config.extrinsics, focal=config.focal,
+            k1=config.distortion, offset=config.offsets, drift=config.drift,
+        )  # fmt: skip
+        for parameter, deviation in _PRIOR:
+            freedom.prior[:, parameter] = deviation
         adjusted = adjust(
-            observations,
-            calibration,
-            freedom,
-            bones=config.bones,
-            offsets=not are_stills(clip.fps),
-            tolerance=1e-6,
+            observations, calibration, freedom, bones=config.bones, offsets=not are_stills(clip.fps), tolerance=1e-6,
             iterations=30,
-        )
+        )  # fmt: skip
         calibration = adjusted.calibration
         if not views:
             break
@@ -173,22 +173,6 @@ def _why_none(rig: CameraRig, found: Examination | None) -> str:
         names = " or ".join(rig.names[view] for view in found.suspects)
         return f"{names} differs, but it is not determined which one: give its name as refine.cameras=[...]"
     return "no camera clearly differs from its calibration; refine.cameras=[all] refines all cameras"
-
-
-def _freedom(count: int, views: list[int], config: RefineConfig) -> Freedom:
-    freedom = Freedom.of(
-        count,
-        views,
-        rotation=config.extrinsics,
-        centre=config.extrinsics,
-        focal=config.focal,
-        k1=config.distortion,
-        offset=config.offsets,
-        drift=config.drift,
-    )
-    for parameter, deviation in _PRIOR:
-        freedom.prior[:, parameter] = deviation
-    return freedom
 
 
 def _changes(
