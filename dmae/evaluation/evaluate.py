@@ -104,7 +104,11 @@ def _trials(clips: Sequence[Clip], config: EvaluateConfig) -> Iterator[Trial]:
         if synthetic:
             yield _synthetic_trial(clip, number, config, path)
         elif path:
-            yield _predicted_trial(clip, config, path)
+            truth = _compared_truth(clip, config)
+            filled = read_prediction(path, clip, truth)
+            # Joints that the poses mark as completed count as hidden.
+            given = filled.without(filled.source == Source.COMPLETED)
+            yield Trial(clip, [*range(len(clip.rig))], given, truth, scored_actors(clip), filled=filled)
         else:
             yield from _captured_trials(clip, config)
 
@@ -119,14 +123,6 @@ def _synthetic_trial(clip: Clip, number: int, config: EvaluateConfig, path: Path
     matches = np.tile(np.arange(truth.xyz.shape[1]), (len(clip), 1))
     filled = read_prediction(path, clip, truth, tracks=True) if path else None
     return Trial(clip, [], given, truth, matches=matches, filled=filled)
-
-
-def _predicted_trial(clip: Clip, config: EvaluateConfig, path: Path) -> Trial:
-    """Return the trial of poses made elsewhere. Joints that they mark as completed count as hidden."""
-    truth = _compared_truth(clip, config)
-    filled = read_prediction(path, clip, truth)
-    given = filled.without(filled.source == Source.COMPLETED)
-    return Trial(clip, [*range(len(clip.rig))], given, truth, scored_actors(clip), filled=filled)
 
 
 def _compared_truth(clip: Clip, config: EvaluateConfig) -> Poses3D:
@@ -148,17 +144,6 @@ def _captured_trials(clip: Clip, config: EvaluateConfig) -> Iterator[Trial]:
     for cameras in camera_subsets(clip, config.views):
         captured = capture(clip.select(views=cameras), config.capture)
         yield Trial(clip, cameras, captured, truth, actors)
-
-
-def filled_by_all(filled: list[Poses3D], trial: Trial) -> np.ndarray:
-    """Return (F, T, J) True for the joints of true persons that all poses contain, in the same matched person."""
-    common = np.ones(trial.truth.source.shape, bool)
-    given = trial.matches
-    gate = scale_of(trial.truth) * GATE
-    matches = [match(poses.xyz, trial.truth.xyz, gate) if given is None else given for poses in filled]
-    for poses, found in zip(filled, matches, strict=True):
-        common &= ~np.isnan(take_matched(poses.xyz, found)).any(-1) & (found == matches[0])[..., None]
-    return common
 
 
 _TRIED = 50  # Number of frames of a clip that a forecast scores
@@ -222,7 +207,14 @@ def _score_clip(config: EvaluateConfig, clips: Sequence[Clip], shown: bool) -> t
         facts = facts or scored_clip(trial.clip)
         if config.angles and trial.truth is not truth:
             truth, angles = trial.truth, leg_angles(trial.truth)[0]
-        compared = filled_by_all([poses for name, poses in filled.items() if name != "measured"], trial)
+        # The joints that all methods filled, in the same matched person.
+        compared, first = np.ones(trial.truth.source.shape, bool), None
+        for name, poses in filled.items():
+            if name != "measured":
+                gate = scale_of(trial.truth) * GATE
+                found = match(poses.xyz, trial.truth.xyz, gate) if trial.matches is None else trial.matches
+                first = found if first is None else first
+                compared &= ~np.isnan(take_matched(poses.xyz, found)).any(-1) & (found == first)[..., None]
         for name, poses in filled.items():
             entry = {"clip": trial.clip.id, "cameras": trial.cameras}
             entry |= score(

@@ -60,16 +60,6 @@ def scored_clip(clip: Clip) -> dict:
     return facts if offsets is None else facts | {"offset_px": _means(np.asarray(offsets, np.float64)[..., None])[0]}
 
 
-def option_differences(old: dict, new: dict) -> dict[str, str]:
-    """Return the options that differ between two scores, by name, each with both values as text."""
-    missing = "not an option"
-    return {
-        name: f"{name}={_text(old.get(name, missing))} in the baseline, {_text(new.get(name, missing))} here"
-        for name in sorted({*old, *new})
-        if old.get(name, missing) != new.get(name, missing)
-    }
-
-
 def clip_differences(old: dict[str, dict], new: dict[str, dict]) -> list[str]:
     """Return one line for each difference between the clips of two scores; empty if they are equal up to rounding."""
     lines = [f"clip {name!r} is of the baseline alone" for name in old if name not in new]
@@ -203,11 +193,14 @@ class Gate:
 def check_baseline(baseline: dict, options: dict, changed: Collection[str] = ()) -> None:
     """Raise ValueError if scores with `options`, save those `changed`, do not compare with a baseline."""
     _check_content(baseline, "baseline")
-    differing = option_differences(baseline["options"], options)
-    refused = [name for name in differing if not any(f"{name}.".startswith(f"{each}.") for each in changed)]
+    refused = {}
+    for name in sorted({*baseline["options"], *options}):
+        old, new = (each.get(name, "not an option") for each in (baseline["options"], options))
+        if old != new and not any(f"{name}.".startswith(f"{each}.") for each in changed):
+            refused[name] = f"{name}={_text(old)} in the baseline, {_text(new)} here"
     if refused:
         raise ValueError(
-            f"baseline: scores of other options are not compared: {'; '.join(differing[name] for name in refused)}. "
+            f"baseline: scores of other options are not compared: {'; '.join(refused.values())}. "
             f"Use the same, or name the options that you changed on purpose: changed=[{','.join(refused)}]"
         )
 

@@ -1,6 +1,7 @@
 """Scores of a benchmark as tables, and as a page."""
 
 import json
+from collections.abc import Collection
 from itertools import product
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from dmae.evaluation.benchmark.clips import FrozenMatch
-from dmae.evaluation.benchmark.holes import AXES
+from dmae.evaluation.benchmark.holes import AXES, SHAPE
 from dmae.files.contents import write_atomic
 from dmae.reporting.figures import PERSONS
 from dmae.reporting.page import CaptionedFigure, Section, write_report
@@ -22,19 +23,15 @@ CHECKED = {
     FrozenMatch.unchecked: "There are no published checksums: scores from other machines may be for other clips.",
 }
 """Meaning of the values of `checksums` in scores."""
+_TITLES = {"cause": "by what made them", "frames": "by their length in frames at 25/s", "part": "by body part"}
 _MARKERS = "osD^vP*X<>h"
 
 
 def benchmark_tables(scores: dict) -> dict[str, Table]:
     """Return the tables of a benchmark by name: `difficulty`, `levels`, `cause`, `frames`, `part`, `cells` and more."""
-    completion = {name: entry["summary"] for name, entry in scores["completion"].items()}
     tables = {"difficulty": _difficulty(scores)}
-    if completion:
-        tables["levels"] = _levels(scores, completion)
-        tables |= {axis: _by_axis(scores, completion, axis) for axis in AXES}
-        tables["cells"] = _cells(scores, completion)
-        if any(each["held"] is not None for each in completion.values()):
-            tables["regions"] = _regions(completion)
+    if scores["completion"]:
+        tables |= _completion_tables(scores)
     if scores["capture"]:
         tables["captures"] = _captures(scores)
     if scores.get("differences"):
@@ -86,7 +83,9 @@ def _difficulty(scores: dict) -> Table:
     return Table("Difficulty: true joints that capture did not measure, and linear filling of them", header, rows)
 
 
-def _levels(scores: dict, completion: dict) -> Table:
+def _completion_tables(scores: dict) -> dict[str, Table]:
+    """Return the tables of the error of holes, by level, along each axis and in each cell, and of stated regions."""
+    completion = {name: entry["summary"] for name, entry in scores["completion"].items()}
     header = ("method", "mm", "95 % interval", *(level["name"] for level in scores["levels"]), "filled %", "seen mm")
     rows = []
     for name, each in completion.items():
@@ -95,44 +94,34 @@ def _levels(scores: dict, completion: dict) -> Table:
             continue
         low, high = each["mm"]["low"], each["mm"]["high"]
         interval = "-" if low is None else f"{low:.1f} to {high:.1f}"
-        rows.append((
-            name, number_text(each["mm"]["value"]), interval,
-            *map(number_text, (*each["levels"], each["filled"], each["seen"])),
-        ))  # fmt: skip
-    return Table("Mean error of holes, mm: mean over levels, and by level", header, rows)
-
-
-def _by_axis(scores: dict, completion: dict, axis: str) -> Table:
-    titles = {"cause": "by what made them", "frames": "by their length in frames at 25/s", "part": "by body part"}
-    rows = [
-        (name, *(number_text(each[axis][column]) for column in AXES[axis])) if each[axis] else (name, NOT_MEASURED)
-        for name, each in completion.items()
-    ]
-    counts = _holes(scores).sum(tuple(number for number, other in enumerate(AXES) if other != axis))
-    rows.append(("holes", *map(str, counts)))
-    return _padded(Table(f"Mean error of holes, mm, {titles[axis]}", ("method", *AXES[axis]), rows))
-
-
-def _cells(scores: dict, completion: dict) -> Table:
-    """A row for each cause, length and body part that has holes."""
-    holes = _holes(scores).ravel()
+        figures = map(number_text, (*each["levels"], each["filled"], each["seen"]))
+        rows.append((name, number_text(each["mm"]["value"]), interval, *figures))
+    tables = {"levels": Table("Mean error of holes, mm: mean over levels, and by level", header, rows)}
+    holes = np.reshape(scores["holes"], SHAPE)
+    for number, (axis, title) in enumerate(_TITLES.items()):
+        classes = AXES[axis]
+        rows = [
+            (name, *([number_text(each[axis][one]) for one in classes] if each[axis] else _unmeasured(classes)))
+            for name, each in completion.items()
+        ]
+        rows.append(("holes", *map(str, holes.sum(tuple({0, 1, 2} - {number})))))
+        tables[axis] = Table(f"Mean error of holes, mm, {title}", ("method", *classes), rows)
     rows = []
-    for number, (cause, frames, part) in enumerate(product(*AXES.values())):
-        if holes[number]:
-            found = [number_text(each["cells"][number]) if each["cells"] else "-" for each in completion.values()]
-            rows.append((f"{cause} {frames} {part}", str(holes[number]), *found))
+    for number, cell in enumerate(product(*AXES.values())):
+        if holes.flat[number]:
+            found = (number_text(each["cells"][number]) if each["cells"] else "-" for each in completion.values())
+            rows.append((" ".join(cell), str(holes.flat[number]), *found))
     header = ("cause, frames, part", "holes", *completion)
-    return Table("Mean error of holes, mm, by cause, length and body part", header, rows)
-
-
-def _regions(completion: dict) -> Table:
+    tables["cells"] = Table("Mean error of holes, mm, by cause, length and body part", header, rows)
     rows = [
         (name, *map(number_text, (each["held"], *each["held_frames"].values(), *each["held_cause"].values())))
         for name, each in completion.items()
         if each["held"] is not None
     ]
-    header = ("method", "all", *AXES["frames"], *AXES["cause"])
-    return Table("Filled holes within the 90 % regions that methods state, %", header, rows)
+    if rows:
+        header = ("method", "all", *AXES["frames"], *AXES["cause"])
+        tables["regions"] = Table("Filled holes within the 90 % regions that methods state, %", header, rows)
+    return tables
 
 
 def _captures(scores: dict) -> Table:
@@ -144,12 +133,16 @@ def _captures(scores: dict) -> Table:
     for name, entry in scores["capture"].items():
         each = entry["summary"]
         measured = each["pcp"] is not None
-        rows.append((name, *(map(number_text, (each[key] for key in keys)) if measured else (NOT_MEASURED,))))
+        rows.append((name, *(map(number_text, (each[key] for key in keys)) if measured else _unmeasured(keys))))
     caption = (
         "From detections to poses: strict PCP; joints within 0.1 m, and mean error of those given, that two cameras or "
         "more saw (seen) and that fewer saw (unseen); the share of the unseen that were given a place"
     )
-    return _padded(Table(caption, ("capture", *keys.values()), rows))
+    return Table(caption, ("capture", *keys.values()), rows)
+
+
+def _unmeasured(columns: Collection[str]) -> list[str]:
+    return [NOT_MEASURED, *[""] * (len(columns) - 1)]
 
 
 def _differences(found: list[dict]) -> Table:
@@ -178,13 +171,3 @@ def _figure(completion: dict, classes: list[str], values, label: str) -> Figure:
     axes.grid(color="#dddddd", linewidth=0.5)
     figure.legend(loc="outside right upper", frameon=False)
     return figure
-
-
-def _holes(scores: dict) -> np.ndarray:
-    """Return the number of holes of each cell, over all clips."""
-    return np.reshape(scores["holes"], [len(classes) for classes in AXES.values()])
-
-
-def _padded(table: Table) -> Table:
-    rows = [(*row, *[""] * (len(table.header) - len(row))) for row in table.rows]
-    return Table(table.caption, table.header, rows)

@@ -41,6 +41,7 @@ _KINDS = {
     "reprojection": "Measured joints farthest from their detection",
 }
 _MOST_MOMENTS = 8  # Rows of each table of moments
+_SHOWN = "The player shows detections, and truth where there is one"  # Of a clip that is not captured
 
 
 def write_clips_report(
@@ -141,15 +142,10 @@ def _subject(findings: Sequence[Findings]) -> list[str]:
 
 def _states(findings: Sequence[Findings]) -> list[str]:
     found = []
-    for state, one, several, words in (
-        (State.empty, "has", "have", "no frames, so there is nothing to show"),
-        (
-            State.not_captured,
-            "is",
-            "are",
-            "not captured yet: run dmae capture. The player shows detections, and truth where there is one",
-        ),
-        (State.no_person, "is", "are", "captured, but capture found no person"),
+    for state, (one, several), words in (
+        (State.empty, ("has", "have"), "no frames, so there is nothing to show"),
+        (State.not_captured, ("is", "are"), f"not captured yet: run dmae capture. {_SHOWN}"),
+        (State.no_person, ("is", "are"), "captured, but capture found no person"),
     ):
         clips = sum(each.state == state for each in findings)
         if clips:
@@ -389,23 +385,24 @@ def residuals_section(findings: Sequence[Findings]) -> list[Section]:
 
 
 def _breakdown_table(name: str, groups: dict[str, JointGroup], known: bool) -> Table:
-    columns = {name: list(groups), "joints": [f"{each.joints:,}" for each in groups.values()]}
+    counted = groups.values()
+    columns = {name: list(groups), "joints": [f"{each.joints:,}" for each in counted]}
     if known:
-        columns["mean mm"] = [number_text(each.mean, 0) for each in groups.values()]
-        columns["90 % under"] = [number_text(each.quantile(0.9), 0) for each in groups.values()]
-    if any(each.completed for each in groups.values()):
-        columns["completed %"] = [number_text(100 * each.completed / each.joints) for each in groups.values()]
-    if any(each.missing for each in groups.values()):
-        heading = "not found %" if known else "missing %"
-        columns[heading] = [number_text(100 * each.missing / each.joints) for each in groups.values()]
+        columns["mean mm"] = [number_text(each.mean, 0) for each in counted]
+        columns["90 % under"] = [number_text(each.quantile(0.9), 0) for each in counted]
+    if any(each.completed for each in counted):
+        columns["completed %"] = [number_text(100 * each.completed / each.joints) for each in counted]
+    if any(each.missing for each in counted):
+        columns["not found %" if known else "missing %"] = [
+            number_text(100 * each.missing / each.joints) for each in counted
+        ]
     return Table(f"By {name}", list(columns), list(zip(*columns.values(), strict=True)), bars=(2,))
 
 
 def _error_figure(truth: dict[str, JointGroup]) -> Figure:
     figure = Figure(figsize=(5.2, 3), layout="constrained")
     axes = figure.subplots()
-    shown = {"measured": PERSONS[0], "completed": COMPLETED}
-    for name, colour in shown.items():
+    for name, colour in {"measured": PERSONS[0], "completed": COMPLETED}.items():
         if truth[name].compared:
             within = 100 * np.cumsum(truth[name].histogram) / truth[name].compared
             axes.plot(np.arange(1, len(within) + 1), within, color=colour, label=name)

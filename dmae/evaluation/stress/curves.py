@@ -62,7 +62,20 @@ def curves(plan: Plan, contenders: Sequence[Contender], runs: list[dict], clips:
         "methods": {each.name: each.about for each in contenders},
         "notes": list(plan.notes),
         "axes": [_axis(axis, contenders, points) for axis in plan.axes],
-        "pairs": [_pair(axis, contenders, points) for axis in plan.pairs],
+        "pairs": [
+            {
+                "names": list(axis.names),
+                "units": [find_corruption(name).unit for name in axis.names],
+                "points": [
+                    {
+                        "levels": list(level),
+                        "methods": {each.name: points[each.name, axis.active(level)].json for each in contenders},
+                    }
+                    for level in axis.levels
+                ],
+            }
+            for axis in plan.pairs
+        ],
     }
 
 
@@ -116,17 +129,6 @@ def _axis(axis: Axis, contenders: Sequence[Contender], points: dict[tuple, Point
     }
     last = {name: found[-1].pcp for name, found in along.items()}
     return {"name": axis.name, "about": entry.help, "unit": entry.unit, "methods": methods} | _best(last)
-
-
-def _pair(axis: Axis, contenders: Sequence[Contender], points: dict[tuple, Point]) -> dict:
-    found = [
-        {
-            "levels": list(level),
-            "methods": {each.name: points[each.name, axis.active(level)].json for each in contenders},
-        }
-        for level in axis.levels
-    ]
-    return {"names": list(axis.names), "units": [find_corruption(name).unit for name in axis.names], "points": found}
 
 
 def _breaks(levels: np.ndarray, points: list[Point]) -> dict:

@@ -132,16 +132,6 @@ class Cache:
                 file.write(line + "\n")
 
 
-def key_of(clip_hash: str, people: CaptureConfig, cell: Cell, contender: Contender) -> str:
-    """Return the key of a contender's scores in a cell of a clip: a hash of everything that they depend on.
-
-    `people` captures the people of a clip without truth.
-    """
-    own = {name: source_hash(name) for name, _ in cell.levels}
-    settings = [clip_hash, asdict(people), asdict(cell), own, settings_of(contender), code_hash()]
-    return hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()
-
-
 def hash_of_clip(clip: Clip) -> str:
     """Return a hash of a clip without images, poses and provenance, on which results do not depend.
 
@@ -196,7 +186,11 @@ class Matrix:
     cache: Cache  # Results that exist already
 
     def key(self, clip: int, cell: Cell, contender: Contender) -> str:
-        return key_of(self.hashes[clip], self.config.capture, cell, contender)
+        """Return the key of a contender's scores in a cell of a clip: a hash of everything that they depend on."""
+        own = {name: source_hash(name) for name, _ in cell.levels}
+        people = asdict(self.config.capture)  # It captures the people of a clip without truth.
+        settings = [self.hashes[clip], people, asdict(cell), own, settings_of(contender), code_hash()]
+        return hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()
 
     def missing(self) -> dict[tuple[int, Cell], list[Contender]]:
         """Return the contenders without a result, by clip and cell, in the order of the clips."""

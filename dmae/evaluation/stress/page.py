@@ -219,24 +219,15 @@ def write_result(result: dict, out: Path) -> None:
 
 def page_sections(result: dict) -> list[Section]:
     """Return the sections of the page."""
-    found = [
-        Section("Where methods break", tables=[*breaking_tables(result), best_table(result)]),
-        *(_axis_section(axis) for axis in result["axes"]),
-    ]
+    found = [Section("Where methods break", tables=[*breaking_tables(result), best_table(result)])]
+    for axis in result["axes"]:
+        figure = CaptionedFigure(f"{axis['about']} Bands are 95 % intervals.", axis_figure(axis))
+        found.append(Section(axis["name"], f"{_documentation(axis)} {breaking_sentence(axis)}", figures=[figure]))
     if result["pairs"]:
         found.append(Section("Two corruptions", "PCP with two corruptions together.", tables=pair_tables(result)))
     methods = Table("Methods", ("method", "description"), list(result["methods"].items()))
     found.append(Section("How this was measured", " ".join([_MEASURED, *result["notes"]]), tables=[methods]))
     return found
-
-
-def _axis_section(axis: dict) -> Section:
-    caption = f"{axis['about']} Bands are 95 % intervals."
-    return Section(
-        axis["name"],
-        f"{_documentation(axis)} {breaking_sentence(axis)}",
-        figures=[CaptionedFigure(caption, axis_figure(axis))],
-    )
 
 
 def _documentation(axis: dict) -> str:

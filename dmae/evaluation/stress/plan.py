@@ -156,15 +156,17 @@ def contenders(config: StressConfig) -> list[Contender]:
     found = []
     for name in dict.fromkeys(config.methods):
         if name == PAPER:
-            found.append(_paper(config))
-            continue
-        if name in capture_method:
+            options = yaml.safe_load((resource_folder("dmae", "configs") / "capture/paper.yaml").read_text())
+            weights = config.paper_weights or PAPER_WEIGHTS
+            about = f"Captured with the paper's thresholds, completed by its network, weights={weights}."
+            found.append(Contender(PAPER, about, decode(CaptureConfig, options), "dmae", weights))
+        elif name in capture_method:
             own = CaptureConfig(method=name)
             found.append(Contender(name, f"{capture_method[name].help} As measured.", own, "measured", None))
-            continue
-        method = find_method(name)
-        weights = config.weights if method.learned else None
-        found.append(Contender(name, method.help, config.capture, name, weights))
+        else:
+            method = find_method(name)
+            weights = config.weights if method.learned else None
+            found.append(Contender(name, method.help, config.capture, name, weights))
     for each in found:
         if each.weights and not (weights_folder(each.weights) / "model.json").is_file():
             raise FileNotFoundError(f"{each.weights}: expected a folder that `dmae train` wrote, holding model.json")
@@ -176,13 +178,6 @@ def source_hash(name: str) -> str | None:
     module, colon, _ = name.partition(":")
     spec = find_spec(module) if colon else None
     return hashlib.sha256(Path(spec.origin).read_bytes()).hexdigest() if spec and spec.origin else None
-
-
-def _paper(config: StressConfig) -> Contender:
-    options = yaml.safe_load((resource_folder("dmae", "configs") / "capture/paper.yaml").read_text())
-    weights = config.paper_weights or PAPER_WEIGHTS
-    about = f"Captured with the paper's thresholds, completed by its network, weights={weights}."
-    return Contender(PAPER, about, decode(CaptureConfig, options), "dmae", weights)
 
 
 @cache
