@@ -29,24 +29,15 @@ _OPEN = 32  # Number of files that a process keeps open. They are memory-mapped:
 
 @dataclass(frozen=True)
 class ClipFile:
-    """A clip on disk. Only its sizes and names have been read.
+    """A clip on disk. Only its sizes and names have been read."""
 
-    Attributes:
-        folder: Folder of the clip.
-        frames: Number of frames, F.
-        cameras: Names of the V cameras.
-        persons: Number of persons P of `truth` and of `poses`, by that name, if the clip has them.
-        skeletons: Skeletons of `truth` and of `poses`, by that name, as `dmae.data.skeleton.encode`
-            returns them.
-        kinds: Kinds of images of the clip.
-    """
-
-    folder: Path
-    frames: int
-    cameras: tuple[str, ...]
-    persons: dict[str, int]
+    folder: Path  # Folder of the clip
+    frames: int  # Number of frames, F
+    cameras: tuple[str, ...]  # Names of the V cameras
+    persons: dict[str, int]  # Number of persons P of `truth` and of `poses`, by that name, if the clip has them
+    # Skeletons of `truth` and of `poses`, by that name, as `dmae.data.skeleton.encode` returns them
     skeletons: dict[str, str | dict]
-    kinds: tuple[str, ...]
+    kinds: tuple[str, ...]  # Kinds of images of the clip
 
     def read(self, start: int = 0, stop: int | None = None, view: int | None = None) -> Clip:
         """Return frames `start` to `stop` (excluded) of all views, or of one view.

@@ -29,19 +29,12 @@ E = TypeVar("E", bound="Entry")
 
 @dataclass(frozen=True)
 class Entry:
-    """A registered function. The fields that a subclass adds are the settings that its decorator takes.
+    """A registered function. The fields that a subclass adds are the settings that its decorator takes."""
 
-    Attributes:
-        name: As users type it.
-        help: First line of the docstring.
-        options: Names of the keyword-only arguments.
-        home: `module:function`.
-    """
-
-    name: str
-    help: str
-    options: tuple[str, ...]
-    home: str
+    name: str  # As users type it
+    help: str  # First line of the docstring
+    options: tuple[str, ...]  # Names of the keyword-only arguments
+    home: str  # `module:function`
 
     @cached_property
     def function(self) -> Callable:

@@ -68,23 +68,15 @@ class PairFit:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """The faults of a recording, and the fit of its cameras.
+    """The faults of a recording, and the fit of its cameras."""
 
-    Attributes:
-        pairs: Fit of the pairs of cameras in the recording as it was read.
-        corrected: The same with the findings corrected.
-        findings: Faults, in the order in which to correct them; empty for a recording without faults.
-        unknown: Questions that could not be decided, and why.
-        cameras: Fit of each camera with the findings corrected, and the smallest differences that would be noticed.
-        floor: Height of the floor and vertical direction, with the findings corrected; None if people cannot be
-            measured.
-    """
-
-    pairs: tuple[PairFit, ...]
-    corrected: tuple[PairFit, ...]
-    findings: tuple[Finding, ...]
-    unknown: tuple[str, ...]
+    pairs: tuple[PairFit, ...]  # Fit of the pairs of cameras in the recording as it was read
+    corrected: tuple[PairFit, ...]  # The same with the findings corrected
+    findings: tuple[Finding, ...]  # Faults, in the order in which to correct them; empty for a recording without faults
+    unknown: tuple[str, ...]  # Questions that could not be decided, and why
+    # Fit of each camera with the findings corrected, and the smallest differences that would be noticed
     cameras: tuple[CameraFit, ...] = ()
+    # Height of the floor and vertical direction, with the findings corrected; None if people cannot be measured
     floor: Floor | None = None
 
 

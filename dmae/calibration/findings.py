@@ -19,20 +19,13 @@ _INSIDE = 0.3  # Share of joints inside the image above which a camera is expect
 
 @dataclass(frozen=True)
 class Finding:
-    """A fault of some cameras.
+    """A fault of some cameras."""
 
-    Attributes:
-        fault: The fault.
-        cameras: Names of the cameras that have it.
-        evidence: The reason for the finding.
-        remedy: The change that corrects it.
-        alternatives: Possible faults, one of which is present, if the recording does not determine which.
-    """
-
-    fault: Fault
-    cameras: tuple[str, ...]
-    evidence: str
-    remedy: str
+    fault: Fault  # The fault
+    cameras: tuple[str, ...]  # Names of the cameras that have it
+    evidence: str  # The reason for the finding
+    remedy: str  # The change that corrects it
+    # Possible faults, one of which is present, if the recording does not determine which
     alternatives: tuple[Fault, ...] = ()
 
 

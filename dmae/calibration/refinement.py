@@ -54,26 +54,19 @@ class CameraChange:
 
 @dataclass(frozen=True)
 class Refined:
-    """A refined calibration.
+    """A refined calibration."""
 
-    Attributes:
-        rig: The cameras.
-        offset, drift: (V,) s and s/s, as in `Calibration`.
-        covariance: (V, Q, Q) of the parameters of each camera (`dmae.calibration.adjustment_problem`). It assumes
-            the usual errors of detectors: correlated over some tenths of a second, with a constant part at each joint
-            of a person in a view. 0 for parameters that were not refined.
-        changes: The changes of each camera, in the original world.
-        floor: The original height of the floor and tilt of the world, if the world was made level.
-        note: Why no camera changed, if `cameras=[auto]` found none; otherwise None.
-    """
-
-    rig: CameraRig
+    rig: CameraRig  # The cameras
+    # offset, drift: (V,) s and s/s, as in `Calibration`
     offset: np.ndarray
     drift: np.ndarray
+    # (V, Q, Q) of the parameters of each camera (`dmae.calibration.adjustment_problem`). It assumes the usual errors of
+    # detectors: correlated over some tenths of a second, with a constant part at each joint of a person in a view. 0
+    # for parameters that were not refined.
     covariance: np.ndarray
-    changes: tuple[CameraChange, ...]
-    floor: Floor | None = None
-    note: str | None = None
+    changes: tuple[CameraChange, ...]  # The changes of each camera, in the original world
+    floor: Floor | None = None  # The original height of the floor and tilt of the world, if the world was made level
+    note: str | None = None  # Why no camera changed, if `cameras=[auto]` found none; otherwise None
 
 
 def refine(clip: Clip, config: RefineConfig | None = None) -> Refined:

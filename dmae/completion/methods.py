@@ -24,16 +24,12 @@ used no views."""
 
 @dataclass(frozen=True)
 class CompletionMethod(Entry):
-    """How joints that no camera measured are filled.
+    """How joints that no camera measured are filled."""
 
-    Attributes:
-        learned: The function takes the folder of trained weights, or None for those that come with the package, and
-            returns what fills poses. Other functions fill poses themselves.
-        smooths: What it returns is not to be smoothed: it was, or it is what was measured.
-    """
-
+    # The function takes the folder of trained weights, or None for those that come with the package, and returns what
+    # fills poses. Other functions fill poses themselves.
     learned: bool = False
-    smooths: bool = False
+    smooths: bool = False  # What it returns is not to be smoothed: it was, or it is what was measured
 
     def load(self, weights: Path | None = None) -> Fill:
         """Return what fills poses: a function of poses and their frames per second.

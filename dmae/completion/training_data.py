@@ -111,15 +111,11 @@ def body_parts(skeleton: Skeleton) -> list[list[int]]:
 
 @dataclass(frozen=True)
 class PosePair:
-    """True poses, and the same persons as cameras captured them.
+    """True poses, and the same persons as cameras captured them."""
 
-    Attributes:
-        truth: F frames, P persons, J joints.
-        captured: The same persons in the same order, with gaps and errors; None where nothing was captured. On the
-            skeleton of the truth; of two side by side on the first.
-    """
-
-    truth: Poses3D
+    truth: Poses3D  # F frames, P persons, J joints
+    # The same persons in the same order, with gaps and errors; None where nothing was captured. On the skeleton of the
+    # truth; of two side by side on the first.
     captured: Poses3D | None = None
 
 
@@ -196,14 +192,10 @@ _KEPT_RAYS = 0.5  # Share of the masked joints that keep their rays
 
 @dataclass(frozen=True)
 class Recipe:
-    """How examples are made of true poses.
-
-    Attributes:
-        rest: (J, 3) m, see `dmae.completion.windows.rest_pose`.
-    """
+    """How examples are made of true poses."""
 
     model: ModelConfig
-    rest: np.ndarray
+    rest: np.ndarray  # (J, 3) m, see `dmae.completion.windows.rest_pose`
     masking: MaskingConfig = field(default_factory=MaskingConfig)
     augment: AugmentConfig = field(default_factory=AugmentConfig)
 
@@ -262,17 +254,11 @@ _BY = " by "  # Between the name of a clip and the cameras that captured it
 
 @dataclass(frozen=True)
 class TrainingSet:
-    """Pairs of poses by the names of their clips.
+    """Pairs of poses by the names of their clips."""
 
-    Attributes:
-        pairs: To learn from.
-        extra: Those that `examples.replay` is a share of; none without it.
-        validation: To validate and calibrate on.
-    """
-
-    pairs: dict[str, PosePair]
-    extra: dict[str, PosePair]
-    validation: dict[str, PosePair]
+    pairs: dict[str, PosePair]  # To learn from
+    extra: dict[str, PosePair]  # Those that `examples.replay` is a share of; none without it
+    validation: dict[str, PosePair]  # To validate and calibrate on
 
     @property
     def all(self) -> dict[str, PosePair]:

@@ -23,15 +23,10 @@ from dmae.numerics.paths import linear, neighbours
 
 @dataclass(frozen=True)
 class Normalisation:
-    """Frames of windows: window = rotated by -heading about z (world - origin).
+    """Frames of windows: window = rotated by -heading about z (world - origin)."""
 
-    Attributes:
-        origin: (B, 3) m, world: the mid hip, or its estimate, in the middle frame.
-        heading: (B,) rad, the heading in the world that is +x in the window.
-    """
-
-    origin: np.ndarray
-    heading: np.ndarray
+    origin: np.ndarray  # (B, 3) m, world: the mid hip, or its estimate, in the middle frame
+    heading: np.ndarray  # (B,) rad, the heading in the world that is +x in the window
 
     def apply(self, xyz: np.ndarray) -> np.ndarray:
         """Return points of the world (B, ..., 3) in the window."""
@@ -99,31 +94,19 @@ class Windows(NamedTuple):
 
 @dataclass(frozen=True)
 class Rows:
-    """Recordings prepared to be cut into windows.
+    """Recordings prepared to be cut into windows."""
 
-    Attributes:
-        base: (S, J, 3) m, world: measured where observed, interpolated elsewhere; never NaN.
-        observed: (S, J)
-        gap: (S, J, 2) frames since and until the joint was observed, at most 1000.
-        ray: (S, J, 3) world, unit direction of the ray on which a joint that is not observed is; else zero.
-        candidate_offset: (S, J, 6, 3) m, world, and `noise_level`: (S, J, 6), see `dmae.completion.windows`.
-        truth: (S, J, 3) NaN where unknown; all NaN when there is none.
-        origin: (S, 3) m, and `heading`: (S,) rad: where the body is and faces.
-        present: (S,) True while the person is present, `dmae.numerics.filling.present`.
-        starts: (W,) the first rows of all windows that hold a measurement.
-    """
-
-    base: np.ndarray
-    observed: np.ndarray
-    gap: np.ndarray
-    ray: np.ndarray
-    candidate_offset: np.ndarray
+    base: np.ndarray  # (S, J, 3) m, world: measured where observed, interpolated elsewhere; never NaN
+    observed: np.ndarray  # (S, J)
+    gap: np.ndarray  # (S, J, 2) frames since and until the joint was observed, at most 1000
+    ray: np.ndarray  # (S, J, 3) world, unit direction of the ray on which a joint that is not observed is; else zero
+    candidate_offset: np.ndarray  # (S, J, 6, 3) m, world, and `noise_level`: (S, J, 6), see `dmae.completion.windows`
     noise_level: np.ndarray
-    truth: np.ndarray
-    origin: np.ndarray
+    truth: np.ndarray  # (S, J, 3) NaN where unknown; all NaN when there is none
+    origin: np.ndarray  # (S, 3) m, and `heading`: (S,) rad: where the body is and faces
     heading: np.ndarray
-    present: np.ndarray
-    starts: np.ndarray
+    present: np.ndarray  # (S,) True while the person is present, `dmae.numerics.filling.present`
+    starts: np.ndarray  # (W,) the first rows of all windows that hold a measurement
 
     def cut(self, starts: np.ndarray, frames: int, align_heading: bool) -> tuple[Windows, np.ndarray, Normalisation]:
         """Return the windows that begin at `starts`, their truth (B, T, J, 3) in the window's frame, and that frame."""

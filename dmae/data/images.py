@@ -27,26 +27,18 @@ _CHANNELS = {"rgb": (3,), "normals": (3,), "flow": (3,), "amodal": (1, 3)}
 
 @dataclass(frozen=True)
 class Images:
-    """Images on disk, read on demand.
+    """Images on disk, read on demand."""
 
-    Attributes:
-        folder: Contains `rgb/<view>.mp4`, or `rgb/<view>/<frame>.png` or `.jpg`, and for the other kinds
-            `<kind>/<view>/<frame>.png`.
-        views: Camera names.
-        frames: Numbers of the frames in the files.
-        kinds: The kinds in `KINDS` that exist.
-        parts: Names of the parts of bodies. In images of parts, 0 is no person and 1 + i is part i.
-        rgb: Format of colour images, a key of `RGB_FILES`.
-        files: Names of the videos in `folder`, one per view, if they are not `rgb/<view>.mp4`. If `rgb` is `png`, names
-            of folders of image files instead. Frame n is then the n-th file, sorted by the numbers in their names.
-    """
-
+    # Contains `rgb/<view>.mp4`, or `rgb/<view>/<frame>.png` or `.jpg`, and for the other kinds
+    # `<kind>/<view>/<frame>.png`
     folder: Path
-    views: tuple[str, ...]
-    frames: tuple[int, ...]
-    kinds: tuple[str, ...] = KINDS
-    parts: tuple[str, ...] = ()
-    rgb: str = "h264"
+    views: tuple[str, ...]  # Camera names
+    frames: tuple[int, ...]  # Numbers of the frames in the files
+    kinds: tuple[str, ...] = KINDS  # The kinds in `KINDS` that exist
+    parts: tuple[str, ...] = ()  # Names of the parts of bodies. In images of parts, 0 is no person and 1 + i is part i.
+    rgb: str = "h264"  # Format of colour images, a key of `RGB_FILES`
+    # Names of the videos in `folder`, one per view, if they are not `rgb/<view>.mp4`. If `rgb` is `png`, names of
+    # folders of image files instead. Frame n is then the n-th file, sorted by the numbers in their names.
     files: tuple[str, ...] = ()
 
     __repr__ = short_repr

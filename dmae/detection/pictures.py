@@ -16,27 +16,18 @@ from dmae.formats.recordings import frame_number, natural
 
 @dataclass(frozen=True)
 class CameraPictures:
-    """The N images of a camera.
+    """The N images of a camera."""
 
-    Attributes:
-        name: Name of the camera.
-        path: Video, folder of images, or folder of the images of a clip.
-        size: Width and height, px, upright.
-        times: (N,) s, when each image was taken by the clock of its file; for a folder, the numbers of the images.
-        rate: Images per second; None if the files do not state it.
-        read: Takes `start` and `stop`; yields these images, (H, W, 3) uint8 RGB, None for an image that cannot be read.
-        codec: Codec of a video, for instance "h264".
-        timecode: Start of a video, as the camera wrote it.
-    """
-
-    name: str
-    path: Path
-    size: tuple[int, int]
+    name: str  # Name of the camera
+    path: Path  # Video, folder of images, or folder of the images of a clip
+    size: tuple[int, int]  # Width and height, px, upright
+    # (N,) s, when each image was taken by the clock of its file; for a folder, the numbers of the images
     times: np.ndarray
-    rate: float | None
+    rate: float | None  # Images per second; None if the files do not state it
+    # Takes `start` and `stop`; yields these images, (H, W, 3) uint8 RGB, None for an image that cannot be read
     read: Callable[[int, int], Iterator[np.ndarray | None]]
-    codec: str = ""
-    timecode: str | None = None
+    codec: str = ""  # Codec of a video, for instance "h264"
+    timecode: str | None = None  # Start of a video, as the camera wrote it
 
     def __len__(self) -> int:
         return len(self.times)
@@ -209,15 +200,10 @@ _BLACK = 40  # Largest mean brightness of a margin, of 255; compressed black is 
 
 @dataclass(frozen=True)
 class Fitting:
-    """Scale and margin of images relative to the images of the calibration.
+    """Scale and margin of images relative to the images of the calibration."""
 
-    Attributes:
-        scale: Pixels of the image per pixel of the calibration.
-        margin: (left, top) black border of the image, px.
-    """
-
-    scale: float = 1.0
-    margin: tuple[float, float] = (0.0, 0.0)
+    scale: float = 1.0  # Pixels of the image per pixel of the calibration
+    margin: tuple[float, float] = (0.0, 0.0)  # (left, top) black border of the image, px
 
     @property
     def is_same(self) -> bool:
@@ -293,19 +279,13 @@ _MOST_SPAN = 20
 
 @dataclass(frozen=True)
 class Alignment:
-    """The frames of a recording.
+    """The frames of a recording."""
 
-    Attributes:
-        fps: Frames per second.
-        frames: For each camera (N,) the frame of each of its images; -1 for an image that is not used.
-        count: F, the number of frames.
-        notes: Decisions that can be wrong.
-    """
-
-    fps: float
+    fps: float  # Frames per second
+    # For each camera (N,) the frame of each of its images; -1 for an image that is not used
     frames: tuple[np.ndarray, ...]
-    count: int
-    notes: tuple[str, ...]
+    count: int  # F, the number of frames
+    notes: tuple[str, ...]  # Decisions that can be wrong
 
 
 def align(cameras: Sequence[CameraPictures], fps: float | None, offsets: Sequence[int] | None) -> Alignment:

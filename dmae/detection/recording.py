@@ -48,21 +48,14 @@ _STILLS_RATE = 0.1  # 1/s; of photographs in sets, where it is not known
 
 @dataclass(frozen=True)
 class Recording:
-    """Videos that belong together.
+    """Videos that belong together."""
 
-    Attributes:
-        cameras: V cameras with images.
-        alignment: The frame of each image.
-        rig: Their calibration; None if there is none.
-        fittings: Scale and margin of the images of each camera, relative to the images of its calibration.
-        notes: Decisions that can be wrong.
-    """
-
-    cameras: tuple[CameraPictures, ...]
-    alignment: Alignment
-    rig: CameraRig | None
+    cameras: tuple[CameraPictures, ...]  # V cameras with images
+    alignment: Alignment  # The frame of each image
+    rig: CameraRig | None  # Their calibration; None if there is none
+    # Scale and margin of the images of each camera, relative to the images of its calibration
     fittings: tuple[Fitting, ...]
-    notes: tuple[str, ...]
+    notes: tuple[str, ...]  # Decisions that can be wrong
 
 
 def open_recording(
@@ -425,15 +418,10 @@ _QUALITY = 90
 
 @dataclass(frozen=True)
 class Photographs:
-    """Photographs, each of its own size.
+    """Photographs, each of its own size."""
 
-    Attributes:
-        cameras: N, each with one image.
-        notes: On files that are left out.
-    """
-
-    cameras: tuple[CameraPictures, ...]
-    notes: tuple[str, ...]
+    cameras: tuple[CameraPictures, ...]  # N, each with one image
+    notes: tuple[str, ...]  # On files that are left out
 
 
 def find_photographs(path: Path) -> Photographs:

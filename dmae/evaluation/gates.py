@@ -113,21 +113,15 @@ _AGAIN = "make them again with this version: dmae evaluate ... out=FOLDER"
 
 @dataclass(frozen=True)
 class Change:
-    """One figure of one method and number of views, in the baseline and in the new scores.
+    """One figure of one method and number of views, in the baseline and in the new scores."""
 
-    Attributes:
-        method: Name of the method.
-        views: Number of views; 0 with synthetic gaps.
-        figure: One of `dmae.evaluation.scores.FIGURES`.
-        old, new: The figure in the baseline and in the new scores, in its unit.
-        low, high: 95 % interval of `new - old` over the same blocks of time.
-    """
-
-    method: str
-    views: int
-    figure: str
+    method: str  # Name of the method
+    views: int  # Number of views; 0 with synthetic gaps
+    figure: str  # One of `dmae.evaluation.scores.FIGURES`
+    # old, new: The figure in the baseline and in the new scores, in its unit
     old: float
     new: float
+    # low, high: 95 % interval of `new - old` over the same blocks of time
     low: float
     high: float
 
@@ -159,17 +153,11 @@ class Change:
 
 @dataclass(frozen=True)
 class Gate:
-    """The result of comparing scores with a baseline.
+    """The result of comparing scores with a baseline."""
 
-    Attributes:
-        changes: Changes of all figures that could be compared.
-        refused: Figures that could not be compared, with reasons.
-        notes: New figures, and changed figures that have no interval and are therefore not judged.
-    """
-
-    changes: tuple[Change, ...]
-    refused: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
+    changes: tuple[Change, ...]  # Changes of all figures that could be compared
+    refused: tuple[str, ...] = ()  # Figures that could not be compared, with reasons
+    notes: tuple[str, ...] = ()  # New figures, and changed figures that have no interval and are therefore not judged
 
     @property
     def worse(self) -> tuple[Change, ...]:

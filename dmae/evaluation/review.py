@@ -32,21 +32,13 @@ class ReviewVerdict(StrEnum):
 
 @dataclass(frozen=True)
 class Decision:
-    """A verdict on one joint of one person.
+    """A verdict on one joint of one person."""
 
-    Attributes:
-        person: Index of the captured person.
-        joint: Name of the joint.
-        first: Index of the first frame.
-        last: Index of the last frame.
-        verdict: What to do with the joint in these frames.
-    """
-
-    person: int
-    joint: str
-    first: int
-    last: int
-    verdict: ReviewVerdict
+    person: int  # Index of the captured person
+    joint: str  # Name of the joint
+    first: int  # Index of the first frame
+    last: int  # Index of the last frame
+    verdict: ReviewVerdict  # What to do with the joint in these frames
 
 
 def save_decisions(folder: Path, poses: Poses3D, decisions: Sequence[Decision]) -> None:
@@ -212,29 +204,18 @@ _SECONDS = 0.2  # s; length of an entry
 
 @dataclass(frozen=True)
 class Doubt:
-    """A joint of one person in a stretch of frames.
+    """A joint of one person in a stretch of frames."""
 
-    Attributes:
-        person: Index of the captured person.
-        joint: Name of the joint.
-        first: Index of the first frame.
-        last: Index of the last frame.
-        worst: Index of the frame to look at.
-        doubt: Root of the sum of the squared signs, averaged over the frames, m. It is a rank value, not an error bar.
-        reason: The largest sign in the worst frame, with its size.
-        source: `Source` of the joint in the worst frame.
-        views: Number of cameras that measured it there.
-    """
-
-    person: int
-    joint: str
-    first: int
-    last: int
-    worst: int
+    person: int  # Index of the captured person
+    joint: str  # Name of the joint
+    first: int  # Index of the first frame
+    last: int  # Index of the last frame
+    worst: int  # Index of the frame to look at
+    # Root of the sum of the squared signs, averaged over the frames, m. It is a rank value, not an error bar.
     doubt: float
-    reason: str
-    source: Source
-    views: int
+    reason: str  # The largest sign in the worst frame, with its size
+    source: Source  # `Source` of the joint in the worst frame
+    views: int  # Number of cameras that measured it there
 
     def decision(self, verdict: ReviewVerdict | str) -> Decision:
         """Return a decision on this joint in these frames."""

@@ -26,17 +26,11 @@ _PERSON = re.compile(r"_P\d+$")  # End of the names of files that contain one of
 
 @dataclass(frozen=True)
 class PoseFile:
-    """The content of a pose file or of a folder of poses.
+    """The content of a pose file or of a folder of poses."""
 
-    Attributes:
-        poses: (F, P, J, 3) m, world.
-        fps: Frames per second; None if the file does not state it.
-        clip: Id of the clip of these poses; None if the file does not state it.
-    """
-
-    poses: Poses3D
-    fps: float | None = None
-    clip: str | None = None
+    poses: Poses3D  # (F, P, J, 3) m, world
+    fps: float | None = None  # Frames per second; None if the file does not state it
+    clip: str | None = None  # Id of the clip of these poses; None if the file does not state it
 
 
 def read_poses(path: Path) -> PoseFile:

@@ -584,17 +584,13 @@ def _apart(own: "_Follower", others: list["_Follower"], dt: float) -> tuple[np.n
 
 @dataclass(frozen=True)
 class _Shapes:
-    """Collision shapes of a robot: n segments with a radius, m, world.
+    """Collision shapes of a robot: n segments with a radius, m, world."""
 
-    Attributes:
-        body: (n,) of the model.
-        middle, half: (n, 3) middle of a segment, and half of it.
-        radius, reach: (n,) of the shape, and from the middle to its end.
-    """
-
-    body: np.ndarray
+    body: np.ndarray  # (n,) of the model
+    # middle, half: (n, 3) middle of a segment, and half of it
     middle: np.ndarray
     half: np.ndarray
+    # radius, reach: (n,) of the shape, and from the middle to its end
     radius: np.ndarray
     reach: np.ndarray
 

@@ -76,27 +76,19 @@ GAP_RATE = 25.0
 class Comparison:
     """A prediction and the truth to compare it with, on one skeleton of J joints.
 
-    Attributes:
-        pred: P predicted persons.
-        captured: The same persons before anything was filled; defines which joints were hidden.
-        truth: T true persons.
-        actors: True persons that PCP is averaged over.
-        matches: (F, T) index of the prediction that matches each true person, -1 for none; by default from `match`.
-        fps: Frames per second.
-        compared: (F, T, J) True where joints count for the error by gap; None for all.
-        angles: (F, T, 3, 2) true angles from `dmae.metrics.angles.leg_angles`, degrees; None if they are not scored.
-
     Raises:
         ValueError: prediction and captured poses differ in shape.
     """
 
-    pred: Poses3D
-    captured: Poses3D
-    truth: Poses3D
-    actors: tuple[int, ...]
+    pred: Poses3D  # P predicted persons
+    captured: Poses3D  # The same persons before anything was filled; defines which joints were hidden
+    truth: Poses3D  # T true persons
+    actors: tuple[int, ...]  # True persons that PCP is averaged over
+    # (F, T) index of the prediction that matches each true person, -1 for none; by default from `match`
     matches: np.ndarray = None
-    fps: float = GAP_RATE
-    compared: np.ndarray | None = None
+    fps: float = GAP_RATE  # Frames per second
+    compared: np.ndarray | None = None  # (F, T, J) True where joints count for the error by gap; None for all
+    # (F, T, 3, 2) true angles from `dmae.metrics.angles.leg_angles`, degrees; None if they are not scored
     angles: np.ndarray | None = None
 
     def __post_init__(self):

@@ -34,21 +34,14 @@ ISB = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 
 
 class _Segment(NamedTuple):
-    """A segment.
+    """A segment."""
 
-    Attributes:
-        name: Name; segments on a side have a twin, `l_` and `r_`.
-        parent: Name of the parent, with `l_` or `r_` left out.
-        origin: Joint with the parent, in the parent's axes, fractions of stature; of the right side.
-        prior: Standard deviations of the rotation about x, y and z from neutral, degrees.
-        joint: The joint of a skeleton at the origin; empty if there is none.
-    """
-
-    name: str
-    parent: str
+    name: str  # Name; segments on a side have a twin, `l_` and `r_`
+    parent: str  # Name of the parent, with `l_` or `r_` left out
+    # Joint with the parent, in the parent's axes, fractions of stature; of the right side
     origin: tuple[float, float, float]
-    prior: tuple[float, float, float]
-    joint: str = ""
+    prior: tuple[float, float, float]  # Standard deviations of the rotation about x, y and z from neutral, degrees
+    joint: str = ""  # The joint of a skeleton at the origin; empty if there is none
 
 
 # Lengths after Drillis and Contini (1966), as in Winter, Biomechanics and Motor Control (4th ed., fig. 4.1); lumbar
@@ -119,31 +112,19 @@ _DETERMINED, _LARGEST_SD = 0.6, 20.0
 
 @dataclass(frozen=True)
 class Body:
-    """The segments of one person: S segments, parents first, and J landmarks.
+    """The segments of one person: S segments, parents first, and J landmarks."""
 
-    Attributes:
-        segments: Names.
-        parents: (S,) index of the parent; -1 for the pelvis.
-        origins: (S, 3) m, joint with the parent, in its axes; zero for the pelvis.
-        prior: (S, 3) rad, prior standard deviations of the rotation about x, y and z.
-        joints: Names of the landmarks.
-        on: (J,) segment of each landmark.
-        landmarks: (J, 3) m, in the axes of their segment.
-        hip: (3,) m, place of the right landmark of the hips relative to the hip joint, in the axes of the pelvis.
-        standing: rad, `(1 - share) lumbar extension + share x hip flexion` in upright standing with a level pelvis.
-        lumbar_sd: rad, standard deviation of this sum in upright standing.
-    """
-
-    segments: tuple[str, ...]
-    parents: tuple[int, ...]
-    origins: np.ndarray
-    prior: np.ndarray
-    joints: tuple[str, ...]
-    on: tuple[int, ...]
-    landmarks: np.ndarray
+    segments: tuple[str, ...]  # Names
+    parents: tuple[int, ...]  # (S,) index of the parent; -1 for the pelvis
+    origins: np.ndarray  # (S, 3) m, joint with the parent, in its axes; zero for the pelvis
+    prior: np.ndarray  # (S, 3) rad, prior standard deviations of the rotation about x, y and z
+    joints: tuple[str, ...]  # Names of the landmarks
+    on: tuple[int, ...]  # (J,) segment of each landmark
+    landmarks: np.ndarray  # (J, 3) m, in the axes of their segment
+    # (3,) m, place of the right landmark of the hips relative to the hip joint, in the axes of the pelvis
     hip: np.ndarray
-    standing: float
-    lumbar_sd: float
+    standing: float  # rad, `(1 - share) lumbar extension + share x hip flexion` in upright standing with a level pelvis
+    lumbar_sd: float  # rad, standard deviation of this sum in upright standing
 
     def place(self, root: np.ndarray, local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return origins (F, S, 3) and rotations (F, S, 3, 3) of the segments in the world.
@@ -164,21 +145,13 @@ class Body:
 
 @dataclass(frozen=True)
 class BodyMotion:
-    """The motion of one person in F frames.
+    """The motion of one person in F frames."""
 
-    Attributes:
-        body: Sizes.
-        root: (F, 3) mid point of the hips, m, world.
-        local: (F, S, 3, 3) rotation of each segment to the axes of its parent; of the pelvis to the world.
-        cov: (F, S, 3, 3) covariance of a small rotation of each segment in its own axes, rad^2.
-        root_cov: (F, 3, 3) m^2.
-    """
-
-    body: Body
-    root: np.ndarray
-    local: np.ndarray
-    cov: np.ndarray
-    root_cov: np.ndarray
+    body: Body  # Sizes
+    root: np.ndarray  # (F, 3) mid point of the hips, m, world
+    local: np.ndarray  # (F, S, 3, 3) rotation of each segment to the axes of its parent; of the pelvis to the world
+    cov: np.ndarray  # (F, S, 3, 3) covariance of a small rotation of each segment in its own axes, rad^2
+    root_cov: np.ndarray  # (F, 3, 3) m^2
 
     @property
     def xyz(self) -> np.ndarray:
@@ -558,19 +531,12 @@ def _inverse_right_jacobian(turns: np.ndarray) -> np.ndarray:
 
 
 class Angle(NamedTuple):
-    """A joint angle.
+    """A joint angle."""
 
-    Attributes:
-        name: Name in OpenSim.
-        segment: Segment that turns in its parent.
-        axis: 0 flexion, about z; 1 adduction, about x; 2 rotation, about y.
-        sign: Sign of the Cardan angle.
-    """
-
-    name: str
-    segment: str
-    axis: int
-    sign: int = 1
+    name: str  # Name in OpenSim
+    segment: str  # Segment that turns in its parent
+    axis: int  # 0 flexion, about z; 1 adduction, about x; 2 rotation, about y
+    sign: int = 1  # Sign of the Cardan angle
 
 
 def _angles() -> tuple[Angle, ...]:

@@ -33,17 +33,11 @@ JOINTS = [field.name for field in fields(Poses3D) if field.name != "skeleton"]
 
 @dataclass(frozen=True)
 class FinishedFrame:
-    """One frame that will not change any more.
+    """One frame that will not change any more."""
 
-    Attributes:
-        number: Number of the frame, from 0 on.
-        people: (P,) numbers of the people who are present; a number is the same person in all frames.
-        poses: (1, P, J, ...) with joints, sources, covariances and views.
-    """
-
-    number: int
-    people: np.ndarray
-    poses: Poses3D
+    number: int  # Number of the frame, from 0 on
+    people: np.ndarray  # (P,) numbers of the people who are present; a number is the same person in all frames
+    poses: Poses3D  # (1, P, J, ...) with joints, sources, covariances and views
 
 
 def split_frames(poses: Poses3D, people: np.ndarray, number: int = 0) -> list[FinishedFrame]:

@@ -23,21 +23,14 @@ _ASSIGNED = 100
 
 @dataclass(frozen=True)
 class Candidates:
-    """Detections of one frame that are compared between views.
+    """Detections of one frame that are compared between views."""
 
-    Attributes:
-        view: (n,) view of each detection, ascending.
-        centers: (V, 3) camera centres, m, float32.
-        rays: (n, 3, J) unit directions, float32; zeros where a joint is absent. J is filled up to a multiple of 16.
-        weights: (n, J) root of the confidence, float32; 0 where a joint is absent.
-        colours: (n, 3) CIELAB, float32; NaN where unknown.
-    """
-
-    view: np.ndarray
-    centers: np.ndarray
+    view: np.ndarray  # (n,) view of each detection, ascending
+    centers: np.ndarray  # (V, 3) camera centres, m, float32
+    # (n, 3, J) unit directions, float32; zeros where a joint is absent. J is filled up to a multiple of 16.
     rays: np.ndarray
-    weights: np.ndarray
-    colours: np.ndarray
+    weights: np.ndarray  # (n, J) root of the confidence, float32; 0 where a joint is absent
+    colours: np.ndarray  # (n, 3) CIELAB, float32; NaN where unknown
 
     @classmethod
     def of(cls, view: np.ndarray, centers: np.ndarray, rays: np.ndarray, confidence: np.ndarray) -> "Candidates":

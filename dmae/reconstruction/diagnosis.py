@@ -54,15 +54,10 @@ _ZOOMS = {
 
 @dataclass(frozen=True)
 class Explanation:
-    """The reasons for few or no people.
+    """The reasons for few or no people."""
 
-    Attributes:
-        stages: What remained after each step, in order: words and a number.
-        suggestions: Suggested changes, the most likely first.
-    """
-
-    stages: tuple[tuple[str, int], ...]
-    suggestions: tuple[str, ...]
+    stages: tuple[tuple[str, int], ...]  # What remained after each step, in order: words and a number
+    suggestions: tuple[str, ...]  # Suggested changes, the most likely first
 
     def __str__(self) -> str:
         width = max(len(f"{count:,}") for _, count in self.stages)

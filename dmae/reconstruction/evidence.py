@@ -31,21 +31,13 @@ def evidence_blocks(clip: Clip, persons: int = 1) -> list[slice]:
 
 @dataclass(frozen=True)
 class Evidence:
-    """Confident detections of F frames, V views, D detections per view, J joints.
+    """Confident detections of F frames, V views, D detections per view, J joints."""
 
-    Attributes:
-        rig: V pinhole cameras; `xy` is in their undistorted pixels.
-        xy: (F, V, D, J, 2) undistorted px; NaN where absent.
-        confidence: (F, V, D, J) in [0, 1]; NaN where absent.
-        config: How detections are compared and triangulated, with distances for detections of this noise.
-        noise: How far detections scatter.
-    """
-
-    rig: CameraRig
-    xy: np.ndarray
-    confidence: np.ndarray
-    config: CaptureConfig
-    noise: DetectionNoise
+    rig: CameraRig  # V pinhole cameras; `xy` is in their undistorted pixels
+    xy: np.ndarray  # (F, V, D, J, 2) undistorted px; NaN where absent
+    confidence: np.ndarray  # (F, V, D, J) in [0, 1]; NaN where absent
+    config: CaptureConfig  # How detections are compared and triangulated, with distances for detections of this noise
+    noise: DetectionNoise  # How far detections scatter
 
     @classmethod
     def of(

@@ -37,28 +37,17 @@ class DetectionNoise:
         sigma^2 = floor_v^2 + (focal_v / depth * spread_j * shape(c))^2,
 
     with shape(c) = 1 at a usual confidence. Confidences are those that residuals bear out: `trusted(score)`.
-
-    Attributes:
-        model: Prior, and how sigma depends on trusted confidences.
-        floor_px: (V,) px of each camera, for people of any size.
-        spread_m: (J,) m on the person, by joint.
-        knots: (K,) scores of the detector, ascending.
-        confidences: (K,) trusted confidences at the knots; between them they are interpolated.
-        constant: (V,) True for cameras whose scores say nothing.
-        count: Number of observations that it was learned from.
-        usual_px: Median sigma of the observations, px.
-        usual_m: The same on the person, m.
     """
 
-    model: NoiseModel
-    floor_px: np.ndarray
-    spread_m: np.ndarray
-    knots: np.ndarray
-    confidences: np.ndarray
-    constant: np.ndarray
-    count: int = 0
-    usual_px: float = np.nan
-    usual_m: float = np.nan
+    model: NoiseModel  # Prior, and how sigma depends on trusted confidences
+    floor_px: np.ndarray  # (V,) px of each camera, for people of any size
+    spread_m: np.ndarray  # (J,) m on the person, by joint
+    knots: np.ndarray  # (K,) scores of the detector, ascending
+    confidences: np.ndarray  # (K,) trusted confidences at the knots; between them they are interpolated
+    constant: np.ndarray  # (V,) True for cameras whose scores say nothing
+    count: int = 0  # Number of observations that it was learned from
+    usual_px: float = np.nan  # Median sigma of the observations, px
+    usual_m: float = np.nan  # The same on the person, m
 
     @classmethod
     def prior(cls, model: NoiseModel, views: int, joints: int) -> DetectionNoise:
@@ -125,24 +114,16 @@ _USUAL_M = 0.05  # m; sigma of a usual joint for which the distances of the conf
 
 @dataclass(frozen=True)
 class Residuals:
-    """n detections that were compared with the points that they and others were triangulated to.
+    """n detections that were compared with the points that they and others were triangulated to."""
 
-    Attributes:
-        view, joint: (n,) index.
-        score: (n,) of the detector.
-        square: (n,) squared distance from the reprojected point, px^2.
-        scale: (n,) px per m at the person.
-        freedom: (n,) expected square relative to 2 sigma^2: less than 1 where the point follows the detection.
-        pair: (n,) True where only two views measured the point.
-    """
-
+    # view, joint: (n,) index
     view: np.ndarray
     joint: np.ndarray
-    score: np.ndarray
-    square: np.ndarray
-    scale: np.ndarray
-    freedom: np.ndarray
-    pair: np.ndarray
+    score: np.ndarray  # (n,) of the detector
+    square: np.ndarray  # (n,) squared distance from the reprojected point, px^2
+    scale: np.ndarray  # (n,) px per m at the person
+    freedom: np.ndarray  # (n,) expected square relative to 2 sigma^2: less than 1 where the point follows the detection
+    pair: np.ndarray  # (n,) True where only two views measured the point
 
     def __add__(self, other: Residuals) -> Residuals:
         return Residuals(

@@ -274,23 +274,14 @@ def _poses(
 
 @dataclass(frozen=True)
 class MeasuredJoints:
-    """Joints of P known people in a window of F frames, as they were triangulated.
+    """Joints of P known people in a window of F frames, as they were triangulated."""
 
-    Attributes:
-        evidence: Detections of the window, with corrected sides.
-        tracks: The people over N frames, from before the window to after it.
-        window: The F frames among the N.
-        assigned: (F, P, V, J) detections that the joints were measured from, or `NONE`.
-        points: (F, P, J) joints before pruning.
-        xyz: (window.stop, P, J, 3) m, joints after pruning, with those before the window.
-    """
-
-    evidence: Evidence
-    tracks: Tracks
-    window: slice
-    assigned: np.ndarray
-    points: Points
-    xyz: np.ndarray
+    evidence: Evidence  # Detections of the window, with corrected sides
+    tracks: Tracks  # The people over N frames, from before the window to after it
+    window: slice  # The F frames among the N
+    assigned: np.ndarray  # (F, P, V, J) detections that the joints were measured from, or `NONE`
+    points: Points  # (F, P, J) joints before pruning
+    xyz: np.ndarray  # (window.stop, P, J, 3) m, joints after pruning, with those before the window
 
     def poses(self, count: int, skeleton: Skeleton, fps: float) -> Poses3D:
         """Return the first `count` frames of the window, with the rays of joints that were not measured."""

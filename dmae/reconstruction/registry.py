@@ -14,13 +14,9 @@ ADAPTIVE = "adaptive"
 
 @dataclass(frozen=True)
 class CaptureMethod(Entry):
-    """A system: its function takes a clip of bodies as large as people, and a configuration, and returns poses.
+    """A system: its function takes a clip of bodies as large as people, and a configuration, and returns poses."""
 
-    Attributes:
-        paper: Authors and year, as in tables.
-    """
-
-    paper: str = ""
+    paper: str = ""  # Authors and year, as in tables
 
 
 capture_method = Registry("capture_method", CaptureMethod, "dmae.reconstruction.systems", option="capture.method")

@@ -32,15 +32,10 @@ _LIMBS = (
 
 @dataclass(frozen=True)
 class Sides:
-    """The joints of a skeleton that have a left and a right.
+    """The joints of a skeleton that have a left and a right."""
 
-    Attributes:
-        pairs: (n, 2) indices of left joints and of their partners on the right.
-        groups: (G, n) True for the pairs that are exchanged together: the whole body, and its limbs.
-    """
-
-    pairs: np.ndarray
-    groups: np.ndarray
+    pairs: np.ndarray  # (n, 2) indices of left joints and of their partners on the right
+    groups: np.ndarray  # (G, n) True for the pairs that are exchanged together: the whole body, and its limbs
 
     @classmethod
     def of(cls, skeleton: Skeleton) -> "Sides":

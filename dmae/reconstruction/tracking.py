@@ -30,34 +30,21 @@ _VELOCITY_FADE = 0.5  # s; velocities decay to 1/e in this time unless they are 
 
 
 class TrackedFrame(NamedTuple):
-    """The T persons of one frame.
+    """The T persons of one frame."""
 
-    Attributes:
-        track: (T,) index of their tracks.
-        assigned: (T, V, J) index of the detection that shows the joint in the view, or `NONE`.
-        xyz: (T, J, 3) m, joints triangulated from these; NaN where absent.
-        supported: (T,) True where views agree better than unrelated figures would.
-    """
-
-    track: np.ndarray
-    assigned: np.ndarray
-    xyz: np.ndarray
-    supported: np.ndarray
+    track: np.ndarray  # (T,) index of their tracks
+    assigned: np.ndarray  # (T, V, J) index of the detection that shows the joint in the view, or `NONE`
+    xyz: np.ndarray  # (T, J, 3) m, joints triangulated from these; NaN where absent
+    supported: np.ndarray  # (T,) True where views agree better than unrelated figures would
 
 
 @dataclass(frozen=True)
 class Tracks:
-    """P tracks over F frames.
+    """P tracks over F frames."""
 
-    Attributes:
-        assigned: (F, P, V, J) index of the detection that shows the joint in the view, or `NONE`.
-        xyz: (F, P, J, 3) m, joints triangulated from these; NaN where absent.
-        supported: (F, P) True where views agree better than unrelated figures would.
-    """
-
-    assigned: np.ndarray
-    xyz: np.ndarray
-    supported: np.ndarray
+    assigned: np.ndarray  # (F, P, V, J) index of the detection that shows the joint in the view, or `NONE`
+    xyz: np.ndarray  # (F, P, J, 3) m, joints triangulated from these; NaN where absent
+    supported: np.ndarray  # (F, P) True where views agree better than unrelated figures would
 
     @classmethod
     def of(cls, frames: Sequence[TrackedFrame], track: np.ndarray, views: int, joints: int) -> Tracks:
@@ -111,25 +98,15 @@ class Tracks:
 
 @dataclass
 class TrackState:
-    """State of the T currently followed tracks.
+    """State of the T currently followed tracks."""
 
-    Attributes:
-        track: (T,) index of each track in the result.
-        xyz: (T, J, 3) m, expected joints; NaN where unknown.
-        velocity: (T, 3) m/s of the whole body.
-        joint_unseen: (T, J) s since the joint was measured.
-        unseen: (T,) s since the person was measured.
-        age: (T,) s for which the person has been measured with support.
-        unsupported: (T,) s since the person was measured with support.
-    """
-
-    track: np.ndarray
-    xyz: np.ndarray
-    velocity: np.ndarray
-    joint_unseen: np.ndarray
-    unseen: np.ndarray
-    age: np.ndarray
-    unsupported: np.ndarray
+    track: np.ndarray  # (T,) index of each track in the result
+    xyz: np.ndarray  # (T, J, 3) m, expected joints; NaN where unknown
+    velocity: np.ndarray  # (T, 3) m/s of the whole body
+    joint_unseen: np.ndarray  # (T, J) s since the joint was measured
+    unseen: np.ndarray  # (T,) s since the person was measured
+    age: np.ndarray  # (T,) s for which the person has been measured with support
+    unsupported: np.ndarray  # (T,) s since the person was measured with support
 
     @classmethod
     def birth(cls, first: int, xyz: np.ndarray) -> TrackState:

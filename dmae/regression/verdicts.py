@@ -68,20 +68,14 @@ PURPOSES = {
 
 @dataclass(frozen=True)
 class Verdict:
-    """The result of one case.
+    """The result of one case."""
 
-    Attributes:
-        case: The case.
-        measured: By measure, its value: errors and bias in m, refused a fraction, invented a count. Empty where the
-            solver gave nothing to measure.
-        bounds: By measure, the largest value allowed; measures without an entry are not bounded.
-        problem: Reason why nothing could be measured: the solver raised an error, took too long, or did not return
-            (n, 3) numbers.
-    """
-
-    case: Case
+    case: Case  # The case
+    # By measure, its value: errors and bias in m, refused a fraction, invented a count. Empty where the solver gave
+    # nothing to measure.
     measured: dict[str, float]
-    bounds: dict[str, float]
+    bounds: dict[str, float]  # By measure, the largest value allowed; measures without an entry are not bounded
+    # Reason why nothing could be measured: the solver raised an error, took too long, or did not return (n, 3) numbers
     problem: str = ""
 
     @property

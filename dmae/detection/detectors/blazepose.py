@@ -45,15 +45,10 @@ _SAME_PLACE, _SAME_SIZE = 0.35, 1.6
 
 @dataclass(frozen=True)
 class Candidate:
-    """A region that may show a person.
+    """A region that may show a person."""
 
-    Attributes:
-        region: The square around the body.
-        score: From 0 to 1.
-    """
-
-    region: Region
-    score: float
+    region: Region  # The square around the body
+    score: float  # From 0 to 1
 
 
 def shares_of(config: PoseDetectorConfig, width: int, height: int) -> tuple[float, ...]:

@@ -83,17 +83,11 @@ _LEVELS = 4  # Number of levels of a pyramid; each level has half the width and 
 
 @dataclass(frozen=True)
 class Region:
-    """A rotated square in an image.
+    """A rotated square in an image."""
 
-    Attributes:
-        centre: (2,) px, from the corner of the image (pixel + 0.5).
-        side: px.
-        up: (2,) unit vector in the image that points up in the square.
-    """
-
-    centre: np.ndarray
-    side: float
-    up: np.ndarray
+    centre: np.ndarray  # (2,) px, from the corner of the image (pixel + 0.5)
+    side: float  # px
+    up: np.ndarray  # (2,) unit vector in the image that points up in the square
 
     @classmethod
     def around(cls, hip: np.ndarray, top: np.ndarray) -> "Region | None":
@@ -179,20 +173,13 @@ _BLUR = 0.3  # Side of the box over which colours are averaged for painting, rel
 
 @dataclass(frozen=True)
 class Person:
-    """The person in a region.
+    """The person in a region."""
 
-    Attributes:
-        xy: (33, 2) px; pixel (0, 0) is the centre of the first pixel.
-        visibility: (33,) logit that the joint is visible.
-        inside: (33,) logit that the joint is in the image.
-        presence: Probability that there is a person.
-        region: The square around the landmarks, where the next image is searched. None if they give no region.
-    """
-
-    xy: np.ndarray
-    visibility: np.ndarray
-    inside: np.ndarray
-    presence: float
+    xy: np.ndarray  # (33, 2) px; pixel (0, 0) is the centre of the first pixel
+    visibility: np.ndarray  # (33,) logit that the joint is visible
+    inside: np.ndarray  # (33,) logit that the joint is in the image
+    presence: float  # Probability that there is a person
+    # The square around the landmarks, where the next image is searched. None if they give no region.
     region: Region | None
 
     @property

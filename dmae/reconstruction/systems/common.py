@@ -28,19 +28,12 @@ _TRACK_M, _TRACK_SPEED, _TRACK_S = 0.5, 2.0, 1.0
 
 @dataclass(frozen=True)
 class Frame:
-    """Detections of one frame, by view.
+    """Detections of one frame, by view."""
 
-    Attributes:
-        view: (n,) view of each detection, ascending.
-        xy: (n, J, 2) undistorted px; NaN where a joint is absent.
-        score: (n, J) confidence from 0 to 1; NaN where absent.
-        rays: (n, J, 3) unit directions, world; NaN where absent.
-    """
-
-    view: np.ndarray
-    xy: np.ndarray
-    score: np.ndarray
-    rays: np.ndarray
+    view: np.ndarray  # (n,) view of each detection, ascending
+    xy: np.ndarray  # (n, J, 2) undistorted px; NaN where a joint is absent
+    score: np.ndarray  # (n, J) confidence from 0 to 1; NaN where absent
+    rays: np.ndarray  # (n, J, 3) unit directions, world; NaN where absent
 
 
 def frames_of(clip: Clip, config: CaptureConfig) -> Iterator[Frame]:
