@@ -9,14 +9,15 @@ from dmae.calibration.refinement import Refined, refine
 from dmae.commands.config import CalibrateCommand
 from dmae.files.contents import write_atomic
 from dmae.formats.pose2sim import write_cameras
-from dmae.formats.reading import is_data_set, load
+from dmae.formats.reading import Clips
 from dmae.reporting.tables import Table, print_tables
 
 
 def run(config: CalibrateCommand, out: Path) -> None:
-    if is_data_set(config.data):
+    clips = Clips(config.data)
+    if clips.data_set:
         raise ValueError(f"{config.data.path}: expected a recording or a single clip, found a data set of clips")
-    clip = load(config.data)[0]
+    clip = clips[0]
     refined = refine(clip, config.refine)
     write_cameras(refined.rig, out)
     facts = {

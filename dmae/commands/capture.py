@@ -24,7 +24,7 @@ from dmae.data.rng import Stream, generator
 from dmae.data.store import load_clip
 from dmae.evaluation.report.joints import Groups, JointGroup, Reprojection, added_groups, reprojection, residual_tables
 from dmae.formats.config import clip_range
-from dmae.formats.reading import Clips, is_data_set, load
+from dmae.formats.reading import Clips
 from dmae.numerics.filling import smooth
 from dmae.parallel import in_parallel, running_on
 from dmae.progress import progress
@@ -40,7 +40,7 @@ _FEW = 0.4  # Share of the detected joints; where people explain fewer, somethin
 
 def run(config: CaptureCommand, out: Path) -> None:
     """Capture each clip, and print the reprojection errors of all; exits with status 1 if no person was found."""
-    clips, several = load(config.data), is_data_set(config.data)
+    clips = Clips(config.data)
     part = clips.part(clip_range(len(clips), config.first, config.clips))
     if config.dry_run:
         print(f"{out}: {forecast(config, len(part), _tried(config, part))}")
@@ -48,7 +48,7 @@ def run(config: CaptureCommand, out: Path) -> None:
     frames, start, persons = 0, time.perf_counter(), 0
     measured: Groups = {}
     completed: Groups = {}
-    made = ClipSet(out, settings_of("dmae capture", config, Path(config.data.path))) if several else None
+    made = ClipSet(out, settings_of("dmae capture", config, Path(config.data.path))) if clips.data_set else None
     whole = {folder.name for folder in part.folders} & made.whole if made else set()
     if whole:
         print(f"{out}: {len(whole)} of {len(part)} clips are done already")

@@ -5,13 +5,13 @@ from pathlib import Path
 
 from dmae.commands.config import ConvertCommand
 from dmae.commands.data_sets import ClipSet, each_clip, settings_of
-from dmae.formats.reading import is_data_set
+from dmae.formats.reading import Clips
 from dmae.formats.writing import write_recording
 from dmae.reporting.tables import counted
 
 
 def run(config: ConvertCommand, out: Path) -> None:
-    several = is_data_set(config.data) and config.format == "clip"
+    several = Clips(config.data).data_set and config.format == "clip"
     made = ClipSet(out, settings_of("dmae convert", config, Path(config.data.path))) if several else None
     with made or nullcontext():
         for clip, name, folder in each_clip(config.data, out, "converting"):

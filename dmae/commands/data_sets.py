@@ -17,7 +17,7 @@ from dmae.data.store import CHECKSUMS, MANIFEST, clip_folders, read_manifest, sa
 from dmae.evaluation.review import DECISIONS
 from dmae.files.checksums import begin_data_set, clip_checksum, end_data_set, find_damage, write_checksums
 from dmae.files.contents import whole_folder
-from dmae.formats.reading import DataConfig, is_data_set, load
+from dmae.formats.reading import Clips, DataConfig
 from dmae.parallel import process_count, running_on
 from dmae.progress import duration, progress
 from dmae.reconstruction.sides import exchanged_detections
@@ -48,9 +48,9 @@ def forecast(config: CaptureCommand | CompleteCommand, clips: int, tried: Iterab
 
 def each_clip(data: DataConfig, out: Path, doing: str) -> Iterator[tuple[Clip, str, Path]]:
     """Each clip that `data=` names, the name of its folder, and the folder in `out` that its result goes to."""
-    clips, several = load(data), is_data_set(data)
+    clips = Clips(data)
     for clip, folder in progress(zip(clips, clips.folders, strict=True), doing, len(clips)):
-        yield clip, folder.name, out / folder.name if several else out
+        yield clip, folder.name, out / folder.name if clips.data_set else out
 
 
 class ClipSet:

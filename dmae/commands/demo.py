@@ -13,7 +13,7 @@ from dmae.completion.config import LearningConfig, TrainConfig
 from dmae.evaluation.config import EvaluateConfig
 from dmae.evaluation.report.page import read_scores, write_clips_report
 from dmae.formats.config import DataConfig
-from dmae.formats.reading import load
+from dmae.formats.reading import Clips
 from dmae.metrics.score_tables import compared_error, overview
 from dmae.reporting.tables import print_tables
 
@@ -65,7 +65,7 @@ def run(config: DemoCommand, out: Path) -> None:
         print_tables([overview(read_scores(folder / "scores.json"))])
     say("report", steps, steps)
     page, scores = out / "report.html", [read_scores(folder / "scores.json") for folder, _ in scored]
-    clips = load(DataConfig(name="clip", path=str(out / "completed")))
+    clips = Clips(DataConfig(name="clip", path=str(out / "completed")))
     about = what_to_look_at(scores[0], Path(model).name, "for a few seconds" if small else "for two minutes")
     write_clips_report(page, clips, scores, title="The demo: simulated people, captured and completed", about=about)
     print(f"Look at {page}; what the steps printed is in {out / LOG}")

@@ -5,7 +5,7 @@ from pathlib import Path
 from dmae.commands.config import ReportCommand
 from dmae.evaluation.report.page import read_scores, write_clips_report
 from dmae.formats.config import DataConfig
-from dmae.formats.reading import load
+from dmae.formats.reading import Clips
 
 
 def default_out(config: ReportCommand) -> Path:
@@ -18,6 +18,6 @@ def default_out(config: ReportCommand) -> Path:
 def run(config: ReportCommand, out: Path) -> None:
     default_out(config)
     scores = [read_scores(Path(folder) / "scores.json") for folder in config.scores]
-    clips = load(DataConfig(name="clip", path=config.clip)) if config.clip else None
+    clips = Clips(DataConfig(name="clip", path=config.clip)) if config.clip else None
     write_clips_report(out, clips, scores, title=config.title)
     print(out)

@@ -5,13 +5,13 @@ from pathlib import Path
 from dmae.evaluation.config import StressConfig
 from dmae.evaluation.stress.matrix import CACHE, compute, prepare, time_of
 from dmae.evaluation.stress.page import breaking_tables, summary, write_result
-from dmae.formats.reading import load
+from dmae.formats.reading import Clips
 from dmae.progress import duration
 from dmae.reporting.tables import print_tables
 
 
 def run(config: StressConfig, out: Path) -> None:
-    clips = load(config.data)
+    clips = Clips(config.data)
     matrix = prepare(clips, config, out / CACHE)
     for note in matrix.plan.notes:
         print(note)

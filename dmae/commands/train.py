@@ -10,7 +10,7 @@ from dmae.completion.config import TrainConfig
 from dmae.completion.training import train
 from dmae.data.clip import Clip
 from dmae.files.checksums import refuse_damaged
-from dmae.formats.reading import Clips, DataConfig, load
+from dmae.formats.reading import Clips, DataConfig
 
 
 def run(config: TrainConfig, out: Path, since: float | None = None) -> None:
@@ -19,10 +19,10 @@ def run(config: TrainConfig, out: Path, since: float | None = None) -> None:
     if not config.examples.damaged:
         for path in (config.data.path, *config.extra_data, *config.validation_data):
             refuse_damaged(path, "examples.damaged=true")
-    extra, validation = ([load(DataConfig(path=path)) for path in group] for group in paths)
+    extra, validation = ([Clips(DataConfig(path=path)) for path in group] for group in paths)
     # The time that the user waits begins with the command, not when torch is loaded.
     since = since or interruption.began or time.monotonic()
-    print(train(config, _named([load(config.data)]), out, _named(validation), _named(extra, first=1), since=since))
+    print(train(config, _named([Clips(config.data)]), out, _named(validation), _named(extra, first=1), since=since))
 
 
 def interrupted(config: TrainConfig, out: Path) -> str:

@@ -31,9 +31,14 @@ _OPTIONS = {
 
 
 class Clips(Sequence):
-    """The clips of a data set, or of a single recording. A clip is read when it is accessed.
+    """The clips of a data set, or of a single recording, restricted to the frames and cameras of a configuration.
+
+    A clip is read when it is accessed. `provenance["notes"]` of each clip contains notes on missing frames, and on
+    decisions of the reader that can be wrong. Raises FileNotFoundError if the recording does not exist, and ValueError
+    if a file is malformed, an option that the files need is missing, or a clip lacks one of the cameras or frames.
 
     Attributes:
+        data_set: Whether the path contains one folder per clip, and is not itself a clip.
         numbers: Numbers of these clips in their data set.
         folders: Folders of these clips.
         total: Number of clips in the data set.
@@ -45,7 +50,9 @@ class Clips(Sequence):
             raise ValueError("data.videos and data.images: expected one of them, as both are backgrounds")
         self.config = config
         self.reader = _reader(config)
-        self.folders = _folders(config, self.reader)
+        path = Path(config.path)
+        self.folders = clip_folders(path) if self.reader.data_set else [path]
+        self.data_set = self.folders != [path]
         self.total = len(self.folders)
         self.names = [folder.name for folder in self.folders]
         self.numbers = range(self.total)
@@ -83,25 +90,6 @@ class Clips(Sequence):
                 raise
             raise FileNotFoundError(f"{folder}: no such file or folder. {error}") from None
         return select_views(select_frames(shift_views(clip, offsets), config.frames), config.cameras)
-
-
-def load(config: DataConfig) -> Clips:
-    """Return the clips that a configuration names, restricted to its frames and cameras.
-
-    `provenance["notes"]` of each clip contains notes on missing frames, and on decisions of the reader that can be
-    wrong.
-
-    Raises:
-        FileNotFoundError: the recording does not exist.
-        ValueError: a file is malformed, an option that the files need is missing, or a clip lacks one of the cameras
-            or frames. It is raised when the clip is read.
-    """
-    return Clips(config)
-
-
-def is_data_set(config: DataConfig) -> bool:
-    """Return whether the path contains one folder per clip, and is not itself a clip."""
-    return _folders(config, _reader(config)) != [Path(config.path)]
 
 
 def written_convention(config: DataConfig) -> Convention | None:
@@ -166,11 +154,6 @@ def _is_recognised(path: Path, entry: RecordingReader) -> bool:
 
 def _reader(config: DataConfig) -> RecordingReader:
     return reader.find(recognise(Path(config.path)) if config.name is None else config.name)
-
-
-def _folders(config: DataConfig, entry: RecordingReader) -> list[Path]:
-    path = Path(config.path)
-    return clip_folders(path) if entry.data_set else [path]
 
 
 def _arguments(config: DataConfig, entry: RecordingReader, path: Path) -> dict:

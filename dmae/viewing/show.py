@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from dmae.data.clip import Clip
-from dmae.formats.reading import camera_indices, is_data_set, load
+from dmae.formats.reading import Clips, camera_indices
 from dmae.viewing.config import LayersConfig, ShowConfig
 from dmae.viewing.overlay import chosen_layers
 from dmae.viewing.sheet import has_images, write_overlay_video, write_sheet
@@ -23,7 +23,7 @@ def show(config: ShowConfig, out: Path, rooms: Rooms | None = None) -> None:
     `rooms` draws the room of a clip without images; by default a grid on the floor. Raises ValueError if there is no
     clip, a clip has no camera of a given name, or Rerun is requested but not installed.
     """
-    clips, several = load(config.data), is_data_set(config.data)
+    clips = Clips(config.data)
     if not clips:
         raise ValueError(f"{config.data.path}: no clip of this data set is ok, nothing to show")
     for clip, folder in zip(clips, clips.folders, strict=True):
@@ -40,7 +40,7 @@ def show(config: ShowConfig, out: Path, rooms: Rooms | None = None) -> None:
                 print(f"only the floor of the room is drawn: {error}")
         written = show_clip(
             clip,
-            out / folder.name if several else out,
+            out / folder.name if clips.data_set else out,
             frames=config.frames,
             width=config.width,
             layers=config.layers,

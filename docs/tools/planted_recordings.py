@@ -23,7 +23,7 @@ from dmae.calibration.adjustment_problem import CENTRE, FOCAL, K1, ROTATION, Cal
 from dmae.calibration.faults import Fault
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.json_values import json_text
-from dmae.formats.reading import DataConfig, load
+from dmae.formats.reading import Clips, DataConfig
 from dmae.progress import progress
 
 ROOT = Path(__file__).parents[2]
@@ -42,9 +42,9 @@ def sound_clip(number: int) -> Clip:
     """Return a recording by its number."""
     data = Path(os.environ["DMAE_DATA"])
     if number == SHELF:
-        return load(DataConfig(name="shelf", path=str(data / "shelf")))[0]
+        return Clips(DataConfig(name="shelf", path=str(data / "shelf")))[0]
     if number == TRIAL:
-        return load(DataConfig(name="pose2sim", path=str(data / POSE2SIM)))[0]
+        return Clips(DataConfig(name="pose2sim", path=str(data / POSE2SIM)))[0]
     kept = KEPT / "clips" / str(number)
     if not (kept / "clip.json").exists():
         seconds, persons = (60, [3, 3]) if number >= MINUTES else (12, [2, 3])

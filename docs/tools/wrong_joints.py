@@ -27,7 +27,7 @@ from dmae.data.skeleton import SHELF14
 from dmae.evaluation.config import EvaluateConfig
 from dmae.evaluation.evaluate import filled_trials, load_methods
 from dmae.evaluation.scores import measured_by_all
-from dmae.formats.reading import DataConfig, load
+from dmae.formats.reading import Clips, DataConfig
 from dmae.metrics.comparison import match, take_matched
 from dmae.metrics.pcp import correct_limbs, limb_ends, limb_names
 from dmae.reconstruction.config import CaptureConfig
@@ -53,7 +53,7 @@ _SCENES = ("hug", "fight", "huddle", "meal")
 
 
 def shelf(data: Path) -> Iterator[dmae.Clip]:
-    yield from load(DataConfig(name="shelf", path=str(data / "shelf")))
+    yield from Clips(DataConfig(name="shelf", path=str(data / "shelf")))
 
 
 def scene(name: str) -> Iterator[dmae.Clip]:

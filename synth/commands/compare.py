@@ -9,7 +9,7 @@ from pathlib import Path
 from dmae.data.rng import Stream, generator
 from dmae.data.store import MANIFEST
 from dmae.files.contents import write_atomic
-from dmae.formats.reading import DataConfig, load
+from dmae.formats.reading import Clips, DataConfig
 from dmae.parallel import running_on
 from dmae.reporting.tables import print_tables
 from synth.commands.config import CompareBy, CompareCommand
@@ -28,7 +28,7 @@ def run(config: CompareCommand, out: Path) -> None:
         _compare_motion(config, out)
         return
     real = measure(read_recording(Path(config.real), config.frames))
-    clips = load(DataConfig("clip", config.sim))
+    clips = Clips(DataConfig("clip", config.sim))
     with running_on(config.backend):
         sim = replace(measure_all(clips, len(clips), config.workers), name=Path(config.sim).name)
     rows = detections.compare(real, sim, config.limits)

@@ -9,7 +9,7 @@ from dmae.data.clip import Clip
 from dmae.data.json_values import json_text
 from dmae.files.checks import child
 from dmae.files.contents import write_atomic
-from dmae.formats.reading import DataConfig, load
+from dmae.formats.reading import Clips, DataConfig
 from dmae.parallel import running_on
 from dmae.reporting.tables import counted, print_tables
 from synth.commands.config import FitDetectorCommand
@@ -31,7 +31,7 @@ def run(config: FitDetectorCommand, out: Path) -> None:
     recorded = (Path(config.detections) / "detection").is_dir()
     if known and not recorded and config.clips is None and config.frames is None:
         folders = config.detections, *config.extra_data
-        clips = [clip for folder in folders for clip in load(DataConfig("clip", folder))]
+        clips = [clip for folder in folders for clip in Clips(DataConfig("clip", folder))]
         if clips and all(clip.truth is not None and clip.occlusion is not None for clip in clips):
             _fit_to_truth(config, clips, out)
             return
@@ -54,7 +54,7 @@ def _fit_to_truth(config: FitDetectorCommand, clips: list[Clip], out: Path) -> N
         fitted = truth_fit.fit_to_truth(clips, config.detector, rounds=config.rounds, **options)
         distances = {"fitted": truth_fit.distances(clips, fitted.config, **options)}
         if config.held_back:
-            others = [clip for folder in config.held_back for clip in load(DataConfig("clip", folder))]
+            others = [clip for folder in config.held_back for clip in Clips(DataConfig("clip", folder))]
             distances["held_back"] = truth_fit.distances(others, fitted.config, **options)
             distances["real"] = truth_fit.real_distances(clips, others, config.workers)
     titles = {
@@ -105,4 +105,4 @@ def _clips(config: FitDetectorCommand, recording: Clip, out: Path) -> list[Clip]
         same = {name: getattr(config, name) for name in
                 ("seed", "workers", "backend", "motion", "interaction", "detector")}  # fmt: skip
         generate(GenerateConfig(out=folder, clips=config.count, scene=scene, rig=rig, **same))
-    return list(load(DataConfig("clip", folder)))
+    return list(Clips(DataConfig("clip", folder)))

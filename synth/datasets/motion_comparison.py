@@ -17,7 +17,7 @@ from scipy.stats import ks_2samp, wasserstein_distance
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25
-from dmae.formats.reading import DataConfig, load
+from dmae.formats.reading import Clips, DataConfig
 from dmae.progress import progress
 from dmae.reporting.page import CaptionedFigure, Section, write_report
 from dmae.reporting.tables import Table
@@ -103,7 +103,7 @@ def clip_tracks(path: Path, *, captured: bool) -> list[Track]:
     Raises:
         FileNotFoundError: there are no clips at the path.
     """
-    clips = load(DataConfig("clip", str(path)))
+    clips = Clips(DataConfig("clip", str(path)))
     named = zip(map(str, clips.folders), clips, strict=True)
     return tracks_of(progress(named, "reading clips", len(clips)), captured=captured)
 

@@ -9,7 +9,7 @@ from scipy.optimize import linear_sum_assignment
 
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.conversion import convert
-from dmae.formats.reading import DataConfig, load
+from dmae.formats.reading import Clips, DataConfig
 from dmae.numerics.filling import fill_world, smooth
 from dmae.numerics.paths import gap_lengths, linear
 from dmae.numerics.statistics import mean_known
@@ -358,7 +358,7 @@ def read_recording(path: Path, frames: Sequence[int] | None = None) -> Clip:
     """
     kind = "shelf" if (path / "detection").is_dir() else "clip"
     try:
-        clips = load(DataConfig(kind, str(path)))
+        clips = Clips(DataConfig(kind, str(path)))
     except FileNotFoundError as error:
         raise FileNotFoundError(f"{error}; dmae convert makes clips of other recordings") from None
     if len(clips) != 1:

@@ -12,7 +12,7 @@ from dmae.data.clip import Clip
 from dmae.data.conversion import convert, convert_detections
 from dmae.data.labels import Visibility
 from dmae.data.skeleton import BODY25
-from dmae.formats.reading import DataConfig, load
+from dmae.formats.reading import Clips, DataConfig
 from dmae.parallel import in_parallel
 from dmae.progress import progress
 from dmae.reporting.tables import Table
@@ -322,7 +322,7 @@ def study(
     detector; that of the clips is first. Raises as `synth.detector_errors`."""
     tasks = []
     for folder in folders:
-        clips = load(DataConfig("clip", str(folder)))
+        clips = Clips(DataConfig("clip", str(folder)))
         tasks += [(clips.folders[i], dict(simulated), seed) for i in range(len(clips))]
     done = list(progress(in_parallel(_study_clip, tasks, workers), "measuring", len(tasks)))
     names = {next(iter(found)) for found in done}
@@ -332,6 +332,6 @@ def study(
 
 
 def _study_clip(folder: Path, simulated: Mapping[str, DetectorConfig], seed: int) -> dict[str, DetectorObservations]:
-    clip = load(DataConfig("clip", str(folder)))[0]
+    clip = Clips(DataConfig("clip", str(folder)))[0]
     own = f"{clip.provenance.get('detector', 'detections')} (measured)"
     return {own: observe(clip)} | {name: observe(redetect(clip, config, seed)) for name, config in simulated.items()}

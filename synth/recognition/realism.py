@@ -13,7 +13,7 @@ from dmae.data.labels import Visibility
 from dmae.data.skeleton import BODY25
 from dmae.detection.pipeline import make_detector
 from dmae.detection.registry import PictureDetector, PoseDetectorConfig
-from dmae.formats.reading import DataConfig, load
+from dmae.formats.reading import Clips, DataConfig
 from dmae.numerics.body import body_heading
 from dmae.parallel import in_parallel
 from dmae.progress import progress
@@ -291,7 +291,7 @@ def judge(folders: Sequence[Path], config: PoseDetectorConfig, every: int = 1, w
     `synth.realism`."""
     tasks = []
     for folder in folders:
-        clips = load(DataConfig("clip", str(folder)))
+        clips = Clips(DataConfig("clip", str(folder)))
         tasks += [(clips.folders[i], config, every) for i in range(len(clips))]
     done = in_parallel(_judge_clip, tasks, workers)
     return [one for some in progress(done, "looking at people", len(tasks)) for one in some]
@@ -338,7 +338,7 @@ def _order(value: str) -> tuple:
 
 
 def _judge_clip(folder: Path, config: PoseDetectorConfig, every: int) -> list[Judged]:
-    clip = load(DataConfig("clip", str(folder)))[0]
+    clip = Clips(DataConfig("clip", str(folder)))[0]
     seen = sightings(clip)
     detector = make_detector(replace(config, windows=[1.0], search_every=1))
     return [Judged(folder, crop, _groups(clip, seen, crop)) for crop in crops(clip, seen, detector, every)]
@@ -412,7 +412,7 @@ def draw_sheet(judged: Sequence[Judged], columns: int = 6) -> np.ndarray:
     """Return an image (H, W, 3) uint8 RGB with one tile per person: true joints in green, detected joints in red."""
     tiles = {}
     for folder in dict.fromkeys(each.clip for each in judged):
-        clip = load(DataConfig("clip", str(folder)))[0]
+        clip = Clips(DataConfig("clip", str(folder)))[0]
         seen = sightings(clip)
         for each in judged:
             if each.clip == folder:

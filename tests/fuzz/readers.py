@@ -24,7 +24,7 @@ from dmae.files.contents import read_text
 from dmae.formats.calibrations import calibration_format, read_calibration
 from dmae.formats.own import read_npz
 from dmae.formats.poses import read_poses
-from dmae.formats.reading import DataConfig, load
+from dmae.formats.reading import Clips, DataConfig
 from dmae.formats.registry import reader as recording_reader
 from dmae.formats.trc import read_trc, write_trc
 from synth.cli import SYNTH
@@ -68,7 +68,7 @@ from tests.support.tracked_recordings import write_mmpose
 
 
 def _read_recording(name: str, folder: Path, **options) -> list:
-    return list(load(DataConfig(name, str(folder), fps=None if name in ("clip", "shelf") else FPS, **options)))
+    return list(Clips(DataConfig(name, str(folder), fps=None if name in ("clip", "shelf") else FPS, **options)))
 
 
 def _read_pictures(kind: str, folder: Path) -> list:
@@ -146,7 +146,7 @@ READERS = [
     Reader("recording/mmpose pickles", partial(write_mmpose, kind="pkl"), partial(_read_recording, "mmpose"),
            ("predictions/*",)),
     Reader("recording/pose2sim video", write_pose2sim_video,
-           lambda folder: list(load(DataConfig("pose2sim", str(folder)))), ("videos/*",)),
+           lambda folder: list(Clips(DataConfig("pose2sim", str(folder)))), ("videos/*",)),
     Reader("recording/deeplabcut fixed", partial(write_deeplabcut, kind="fixed"),
            partial(_read_recording, "deeplabcut"), ("*.h5",)),
     Reader("recording/deeplabcut csv", partial(write_deeplabcut, kind="csv", animals=2),

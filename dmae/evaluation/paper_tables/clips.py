@@ -9,7 +9,7 @@ import numpy as np
 from dmae.data.clip import Clip
 from dmae.data.skeleton import SHELF14
 from dmae.evaluation.config import TableConfig
-from dmae.formats.reading import Clips, DataConfig, load
+from dmae.formats.reading import Clips, DataConfig
 from dmae.progress import progress
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
@@ -41,7 +41,7 @@ class NamedClips(Sequence):
 
 def load_sets(paths: Sequence[str]) -> NamedClips:
     """Return the clips of several data sets."""
-    sets = [load(DataConfig(path=path)) for path in paths]
+    sets = [Clips(DataConfig(path=path)) for path in paths]
     return NamedClips([(clips, number) for clips in sets for number in range(len(clips))])
 
 
@@ -52,7 +52,7 @@ def halves(data: DataConfig, paths: Sequence[str]) -> tuple[NamedClips, NamedCli
         ValueError: a set has a single clip.
     """
     learned, scored = [], []
-    for clips in [load(data), *(load(DataConfig(path=path)) for path in paths)]:
+    for clips in [Clips(data), *(Clips(DataConfig(path=path)) for path in paths)]:
         if len(clips) < 2:
             raise ValueError(
                 f"{clips.config.path}: {len(clips)} clip; expected a data set of two clips or more, half of them to "
@@ -87,7 +87,7 @@ def load_recording(config: TableConfig) -> Clip:
     Raises:
         ValueError: there are several, or it has no truth on Shelf's joints.
     """
-    clips = load(config.data)
+    clips = Clips(config.data)
     if len(clips) != 1:
         raise ValueError(
             f"{config.data.path}: {len(clips)} clips; table {config.number} is about the people of one recording. Name "

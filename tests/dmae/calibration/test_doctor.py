@@ -23,7 +23,7 @@ from dmae.commands.config import ConvertCommand, DoctorCommand
 from dmae.data.clip import Clip
 from dmae.data.store import save_clip
 from dmae.formats.config import Convention, LengthUnit, UpDirection
-from dmae.formats.reading import DataConfig, load, written_convention
+from dmae.formats.reading import Clips, DataConfig, written_convention
 from tests.support.animals import dog_clip, hands_clip
 from tests.support.commands import run_command
 from tests.support.faulty_recordings import (
@@ -115,9 +115,9 @@ def test_the_real_shelf_is_sound_and_its_faults_are_found(shelf):
 
 def test_the_real_pose2sim_trial_is_sound_and_faulty_with_other_conventions(data_folder):
     config = DataConfig(name="pose2sim", path=str(data_folder / TRIAL))
-    assert diagnose(load(config)[0], written_convention(config)).findings == ()
+    assert diagnose(Clips(config)[0], written_convention(config)).findings == ()
     wrong = replace(config, unit=LengthUnit.mm, up=UpDirection.y, inverse=True)
-    found = diagnose(load(wrong)[0], written_convention(wrong)).findings
+    found = diagnose(Clips(wrong)[0], written_convention(wrong)).findings
     assert [finding.remedy for finding in found] == ["data.inverse=false", "data.unit=m", "data.up=z"]
 
 
@@ -215,7 +215,7 @@ def test_sound_cameras_have_no_findings_and_a_turned_one_is_named(kind):
 def test_shelf_has_the_same_findings_and_floor_as_files_of_openpose(data_folder, tmp_path):
     source, out = DataConfig("shelf", str(data_folder / "shelf")), tmp_path / "openpose"
     convert_command.run(ConvertCommand(source, "openpose", str(out)), out)
-    expected, found = (diagnose(load(each)[0]) for each in (source, DataConfig("openpose", str(out), fps=25.0)))
+    expected, found = (diagnose(Clips(each)[0]) for each in (source, DataConfig("openpose", str(out), fps=25.0)))
     assert not expected.findings and not found.findings
     assert 0 < expected.floor.tilt_deg == pytest.approx(found.floor.tilt_deg, abs=0.01)
     assert expected.floor.height_m == pytest.approx(found.floor.height_m, abs=1e-3)

@@ -23,7 +23,7 @@ from dmae.formats.calibrations import read_calibration
 from dmae.formats.labelled_images import joint_labels
 from dmae.formats.openpose import CALIBRATION
 from dmae.formats.own import read_npz
-from dmae.formats.reading import DataConfig, load
+from dmae.formats.reading import Clips, DataConfig
 from dmae.formats.trc import read_trc
 from tests.support.clips import full_clip, pictured_clip, walkers
 from tests.support.recordings import recording, same_detections, write_openpose_recording
@@ -71,7 +71,7 @@ def test_panoptic(captured, tmp_path):
 
 def test_openpose_is_a_recording_of_its_own(captured, tmp_path):
     folder = export(captured, tmp_path, "openpose", "op", skeleton="coco17")
-    (clip,) = load(DataConfig("openpose", str(folder), fps=25.0))
+    (clip,) = Clips(DataConfig("openpose", str(folder), fps=25.0))
     assert clip.provenance["first_frame"] == 7
     assert clip.detections.skeleton == COCO17
     xy, _ = captured.rig.project(convert(captured.poses, COCO17).xyz)
@@ -176,7 +176,7 @@ def test_a_recording_converted_is_the_same_recording(tmp_path, format, capsys):
     assert "12 frames, 4 cameras, body25" in said
     fps = None if format == "coco" else 25.0
     assert ("data.fps=25" in said) == (fps is not None)
-    (found,) = load(DataConfig(format, str(out), fps=fps))
+    (found,) = Clips(DataConfig(format, str(out), fps=fps))
     same_detections(found.detections, clip.detections)
     np.testing.assert_allclose(found.rig.projections, clip.rig.projections, atol=1e-6)
     assert found.provenance["first_frame"] == 30

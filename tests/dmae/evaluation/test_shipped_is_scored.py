@@ -12,7 +12,7 @@ from dmae.completion.methods import find_method
 from dmae.data.store import load_clip, save_clip
 from dmae.evaluation.config import EvaluateConfig, Input
 from dmae.evaluation.evaluate import filled_trials
-from dmae.formats.reading import DataConfig, load
+from dmae.formats.reading import Clips, DataConfig
 from tests.support.circling_people import circling_people, clip_of
 
 pytestmark = pytest.mark.slow
@@ -26,7 +26,7 @@ def trial(tmp_path_factory):
     save_clip(clip, folder)
     config = EvaluateConfig(input=Input.perturbed_poses, smooth=CompleteCommand().smooth)
     methods = {name: find_method(name).load() for name in ("dmae_denoise", "dmae_online", "measured")}
-    return next(iter(filled_trials(load(DataConfig(path=str(folder))), config, methods)))
+    return next(iter(filled_trials(Clips(DataConfig(path=str(folder))), config, methods)))
 
 
 @pytest.mark.parametrize("online", [False, True])

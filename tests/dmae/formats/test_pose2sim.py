@@ -8,7 +8,7 @@ import pytest
 from dmae.data.skeleton import BODY25B, COCO17, HALPE26
 from dmae.formats.calibrations import write_calibration
 from dmae.formats.pose2sim import read_detections
-from dmae.formats.reading import DataConfig, load
+from dmae.formats.reading import Clips, DataConfig
 from dmae.formats.trc import read_trc, write_trc
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture, learn_noise
@@ -32,7 +32,7 @@ def trial(tmp_path):
 
 
 def read(trial, **options):
-    return load(DataConfig("pose2sim", str(trial), **options))[0]
+    return Clips(DataConfig("pose2sim", str(trial), **options))[0]
 
 
 def test_a_trial_finds_what_its_session_says(trial):
@@ -107,7 +107,7 @@ def reprojection(clip, xyz: np.ndarray) -> np.ndarray:
 def balancing(data_folder):
     """The real trial, and its authors' own triangulation of it."""
     trial = next((data_folder / "pose2sim").glob("*/*Balancing*"))
-    clip = load(DataConfig("pose2sim", str(trial)))[0]
+    clip = Clips(DataConfig("pose2sim", str(trial)))[0]
     theirs, _ = read_trc(trial / "pose-3d" / f"{trial.name}_0-100.trc", clip.detections.skeleton)
     return clip, theirs.xyz[:, 0]
 

@@ -14,7 +14,7 @@ from dmae.formats import easymocap, panoptic
 from dmae.formats.calibrations import write_calibration
 from dmae.formats.coco import write_annotations
 from dmae.formats.config import Convention, LengthUnit, UpDirection
-from dmae.formats.reading import DataConfig, is_data_set, load, select_views
+from dmae.formats.reading import Clips, DataConfig, select_views
 from tests.support.clips import full_clip, walkers
 from tests.support.recordings import recording, same_detections, write_frames, write_openpose_recording
 
@@ -32,19 +32,19 @@ def data_set(tmp_path) -> Path:
 
 def test_a_data_set_is_its_clips_that_are_ok(data_set):
     config = DataConfig(path=str(data_set))
-    assert [clip.id for clip in load(config)] == ["a", "b"]
-    assert len(load(config)) == 2
-    assert is_data_set(config)
+    assert [clip.id for clip in Clips(config)] == ["a", "b"]
+    assert len(Clips(config)) == 2
+    assert Clips(config).data_set
 
 
 def test_a_clip_is_itself(data_set):
     config = DataConfig(path=str(data_set / "b"))
-    assert [clip.id for clip in load(config)] == ["b"]
-    assert not is_data_set(config)
+    assert [clip.id for clip in Clips(config)] == ["b"]
+    assert not Clips(config).data_set
 
 
 def test_clips_are_read_when_asked_for(data_set):
-    clips = load(DataConfig(path=str(data_set)))
+    clips = Clips(DataConfig(path=str(data_set)))
     (data_set / "b" / "clip.json").unlink()
     assert clips[0].id == "a"
     with pytest.raises(FileNotFoundError, match="b: expected a clip folder"):
@@ -52,14 +52,14 @@ def test_clips_are_read_when_asked_for(data_set):
 
 
 def test_cameras_restrict_the_views(data_set):
-    clip = load(DataConfig(path=str(data_set), cameras=["cam2", "cam0"]))[0]
+    clip = Clips(DataConfig(path=str(data_set), cameras=["cam2", "cam0"]))[0]
     assert clip.rig.names == ("cam2", "cam0")
     np.testing.assert_array_equal(clip.detections.xy, full_clip().detections.xy[:, [2, 0]])
 
 
 def test_frames_restrict_the_clip_and_keep_their_numbers(data_set):
     whole = full_clip()
-    clip = load(DataConfig(path=str(data_set), frames=[1, len(whole)]))[0]
+    clip = Clips(DataConfig(path=str(data_set), frames=[1, len(whole)]))[0]
     assert len(clip) == len(whole) - 1
     np.testing.assert_array_equal(clip.detections.xy, whole.detections.xy[1:])
     assert clip.provenance["first_frame"] == whole.provenance.get("first_frame", 0) + 1
@@ -68,27 +68,27 @@ def test_frames_restrict_the_clip_and_keep_their_numbers(data_set):
 @pytest.mark.parametrize("frames", [[0, 10**6], [-1, 2], [2, 2], [1]])
 def test_frames_that_are_not_there_are_refused(data_set, frames):
     with pytest.raises(ValueError, match=r"data\.frames=\[.*expected \[first, end\] within the \d+ frames of clip 'a'"):
-        load(DataConfig(path=str(data_set), frames=frames))[0]
+        Clips(DataConfig(path=str(data_set), frames=frames))[0]
 
 
 @pytest.mark.parametrize("cameras", [[0, 4], [-1], [], [1, 1]])
 def test_cameras_that_are_not_there_are_refused_with_those_that_are(data_set, cameras):
     with pytest.raises(ValueError, match=r"data\.cameras=\[.*'a' by name; it has cam0, cam1"):
-        load(DataConfig(path=str(data_set), cameras=cameras))[0]
+        Clips(DataConfig(path=str(data_set), cameras=cameras))[0]
 
 
 def test_nothing_there_is_said(tmp_path):
     with pytest.raises(FileNotFoundError, match="expected a clip"):
-        load(DataConfig(path=str(tmp_path / "nothing")))
+        Clips(DataConfig(path=str(tmp_path / "nothing")))
 
 
 def test_shelf(data_folder):
     config = DataConfig("shelf", str(data_folder / "shelf"), [0, 1, 3])
-    (clip,) = load(config)
+    (clip,) = Clips(config)
     assert len(clip) == 301
     assert clip.rig.names == ("0", "1", "3")
     assert clip.truth.skeleton == SHELF14
-    assert not is_data_set(config)
+    assert not Clips(config).data_set
 
 
 @pytest.fixture
@@ -97,7 +97,7 @@ def walk() -> Clip:
 
 
 def read(name: str, path: Path, **options) -> Clip:
-    (clip,) = load(DataConfig(name, str(path), **options))
+    (clip,) = Clips(DataConfig(name, str(path), **options))
     return clip
 
 
@@ -253,7 +253,7 @@ def test_cameras_are_chosen_by_name_or_number(tmp_path):
     write_openpose_recording(clip, tmp_path)
 
     def names(cameras):
-        return load(DataConfig("openpose", str(tmp_path), fps=25.0, cameras=cameras))[0].rig.names
+        return Clips(DataConfig("openpose", str(tmp_path), fps=25.0, cameras=cameras))[0].rig.names
 
     assert names(["cam2", "cam0"]) == ("cam2", "cam0")
     for wrong in (["left"], ["cam1", "cam1"], [2, 0], ["cam1", 3], []):

@@ -11,7 +11,7 @@ from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.skeleton import BODY25, PANOPTIC19
 from dmae.formats.calibrations import calibration_format
 from dmae.formats.config import DataConfig, LengthUnit
-from dmae.formats.reading import load, recognise
+from dmae.formats.reading import Clips, recognise
 from dmae.formats.registry import pose_writer, reader, recording_writer
 from dmae.formats.writing import write_poses, write_recording
 from tests.support.clips import full_clip, walkers
@@ -89,7 +89,7 @@ def test_recordings_survive_being_written_and_read(name, tmp_path):
     lacking = dict(option.removeprefix("data.").split("=") for option in lacking.split())
     options = {key: float(value) if key == "fps" else value for key, value in lacking.items()}
     assert recognise(tmp_path / "a") == name
-    (found,) = load(DataConfig(path=str(tmp_path / "a"), **options))
+    (found,) = Clips(DataConfig(path=str(tmp_path / "a"), **options))
     same_detections(found.detections, clip.detections)
     np.testing.assert_allclose(found.rig.projections, clip.rig.projections, atol=1e-6)
     assert (found.rig.names, found.fps) == (clip.rig.names, clip.fps)
@@ -151,10 +151,10 @@ def test_listing_formats_imports_none_of_them():
 def test_a_format_is_one_file(captured, tmp_path):
     write_recording(captured, tmp_path / "a", "lizard")
     assert recognise(tmp_path / "a") == "lizard"
-    (found,) = load(DataConfig(path=str(tmp_path / "a")))
+    (found,) = Clips(DataConfig(path=str(tmp_path / "a")))
     assert len(found) == len(captured)
     with pytest.raises(ValueError, match=r"data=lizard says that itself; leave out data\.unit"):
-        load(DataConfig("lizard", str(tmp_path / "a"), unit=LengthUnit.mm))[0]
+        Clips(DataConfig("lizard", str(tmp_path / "a"), unit=LengthUnit.mm))[0]
     write_poses(captured, tmp_path / "poses", "lizard")
     assert np.load(tmp_path / "poses" / "poses.npy").shape == captured.poses.xyz.shape
     with pytest.raises(ValueError, match="reader 'lizard': there is one already"):

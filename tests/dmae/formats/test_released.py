@@ -8,7 +8,7 @@ import pytest
 
 from dmae.data.skeleton import BODY21, BODY25, SHELF14
 from dmae.files.arrays import read_npy
-from dmae.formats.reading import DataConfig, load
+from dmae.formats.reading import Clips, DataConfig
 from dmae.formats.released import read_cameras
 from tests.support.recordings import recording, same_detections
 
@@ -52,7 +52,7 @@ def folder(tmp_path):
 
 
 def read(folder, **options):
-    return load(DataConfig("released", str(folder), fps=25.0, **options))[0]
+    return Clips(DataConfig("released", str(folder), fps=25.0, **options))[0]
 
 
 def test_a_recording_of_them(folder):

@@ -5,7 +5,7 @@ import pytest
 
 from dmae.data.skeleton import BODY25, BODY25B
 from dmae.formats.openpose import OF_25_JOINTS
-from dmae.formats.reading import DataConfig, load
+from dmae.formats.reading import Clips, DataConfig
 from dmae.formats.skeletons import guess_skeleton
 from tests.support.recordings import recording
 
@@ -19,7 +19,7 @@ def people(skeleton, frames: int = 3) -> list[np.ndarray]:
 def real_people(data_folder, name: str) -> tuple[np.ndarray, list[int]]:
     """(D, 25, 3) of all cameras, and the frame of each."""
     path = data_folder / "shelf" if name == "shelf" else next((data_folder / "pose2sim").glob("*/*Balancing*"))
-    found = load(DataConfig(name, str(path)))[0].detections
+    found = Clips(DataConfig(name, str(path)))[0].detections
     rows = np.concatenate([found.xy, found.score[..., None]], -1)
     seen = found.observed.any(-1)
     return rows[seen], np.nonzero(seen)[0]

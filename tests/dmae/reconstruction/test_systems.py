@@ -9,7 +9,7 @@ from dmae.data.clip import Clip, Detections2D, Poses3D, Source
 from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25, SHELF14, Skeleton
 from dmae.evaluation.scores import score, scored_actors
-from dmae.formats.reading import DataConfig, load
+from dmae.formats.reading import Clips, DataConfig
 from dmae.metrics.comparison import match, take_matched
 from dmae.online.capture import OnlineCapture
 from dmae.reconstruction.config import CaptureConfig
@@ -192,7 +192,7 @@ def too_short(clip: Clip, config: CaptureConfig) -> Poses3D:
 )
 def test_on_shelf_it_is_as_good_as_published_up_to_its_differences(data_folder, method, least, most):
     """30 frames with four people, where systems differ; published figures are in their files."""
-    (clip,) = load(DataConfig("shelf", str(data_folder / "shelf")))
+    (clip,) = Clips(DataConfig("shelf", str(data_folder / "shelf")))
     clip = clip.select(frames=slice(210, 240))
     poses = captured(clip, method)
     truth = convert(clip.truth, SHELF14)
