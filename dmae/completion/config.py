@@ -310,21 +310,5 @@ class TrainConfig:
         return self.learning.lr if self.learning.lr is not None else 2e-4 if self.init else 2e-3
 
 
-PAPER = TrainConfig(
-    skeleton="body21+shelf14",
-    model=ModelConfig(
-        encoder=EncoderConfig(dim=128, depth=4, heads=2, head_dim=64, mlp=256),
-        decoder=DecoderConfig(dim=64, depth=2),
-        codes=CodesConfig(signal_sigma=0.4),
-        key_init=4.0, residual=False, align_heading=False,
-    ),
-    examples=ExamplesConfig(
-        masking=MaskingConfig(scattered=1.0, released=0.25),
-        augment=AugmentConfig(mirror=0.0, reverse=0.0, scale=0.0, speed=0.0, true_poses=0.0),
-    ),
-    learning=LearningConfig(steps=22000, epoch=1000, loss=Loss.mse, lr=2e-3, max_gradient=100.0, average=0.999),
-)  # fmt: skip
-"""The paper's network and its training, as the preset `model=paper`, which says what of it is the paper's."""
-
 DELAY = 0.28
 """s; half a window of the default model."""

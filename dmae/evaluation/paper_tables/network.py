@@ -14,9 +14,9 @@ import pandas as pd
 import torch
 
 from dmae.completion.complete import load_completer, uncertain
-from dmae.completion.config import PAPER, CodesConfig, TrainConfig
+from dmae.completion.config import CodesConfig, TrainConfig
 from dmae.completion.network import DMAE
-from dmae.completion.paper import PaperRows, PaperWindows, cut, interpolated, paper_rows
+from dmae.completion.paper import PAPER, PaperRows, PaperWindows, cut, interpolated, paper_rows
 from dmae.completion.training import train
 from dmae.completion.training_data import mask_scattered, pose_pair
 from dmae.completion.weights import PAPER as SHIPPED

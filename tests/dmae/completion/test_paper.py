@@ -9,10 +9,19 @@ import torch
 from dmae.cli import DMAE as PROGRAM
 from dmae.cli import compose
 from dmae.completion.complete import load_completer
-from dmae.completion.config import PAPER, DecoderConfig, EncoderConfig, MaskingConfig, TrainConfig
+from dmae.completion.config import DecoderConfig, EncoderConfig, MaskingConfig, TrainConfig
 from dmae.completion.fusion import namesakes, true_pair
 from dmae.completion.network import DMAE
-from dmae.completion.paper import PaperBatches, PaperCompleter, centre, cut, interpolated, paper_rows, paper_validation
+from dmae.completion.paper import (
+    PAPER,
+    PaperBatches,
+    PaperCompleter,
+    centre,
+    cut,
+    interpolated,
+    paper_rows,
+    paper_validation,
+)
 from dmae.completion.training import train
 from dmae.completion.training_data import PosePair, Recipe, mask_captured, mask_scattered
 from dmae.completion.weights import load_model, weights_folder

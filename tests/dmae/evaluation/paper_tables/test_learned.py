@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from dmae.completion import training
-from dmae.completion.config import PAPER, DecoderConfig, EncoderConfig
+from dmae.completion.config import DecoderConfig, EncoderConfig
+from dmae.completion.paper import PAPER
 from dmae.completion.training import train
 from dmae.data.clip import Clip
 from dmae.data.store import save_clip, write_manifest
