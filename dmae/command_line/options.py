@@ -16,6 +16,7 @@ from typing import get_args, get_origin, get_type_hints
 
 from docstring_parser import parse_from_object
 
+from dmae.data.json_values import flat
 from dmae.data.resources import resource_folder
 from dmae.registry import Registry
 
@@ -117,10 +118,10 @@ class Command:
         values: dict[str, object] = {}
         for group, preset in self.presets.items():
             if preset in registered.get(group, {}):
-                values |= _leaves(registered[group][preset].values, group)
+                values |= flat(registered[group][preset].values, f"{group}.")
             file = places[0] / group / f"{preset}.yaml"
             if file.is_file():
-                values |= _leaves(_yaml(file), "" if "@package _global_" in file.read_text() else group)
+                values |= flat(_yaml(file), "" if "@package _global_" in file.read_text() else f"{group}.")
         options = _group(self.configuration, "", values)
         members: list[Option | Group] = []
         for member in options.members:
@@ -206,12 +207,3 @@ def _yaml(file: Path) -> dict:
     import yaml
 
     return yaml.load(file.read_text(), getattr(yaml, "CSafeLoader", yaml.SafeLoader)) or {}
-
-
-def _leaves(values: dict, prefix: str) -> dict[str, object]:
-    """Nested values, by dotted key."""
-    found: dict[str, object] = {}
-    for key, value in values.items():
-        name = f"{prefix}.{key}".lstrip(".")
-        found |= _leaves(value, name) if isinstance(value, dict) else {name: value}
-    return found

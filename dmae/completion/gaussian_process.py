@@ -7,8 +7,6 @@ Motion-capture markers are completed in a similar way by the principal component
 Gløersen & Federolf 2016); a kernel represents what a plane cannot. The equation is (2.25) of Rasmussen & Williams 2006.
 """
 
-from collections.abc import Iterator
-
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
@@ -18,7 +16,7 @@ from dmae.completion.methods import completion_method
 from dmae.data.clip import Poses3D
 from dmae.numerics.body import Bodies, interpolate_bodies
 from dmae.numerics.filling import take_estimate, without_infinite
-from dmae.numerics.paths import gap_lengths, pchip
+from dmae.numerics.paths import gap_lengths, pchip, runs
 
 SHORT_GAP = 0.2
 """s; in gaps shorter than this interpolation is better than the Gaussian process."""
@@ -178,7 +176,7 @@ def _correct(bodies: Bodies, joint: int, weight: np.ndarray, fps: float) -> None
     hidden = ~measured[:, :, joint] & ~np.isnan(bodies.filled[:, :, joint, 0])
     for person in np.flatnonzero((hidden & (weight > 0)).any(0)):
         filled, xyz, turn = bodies.filled[:, person], bodies.xyz[:, person], bodies.world_from_body[:, person]
-        for first, end in _runs(hidden[:, person]):
+        for first, end in runs(hidden[:, person]):
             seen = measured[first:end, person].all(0)
             anchor, inputs, origins = _inputs(bodies, joint, seen)
             if anchor is None or not weight[first:end, person].any():
@@ -218,12 +216,6 @@ def _inputs(bodies: Bodies, joint: int, seen: np.ndarray) -> tuple[int | None, l
             inputs.append(other)
             origins.append(anchor if hangs else parents[other])
     return anchor, inputs, origins
-
-
-def _runs(flags: np.ndarray) -> Iterator[tuple[int, int]]:
-    """Yield the first frames and the ends of runs of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(np.int8), [0]])))
-    return zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
 
 
 def predict_gap(offsets: np.ndarray, wanted: np.ndarray, first: int, end: int, fps: float) -> np.ndarray:

@@ -53,6 +53,7 @@ from dmae.completion.uncertainty import CLASSES, Factors, gap_classes
 from dmae.completion.weights import OF_PEOPLE, check_finite, find_shipped, load_model, save_model, weights_folder
 from dmae.completion.windows import rest_pose
 from dmae.data.clip import Clip, Poses3D
+from dmae.data.json_values import flat
 from dmae.data.resume import claim_folder
 from dmae.data.rng import Stream, generator
 from dmae.data.skeleton import BODY25, Skeleton, encode, get_skeleton
@@ -705,19 +706,11 @@ def _load_initial(config: TrainConfig) -> tuple[DMAE, Skeleton, dict] | None:
     model, skeleton, record = load_model(folder)
     if config.skeleton is not None and get_skeleton(config.skeleton) != skeleton:
         raise ValueError(f"{config.init}: a model of skeleton {skeleton.name!r}, and skeleton={config.skeleton}")
-    wanted, found = (_flat(asdict(options), "model.") for options in (config.model, model.config))
+    wanted, found = (flat(asdict(options), "model.") for options in (config.model, model.config))
     differing = ", ".join(f"{name}={value}" for name, value in found.items() if value != wanted[name])
     if differing:
         raise ValueError(f"{config.init}: a network of other sizes; to start from it, give {differing}")
     return model, skeleton, record
-
-
-def _flat(options: dict, prefix: str) -> dict:
-    """Return nested options by their dotted names."""
-    flat = {}
-    for name, value in options.items():
-        flat |= _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {prefix + name: value}
-    return flat
 
 
 def _claim(out: Path, config: TrainConfig, skeleton: Skeleton, init: dict | None, pairs: dict[str, PosePair]) -> None:

@@ -22,6 +22,15 @@ def json_text(value) -> str:
     )
 
 
+def flat(values: dict, prefix: str = "") -> dict[str, Any]:
+    """Return nested values by their dotted names."""
+    found: dict[str, Any] = {}
+    for name, value in values.items():
+        nested = isinstance(value, dict) and value
+        found |= flat(value, f"{prefix}{name}.") if nested else {f"{prefix}{name}": value}
+    return found
+
+
 _LARGEST = 1e9  # Largest absolute value of a float
 
 

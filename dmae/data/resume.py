@@ -1,9 +1,10 @@
 """Check folders of runs that can be resumed: settings are written at the first start, and compared at later starts."""
 
 import json
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from pathlib import Path
 
+from dmae.data.json_values import flat
 from dmae.files.contents import write_atomic
 from dmae.files.structured import read_json
 
@@ -27,7 +28,7 @@ def claim_folder(path: Path, settings: dict, contents: str, may_differ: Collecti
         raise ValueError(
             f"{path}: expected an object of settings, found {content!r:.60}; choose another folder for out"
         )
-    wanted, found = dict(_flat(json.loads(json.dumps(settings)))), dict(_flat(content))
+    wanted, found = flat(json.loads(json.dumps(settings))), flat(content)
     missing = object()
     compared = [key for key in wanted | found if key not in may_differ]
     differing = sorted(key for key in compared if wanted.get(key, missing) != found.get(key, missing))
@@ -37,12 +38,3 @@ def claim_folder(path: Path, settings: dict, contents: str, may_differ: Collecti
             f"{path.parent} holds {contents} of another configuration: {path.name} differs in "
             f"{', '.join(differing[:_LISTED])}{more}. Choose another folder for out, or remove this one"
         )
-
-
-def _flat(settings: dict, prefix: str = "") -> Iterator[tuple[str, object]]:
-    """Yield (dotted name, value) of nested settings."""
-    for key, value in settings.items():
-        if isinstance(value, dict) and value:
-            yield from _flat(value, f"{prefix}{key}.")
-        else:
-            yield prefix + key, value

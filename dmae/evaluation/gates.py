@@ -6,7 +6,7 @@ Two scores can be compared if the options that scores depend on and the clips ar
 
 import hashlib
 import json
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from dataclasses import asdict, dataclass
 from functools import reduce
 from operator import getitem
@@ -14,6 +14,7 @@ from operator import getitem
 import numpy as np
 
 from dmae.data.clip import Clip
+from dmae.data.json_values import flat
 from dmae.evaluation.scores import FIGURES, figure_score, run_table
 from dmae.metrics.registry import metrics
 
@@ -31,7 +32,7 @@ _UNDER_TEST = (
 def scored_options(config) -> dict:
     """Return the options of `dmae evaluate` on which scores depend, by dotted name. The values are JSON-able."""
     options = {name: value for name, value in asdict(config).items() if name not in _UNDER_TEST}
-    return dict(_flat(json.loads(json.dumps(options))))
+    return flat(json.loads(json.dumps(options)))
 
 
 def scored_clip(clip: Clip) -> dict:
@@ -85,14 +86,6 @@ def _means(values: np.ndarray) -> list[float | None]:
     rows = values.reshape(-1, values.shape[-1])
     rows = rows[np.isfinite(rows).all(-1)]
     return [round(float(mean), 5) for mean in rows.mean(0)] if len(rows) else [None] * values.shape[-1]
-
-
-def _flat(options: dict, prefix: str = "") -> Iterator[tuple[str, object]]:
-    for name, value in options.items():
-        if isinstance(value, dict):
-            yield from _flat(value, f"{prefix}{name}.")
-        else:
-            yield prefix + name, value
 
 
 def _text(value) -> str:

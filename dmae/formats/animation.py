@@ -94,6 +94,12 @@ def joint_rotations(poses: Poses3D, fps: float, person: int) -> JointRotations:
     return JointRotations(names, parents, offsets, xyz[:, 0].copy(), rotations)
 
 
+def continuous(quaternions: np.ndarray) -> np.ndarray:
+    """Return the quaternions (F, 4) with signs such that neighbours are near each other."""
+    flips = np.sign((quaternions[1:] * quaternions[:-1]).sum(-1))
+    return quaternions * np.cumprod(np.r_[1.0, np.where(flips == 0, 1, flips)])[: len(quaternions), None]
+
+
 def _filled(one: Poses3D, fps: float) -> Poses3D:
     """Return one person without gaps, except for joints that are never known."""
     xyz = empty(one.xyz.shape, np.float32)

@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.files.contents import whole_folder, write_atomic, written
+from dmae.formats.animation import continuous
 from dmae.formats.config import LengthUnit
 from dmae.formats.poses import person_paths
 from dmae.formats.registry import pose_writer
@@ -48,7 +49,7 @@ def write_joint_csv(motion: RobotMotion, path: Path, unit: LengthUnit = LengthUn
         qpos = motion.qpos[:, person]
         turn, lines = Rotation.from_quat(qpos[:, 3:7], scalar_first=True), []
         if unit == LengthUnit.m:
-            rows = np.concatenate([qpos[:, :3], _continuous(turn.as_quat()), qpos[:, 7:]], 1)
+            rows = np.concatenate([qpos[:, :3], continuous(turn.as_quat()), qpos[:, 7:]], 1)
         else:
             axes = [f"root_{kind}{axis}" for kind in ("translate", "rotate") for axis in "XYZ"]
             lines.append(",".join(["Frame", *axes, *(f"{joint}_dof" for joint in motion.joints)]))
@@ -59,12 +60,6 @@ def write_joint_csv(motion: RobotMotion, path: Path, unit: LengthUnit = LengthUn
             lines.append(",".join([*number, *(f"{value:.6f}" for value in row)]))
         write_atomic(file, written(lines))
     return files
-
-
-def _continuous(quaternions: np.ndarray) -> np.ndarray:
-    """Return the quaternions (F, 4) with signs such that neighbours are near each other."""
-    flips = np.sign((quaternions[1:] * quaternions[:-1]).sum(-1))
-    return quaternions * np.cumprod(np.r_[1.0, np.where(flips == 0, 1, flips)])[:, None]
 
 
 # LeRobot v3, https://huggingface.co/docs/lerobot: episodes one after the other in Parquet files.
@@ -141,7 +136,7 @@ def write_episodes(folder: Path, given: Sequence[Episode], fps: float) -> None:
     rows, pending, columns, start = [], [], [], 0
     for number, each in enumerate(given):
         count = len(each.qpos)
-        quaternion = _continuous(each.qpos[:, [4, 5, 6, 3]])
+        quaternion = continuous(each.qpos[:, [4, 5, 6, 3]])
         angles = each.qpos[:, 7:]
         values = {
             "observation.state": np.concatenate([each.qpos[:, :3], quaternion, angles], 1).astype(np.float32),

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from dmae.data.clip import Clip, Poses3D, Source, person_name
 from dmae.files.contents import write_atomic
-from dmae.formats.animation import Y_UP, JointRotations, joint_rotations
+from dmae.formats.animation import Y_UP, JointRotations, continuous, joint_rotations
 from dmae.formats.registry import pose_writer
 
 _COLOURS = ((0.12, 0.47, 0.71), (0.20, 0.63, 0.17), (0.42, 0.24, 0.60), (0.55, 0.34, 0.29), (0.09, 0.75, 0.81))
@@ -129,7 +129,7 @@ def _add_person(
         marker = file.add("nodes", name=f"{name}: {motion.joints[joint]} not measured", mesh=red, scale=[0, 0, 0])
         children = [nodes[child] for child, parent in enumerate(motion.parents) if parent == joint]
         file.json["nodes"][node]["children"] = [*children, marker]
-        file.animate(node, "rotation", _continuous(quaternions[:, joint]))
+        file.animate(node, "rotation", continuous(quaternions[:, joint]))
         unmeasured = (source[:, joint] == Source.COMPLETED) | ((source[:, joint] == Source.ABSENT) & there)
         file.animate(marker, "scale", np.repeat(unmeasured[:, None].astype(float), 3, 1), step=True)
     file.animate(nodes[0], "translation", motion.root @ Y_UP.T)
@@ -144,12 +144,6 @@ def _add_person(
     mesh = file.mesh(name, points, faces, colour, bound)
     body = file.add("nodes", name=name, mesh=mesh, skin=skin)
     file.json["scenes"][0]["nodes"] += [nodes[0], body]
-
-
-def _continuous(quaternions: np.ndarray) -> np.ndarray:
-    """Return the quaternions (F, 4) with signs chosen so that consecutive quaternions are close to each other."""
-    flips = np.sign((quaternions[1:] * quaternions[:-1]).sum(-1))
-    return quaternions * np.concatenate([[1.0], np.cumprod(np.where(flips == 0, 1, flips))])[: len(quaternions), None]
 
 
 def _rest_positions(offsets: np.ndarray, parents: tuple[int, ...]) -> np.ndarray:

@@ -25,7 +25,7 @@ from scipy.spatial.transform import Rotation
 
 from dmae.data.clip import Poses3D, Source
 from dmae.numerics.filling import fill_body_frame, smooth
-from dmae.numerics.paths import linear, neighbours, pchip
+from dmae.numerics.paths import linear, neighbours, pchip, runs
 
 if TYPE_CHECKING:
     import mink
@@ -378,7 +378,7 @@ def _targets(person: _Person, robot: _Robot, scale: float, fps: float) -> _Targe
         hold[:, side] = _near_in_time(stands, fps, _STEP_TIME)
         held = np.concatenate([ankles[:, side], yaw[:, None]], -1)
         held[:, 2] = ankle_height
-        for first, last in _runs(stands):
+        for first, last in runs(stands):
             held[first:last] = held[first:last].mean(0)
         if stands.any():
             held = linear(np.where(stands[:, None], held, np.nan)[:, None])[:, 0]
@@ -397,16 +397,10 @@ def _lasting(flags: np.ndarray, least: float) -> np.ndarray:
     """Return flags (F,) without runs of True below `least` frames, after interruptions that short are closed."""
     kept = flags.copy()
     for value in (False, True):
-        for first, last in _runs(kept == value):
+        for first, last in runs(kept == value):
             if last - first < least and first > 0 and last < len(flags):
                 kept[first:last] = not value
     return kept
-
-
-def _runs(flags: np.ndarray) -> list[tuple[int, int]]:
-    """Return the runs of True in flags (F,), as [first, last)."""
-    change = np.flatnonzero(np.diff(np.r_[0, flags, 0]))
-    return list(zip(change[::2].tolist(), change[1::2].tolist(), strict=True))
 
 
 @dataclass(frozen=True)

@@ -45,6 +45,12 @@ def gap_lengths(observed: np.ndarray) -> np.ndarray:
     return np.where(observed, 0, after - before - 1)
 
 
+def runs(flags: np.ndarray) -> list[tuple[int, int]]:
+    """Return the first frame of each run of True in flags (F,), and the frame after its last."""
+    edges = np.flatnonzero(np.diff(np.r_[0, flags, 0]))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
 Interpolation = Callable[[np.ndarray], np.ndarray]
 """Function that fills the gaps of values (F, ..., C): between samples, before the first and after the last sample."""
 

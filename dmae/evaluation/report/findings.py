@@ -12,6 +12,7 @@ from dmae.data.labels import Visibility
 from dmae.evaluation.report.joints import Groups, JointGroup, Joints, Reprojection, joints_of, reprojection, tally
 from dmae.evaluation.review import Doubt, checksum, rank_doubts
 from dmae.metrics.position import GAPS
+from dmae.numerics.paths import runs
 from dmae.numerics.statistics import likely_error, mean_known
 
 BY_GAP, BY_JOINT, BY_CAUSE = "length of the gap", "joint", "cause of occlusion"
@@ -217,8 +218,9 @@ def worst_moments(clip: Clip, joints: Joints, reprojected: Reprojection) -> list
             what = f"{joints.skeleton.joints[at]}, {Source(joints.source[frame, number, at]).name.lower()}"
             found.append(WorstMoment(frame, int(joints.person[frame, number]), "error", what, size, f"{size:.0f} mm"))
         missed = joints.counted.any(-1) & (joints.person < 0)
-        runs = sorted(((end - start, start, number) for number, start, end in runs_of(missed)), reverse=True)
-        for length, start, number in runs[:_OF_A_KIND]:
+        people = range(missed.shape[1])
+        gaps = [(end - start, start, number) for number in people for start, end in runs(missed[:, number])]
+        for length, start, number in sorted(gaps, reverse=True)[:_OF_A_KIND]:
             seconds = length / clip.fps
             found.append(WorstMoment(start, None, "missed", f"true {person_name(number)}", seconds, f"{seconds:.2f} s"))
     there = (clip.poses.source != Source.ABSENT).any(-1)
@@ -248,11 +250,3 @@ def peaks(values: np.ndarray, number: int, apart: int) -> list[tuple[int, int]]:
         found.append((frame, column))
         left[max(0, frame - apart) : frame + apart + 1, column] = -np.inf
     return found
-
-
-def runs_of(flags: np.ndarray) -> list[tuple[int, int, int]]:
-    """Return column, first frame and the frame after the last of each run of True in (F, N)."""
-    edges = np.diff(np.pad(flags.astype(np.int8), ((1, 1), (0, 0))), axis=0)
-    columns, starts = np.nonzero(edges.T == 1)
-    _, ends = np.nonzero(edges.T == -1)
-    return list(zip(columns.tolist(), starts.tolist(), ends.tolist(), strict=True))

@@ -17,10 +17,10 @@ from dmae.evaluation.report.findings import (
     State,
     examine,
     peaks,
-    runs_of,
 )
 from dmae.evaluation.report.joints import added, added_groups, tally
 from dmae.evaluation.report.page import share, summary
+from dmae.numerics.paths import runs
 from tests.support.clips import walkers
 from tests.support.reported_clips import ERROR_M, completed_clip
 
@@ -137,7 +137,8 @@ def test_peaks_are_apart_and_runs_have_ends():
     values = np.array([[1.0, np.nan], [5, 2], [4, 9], [3, np.nan]])
     assert peaks(values, 5, apart=1) == [(2, 1), (1, 0), (3, 0)]
     assert peaks(np.full((3, 0), np.nan), 5, apart=1) == []
-    assert runs_of(np.array([[1, 0], [1, 0], [0, 1], [1, 1]], bool)) == [(0, 0, 2), (0, 3, 4), (1, 2, 4)]
+    assert runs(np.array([1, 1, 0, 1], bool)) == [(0, 2), (3, 4)]
+    assert runs(np.array([0, 0, 1, 1], bool)) == [(2, 4)]
 
 
 def test_clips_add_up(clip, found):
