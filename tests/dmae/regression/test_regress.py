@@ -8,17 +8,22 @@ from contextlib import suppress
 from dataclasses import fields
 from functools import partial
 from html.parser import HTMLParser
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from dmae.commands.regress import load_solver
 from dmae.regression import solvers
-from dmae.regression.pack import Case, cases, crowd_cases, seeded_cases, unpack
+from dmae.regression.pack import Case, cases, unpack
 from dmae.regression.verdicts import PURPOSES, REASONS, assert_passes, check, check_case, oracle
 from tests.support.clips import full_clip
 from tests.support.commands import dmae
 from tests.support.plain_solver import EVERY, OUTLIERS, broken, plain
+
+sys.path.insert(0, str(Path(__file__).parents[3] / "docs/tools"))
+
+import regression_pack
 
 
 def case_named(name) -> Case:
@@ -120,7 +125,7 @@ def test_every_case_and_bound_is_explained():
 
 
 def test_the_pack_is_what_its_recipe_makes():
-    for made, frozen in zip(seeded_cases(), cases(), strict=False):
+    for made, frozen in zip(regression_pack.seeded_cases(), cases(), strict=False):
         assert made.name == frozen.name
         for field in fields(Case)[1:]:
             np.testing.assert_allclose(
@@ -131,7 +136,7 @@ def test_the_pack_is_what_its_recipe_makes():
 def test_a_crowd_is_sorted_into_persons():
     """Exact detections in shuffled order, a tenth of them missing: each lands on its own person's joints."""
     clip = full_clip(frames=3, views=5)
-    whole, part = crowd_cases(clip)
+    whole, part = regression_pack.crowd_cases(clip)
     assert whole.xyz.shape == (1 * 2 * 14, 3)
     assert part.xy.shape == (28, 3, 2)
     np.testing.assert_array_equal(part.xy, whole.xy[:, [0, 2, 4]])
