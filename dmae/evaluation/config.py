@@ -8,8 +8,7 @@ from dmae.evaluation.corruption.registry import corruption
 from dmae.formats.config import DataConfig
 from dmae.metrics.registry import protocol
 from dmae.parallel import Backend, check_workers
-from dmae.reconstruction.config import CaptureConfig
-from dmae.reconstruction.registry import capture_method
+from dmae.reconstruction.config import CaptureConfig, capture_method
 
 
 @dataclass(frozen=True)

@@ -14,14 +14,13 @@ from dmae.data.conversion import resized_poses, resized_rig
 from dmae.data.skeleton import Skeleton
 from dmae.online.completion import TURN, FinishedFrame, OnlineCompleter, split_frames
 from dmae.reconstruction.body_size import resized_config
-from dmae.reconstruction.config import CaptureConfig, SubjectConfig
+from dmae.reconstruction.config import ADAPTIVE, CaptureConfig, SubjectConfig
 from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.noise import DetectionNoise
 from dmae.reconstruction.people import false_positives, inside_volume, merge, same_person, well_measured
 from dmae.reconstruction.pipeline import MeasuredJoints, measure
 from dmae.reconstruction.pruning import LONGEST_JUMP
 from dmae.reconstruction.reassignment import LONGEST_GAP
-from dmae.reconstruction.registry import ADAPTIVE
 from dmae.reconstruction.tracking import TrackedFrame, Tracker, Tracks
 
 if TYPE_CHECKING:

@@ -1,11 +1,29 @@
-"""Configuration of capture: thresholds of the paper, association, tracking, reassignment, noise."""
+"""Configuration of capture: methods, thresholds of the paper, association, tracking, reassignment, noise.
+
+To add a method, write a function of a clip and a configuration with the decorator `capture_method` in a file of
+`dmae/reconstruction/systems`. Listing them imports none.
+"""
 
 from dataclasses import MISSING, dataclass, field, fields, replace
 from enum import StrEnum
 
 import numpy as np
 
-from dmae.reconstruction.registry import ADAPTIVE, capture_method
+from dmae.registry import Entry, Registry
+
+ADAPTIVE = "adaptive"
+"""Name of the capture of this package."""
+
+
+@dataclass(frozen=True)
+class CaptureMethod(Entry):
+    """A system: its function takes a clip of bodies as large as people, and a configuration, and returns poses."""
+
+    paper: str = ""  # Authors and year, as in tables
+
+
+capture_method = Registry("capture_method", CaptureMethod, "dmae.reconstruction.systems", option="capture.method")
+"""Published systems besides the capture of this package (`capture.method`)."""
 
 
 class DistanceUnit(StrEnum):

@@ -16,13 +16,12 @@ from dmae.reconstruction.appearance import appearance_differs, has_appearance
 from dmae.reconstruction.association import NONE
 from dmae.reconstruction.body_size import in_units_of_people, resized_clip, resized_config, sized
 from dmae.reconstruction.chance import resting_ghosts
-from dmae.reconstruction.config import AssociationConfig, CaptureConfig
+from dmae.reconstruction.config import ADAPTIVE, AssociationConfig, CaptureConfig, capture_method
 from dmae.reconstruction.evidence import Evidence, evidence_blocks
 from dmae.reconstruction.noise import DetectionNoise, fit, residuals
 from dmae.reconstruction.people import false_positives, inside_volume, merge, same_person, wanted_people, well_measured
 from dmae.reconstruction.pruning import prune
 from dmae.reconstruction.reassignment import expected_paths, most_confident_rays, reassign
-from dmae.reconstruction.registry import ADAPTIVE, capture_method
 from dmae.reconstruction.sides import Sides, exchange, find_exchanged
 from dmae.reconstruction.tracking import Tracker, Tracks, track
 from dmae.reconstruction.triangulation import Points

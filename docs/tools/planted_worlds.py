@@ -15,7 +15,7 @@ from planted_recordings import SHELF, kept_rows, options, recording_name, sound_
 from scipy.spatial.transform import Rotation
 
 import dmae
-from dmae.calibration.findings import tilt_fault
+from dmae.calibration.doctor import tilt_fault
 from dmae.calibration.world import find_floor, place_clip
 from dmae.data.clip import Poses3D
 

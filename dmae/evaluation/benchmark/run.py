@@ -25,9 +25,8 @@ from dmae.metrics.table import Score, ratios, score_of
 from dmae.parallel import in_parallel, running_on
 from dmae.plugins import load_function
 from dmae.progress import progress
-from dmae.reconstruction.config import CaptureConfig
+from dmae.reconstruction.config import CaptureConfig, capture_method
 from dmae.reconstruction.pipeline import capture
-from dmae.reconstruction.registry import capture_method
 
 
 class Task(StrEnum):

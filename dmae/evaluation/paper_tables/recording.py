@@ -32,8 +32,7 @@ from dmae.evaluation.paper_tables.table import (
 from dmae.evaluation.scores import score
 from dmae.metrics.pcp import correct_limbs, count_limbs
 from dmae.metrics.registry import protocol
-from dmae.reconstruction.config import CaptureConfig
-from dmae.reconstruction.registry import capture_method
+from dmae.reconstruction.config import CaptureConfig, capture_method
 
 _LANDMARKS = ("nose", "l_ear", "r_ear", "l_shoulder", "r_shoulder")
 _TOP_OF_NOSE = np.array([0.75, 0.75, 1.5])

@@ -18,8 +18,7 @@ from dmae.data.json_values import decode
 from dmae.data.resources import resource_folder
 from dmae.evaluation.config import PAPER, StressConfig, StressSize
 from dmae.evaluation.corruption.registry import corruptions, find_corruption
-from dmae.reconstruction.config import CaptureConfig
-from dmae.reconstruction.registry import capture_method
+from dmae.reconstruction.config import CaptureConfig, capture_method
 
 _PAIRS = {
     StressSize.small: ("cameras+objects",),

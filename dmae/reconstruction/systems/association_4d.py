@@ -22,8 +22,7 @@ import numpy as np
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import Skeleton
 from dmae.numerics.filling import are_stills
-from dmae.reconstruction.config import CaptureConfig
-from dmae.reconstruction.registry import capture_method
+from dmae.reconstruction.config import CaptureConfig, capture_method
 from dmae.reconstruction.systems.common import Frame, as_poses, frames_of, joint_depths, meet
 
 _EPIPOLAR_M, _TRACKING_M = 0.15, 0.2

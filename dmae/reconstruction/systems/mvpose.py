@@ -19,8 +19,7 @@ from scipy.special import erfc
 
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D
-from dmae.reconstruction.config import CaptureConfig
-from dmae.reconstruction.registry import capture_method
+from dmae.reconstruction.config import CaptureConfig, capture_method
 from dmae.reconstruction.systems.common import Frame, as_tracks, bone_lengths, frames_of, max_product, meet, project
 
 _UNKNOWN_PX = 25.0  # px; distance of two detections of one view, or without a common joint

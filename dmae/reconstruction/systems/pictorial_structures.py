@@ -24,8 +24,7 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import Skeleton
-from dmae.reconstruction.config import CaptureConfig
-from dmae.reconstruction.registry import capture_method
+from dmae.reconstruction.config import CaptureConfig, capture_method
 from dmae.reconstruction.systems.common import Frame, as_tracks, bone_lengths, frames_of, max_product, meet, project
 
 _APART_M = 0.2  # m; rays that pass each other at more are not a state

@@ -34,8 +34,7 @@ from torch import Tensor, nn
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import BODY25
-from dmae.reconstruction.config import CaptureConfig
-from dmae.reconstruction.registry import capture_method
+from dmae.reconstruction.config import CaptureConfig, capture_method
 from dmae.reconstruction.systems.common import Frame, as_tracks, frames_of, project
 
 WEIGHTS = Path(__file__).parents[2] / "models" / "plane_sweep.safetensors"

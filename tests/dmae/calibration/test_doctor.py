@@ -13,9 +13,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from dmae.calibration.adjustment_problem import ROTATION, Calibration, Q
-from dmae.calibration.doctor import _confirmed, diagnose
+from dmae.calibration.doctor import _confirmed, diagnose, examined
 from dmae.calibration.epipolar import Hypothesis, pairs_to_compare
-from dmae.calibration.examination import examined
 from dmae.calibration.faults import Correction, Fault, rescale
 from dmae.commands import convert as convert_command
 from dmae.commands import doctor as command

@@ -7,9 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import dmae
-from dmae.calibration.doctor import diagnose
+from dmae.calibration.doctor import diagnose, tilt_fault
 from dmae.calibration.faults import Fault
-from dmae.calibration.findings import tilt_fault
 from dmae.calibration.refinement import RefineConfig, refine
 from dmae.calibration.world import find_floor, place_clip, place_rig, turn_to_z, upright_world
 from dmae.data.clip import Clip, Detections2D, Poses3D

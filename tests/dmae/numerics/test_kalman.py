@@ -2,10 +2,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from dmae.completion.fillings import fill_kalman
+from dmae.completion.fillings import fill_kalman, smooth_paths
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import BODY25
-from dmae.numerics.kalman import smooth_paths
 from tests.support.clips import walkers
 from tests.support.gaps import FPS, turning, without
 

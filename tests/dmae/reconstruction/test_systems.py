@@ -12,9 +12,8 @@ from dmae.evaluation.scores import score, scored_actors
 from dmae.formats.reading import Clips, DataConfig
 from dmae.metrics.comparison import match, take_matched
 from dmae.online.capture import OnlineCapture
-from dmae.reconstruction.config import CaptureConfig
+from dmae.reconstruction.config import CaptureConfig, capture_method
 from dmae.reconstruction.pipeline import capture
-from dmae.reconstruction.registry import capture_method
 from dmae.reconstruction.systems.common import as_tracks
 from tests.support.clips import full_clip, looking_at_origin, walkers
 
