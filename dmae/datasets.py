@@ -130,6 +130,15 @@ def _meta(path: Path, modified: int) -> dict:
     return read_json(path)
 
 
+def _place(index: int, ends: np.ndarray, what: str) -> tuple[int, int]:
+    """Return the clip that an item is in, and its number there, from the items up to the end of each clip."""
+    count = int(ends[-1]) if len(ends) else 0
+    if not -count <= index < count:
+        raise IndexError(f"{what} {index}: there are {count}")
+    clip = int(np.searchsorted(ends, index % count, side="right"))
+    return clip, index % count - (int(ends[clip - 1]) if clip else 0)
+
+
 # A data set of whole clips.
 
 
@@ -226,11 +235,7 @@ class WindowDataset(Dataset):
 
     def place(self, index: int) -> tuple[int, int, int]:
         """Return number of the clip, index of the person and first frame of a window; IndexError if there is none."""
-        if not -len(self) <= index < len(self):
-            raise IndexError(f"window {index}: there are {len(self)}")
-        index %= len(self)
-        clip = int(np.searchsorted(self._ends, index, side="right"))
-        within = index - (int(self._ends[clip - 1]) if clip else 0)
+        clip, within = _place(index, self._ends, "window")
         person, start = divmod(within, self._starts[clip])
         return clip, person, start * self.every
 
@@ -332,11 +337,7 @@ class FrameDataset(Dataset):
 
     def place(self, index: int) -> tuple[int, int, int]:
         """Return the number of the clip, the index of the camera and the index of the frame of an image; IndexError."""
-        if not -len(self) <= index < len(self):
-            raise IndexError(f"picture {index}: there are {len(self)}")
-        index %= len(self)
-        clip = int(np.searchsorted(self._ends, index, side="right"))
-        within = index - (int(self._ends[clip - 1]) if clip else 0)
+        clip, within = _place(index, self._ends, "picture")
         view, frame = divmod(within, -(-self.files[clip].frames // self.every))
         return clip, view, frame * self.every
 

@@ -54,15 +54,3 @@ protocol = Registry("protocol", Protocol, __package__)
 def metrics() -> list[Metric]:
     """Return all metrics in their order."""
     return sorted(metric.values(), key=lambda each: (each.order, each.name))
-
-
-@dataclass(frozen=True)
-class Protocol(Entry):
-    """A protocol: its function assigns predictions to true persons, as `dmae.metrics.comparison.match` does."""
-
-    missed_count: bool = True  # Whether limbs of a person without a prediction count as not correct
-    at_half: bool = True  # Whether a limb with an error of exactly half its length is correct
-    head: str = "4da"  # How the ends of the annotated head are placed (`dmae.evaluation.paper_tables.recording`)
-
-
-protocol = Registry("protocol", Protocol, __package__)
