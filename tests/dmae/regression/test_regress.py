@@ -160,11 +160,11 @@ def test_the_oracle_attains_the_cramer_rao_bound(name):
 def test_a_damaged_pack_is_refused(monkeypatch, tmp_path):
     from dmae.regression import pack
 
-    data = bytearray(pack._FILE.read_bytes())
+    data = bytearray(pack.FILE.read_bytes())
     assert len(unpack(bytes(data))) == len(EVERY)
     data[len(data) // 2] ^= 1
     (tmp_path / "pack.npz").write_bytes(data)
-    monkeypatch.setattr(pack, "_FILE", tmp_path / "pack.npz")
+    monkeypatch.setattr(pack, "FILE", tmp_path / "pack.npz")
     with pytest.raises(ValueError, match=r"pack.npz: does not match its checksum"):
         cases.__wrapped__()
 
