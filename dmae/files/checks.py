@@ -68,6 +68,14 @@ def check_numbers(what: str, values, most: float | np.ndarray, least: float | No
             raise ValueError(f"{what}: expected numbers from {least:g} to {most:g}, found {here[wrong].flat[0]:g}")
 
 
+def numbers_of(found) -> np.ndarray:
+    """Return what a file states as an array of numbers; if it states none, an array (0, 0), which no reader expects."""
+    try:
+        return np.array(found, np.float64)
+    except (TypeError, ValueError, OverflowError):
+        return np.empty((0, 0))
+
+
 def check_rate(what: str, fps) -> float:
     """Return frames per second as a float; raise ValueError, which names `what`, if the number is impossible."""
     if isinstance(fps, bool) or not isinstance(fps, int | float | np.number) or not LEAST_RATE <= fps <= MOST_RATE:

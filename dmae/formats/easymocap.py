@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import BODY25, Skeleton
-from dmae.files.checks import MOST_PIXELS, check_numbers, child
+from dmae.files.checks import MOST_PIXELS, check_numbers, child, numbers_of
 from dmae.files.contents import read_text, write_atomic
 from dmae.files.structured import parse_yaml, read_json
 from dmae.formats.calibrations import (
@@ -219,10 +219,7 @@ def _people(file: Path, content, skeleton: Skeleton, confidences: Confidences) -
     found = np.empty((len(people), len(skeleton), 3))
     for number, person in enumerate(people):
         keypoints = person.get("keypoints") if isinstance(person, dict) else None
-        try:
-            array = np.array(keypoints, np.float64)
-        except (TypeError, ValueError, OverflowError):
-            array = np.empty(0)
+        array = numbers_of(keypoints)
         if array.shape != found.shape[1:]:
             shape = f", of shape {array.shape}" if array.size else ""
             raise ValueError(

@@ -104,12 +104,6 @@ def encode_mask(mask: np.ndarray) -> RunLengths:
     return {"size": list(mask.shape), "counts": np.diff(ends).tolist()}
 
 
-def decode_mask(runs: RunLengths) -> np.ndarray:
-    """Return the mask (H, W) of bool that run lengths describe."""
-    inside = np.arange(len(runs["counts"])) % 2 == 1
-    return np.repeat(inside, runs["counts"]).reshape(runs["size"], order="F")
-
-
 def mask_box(mask: np.ndarray) -> Box | None:
     """Return the box around the pixels of a mask (H, W), with whole pixels as in COCO; None if the mask is empty."""
     columns, rows = np.flatnonzero(mask.any(0)), np.flatnonzero(mask.any(1))

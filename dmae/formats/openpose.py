@@ -19,7 +19,7 @@ from dmae.data.skeleton import (
     SHELF14,
     Skeleton,
 )
-from dmae.files.checks import MOST_PIXELS, check_numbers, child
+from dmae.files.checks import MOST_PIXELS, check_numbers, child, numbers_of
 from dmae.files.contents import write_atomic
 from dmae.files.structured import read_json
 from dmae.formats.calibrations import write_calibration
@@ -146,10 +146,7 @@ def _people(file: Path, content, confidences: Confidences) -> list[np.ndarray]:
         if person == {}:
             continue
         keypoints = person.get("pose_keypoints_2d", person.get("pose_keypoints")) if isinstance(person, dict) else None
-        try:
-            array = np.array(keypoints, np.float64)
-        except (TypeError, ValueError, OverflowError):
-            array = np.array(np.nan)
+        array = numbers_of(keypoints)
         if array.ndim != 1 or len(array) % 3:
             raise ValueError(
                 f"{file}: people[{number}].pose_keypoints_2d: expected x, y, confidence of each joint, "

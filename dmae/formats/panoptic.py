@@ -10,7 +10,7 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.skeleton import BODY25, PANOPTIC19, Skeleton
-from dmae.files.checks import MOST_METRES, MOST_VARIANCE, check_numbers, child
+from dmae.files.checks import MOST_METRES, MOST_VARIANCE, check_numbers, child, numbers_of
 from dmae.files.contents import write_atomic
 from dmae.files.structured import read_json
 from dmae.formats import openpose
@@ -275,10 +275,7 @@ def _bodies(file: Path, content, completed: bool) -> dict[int, np.ndarray]:
 
 
 def _flat(found, place: str, count: int, most: float = 100 * MOST_METRES) -> np.ndarray:
-    try:
-        array = np.array(found, np.float64)
-    except (TypeError, ValueError, OverflowError):
-        array = np.empty(0)
+    array = numbers_of(found)
     if array.shape != (count,):
         raise ValueError(f"{place}: expected {count} numbers, found {found!r:.60}")
     check_numbers(place, array, most)

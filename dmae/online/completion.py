@@ -109,11 +109,6 @@ class OnlineCompleter:
         self._thread = ThreadPoolExecutor(1) if turn else None
         self._job: tuple[int, Future[list[FinishedFrame]]] | None = None
 
-    @property
-    def first_kept(self) -> int:
-        """Number of the first frame that is kept."""
-        return self._frames[0].number if self._frames else 0
-
     def push(self, frames: Sequence[FinishedFrame]) -> list[FinishedFrame]:
         """Take the next frames; return those that are complete now, in order."""
         self._frames += frames

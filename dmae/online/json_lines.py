@@ -27,7 +27,7 @@ import numpy as np
 
 from dmae.data.clip import Detections2D, Source
 from dmae.data.skeleton import Skeleton
-from dmae.files.checks import MOST_PIXELS, MOST_SCORE, check_numbers
+from dmae.files.checks import MOST_PIXELS, MOST_SCORE, check_numbers, numbers_of
 from dmae.online.capture import OnlineCapture
 from dmae.online.completion import FinishedFrame
 
@@ -126,10 +126,7 @@ def _detection(joints: object, where: str, skeleton: Skeleton) -> np.ndarray:
     if not isinstance(joints, list) or len(joints) != len(skeleton):
         count = f"found {len(joints)} of them" if isinstance(joints, list) else _short(joints)
         raise ValueError(f"{where}: expected a list of the {len(skeleton)} joints of {skeleton.name}, {count}")
-    try:
-        rows = np.array([[np.nan] * 3 if joint is None else joint for joint in joints], np.float64)
-    except (ValueError, TypeError, OverflowError):
-        rows = np.empty(0)
+    rows = numbers_of([[np.nan] * 3 if joint is None else joint for joint in joints])
     if rows.shape != (len(skeleton), 3):
         raise ValueError(f"{where}: expected each joint as [x, y, confidence] or null, {_short(joints)}")
     rows[~np.isfinite(rows).all(-1) | (rows[:, 2] <= 0)] = np.nan

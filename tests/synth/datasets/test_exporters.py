@@ -19,13 +19,14 @@ from dmae.data.store import load_clip
 from dmae.datasets import FrameDataset
 from dmae.formats import panoptic
 from dmae.formats.calibrations import read_calibration
-from dmae.formats.labelled_images import decode_mask, joint_labels
+from dmae.formats.labelled_images import joint_labels
 from synth.datasets.config import PictureFormat, SplitBy
 from synth.datasets.exporters import layouts
 from synth.datasets.exporters.export import export
 from synth.datasets.splits import write_splits
 from tests.support.commands import synth
 from tests.support.data_sets import pictured_set
+from tests.support.masks import decode_mask
 from tests.support.other_process import printed_lines
 
 
