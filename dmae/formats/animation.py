@@ -9,6 +9,7 @@ their measured positions (Kabsch 1976). A node with one child has the rotation o
 angle that points the bone at the child, so that limbs do not twist.
 """
 
+import sys
 from dataclasses import dataclass, replace
 from math import ceil
 
@@ -18,7 +19,7 @@ from dmae.data.clip import Poses3D, Source, person_name
 from dmae.files.mapped import by_frames, column_blocks, empty
 from dmae.numerics.body import bone_lengths, rotate_z, smooth_heading
 from dmae.numerics.filling import fill_body_frame
-from dmae.numerics.kinematics import ISB, body_motion, can_move
+from dmae.numerics.kinematics import ISB, NoBody, body_motion, can_move
 from dmae.numerics.paths import linear, pchip
 
 Y_UP = np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])
@@ -71,7 +72,7 @@ def joint_rotations(poses: Poses3D, fps: float, person: int) -> JointRotations:
         person: Index of the person.
 
     Raises:
-        ValueError: the person, its hips and shoulders, or the root of your own skeleton, are never known.
+        NoBody: hips and shoulders of the person, or the root of your own skeleton, are never known.
     """
     skeleton = poses.skeleton
     one = Poses3D(skeleton, *(by_frames(lambda all: all[:, [person]], each) for each in (poses.xyz, poses.source)))
@@ -81,7 +82,7 @@ def joint_rotations(poses: Poses3D, fps: float, person: int) -> JointRotations:
         return _of_a_person(_filled(replace(one, cov=cov), fps), known, person)
     root = skeleton.parents.index(-1)
     if not known[root]:
-        raise ValueError(
+        raise NoBody(
             f"{person_name(person)}: joint {skeleton.joints[root]!r}, the root of {skeleton.name}, is never known; "
             "without it there is no tree of joints"
         )
@@ -98,6 +99,14 @@ def continuous(quaternions: np.ndarray) -> np.ndarray:
     """Return the quaternions (F, 4) with signs such that neighbours are near each other."""
     flips = np.sign((quaternions[1:] * quaternions[:-1]).sum(-1))
     return quaternions * np.cumprod(np.r_[1.0, np.where(flips == 0, 1, flips)])[: len(quaternions), None]
+
+
+def say_left_out(lacking: list[NoBody], persons: int) -> None:
+    """Say on stderr who of the persons is left out of files, and why; raise NoBody if that is everybody."""
+    if len(lacking) == persons:
+        raise lacking[0]
+    for each in lacking:
+        print(f"{each}; this person is left out", file=sys.stderr)
 
 
 def _filled(one: Poses3D, fps: float) -> Poses3D:
@@ -119,8 +128,8 @@ def _filled(one: Poses3D, fps: float) -> Poses3D:
 def _of_a_person(one: Poses3D, known: np.ndarray, person: int) -> JointRotations:
     try:
         motion = body_motion(one, 0)
-    except ValueError as error:
-        raise ValueError(str(error).replace(person_name(0), person_name(person), 1)) from None
+    except NoBody as error:
+        raise NoBody(str(error).replace(person_name(0), person_name(person), 1)) from None
     body = motion.body
     seen = {joint for joint, there in zip(one.skeleton.joints, known, strict=True) if there}
     points = [n for n, joint in enumerate(body.joints) if joint in seen]

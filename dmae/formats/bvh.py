@@ -7,14 +7,15 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from dmae.data.clip import Clip, Poses3D
+from dmae.data.clip import Clip, Poses3D, person_name
 from dmae.files.contents import write_atomic, written
 from dmae.files.mapped import frame_blocks
-from dmae.formats.animation import Y_UP, JointRotations, joint_rotations
+from dmae.formats.animation import Y_UP, JointRotations, joint_rotations, say_left_out
 from dmae.formats.config import METRES, LengthUnit
 from dmae.formats.poses import person_paths
 from dmae.formats.registry import pose_writer
 from dmae.formats.rigs import CENTIMETRES, as_rig
+from dmae.numerics.kinematics import NoBody
 
 _END_LENGTH = 0.05  # m; length of the bone after the last joint of a limb. The format requires such a bone.
 _ORDER, _RIG_ORDER = "ZXY", "ZYX"  # Order of the channels of rotation, and that of rigs of other programs
@@ -25,13 +26,20 @@ def write_bvh(
     poses: Poses3D, clip: Clip, path: Path, *, unit: LengthUnit = LengthUnit.m, rig: str | None = None
 ) -> list[Path]:
     """Biovision BVH: joint angles on a T-pose, a file for each person."""
-    files = person_paths(path, poses.xyz.shape[1])
-    for person, file in enumerate(files):
-        motion = joint_rotations(poses, clip.fps, person)
-        if rig is not None:
-            motion = as_rig(motion, rig)
+    files, lacking = [], []
+    for person, file in enumerate(person_paths(path, poses.xyz.shape[1])):
+        try:
+            motion = joint_rotations(poses, clip.fps, person)
+            if rig is not None:
+                motion = as_rig(motion, rig, person_name(person))
+        except NoBody as error:
+            file.unlink(missing_ok=True)
+            lacking.append(error)
+            continue
         metre, order = (METRES[unit], _ORDER) if rig is None else (CENTIMETRES, _RIG_ORDER)
         write_atomic(file, written(chain(_hierarchy(motion, metre, order), _motion(motion, clip.fps, metre, order))))
+        files.append(file)
+    say_left_out(lacking, poses.xyz.shape[1])
     return files
 
 

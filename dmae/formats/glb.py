@@ -13,8 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from dmae.data.clip import Clip, Poses3D, Source, person_name
 from dmae.files.contents import write_atomic
-from dmae.formats.animation import Y_UP, JointRotations, continuous, joint_rotations
+from dmae.formats.animation import Y_UP, JointRotations, continuous, joint_rotations, say_left_out
 from dmae.formats.registry import pose_writer
+from dmae.numerics.kinematics import NoBody
 
 _COLOURS = ((0.12, 0.47, 0.71), (0.20, 0.63, 0.17), (0.42, 0.24, 0.60), (0.55, 0.34, 0.29), (0.09, 0.75, 0.81))
 """RGB colours of persons. None is red, because red marks joints that were not measured."""
@@ -33,14 +34,20 @@ def write_glb(poses: Poses3D, clip: Clip, path: Path) -> None:
     path, persons = Path(path), poses.xyz.shape[1]
     file = GltfFile(np.arange(len(poses.xyz)) / clip.fps)
     red = file.mesh("not measured", _MARKER * _CORNERS, _FACES, _RED)
+    lacking = []
     for person in range(persons):
-        motion = joint_rotations(poses, clip.fps, person)
+        try:
+            motion = joint_rotations(poses, clip.fps, person)
+        except NoBody as error:
+            lacking.append(error)
+            continue
         source = np.full((len(poses.source), len(motion.joints)), Source.MEASURED)
         for node, joint in enumerate(motion.joints):
             if joint in poses.skeleton.joints:
                 source[:, node] = poses.source[:, person, poses.skeleton.index(joint)[0]]
         there = (poses.source[:, person] != Source.ABSENT).any(-1)
         _add_person(file, motion, source, there, person_name(person), _COLOURS[person % len(_COLOURS)], red)
+    say_left_out(lacking, persons)
     write_atomic(path, file.data())
 
 

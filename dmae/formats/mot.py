@@ -16,10 +16,10 @@ import numpy as np
 
 from dmae.data.clip import Clip, Poses3D, person_name
 from dmae.files.contents import write_atomic, written
-from dmae.formats.animation import Y_UP
+from dmae.formats.animation import Y_UP, say_left_out
 from dmae.formats.poses import SOURCE_WORDS, person_paths
 from dmae.formats.registry import pose_writer
-from dmae.numerics.kinematics import ANGLES, BodyMotion, body_motion, defining_joints, joint_angles
+from dmae.numerics.kinematics import ANGLES, BodyMotion, NoBody, body_motion, defining_joints, joint_angles
 
 _PLACES = ("pelvis_tx", "pelvis_ty", "pelvis_tz")
 _PELVIS = 3  # Number of angles of the pelvis, which come before its place
@@ -28,11 +28,18 @@ _PELVIS = 3  # Number of angles of the pelvis, which come before its place
 @pose_writer("mot", table=True)
 def write_mot(poses: Poses3D, clip: Clip, path: Path) -> list[Path]:
     """OpenSim's joint angles, a file for each person, with the standard deviation of each angle in a second file."""
-    files = []
+    files, lacking = [], []
     names = [angle.name for angle in ANGLES]
     names[_PELVIS:_PELVIS] = _PLACES
     for person, file in enumerate(person_paths(path, poses.xyz.shape[1])):
-        motion = body_motion(poses, person)
+        table = file.with_suffix(".angles.csv")
+        try:
+            motion = body_motion(poses, person)
+        except NoBody as error:
+            for stale in (file, table):
+                stale.unlink(missing_ok=True)
+            lacking.append(error)
+            continue
         angles, spread = joint_angles(motion, Y_UP)
         place, place_sd = motion.root @ Y_UP.T, np.sqrt(np.diagonal(Y_UP @ motion.root_cov @ Y_UP.T, axis1=1, axis2=2))
         # Without any joint the body does not move, and is nowhere.
@@ -47,9 +54,9 @@ def write_mot(poses: Poses3D, clip: Clip, path: Path) -> list[Path]:
                   "inDegrees=yes", "endheader", "\t".join(["time", *names])]  # fmt: skip
         rows = ("\t".join(map(_number, (time, *row))) for time, row in zip(times, values.tolist(), strict=True))
         write_atomic(file, written(chain(header, rows)))
-        table = file.with_suffix(".angles.csv")
         write_atomic(table, written(_quality(motion, poses.source[:, person], poses, names, times, deviations)))
         files += [file, table]
+    say_left_out(lacking, poses.xyz.shape[1])
     return files
 
 

@@ -23,7 +23,7 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
-from dmae.data.clip import Poses3D, Source
+from dmae.data.clip import Poses3D, Source, person_name
 from dmae.numerics.filling import fill_body_frame, smooth
 from dmae.numerics.paths import linear, neighbours, pchip, runs
 
@@ -225,8 +225,8 @@ def retarget(
         lacking = [joint for joint in _NEEDED if not known[person, poses.skeleton.index(joint)[0]]]
         if lacking:
             raise ValueError(
-                f"person {person}: {', '.join(lacking)} are never known; a robot that stands needs hips, ankles and "
-                "shoulders"
+                f"{person_name(person)}: {', '.join(lacking)} are never known; a robot that stands "
+                "needs hips, ankles and shoulders"
             )
     filled = smooth(fill_body_frame(poses, fps, pchip), fps, _SMOOTHING)
     people = [_Person(linear(filled.xyz[:, person].astype(np.float64)), fps) for person in range(persons)]

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dmae.formats.animation import Y_UP, JointRotations
+from dmae.numerics.kinematics import NoBody
 
 
 class _Node(NamedTuple):
@@ -103,8 +104,8 @@ def _axes(name: str) -> np.ndarray:
     return (axes if pose is None else pose.inv() * axes).as_matrix()
 
 
-def as_rig(motion: JointRotations, rig: str) -> JointRotations:
-    """Return the motion of a person on a rig of `RIGS`; ValueError if a limb was never known."""
+def as_rig(motion: JointRotations, rig: str, name: str) -> JointRotations:
+    """Return the motion of the person of this name on a rig of `RIGS`; NoBody if a limb was never known."""
     turned = motion.rotations.copy()
     rest = motion.offsets.copy()
     for node, parent in enumerate(motion.parents):
@@ -122,7 +123,7 @@ def as_rig(motion: JointRotations, rig: str) -> JointRotations:
                                node.turns.replace("*", short), at, offset))  # fmt: skip
     lacking = sorted({node.turns for node in nodes if node.turns} - ours.keys())
     if lacking:
-        raise ValueError(f"skeleton={rig} needs a whole person; never known: {', '.join(lacking)}")
+        raise NoBody(f"{name}: skeleton={rig} needs a whole person; never known: {', '.join(lacking)}")
     nodes = _parents_first(nodes)
     order = {node.name: number for number, node in enumerate(nodes)}
     parents = tuple(order.get(node.parent, -1) for node in nodes)

@@ -72,14 +72,20 @@ def write_poses(
         The poses on the skeleton that was written, and the files.
 
     Raises:
-        ValueError: the clip has neither poses nor truth, the format is unknown or does not support the skeleton or
-            unit, the folder is not empty, or `keep_mm` is not a positive number.
+        ValueError: the clip has neither poses nor truth, or nobody in them for a format of people; the format is
+            unknown or does not support the skeleton or unit, the folder is not empty, or `keep_mm` is not a positive
+            number.
         KeyError: the skeleton is unknown.
     """
     writer, path = pose_writer.find(format), export_path(path, format)
     poses = exported_poses(clip)
     if poses is None:
         raise ValueError(f"clip {clip.id!r} has neither poses nor truth to export; run dmae capture on it first")
+    if writer.table and not poses.source.size:
+        frames, persons, _ = poses.source.shape
+        raise ValueError(
+            f"clip {clip.id!r}: found {persons} people in {frames} frames, and format={writer.name} needs one at least"
+        )
     options = {}
     if skeleton in writer.rigs:
         options["rig"], skeleton = skeleton, None

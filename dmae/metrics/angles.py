@@ -8,7 +8,7 @@ from scipy.special import ndtr
 from dmae.data.clip import Poses3D
 from dmae.metrics.comparison import Comparison, take_matched
 from dmae.metrics.registry import metric
-from dmae.numerics.kinematics import ANGLES, body_motion, can_move, joint_angles
+from dmae.numerics.kinematics import ANGLES, NoBody, body_motion, can_move, joint_angles
 from dmae.numerics.statistics import mean_known
 
 JUDGED = {"hips": "hip_flexion", "knees": "knee_angle", "ankles": "ankle_angle"}
@@ -28,7 +28,7 @@ def leg_angles(poses: Poses3D) -> tuple[np.ndarray, np.ndarray]:
     for person in range(poses.xyz.shape[1]) if can_move(poses.skeleton) else ():
         try:
             motion = body_motion(poses, person)
-        except ValueError:  # hips and shoulders are never known
+        except NoBody:
             continue
         found[:, :, person] = np.stack(joint_angles(motion))[..., _COLUMNS]
     return found[0], found[1]

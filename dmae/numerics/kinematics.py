@@ -161,6 +161,10 @@ class BodyMotion:
         return at[:, on] + (turned[:, on] @ self.body.landmarks[..., None])[..., 0]
 
 
+class NoBody(ValueError):
+    """A person of whom too little is ever known for a body; the message names the person and the joints."""
+
+
 def can_move(skeleton: Skeleton) -> bool:
     """Return whether a skeleton is a person's: with hips and shoulders."""
     return {f"{side}_{joint}" for side in "lr" for joint in ("hip", "shoulder")} <= set(skeleton.joints)
@@ -176,7 +180,8 @@ def body_motion(poses: Poses3D, person: int) -> BodyMotion:
         person: Index of the person.
 
     Raises:
-        ValueError: the skeleton has no hips or shoulders, or the person's are never known.
+        ValueError: the skeleton has no hips or shoulders.
+        NoBody: the person's are never known.
     """
     skeleton = poses.skeleton
     if not can_move(skeleton):
@@ -364,7 +369,7 @@ def _starting_frames(xyz: np.ndarray, body: Body, person: int) -> tuple[np.ndarr
     """Return mid points of the hips (F, 3) and axes of the pelvis (F, 3, 3) from hips and shoulders; nearest in time.
 
     Raises:
-        ValueError: they are never known.
+        NoBody: they are never known.
     """
     at = {joint: xyz[:, body.joints.index(joint)] for joint in ("l_hip", "r_hip", "l_shoulder", "r_shoulder")}
     hips, shoulders = (at["l_hip"] + at["r_hip"]) / 2, (at["l_shoulder"] + at["r_shoulder"]) / 2
@@ -374,8 +379,10 @@ def _starting_frames(xyz: np.ndarray, body: Body, person: int) -> tuple[np.ndarr
     right = np.where(np.isnan(hip), shoulder, hip)
     up = shoulders - hips
     if np.isnan(right).any(-1).all() or np.isnan(up).any(-1).all():
-        raise ValueError(
-            f"{person_name(person)}: hips and shoulders are never known together; without them there is no body"
+        never = ", ".join(joint for joint, path in at.items() if np.isnan(path).any(-1).all())
+        raise NoBody(
+            f"{person_name(person)}: {'never known: ' + never if never else 'never known in the same frame'}; "
+            "without hips and shoulders there is no body"
         )
     root, right, up = (hold(part[:, None])[:, 0] for part in (hips, right, up))
     return root, _axes(up, right)

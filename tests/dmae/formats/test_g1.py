@@ -165,7 +165,7 @@ def test_half_a_body_never_seen_is_named(robot, unknown, needed):
     poses = shaking_hands()
     dropped = np.zeros(poses.source.shape, bool)
     dropped[:, 1, BODY25.index(*unknown)] = True
-    with pytest.raises(ValueError, match=f"person 1: {needed} are never known"):
+    with pytest.raises(ValueError, match=f"P2: {needed} are never known"):
         retarget(poses.without(dropped), FPS, robot)
 
 
