@@ -7,6 +7,8 @@ from contextlib import nullcontext
 from dataclasses import asdict, replace
 from pathlib import Path
 
+import numpy as np
+
 from dmae.calibration.world import Floor, find_floor, place_clip, upright_world
 from dmae.commands.config import CaptureCommand
 from dmae.commands.data_sets import (
@@ -23,6 +25,7 @@ from dmae.data.clip import Clip
 from dmae.data.rng import Stream, generator
 from dmae.data.store import load_clip
 from dmae.evaluation.report.joints import Groups, JointGroup, Reprojection, added_groups, reprojection, residual_tables
+from dmae.files.mapped import by_frames
 from dmae.formats.config import clip_range
 from dmae.formats.reading import Clips
 from dmae.numerics.filling import smooth
@@ -115,7 +118,7 @@ def _print_doubts(clip: Clip, config: CaptureConfig, persons: int, errors: Repro
 
 
 def _capture(config: CaptureCommand, clips: Clips, frames: int | None = None) -> tuple[Clip, list[str]]:
-    """Return the one clip, or its first frames, captured; and notes on exchanged sides."""
+    """Return the one clip, or its first frames, captured; and notes on exchanged sides and blind cameras."""
     (clip,), (number,) = clips, clips.numbers
     if frames is not None:
         clip = clip.select(frames=range(min(frames, len(clip))))
@@ -125,14 +128,18 @@ def _capture(config: CaptureCommand, clips: Clips, frames: int | None = None) ->
     poses = measured = capture(clip, config.capture, noise)
     if config.fill != "none":
         poses = METHODS[config.fill](poses, clip.fps)
-    exchanges = [f"{note}, put right by the other cameras" for note in describe_sides(clip, measured)]
+    notes = [f"{note}, put right by the other cameras" for note in describe_sides(clip, measured)]
+    seeing = by_frames(lambda score: np.isfinite(score).any((2, 3)), clip.detections.score).any(0)
+    if seeing.any() and not seeing.all():
+        blind = ", ".join(name for name, sees in zip(clip.rig.names, seeing, strict=True) if not sees)
+        notes.append(f"no detections of {blind}: the files hold no people, or only joints of confidence 0")
     floor = find_floor(measured, clip.fps)
     clip = replace(clip, poses=smooth(poses, clip.fps, config.smooth))
     world = upright_world(floor) if config.level else None
     levelled = world is not None
     clip = place_clip(clip, world) if levelled else clip
     known = clip.provenance | {"noise": noise.summary(clip.rig.names), "floor": asdict(floor) | {"levelled": levelled}}
-    return replace(clip, provenance=known), exchanges
+    return replace(clip, provenance=known), notes
 
 
 def _world(clip: Clip) -> str:

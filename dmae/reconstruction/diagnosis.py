@@ -29,8 +29,6 @@ from dmae.reconstruction.tracking import MIN_JOINTS, Tracks, fewest_joints, long
 _FRAMES = 10  # Number of frames in which detections are compared
 _PAIRS = 300_000
 """Number of pairs of detections that are compared in these frames; of crowds, fewer frames are compared."""
-_NORMALISED = 2.0
-"""px; smallest image in which people are detected. Joints that are outside it have shares of the image beyond 1."""
 _SHORTEST_BONE = 0.1  # m; a body has a bone that is longer than this
 _SCALES = {
     1.0: "",
@@ -91,12 +89,6 @@ def explain_capture(clip: Clip, config: CaptureConfig) -> Explanation:
     if not people:
         suggestion = (
             "there are no detections: the files hold no people, or only joints of confidence 0, which is absent"
-        )
-        return Explanation(tuple(stages), (suggestion,))
-    if float(np.nanmax(clip.detections.xy)) <= _NORMALISED:
-        suggestion = (
-            f"the greatest coordinate of a detected joint is {np.nanmax(clip.detections.xy):.3g}, so coordinates are "
-            "shares of the image: multiply x by its width and y by its height, as pixels are expected"
         )
         return Explanation(tuple(stages), (suggestion,))
     if not sure:

@@ -32,6 +32,7 @@ _ALTERNATIONS = 3  # Number of times that people are found and their residuals m
 _EXPECTED_BY, _EXPECTED_IN_CLIPS = 2.0, 10.0
 """s; time around a window, online or in a block of a long clip, from which hidden joints in it are predicted."""
 _STILLS = 4000  # Frames of stills whose people are kept in memory
+_FEWEST_PX = 2.0  # People are larger; where no coordinate of a detected joint is, coordinates are not pixels
 
 
 def capture(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None = None) -> Poses3D:
@@ -69,11 +70,17 @@ def capture(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None = No
         most confident camera to each joint.
 
     Raises:
-        ValueError: the clip has a single camera, the requested subject cannot be found, or a method of your own
-            returns something else than poses of the clip.
+        ValueError: the clip has a single camera, its coordinates are no pixels, the requested subject cannot be found,
+            or a method of your own returns something else than poses of the clip.
     """
     if len(clip.rig) < 2:
         raise ValueError(f"clip {clip.id!r}: capture needs at least 2 cameras, found {len(clip.rig)}")
+    some = clip.detections.xy[np.linspace(0, len(clip) - 1, min(len(clip), _SAMPLED[1])).astype(int)]
+    if np.isfinite(some).any() and np.nanmax(some) <= _FEWEST_PX:
+        raise ValueError(
+            f"clip {clip.id!r}: expected pixels, but no coordinate of a detected joint is above {np.nanmax(some):.3g}; "
+            "multiply shares of the image by its width and height, or project metres with its calibration"
+        )
     if config.method == ADAPTIVE:
         return in_units_of_people(partial(_capture, noise=noise), clip, config)
     poses = in_units_of_people(capture_method.find(config.method).function, clip, config)

@@ -36,7 +36,6 @@ def detected(xy: float = 1.0, score: float = 1.0) -> Clip:
 @pytest.mark.parametrize(
     ("clip", "suggestion"),
     [
-        (detected(xy=1 / 1920), "coordinates are shares of the image"),
         (rig_of(scaled(1000)), "lengths of the calibration are in mm: data.unit=mm"),
         (rig_of(scaled(100)), "lengths of the calibration are in cm: data.unit=cm"),
         (rig_of(np.linalg.inv), "extrinsics of the calibration are the other way round: data.inverse=true"),

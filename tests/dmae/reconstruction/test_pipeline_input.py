@@ -12,7 +12,7 @@ from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.skeleton import BODY25
 from dmae.metrics.comparison import match, take_matched
 from dmae.reconstruction.config import CaptureConfig
-from dmae.reconstruction.pipeline import capture
+from dmae.reconstruction.pipeline import capture, learn_noise
 from tests.support.clips import looking_at_origin, looking_inwards
 from tests.support.detected_people import crossing, detected_clip, errors, rows_of
 
@@ -144,3 +144,34 @@ def test_a_different_number_of_frames_is_refused():
     clip = detected_clip(crossing())
     with pytest.raises(ValueError, match="100 frames of detections but 99 of truth"):
         replace(clip, truth=Poses3D(BODY25, crossing()[:99]))
+
+
+SEEN = np.isfinite(short(0).detections.score)
+
+
+@pytest.mark.parametrize(
+    ("scores", "line"),
+    [
+        (np.where(SEEN, 0.0, np.nan), "confidences say nothing, so they are not used"),
+        (np.where(SEEN, 2.0, np.nan), "confidences say nothing, so they are not used"),
+        (np.where(SEEN, -1.0, np.nan), "confidences say nothing, so they are not used"),
+        (np.where(np.arange(4)[:, None, None] == 1, np.where(SEEN, 1.0, np.nan), short(0).detections.score), ""),
+        (np.where(np.arange(4)[:, None, None] == 1, 100, 1) * short(0).detections.score, ""),
+        (100 * short(0).detections.score, ""),
+        (100 * np.where(SEEN, np.random.default_rng(0).uniform(size=SEEN.shape), np.nan), "not used"),
+    ],
+    ids=["0", "2", "-1", "one camera constant", "one camera in percent", "percent", "percent, unrelated"],
+)
+def test_strange_confidences_lose_nobody_and_are_named(scores, line):
+    clip = changed(short(0), score=scores)
+    noise = learn_noise(clip, DEFAULT)
+    poses = capture(clip, DEFAULT, noise)
+    assert poses.xyz.shape[1] == 3
+    assert np.isfinite(errors(poses, crossing()[SHORT])).mean() > 0.95
+    assert line in noise.describe(clip.rig.names)
+
+
+@pytest.mark.parametrize("scale", [1 / 960, 1 / 500])
+def test_coordinates_that_are_no_pixels_are_refused(scale):
+    with pytest.raises(ValueError, match="expected pixels, but no coordinate of a detected joint is above"):
+        capture(changed(short(0), xy=scale * short(0).detections.xy), DEFAULT)
