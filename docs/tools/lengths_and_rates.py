@@ -13,10 +13,10 @@ import sys
 import tempfile
 from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT))
+sys.path.insert(0, str(Path(__file__).parents[2]))
 from tests.endurance.long_recording import LINES, RESULTS, peak_memory
 
+ROOT = Path(__file__).parents[2]
 LENGTHS = 1_000, 10_000, 100_000
 RATES = 0.001, 1 / 75, 0.5, 1.5, 5, 25, 250, 1000
 AT_RATES = 300
