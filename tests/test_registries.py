@@ -1,6 +1,6 @@
 """To add one of a kind is to write one file: each is put into a copy of the packages, and the commands take it.
 
-The files are those of the how-to pages, where a page has one.
+The files are those of the how-to page, where it has one.
 """
 
 import json
@@ -66,9 +66,10 @@ print(json.dumps([vars(each) for each in done]))
 """
 
 
-def code_of(page: str) -> str:
-    """Return the file that a how-to page says to write."""
-    (code,) = re.findall(r"```python\n(.*?)```", (ROOT / f"docs/how-to/{page}.md").read_text(), re.DOTALL)
+def code_of(title: str) -> str:
+    """Return the file that a section of the page says to write."""
+    section = (ROOT / "docs/how-to/add.md").read_text().split(f"\n## {title}\n")[1].split("\n## ")[0]
+    (code,) = re.findall(r"```python\n(.*?)```", section, re.DOTALL)
     return code
 
 
@@ -80,14 +81,14 @@ def replace_in(file: Path, old: str, new: str) -> None:
 
 def add_one_of_each(checkout: Path) -> None:
     """Write one file of each kind; an error of the detector is also a field of its configuration."""
-    (checkout / "dmae/formats/lizard.py").write_text(code_of("add_format"))
-    (checkout / "dmae/completion/midpoint.py").write_text(code_of("add_method"))
-    (checkout / "dmae/metrics/jerkiness.py").write_text(code_of("add_metric"))
-    (checkout / "dmae/evaluation/corruption/shade.py").write_text(code_of("add_corruption"))
-    (checkout / "synth/interactions/face_off.py").write_text(code_of("add_interaction"))
-    (checkout / "synth/datasets/exporters/nose_paths.py").write_text(code_of("add_layout"))
+    (checkout / "dmae/formats/lizard.py").write_text(code_of("A format"))
+    (checkout / "dmae/completion/midpoint.py").write_text(code_of("A completion method"))
+    (checkout / "dmae/metrics/jerkiness.py").write_text(code_of("A metric"))
+    (checkout / "dmae/evaluation/corruption/shade.py").write_text(code_of("A corruption"))
+    (checkout / "synth/interactions/face_off.py").write_text(code_of("An interaction"))
+    (checkout / "synth/datasets/exporters/nose_paths.py").write_text(code_of("An export layout"))
     (checkout / "synth/motion/readers/tall.py").write_text(MOTION_READER)
-    (checkout / "synth/detector/blackouts.py").write_text(code_of("add_detector_error"))
+    (checkout / "synth/detector/blackouts.py").write_text(code_of("A detector error"))
     config = checkout / "synth/detector/config.py"
     replace_in(config, "from synth.detector.errors_of_persons", f"{BLACKOUTS}\nfrom synth.detector.errors_of_persons")
     replace_in(
