@@ -49,7 +49,7 @@ def generate(config: GenerateConfig) -> list[dict]:
 
     Returns:
         The lines of the manifest, one per clip: `id`, `status` ("ok" or "failed"), `seed`, and number of `attempts`. A
-        clip with status "ok" also has `frames`, `persons`, `quality` (`synth.physics.simulation.SimulationQuality`) and
+        clip with status "ok" also has `frames`, `persons`, `quality` (`synth.physics.simulation.assess`) and
         `occlusion` (see `synth.datasets.occlusion.summary`); with `rig.error` also `calibration_error`, the error of
         projections by the calibration of each camera, px. A failed clip has the `reason`.
 

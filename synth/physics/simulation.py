@@ -1,6 +1,6 @@
 """Simulate a scene: people follow their motions in MuJoCo, with weight, contact and limited strength."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -28,37 +28,9 @@ _SLIDING, _SLIDE_TIME = 0.25, 0.04
 _ON_FLOOR = 0.035
 
 
-@dataclass(frozen=True)
-class SimulationQuality:
-    """The quality of a simulation.
-
-    Attributes:
-        tracking_error_mm: Median distance of the joints from the reference, mm.
-        contact_frames: Number of frames in which people touch each other, cloth included.
-        penetration_mm: Deepest overlap of two people's solid parts, measured every other physics step, mm.
-        deep_share: Share of the contact frames in which an overlap exceeds 40 mm.
-        object_penetration_mm: Deepest overlap of a person and an object, floor or wall, mm.
-        shift_m: Greatest distance by which contact pushed a person off the planned path, m.
-        foot_slide: Share of the time in which people have feet on the floor and slide: all heels and toes on the floor,
-            or both of one foot, move faster than 0.25 m/s over 0.04 s. Points below 35 mm before and after are on the
-            floor.
-        beyond_limits: Share of joints, over all frames, in which the motion exceeded `synth.people.joint_limits`; it
-            was limited.
-    """
-
-    tracking_error_mm: float
-    contact_frames: int
-    penetration_mm: float
-    deep_share: float
-    object_penetration_mm: float
-    shift_m: float
-    foot_slide: float
-    beyond_limits: float
-
-
 def assess(
     joints: np.ndarray, wanted: np.ndarray, overlaps: np.ndarray, shifts: np.ndarray, fps: float, beyond: float
-) -> SimulationQuality:
+) -> dict[str, float]:
     """Assess a simulation.
 
     Args:
@@ -67,32 +39,45 @@ def assess(
         overlaps: (2, F) deepest overlap between people, and of people and objects, m; below 0 where only cloth is in
             contact, -inf without contact.
         shifts: (F, P, 2) displacements of people off their paths, m.
-        beyond: The value of `SimulationQuality.beyond_limits`.
+        beyond: The share `beyond_limits`.
+
+    Returns:
+        `tracking_error_mm`: median distance of the joints from the reference, mm.
+        `contact_frames`: number of frames in which people touch each other, cloth included.
+        `penetration_mm`: deepest overlap of two people's solid parts, measured every other physics step, mm.
+        `deep_share`: share of the contact frames in which an overlap exceeds 40 mm.
+        `object_penetration_mm`: deepest overlap of a person and an object, floor or wall, mm.
+        `shift_m`: greatest distance by which contact pushed a person off the planned path, m.
+        `foot_slide`: share of the time in which people have feet on the floor and slide: all heels and toes on the
+        floor, or both of one foot, move faster than 0.25 m/s over 0.04 s. Points below 35 mm before and after are on
+        the floor.
+        `beyond_limits`: share of joints, over all frames, in which the motion exceeded `synth.people.joint_limits`; it
+        was limited.
 
     Raises:
         FailedSimulation: the clip is unfit for use.
     """
     people, objects = overlaps
     contact = np.isfinite(people)
-    quality = SimulationQuality(
-        tracking_error_mm=_mm(np.median(np.linalg.norm(joints - wanted, axis=-1))),
-        contact_frames=int(contact.sum()),
-        penetration_mm=_mm(max(0.0, people.max())),
-        deep_share=round(float((people[contact] > DEEP).mean()) if contact.any() else 0.0, 4),
-        object_penetration_mm=_mm(max(0.0, objects.max())),
-        shift_m=round(float(np.linalg.norm(shifts, axis=-1).max()), 4),
-        foot_slide=_foot_slide(joints, fps),
-        beyond_limits=round(beyond, 4),
-    )
+    quality = {
+        "tracking_error_mm": _mm(np.median(np.linalg.norm(joints - wanted, axis=-1))),
+        "contact_frames": int(contact.sum()),
+        "penetration_mm": _mm(max(0.0, people.max())),
+        "deep_share": round(float((people[contact] > DEEP).mean()) if contact.any() else 0.0, 4),
+        "object_penetration_mm": _mm(max(0.0, objects.max())),
+        "shift_m": round(float(np.linalg.norm(shifts, axis=-1).max()), 4),
+        "foot_slide": _foot_slide(joints, fps),
+        "beyond_limits": round(beyond, 4),
+    }
     (hips,) = SKELETON.index("body25.mid_hip")
     # Sliding of the reference motion itself is not counted: another seed would not change it.
-    slide = quality.foot_slide - _foot_slide(wanted, fps)
+    slide = quality["foot_slide"] - _foot_slide(wanted, fps)
     drop = float((wanted - joints)[:, :, hips, 2].max())
     limits = [
-        ("share of contact frames with overlaps above 40 mm", quality.deep_share, _MOST_DEEP),
-        ("deepest overlap of two people, mm", quality.penetration_mm, 1000 * _MOST_OVERLAP),
-        ("push off the planned path, m", quality.shift_m, _MOST_SHIFT),
-        ("median tracking error, mm", quality.tracking_error_mm, 1000 * _MOST_ERROR),
+        ("share of contact frames with overlaps above 40 mm", quality["deep_share"], _MOST_DEEP),
+        ("deepest overlap of two people, mm", quality["penetration_mm"], 1000 * _MOST_OVERLAP),
+        ("push off the planned path, m", quality["shift_m"], _MOST_SHIFT),
+        ("median tracking error, mm", quality["tracking_error_mm"], 1000 * _MOST_ERROR),
         ("drop of a person's hips, m", drop, _MOST_DROP),
         ("share of the time in which standing feet slide", slide, _MOST_SLIDE),
     ]
@@ -199,7 +184,7 @@ class Simulation:
         bodies: (P, J) index of the model's body that each joint moves with.
         geom_ids: (ngeom,) uint16: 1 + p for visible geoms of person p, 256 + k for those of object k, 0 for none.
         objects: Names of the objects.
-        quality: Fields of `synth.physics.simulation.SimulationQuality`; JSON-able.
+        quality: What `assess` returns.
     """
 
     model: mujoco.MjModel
@@ -271,7 +256,7 @@ def simulate(
         bodies=moved_with(scene.model, bodies),
         geom_ids=scene.geom_ids,
         objects=scene.objects,
-        quality=asdict(assess(judged, wanted, overlaps, shifts, PLAN_FPS, plan.beyond)),
+        quality=assess(judged, wanted, overlaps, shifts, PLAN_FPS, plan.beyond),
     )
 
 

@@ -179,11 +179,11 @@ def summary(*, moved: float = 0.0, overlap: float = -np.inf, shift: float = 0.0,
 
 def test_quality_reports_what_happened():
     quality = summary(moved=0.01, overlap=0.03, shift=0.5)
-    assert quality.tracking_error_mm == pytest.approx(10 * np.sqrt(3), abs=0.01)
-    assert (quality.contact_frames, quality.penetration_mm, quality.deep_share) == (10, 30, 0)
-    assert quality.shift_m == pytest.approx(0.5)
-    assert quality.beyond_limits == 0.0123
-    assert summary().contact_frames == 0
+    assert quality["tracking_error_mm"] == pytest.approx(10 * np.sqrt(3), abs=0.01)
+    assert (quality["contact_frames"], quality["penetration_mm"], quality["deep_share"]) == (10, 30, 0)
+    assert quality["shift_m"] == pytest.approx(0.5)
+    assert quality["beyond_limits"] == 0.0123
+    assert summary()["contact_frames"] == 0
 
 
 @pytest.mark.parametrize(
@@ -224,7 +224,7 @@ def test_a_solver_that_fails_is_reported(monkeypatch):
 )
 def test_the_definition_of_a_foot_slide(slides, floor, share, monkeypatch):
     monkeypatch.setattr("synth.physics.simulation._MOST_SLIDE", 1.0)
-    assert summary(slides=list(slides), floor=list(floor)).foot_slide == pytest.approx(share, abs=1e-4)
+    assert summary(slides=list(slides), floor=list(floor))["foot_slide"] == pytest.approx(share, abs=1e-4)
 
 
 def test_a_person_who_is_pushed_keeps_standing_feet_in_place():
