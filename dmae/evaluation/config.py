@@ -143,6 +143,9 @@ class StressConfig:
     paper_weights: str | None = None
     """Folder that `dmae train model=paper` wrote, for the method `paper`; by default the weights of the paper's network
     that come with the package."""
+    angles: bool = False
+    """Also score joint angles of hips, knees and ankles, degrees. It takes about a second for 150 frames of a person, a
+    method and a cell."""
     seed: int = 0
     """Seed of the random numbers."""
     workers: int = 1

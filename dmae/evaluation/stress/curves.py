@@ -23,11 +23,12 @@ class Point:
 
     pcp: Score  # Strict PCP, %
     hidden: Score  # Error of hidden joints, mm
+    angles: Score | None  # Error of the angles of the legs, degrees; None if they are not scored
     means: dict[str, float]  # Scores without an interval by name, %
 
     @property
     def json(self) -> dict:
-        intervals = {"pcp": self.pcp, "hidden": self.hidden}
+        intervals = {"pcp": self.pcp, "hidden": self.hidden} | ({"angles": self.angles} if self.angles else {})
         rounded = {name: [_number(value) for value in (each.value, *each.interval)] for name, each in intervals.items()}
         return rounded | {name: _number(value) for name, value in self.means.items()}
 
@@ -43,11 +44,12 @@ def curves(plan: Plan, contenders: Sequence[Contender], runs: list[dict], clips:
 
         `axes`, each with `name`, `about`, `unit` and `methods`: name to `points` and `breaks`. A point has `level`,
         `pcp` % and `hidden` mm, each [value, low, high] with the 95 % interval over blocks of time, `recall` and
-        `precision` of joints, `idf1` and `absent` %. `breaks` contains, for `pcp` and for `hidden`, the level at which
-        the method breaks, with its interval: [level, low, high]. An entry is None if it is beyond the range of levels;
-        both ends of the interval are None if the clips are too short for an interval; the whole list is None if nothing
-        was measured. `best` is the method of highest PCP at the greatest level. `level_with` are the other methods from
-        which it differs by no more than noise; None if the clips are too short to decide.
+        `precision` of joints, `idf1` and `absent` %; and `angles`, degrees, as `pcp`, if they are scored. `breaks`
+        contains, for `pcp` and for `hidden`, the level at which the method breaks, with its interval: [level, low,
+        high]. An entry is None if it is beyond the range of levels; both ends of the interval are None if the clips
+        are too short for an interval; the whole list is None if nothing was measured. `best` is the method of highest
+        PCP at the greatest level. `level_with` are the other methods from which it differs by no more than noise;
+        None if the clips are too short to decide.
 
         `pairs`, each with `names`, `units` and `points` of two `levels`, by method.
     """
@@ -112,6 +114,7 @@ def _point(runs: list[dict]) -> Point:
     return Point(
         figure_score(table, "pcp", "seed"),
         figure_score(table, "hidden", "seed"),
+        figure_score(table, "angles", "seed") if (table["figure"] == "angles").any() else None,
         {name: mean_known(np.array(values, float)) for name, values in singles.items()},
     )
 

@@ -27,6 +27,7 @@ from dmae.evaluation.stress.plan import Cell, Contender, Plan, allowed, contende
 from dmae.files.contents import write_atomic
 from dmae.formats.config import clip_range
 from dmae.formats.reading import Clips
+from dmae.metrics.angles import leg_angles
 from dmae.parallel import in_parallel, one_thread, process_count, running_on
 from dmae.progress import progress
 from dmae.reconstruction.config import CaptureConfig
@@ -46,26 +47,28 @@ class Subject:
     clip: Clip  # The clip. Its truth is the reference of the results, on the skeleton of the comparison.
     people: Poses3D  # The people of the clip, see `dmae.evaluation.corruption.corrupt`
     actors: tuple[int, ...] | None  # Persons of the truth over which PCP is averaged; None for all
+    angles: np.ndarray | None = None  # Angles of the legs of the truth (`dmae.metrics.angles`); None to score none
 
 
-def subject_of(clip: Clip, config: CaptureConfig) -> Subject:
-    """Return a clip prepared to be corrupted and scored.
+def subject_of(clip: Clip, config: CaptureConfig, angles: bool = False) -> Subject:
+    """Return a clip prepared to be corrupted and scored, in angles of the legs as well if these are asked for.
 
     The reference is its truth; of a fused skeleton, the second part. Without truth, the reference is the captured
     joints that three views or more measured, with all cameras; ValueError if there are none.
     """
-    people = people_of(clip, config)
+    people, actors = people_of(clip, config), None
     clip = replace(clip, images=None, poses=None, occlusion=None, detection_labels=None)
     if clip.truth is not None:
-        truth = truth_of(clip)
-        return Subject(replace(clip, truth=convert(truth, truth.skeleton.parts[-1])), people, scored_actors(clip))
-    reference = measured_by_all(clip, config)
-    if np.isnan(reference.xyz).all():
-        raise ValueError(
-            f"clip {clip.id!r} has no truth, and its {len(clip.rig)} cameras measure no joint in three views or more, "
-            "which results would be compared with; expected truth, or more cameras"
-        )
-    return Subject(replace(clip, truth=reference), people, None)
+        reference = truth_of(clip)
+        reference, actors = convert(reference, reference.skeleton.parts[-1]), scored_actors(clip)
+    else:
+        reference = measured_by_all(clip, config)
+        if np.isnan(reference.xyz).all():
+            raise ValueError(
+                f"clip {clip.id!r} has no truth, and its {len(clip.rig)} cameras measure no joint in three views or "
+                "more, which results would be compared with; expected truth, or more cameras"
+            )
+    return Subject(replace(clip, truth=reference), people, actors, leg_angles(reference)[0] if angles else None)
 
 
 def run_cell(subject: Subject, cell: Cell, contenders: Sequence[Contender]) -> dict[str, dict]:
@@ -90,7 +93,7 @@ def run_cell(subject: Subject, cell: Cell, contenders: Sequence[Contender]) -> d
         if not (contender.method in completion_method and find_method(contender.method).smooths):
             filled = smooth_by_noise(filled, noisiness(given), clip.fps, SMOOTHING)
         filled = convert(filled, clip.truth.skeleton)
-        found = score(filled, given, clip.truth, subject.actors, fps=clip.fps)
+        found = score(filled, given, clip.truth, subject.actors, fps=clip.fps, angles=subject.angles)
         scores[contender.name] = {name: found[name] for name in KEPT}
     return scores
 
@@ -190,6 +193,7 @@ class Matrix:
         own = {name: source_hash(name) for name, _ in cell.levels}
         people = asdict(self.config.capture)  # It captures the people of a clip without truth.
         settings = [self.hashes[clip], people, asdict(cell), own, settings_of(contender), code_hash()]
+        settings += ["angles"] if self.config.angles else []
         return hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()
 
     def missing(self) -> dict[tuple[int, Cell], list[Contender]]:
@@ -275,7 +279,7 @@ def time_of(matrix: Matrix) -> float:
     chosen = [places[0], *(places[number * len(places) // _TRIED] for number in range(_TRIED))]
     spent = []
     for clip, cell in chosen:
-        subject = subject_of(matrix.clips[clip], matrix.config.capture)
+        subject = subject_of(matrix.clips[clip], matrix.config.capture, matrix.config.angles)
         start = time.perf_counter()
         run_cell(subject, cell, missing[clip, cell])
         spent.append(time.perf_counter() - start)
@@ -289,7 +293,8 @@ def _tasks(matrix: Matrix, missing: dict[tuple[int, Cell], list[Contender]]) -> 
     number, subject = None, None
     for (clip, cell), left in missing.items():
         if clip != number:
-            number, subject = clip, subject_of(matrix.clips[clip], matrix.config.capture)
+            number = clip
+            subject = subject_of(matrix.clips[clip], matrix.config.capture, matrix.config.angles)
         yield subject, clip, cell, left
 
 

@@ -82,6 +82,23 @@ def best_table(result: dict) -> Table:
     return Table("The best method by PCP at the greatest level", header, rows)
 
 
+def angle_tables(result: dict) -> list[Table]:
+    """Return a table of the error of angles at level 0 and at the greatest level of each axis; none if not scored."""
+    ends = [
+        (axis["name"], [axis["methods"][name]["points"][end] for name in result["methods"]], axis["unit"])
+        for axis in result["axes"]
+        for end in ((0, -1) if axis is result["axes"][0] else (-1,))
+    ]
+    if not any("angles" in point for _, points, _ in ends for point in points):
+        return []
+    rows = [
+        (name, f"{points[0]['level']:g} {unit}", *(_value(each.get("angles")) for each in points))
+        for name, points, unit in ends
+    ]
+    caption = "Mean error of hip, knee and ankle angles, degrees, with 95 % interval"
+    return [Table(caption, ("corruption", "level", *result["methods"]), rows)]
+
+
 def pair_tables(result: dict) -> list[Table]:
     """Return a table of PCP for each pair of axes, a row for each two levels."""
     return [
@@ -219,7 +236,9 @@ def write_result(result: dict, out: Path) -> None:
 
 def page_sections(result: dict) -> list[Section]:
     """Return the sections of the page."""
-    found = [Section("Where methods break", tables=[*breaking_tables(result), best_table(result)])]
+    found = [
+        Section("Where methods break", tables=[*breaking_tables(result), best_table(result), *angle_tables(result)])
+    ]
     for axis in result["axes"]:
         figure = CaptionedFigure(f"{axis['about']} Bands are 95 % intervals.", axis_figure(axis))
         found.append(Section(axis["name"], f"{_documentation(axis)} {breaking_sentence(axis)}", figures=[figure]))

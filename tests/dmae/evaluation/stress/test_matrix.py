@@ -12,6 +12,7 @@ from dmae.data.store import save_clip, write_manifest
 from dmae.evaluation.config import StressConfig
 from dmae.evaluation.stress import matrix
 from dmae.evaluation.stress.matrix import CACHE, compute, prepare
+from dmae.evaluation.stress.page import angle_tables
 from tests.support.animals import dog_clip
 from tests.support.commands import dmae
 from tests.support.stressed_clips import strollers
@@ -55,6 +56,20 @@ def test_curves_fall_from_the_clip_as_it_is(first):
     measured, linear = (result["axes"][0]["methods"][name] for name in ("measured", "linear"))
     assert measured["points"][-1]["pcp"][0] < linear["points"][-1]["pcp"][0]
     assert measured["breaks"]["hidden"] is None
+
+
+def test_angles_are_scored_in_degrees_where_they_are_asked_for(first, tmp_path):
+    options = {"axes": ["jitter"], "levels": {"jitter": [8]}, "methods": ["linear"]}
+    clips = [CLIPS[1].select(slice(8))]
+    found = compute(prepare(clips, config(angles=True, **options), tmp_path / CACHE))
+    exact, shaken = (point["angles"][0] for point in found["axes"][0]["methods"]["linear"]["points"])
+    assert 0 < exact < shaken < 45
+    (table,) = angle_tables(found)
+    assert [row[:2] for row in table.rows] == [("jitter", "0 % of height"), ("jitter", "8 % of height")]
+    assert table.rows[1][2].startswith(f"{shaken:.1f}")
+    assert not angle_tables(first[1]) and "angles" not in first[1]["axes"][0]["methods"]["linear"]["points"][0]
+    plain = prepare(clips, config(**options), tmp_path / CACHE)
+    assert plain.missing()  # scores without angles are others
 
 
 def test_bodies_that_are_no_people_are_stressed_too(tmp_path):
