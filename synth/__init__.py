@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from synth.planning.config import MountConfig as MountConfig
     from synth.planning.config import PlanConfig as PlanConfig
     from synth.planning.config import SearchConfig as SearchConfig
+    from synth.rendering.config import ImagingConfig as ImagingConfig
     from synth.rigs.config import RigConfig as RigConfig
     from synth.rigs.config import RingConfig as RingConfig
     from synth.rooms.config import PropsConfig as PropsConfig
@@ -56,6 +57,7 @@ _HOMES = {
     "synth.interactions.registry": "InteractionConfig",
     "synth.motion.config": "MotionConfig",
     "synth.planning.config": "LensConfig MountConfig PlanConfig SearchConfig",
+    "synth.rendering.config": "ImagingConfig",
     "synth.rigs.config": "RigConfig RingConfig",
     "synth.rooms.config": "PropsConfig",
     "synth.scene.config": "SceneConfig",

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from synth.planning.config import PlanConfig
     from synth.planning.plan import CameraPlan
     from synth.recognition.realism import Rate
+    from synth.rendering.config import ImagingConfig
     from synth.rigs.rig import RigConfig
     from synth.scene.config import SceneConfig
 
@@ -239,6 +240,7 @@ def render(
     quality: str | None = None,
     rgb: str | None = None,
     rig: RigConfig | CameraRig | str | Path | None = None,
+    imaging: ImagingConfig | None = None,
     workers: int | None = None,
 ) -> Iterator[Clip]:
     """Render clips again: as other images, at another quality, or with other cameras. Nothing is simulated.
@@ -255,6 +257,7 @@ def render(
         rgb: Files of colour images: `h264`, `png` or `jpeg`.
         rig: Other cameras, as for `generate`. Visibility and detections are then made for these
             cameras as well.
+        imaging: Light and camera of colour images.
         workers: Processes; -1 for one per core.
 
     Yields:
@@ -276,7 +279,7 @@ def render(
     from synth.datasets.config import RenderConfig
     from synth.datasets.render import render as render_data_set
 
-    given = {"images": images, "quality": quality, "rgb": rgb, "rig": rig, "workers": workers}
+    given = {"images": images, "quality": quality, "rgb": rgb, "imaging": imaging, "rig": rig, "workers": workers}
     config = _configured("render", config or RenderConfig(), given | {"data": str(data), "out": str(out)})
     render_data_set(config)
     return (load_clip(folder) for folder in clip_folders(Path(out)))

@@ -14,7 +14,7 @@ _LISTED = 8  # Largest number of settings that a message names
 def claim_folder(path: Path, settings: dict, contents: str, may_differ: Collection[str] = ()) -> None:
     """Write the settings of a run to JSON, or check that an earlier run in the same folder had the same ones.
 
-    Settings that `may_differ` are not compared. Raises ValueError, which names `contents` ("a data set") and
+    Settings and groups of settings that `may_differ` are not compared. Raises ValueError, which names `contents` ("a data set") and
     differences.
     """
     path = Path(path)
@@ -30,7 +30,7 @@ def claim_folder(path: Path, settings: dict, contents: str, may_differ: Collecti
         )
     wanted, found = flat(json.loads(json.dumps(settings))), flat(content)
     missing = object()
-    compared = [key for key in wanted | found if key not in may_differ]
+    compared = [key for key in wanted | found if key.partition(".")[0] not in may_differ]
     differing = sorted(key for key in compared if wanted.get(key, missing) != found.get(key, missing))
     if differing:
         more = f" and {len(differing) - _LISTED} more" if len(differing) > _LISTED else ""

@@ -19,8 +19,12 @@ class Stream(IntEnum):
     LAYOUT = 8
     CALIBRATION = 9
     INTERACTION = 10
+    SENSOR = 11
 
 
-def generator(seed: int, clip: int, stream: Stream) -> np.random.Generator:
-    """Return the generator of one stream of one clip, by its number. It depends on the arguments alone; 0 is a seed."""
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(clip, int(stream))))
+def generator(seed: int, clip: int, stream: Stream, *parts: int) -> np.random.Generator:
+    """Return the generator of one stream of one clip, by its number, or of numbered parts of the stream.
+
+    It depends on the arguments alone; 0 is a seed.
+    """
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(clip, int(stream), *parts)))

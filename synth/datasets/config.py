@@ -10,7 +10,7 @@ from dmae.parallel import Backend, check_workers
 from synth.detector.config import DetectorConfig
 from synth.interactions.registry import InteractionConfig
 from synth.motion.config import MotionConfig
-from synth.rendering.config import ImageQuality
+from synth.rendering.config import ImageQuality, ImagingConfig
 from synth.rigs.config import RigConfig
 from synth.rooms.config import PropsConfig
 from synth.scene.config import MOST_CLIPS, SceneConfig
@@ -130,6 +130,7 @@ class GenerateConfig:
     motion: MotionConfig = field(default_factory=MotionConfig)
     interaction: InteractionConfig = field(default_factory=InteractionConfig)
     rig: RigConfig = field(default_factory=RigConfig)
+    imaging: ImagingConfig = field(default_factory=ImagingConfig)
     detector: DetectorConfig = field(default_factory=DetectorConfig)
     occlusion: OcclusionConfig = field(default_factory=OcclusionConfig)
 
@@ -180,6 +181,7 @@ class RenderConfig:
     """What runs the processes: this machine, or a cluster."""
     rig: RigConfig = field(default_factory=lambda: RigConfig(name=""))
     """Other cameras than those of the clips."""
+    imaging: ImagingConfig = field(default_factory=ImagingConfig)
 
     def __post_init__(self):
         check_workers(self.workers)

@@ -22,6 +22,7 @@ from synth.datasets.generate import limit_threads
 from synth.errors import until_success
 from synth.physics.body_state import save_state
 from synth.rendering.renderer import Renderer, render_images
+from synth.rendering.sensor import Sensor
 from synth.scene.build import build_scene
 from synth.scene.sampling import count_people
 from synth.scene.spec import SceneSpec
@@ -198,12 +199,13 @@ def _with_images(cost: _Cost, config: GenerateConfig, clip, state, folder: Path)
     rig = clip.rig if clip.true_rig is None else clip.true_rig
     start = time.perf_counter()
     scene = build_scene(SceneSpec.of(clip), rig)
-    with Renderer(scene.model, scene.geom_ids, rig, config.quality) as renderer:
+    with Renderer(scene.model, scene.geom_ids, rig, config.quality, config.imaging) as renderer:
         renderer.picture(state.qpos[0], 0, config.kinds)
         begun, took, sizes = time.perf_counter() - start, [], []
         for count in (1, frames):
             start = time.perf_counter()
             how = {"kinds": config.kinds, "rgb": config.rgb.value}
+            how["sensors"] = [Sensor(config.imaging, config.seed, 0, view) for view in range(len(rig))]
             images = render_images(renderer, state.qpos[:count], rig, folder / str(count), clip.fps, **how).images
             took.append(time.perf_counter() - start)
             sizes.append({kind: _bytes_in(images.folder / kind) for kind in images.kinds})

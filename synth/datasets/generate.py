@@ -35,7 +35,7 @@ CONFIG = "config.json"
 """File of the options that the clips of a data set depend on."""
 _NOT_STORED = ("out", "first", "clips", "recheck", "workers", "backend", "dry_run")
 """Options that may differ when a data set is continued."""
-_OF_IMAGES = ("images", "quality", "rgb")
+_OF_IMAGES = ("images", "quality", "rgb", "imaging")
 """Settings that may differ when images are added to a data set."""
 _OF_COMMANDS = ("config.yaml",)
 """Files that a folder may contain and still counts as empty: a command writes them about its own run."""
@@ -164,8 +164,8 @@ def _is_kept(folder: Path, config: GenerateConfig, expected: Checksum | None) ->
 def claim(out: Path, settings: dict) -> None:
     """Claim a folder for a data set: it is new, empty, or contains a part of it. Store the settings in it.
 
-    `settings` are all settings that the clips depend on, as JSON values. `images`, `quality` and `rgb` may differ when
-    images are added to existing clips.
+    `settings` are all settings that the clips depend on, as JSON values. Those of images may differ when images are
+    added to existing clips.
 
     Raises:
         ValueError: the folder contains something else, or a data set of another configuration.
@@ -182,7 +182,7 @@ def claim(out: Path, settings: dict) -> None:
     kept = read_json(out / CONFIG)
     kinds = {*image_kinds(kept["images"]), *image_kinds(settings["images"])}
     if kinds != {*image_kinds(kept["images"])}:
-        kept |= {"quality": settings["quality"], "rgb": settings["rgb"]}
+        kept |= {name: settings[name] for name in _OF_IMAGES}
         kept["images"] = [kind for kind in KINDS if kind in kinds]
         write_atomic(out / CONFIG, json.dumps(kept, indent=1))
 

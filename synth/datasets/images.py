@@ -2,7 +2,7 @@
 
 import shutil
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 from dmae.data.cameras import CameraRig
@@ -13,6 +13,7 @@ from synth.datasets.config import GenerateConfig, RenderConfig, RgbFormat
 from synth.physics.body_state import BodyState
 from synth.rendering.opengl import find_backend
 from synth.rendering.renderer import Renderer, render_images
+from synth.rendering.sensor import Sensor
 from synth.scene.build import build_scene
 from synth.scene.spec import SceneSpec
 
@@ -37,7 +38,7 @@ def check_images(options: GenerateConfig | RenderConfig, rig: CameraRig) -> None
 
 
 def missing_kinds(clip: Clip, options: GenerateConfig | RenderConfig) -> tuple[str, ...]:
-    """Return the kinds of images that a clip lacks. Raises ValueError if it has images of another quality or format."""
+    """Return the kinds of images that a clip lacks. Raises ValueError if it has images of other options."""
     if clip.images is None or not options.kinds:
         return options.kinds
     found = clip.provenance.get("images", {}).get("quality", options.quality.name), clip.images.rgb
@@ -47,6 +48,14 @@ def missing_kinds(clip: Clip, options: GenerateConfig | RenderConfig) -> tuple[s
             f"clip {clip.id!r} has images of quality={found[0]} rgb={found[1]}, not quality={options.quality.name} "
             f"rgb={rgb}; `synth render data=... out=...` renders it again in another folder"
         )
+    if "rgb" in clip.images.kinds and "rgb" in options.kinds:
+        made, asked = clip.provenance.get("images", {}).get("imaging", {}), asdict(options.imaging)
+        other = [f"{name}={made[name]:g}, not {asked[name]:g}" for name in made if made[name] != asked.get(name)]
+        if other:
+            raise ValueError(
+                f"clip {clip.id!r} has images of imaging.{other[0]}; `synth render data=... out=...` renders it again "
+                "in another folder"
+            )
     return tuple(kind for kind in options.kinds if kind not in clip.images.kinds)
 
 
@@ -63,7 +72,7 @@ def add_images(
     images only when all of them are complete. `seen` is called after each view of each frame.
 
     Raises:
-        ValueError: the clip has images of another quality or format, or the scene is of another version.
+        ValueError: the clip has images of other options, or the scene is of another version.
         FileNotFoundError: a file of the room does not exist.
     """
     missing = missing_kinds(clip, options)
@@ -80,8 +89,9 @@ def add_images(
     partial = folder / f".{_FOLDER}"
     shutil.rmtree(partial, ignore_errors=True)
     try:
-        with Renderer(scene.model, scene.geom_ids, rig, options.quality) as renderer:
+        with Renderer(scene.model, scene.geom_ids, rig, options.quality, options.imaging) as renderer:
             how = {"kinds": missing, "rgb": options.rgb.value, "seen": seen}
+            how["sensors"] = [Sensor(options.imaging, spec.seed, spec.clip, view) for view in range(len(rig))]
             images, visible, amodal = render_images(renderer, state.qpos, rig, partial, clip.fps, **how)
         for kind in missing:
             shutil.rmtree(folder / _FOLDER / kind, ignore_errors=True)
@@ -100,6 +110,10 @@ def add_images(
     if visible is not None:
         clip = replace(clip, occlusion=replace(clip.occlusion, visible_pixels=visible, amodal_pixels=amodal))
     painted = {"quality": options.quality.name, "opengl": find_backend() or "none, rays were cast"}
+    if "rgb" in missing:
+        painted["imaging"] = asdict(options.imaging)
+    elif clip.images and "imaging" in clip.provenance["images"]:
+        painted["imaging"] = clip.provenance["images"]["imaging"]
     clip = replace(clip, images=images, provenance=clip.provenance | {"images": painted})
     save_clip(clip, folder)
     return clip

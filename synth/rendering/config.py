@@ -1,5 +1,6 @@
-"""The quality of images."""
+"""The quality of images, and how light becomes a picture."""
 
+from dataclasses import dataclass
 from enum import Enum
 
 
@@ -10,3 +11,33 @@ class ImageQuality(Enum):
     """No shadows, jagged edges, coarse round shapes; one ray for four pixels where rays are cast."""
     standard = "standard"
     high = "high"
+
+
+@dataclass(frozen=True)
+class ImagingConfig:
+    """Light and camera of colour images. Labels and all other kinds of images do not depend on it."""
+
+    lamp: float = 0.2
+    """Radius of the lamps that cast shadows, m; the sun is as large as in the sky. With 0, all shadows are sharp."""
+    ambient_occlusion: float = 0.5
+    """Distance up to which surfaces keep ambient light from each other, m; 0 for none."""
+    exposure: float = 0.25
+    """Standard deviation of the exposure of cameras, stops; one value for each camera."""
+    white_balance: float = 0.05
+    """Standard deviation of the gains of red and blue against green, stops; one value each for each camera."""
+    electrons: float = 8000.0
+    """Electrons of a white pixel, whose number is Poisson distributed; 0 for a camera without noise."""
+    read_noise: float = 6.0
+    """Standard deviation of noise that does not depend on light, electrons."""
+    shutter: float = 0.0
+    """Time of exposure, s, at most that from frame to frame, with the frame in its middle; what moves is blurred. 0 for
+    sharp images."""
+    jpeg: int = 0
+    """Quality of JPEG, 1 to 100, that the camera compresses images with before they are stored; 0 for none."""
+
+    def __post_init__(self):
+        for name in ("lamp", "ambient_occlusion", "exposure", "white_balance", "electrons", "read_noise", "shutter"):
+            if not 0 <= getattr(self, name) < float("inf"):
+                raise ValueError(f"imaging.{name}: expected 0 or more, got {getattr(self, name)}")
+        if not 0 <= self.jpeg <= 100:
+            raise ValueError(f"imaging.jpeg: expected a quality from 1 to 100, or 0 for none, got {self.jpeg}")

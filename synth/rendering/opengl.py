@@ -12,6 +12,8 @@ import mujoco
 import numpy as np
 
 from dmae.data.images import FIRST_OBJECT_ID
+from synth.rendering.config import ImagingConfig
+from synth.rendering.lighting import SUN, ShadowMap, covered, light_reaching, smoothed
 from synth.rigs.lenses import camera_name
 
 _OFF = ("disable", "disabled", "off", "false", "0")
@@ -78,7 +80,13 @@ _SWITCHED_OFF = (
     mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION, mujoco.mjtRndFlag.mjRND_SKYBOX,
     mujoco.mjtRndFlag.mjRND_FOG, mujoco.mjtRndFlag.mjRND_HAZE,
 )  # fmt: skip
-"""Effects that are switched off for images of normals."""
+"""Effects that are switched off for images of normals and of light."""
+_MAP = 1024
+"""Side of a map of what a lamp sees, px."""
+_FAR = 1e3
+"""Distance to which geoms are moved that throw no shadow, m."""
+_NO_MAP = ShadowMap(np.eye(3), np.zeros(3), 0.0, True, np.zeros(2), np.ones(2), np.empty((0, 0), np.float32))
+_LUMA = np.array([0.2126, 0.7152, 0.0722])
 
 
 class OpenGLPainter:
@@ -90,9 +98,10 @@ class OpenGLPainter:
         rig: V pinhole cameras.
         backend: OpenGL backend from `find_backend`.
         settings: Shadow map size, samples per pixel, slices, stacks and quads of round shapes.
+        imaging: Light of colour images. Without shadows in `settings`, there is no ambient occlusion either.
     """
 
-    def __init__(self, model, geom_ids, rig, backend, settings):
+    def __init__(self, model, geom_ids, rig, backend, settings, imaging: ImagingConfig):
         self._model = copy.copy(model)
         quality = self._model.vis.quality
         quality.shadowsize, quality.offsamples, quality.numslices, quality.numstacks, quality.numquads = settings
@@ -116,10 +125,16 @@ class OpenGLPainter:
         width, height = rig.size.max(0).tolist()
         self._gl = make_context(backend, width, height)
         self._scene = mujoco.MjvScene(self._model, maxgeom=10000)
-        self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = settings[0] > 0
+        self._lamp, self._occlusion = (imaging.lamp, imaging.ambient_occlusion) if settings[0] else (0, 0)
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = settings[0] > 0 and not self._lamp
+        if self._lamp:
+            quality.shadowsize = 0
         self._colouring = self._drawing()
         # Ids must not be mixed at edges. A buffer with one sample per pixel is also drawn and read faster.
         quality.shadowsize = quality.offsamples = 0
+        if self._lamp:
+            frame = self._model.vis.global_
+            frame.offwidth, frame.offheight = max(frame.offwidth, _MAP), max(frame.offheight, _MAP)
         self._identifying = self._drawing() if settings[1] else self._colouring
         self._options = mujoco.MjvOption()
         self._options.sitegroup[:] = self._options.tendongroup[:] = self._options.actuatorgroup[:] = 0
@@ -136,6 +151,10 @@ class OpenGLPainter:
             self._look(data, view)
         if "rgb" in kinds:
             rgb, _ = self._read(view, self._colouring)
+            if self._lamp or self._occlusion:
+                rgb = self._lit(rgb, view)
+                if "normals" in kinds:
+                    self._look(data, view)
         if "normals" in kinds:
             normals = self._normals(view)
         if set(kinds) - {"rgb"}:
@@ -279,6 +298,95 @@ class OpenGLPainter:
         scene.flags[:] = effects
         normals = shades[0].astype(np.float32) - shades[1]
         return normals / np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1)
+
+    def _lit(self, rgb: np.ndarray, view: int) -> np.ndarray:
+        """Return an image with soft shadows and ambient occlusion, from one without. The scene cannot be used again.
+
+        A second pass paints white surfaces, with the light of the lamp that throws shadows in red and the light of all
+        others in green.
+        """
+        scene = self._scene
+        lamp, key = None, 0.0
+        for light in scene.lights[: scene.nlight]:
+            diffuse, ambient = _LUMA @ light.diffuse, _LUMA @ light.ambient
+            light.diffuse[:] = light.ambient[:] = light.specular[:] = 0
+            light.ambient[1] = ambient
+            if light.castshadow and not light.headlight and self._lamp and diffuse > key:
+                if lamp is not None:
+                    lamp.diffuse[:] = 0, key, 0
+                lamp, key = light, diffuse
+                light.diffuse[0] = 1
+            else:
+                light.diffuse[1] = diffuse
+        for geom in scene.geoms[: scene.ngeom]:
+            geom.matid, geom.emission, geom.specular, geom.reflectance = -1, 0, 0, 0
+            geom.rgba[:3] = 1
+        effects = scene.flags.copy()
+        for effect in _SWITCHED_OFF:
+            scene.flags[effect] = False
+        light, nearness = self._read(view, self._identifying, deep=True)
+        depth, K = self._metres(nearness), self._lenses[view]
+        seen = self._seen_by(lamp, depth, view) if lamp is not None else _NO_MAP
+        scene.flags[:] = effects
+        share = light_reaching(
+            depth, K[0, 0], K[1, 1], K[0, 2], K[1, 2], light[..., 0], key, light[..., 1], seen.depth, seen.size,
+            seen.axes, seen.origin, seen.parallel, seen.corner, seen.step, self._occlusion,
+        )  # fmt: skip
+        share = smoothed(share, depth)
+        return (rgb * share[..., None] + 0.5).astype(np.uint8)
+
+    def _seen_by(self, lamp: mujoco.MjvLight, depth: np.ndarray, view: int) -> ShadowMap:
+        """Return what a lamp of the scene sees of the surfaces of an image, from their depth (H, W), m."""
+        pose, K = self._poses[view], self._lenses[view]
+        parallel = lamp.type == mujoco.mjtLightType.mjLIGHT_DIRECTIONAL.value
+        forward = np.array(lamp.dir, float)
+        forward /= np.linalg.norm(forward)
+        right = np.cross(forward, np.eye(3)[np.abs(forward).argmin()])
+        right /= np.linalg.norm(right)
+        axes = np.stack([right, np.cross(forward, right), forward])
+        row, column = (index[::8, ::8].ravel() for index in np.indices(depth.shape))
+        z = depth[row, column]
+        points = (np.stack([(column - K[0, 2]) / K[0, 0], (row - K[1, 2]) / K[1, 1], np.ones_like(z)], -1) * z[:, None])
+        points = (points[z > 0] - pose[:3, 3]) @ pose[:3, :3]
+        if not len(points):
+            return _NO_MAP
+        away = (points - lamp.pos) @ forward
+        near, far = 0.05, float(away.max()) + 0.5
+        origin = np.array(lamp.pos, float)
+        if parallel:
+            origin -= forward * (2 * self._model.stat.extent)
+            far += 2 * self._model.stat.extent
+        limits = covered(points, axes, origin, parallel)
+        if limits is None or far <= near:
+            return _NO_MAP
+        for camera in self._scene.camera:
+            camera.pos[:], camera.forward[:], camera.up[:] = origin, forward, -axes[1]
+            middle, half = limits.mean(0), (limits[1] - limits[0]) / 2
+            scale = 1.0 if parallel else near
+            camera.orthographic = parallel
+            camera.frustum_center, camera.frustum_width = scale * middle[0], scale * half[0]
+            camera.frustum_bottom, camera.frustum_top = (scale * each for each in (-limits[1, 1], -limits[0, 1]))
+            camera.frustum_near, camera.frustum_far = near, far
+        for geom in self._scene.geoms[: self._scene.ngeom]:
+            if geom.type == mujoco.mjtGeom.mjGEOM_PLANE.value or geom.rgba[3] < 1:
+                geom.pos[2] -= _FAR
+        rect, drawing = mujoco.MjrRect(0, 0, _MAP, _MAP), self._identifying
+        nearness = np.empty((_MAP, _MAP), np.float32)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, drawing)
+        mujoco.mjr_render(rect, self._scene, drawing)
+        mujoco.mjr_readPixels(None, nearness, rect, drawing)
+        if parallel:
+            distance = far - nearness * np.float32(far - near)
+        else:
+            distance = np.float32(near * far) / (nearness * np.float32(far - near) + np.float32(near))
+        distance[nearness == 0] = np.inf
+        step = (limits[1] - limits[0]) / _MAP
+        size = SUN if parallel else self._lamp
+        turn = pose[:3, :3]
+        return ShadowMap(
+            axes @ turn.T, turn @ origin + pose[:3, 3], size, parallel, limits[0] + step / 2, step,
+            np.ascontiguousarray(distance[::-1]),
+        )  # fmt: skip
 
     def _metres(self, nearness: np.ndarray) -> np.ndarray:
         """Return depth, m, from a reversed depth buffer: 1 at the near plane, 0 at the far one, linear in 1/depth."""

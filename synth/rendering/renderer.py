@@ -1,6 +1,6 @@
 """Render a scene: colour, depth, ids, body parts, normals, flow and amodal masks of persons."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,9 +24,10 @@ from dmae.data.images import (
 )
 from synth.people.body import SEGMENTS
 from synth.people.mjcf import Bending, geom_parts
-from synth.rendering.config import ImageQuality
+from synth.rendering.config import ImageQuality, ImagingConfig
 from synth.rendering.opengl import OpenGLPainter, find_backend
 from synth.rendering.raycasting import RayPainter
+from synth.rendering.sensor import Sensor, decode, encode
 from synth.rigs.lenses import ELSEWHERE, joined, pinholes, warps
 
 
@@ -138,6 +139,9 @@ class SurfaceFlow:
 
 # The renderer
 
+_BLUR_STEP, _MOST = 2.0, 16
+"""Distance in the image that the fastest geom moves from one picture of an exposure to the next, px, and the greatest
+number of pictures of an exposure."""
 
 # Shadow map size, samples per pixel, slices, stacks and quads of round shapes. The last number is for ray casting: the
 # side, in pixels, of the block that shares a ray. Coarse shadow maps cause jagged edges and specks in shadows on
@@ -183,15 +187,22 @@ class Renderer:
         rig: V cameras. OpenGL images of distorted cameras are warped. Colour is interpolated; depth, ids and parts are
             taken from the nearest pixel, with an error of up to half a pixel.
         quality: Quality of the images.
+        imaging: Light of colour images, and time of exposure. `synth.rendering.sensor` makes the camera's other faults.
     """
 
     def __init__(
-        self, model: mujoco.MjModel, geom_ids: np.ndarray, rig: CameraRig, quality: ImageQuality = ImageQuality.standard
+        self,
+        model: mujoco.MjModel,
+        geom_ids: np.ndarray,
+        rig: CameraRig,
+        quality: ImageQuality = ImageQuality.standard,
+        imaging: ImagingConfig = ImagingConfig(),
     ):
         settings, step = _SETTINGS[quality]
         backend = find_backend()
         if backend:
-            self._painter = LensPainter(OpenGLPainter(model, geom_ids, joined(pinholes(rig)), backend, settings), rig)
+            painter = OpenGLPainter(model, geom_ids, joined(pinholes(rig)), backend, settings, imaging)
+            self._painter = LensPainter(painter, rig)
         else:
             self._painter = RayPainter(model, geom_ids, rig, step)
         self._model, self._data = model, mujoco.MjData(model)
@@ -200,11 +211,17 @@ class Renderer:
         self._ids = np.concatenate([[0], geom_ids]).astype(np.uint16)
         self._parts = np.concatenate([[0], geom_parts(model)]).astype(np.uint8)
         self._flow = SurfaceFlow(model, rig)
+        self._rig, self._shutter = rig, imaging.shutter
         self.persons = int(geom_ids[geom_ids < FIRST_OBJECT_ID].max(initial=0))
         """Number of persons."""
 
     def picture(
-        self, qpos: np.ndarray, view: int, kinds: tuple[str, ...] = KINDS, following: np.ndarray | None = None
+        self,
+        qpos: np.ndarray,
+        view: int,
+        kinds: tuple[str, ...] = KINDS,
+        following: np.ndarray | None = None,
+        motion: np.ndarray | None = None,
     ) -> RenderedView:
         """Render one view of the scene in the state `qpos` (nq,). It is fastest to render all frames of one view first.
 
@@ -213,9 +230,16 @@ class Renderer:
             kinds: Kinds of images, from `dmae.data.images.KINDS`. Depth, ids and parts together cost as much as one of
                 them. Normals cost two more passes, amodal one for each person.
             following: (nq,) the next state, which the flow refers to.
+            motion: (nv,) motion of all joints during the exposure, for motion blur; None for a sharp image.
         """
-        self._move(qpos)
-        rgb, depth, geoms, normals = self._painter.paint(self._data, view, kinds)
+        blurred = None
+        if "rgb" in kinds and motion is not None and motion.any():
+            blurred = self._exposed(qpos, motion, view)
+            kinds = tuple(kind for kind in kinds if kind != "rgb")
+        rgb = depth = geoms = normals = None
+        if kinds:
+            self._move(qpos)
+            rgb, depth, geoms, normals = self._painter.paint(self._data, view, kinds)
         flow = None
         if "flow" in kinds:
             flow = self._flow(self._data, following, view, depth, geoms)
@@ -225,7 +249,7 @@ class Renderer:
             for person in range(self.persons):
                 amodal |= self._painter.paint_alone(self._data, view, 1 + person).astype(np.uint32) << person
         return RenderedView(
-            rgb=rgb if "rgb" in kinds else None,
+            rgb=rgb if "rgb" in kinds else blurred,
             depth=depth if "depth" in kinds else None,
             ids=np.take(self._ids, geoms) if "ids" in kinds else None,
             parts=np.take(self._parts, geoms) if "parts" in kinds else None,
@@ -233,6 +257,35 @@ class Renderer:
             flow=flow,
             amodal=amodal,
         )
+
+    def _exposed(self, qpos: np.ndarray, motion: np.ndarray, view: int) -> np.ndarray:
+        """Return the mean light of pictures during the exposure, with the state `qpos` in its middle, as an image."""
+
+        def move(share: float) -> None:
+            moved = qpos.copy()
+            mujoco.mj_integratePos(self._model, moved, motion, share - 0.5)
+            self._move(moved)
+
+        ends, camera = [], self._rig[view : view + 1]
+        for share in (0.0, 1.0):
+            move(share)
+            ends.append(camera.project(self._data.geom_xpos[None])[0])
+        seen = (camera.inside(ends[0]) & camera.inside(ends[1]))[0, 0]
+        far = np.linalg.norm(ends[1] - ends[0], axis=-1)[0, 0, seen].max(initial=0.0)
+        count = int(np.clip(np.ceil(far / _BLUR_STEP), 1, _MOST))
+        light = 0.0
+        for number in range(count):
+            move((number + 0.5) / count)
+            light = light + decode(self._painter.paint(self._data, view, ("rgb",))[0])
+        return encode(light / count)
+
+    def motion(self, qpos: np.ndarray, frame: int, fps: float) -> np.ndarray:
+        """Return the motion (nv,) of all joints during the exposure of a frame, from the states (F, nq) around it."""
+        before, after = max(frame - 1, 0), min(frame + 1, len(qpos) - 1)
+        motion = np.zeros(self._model.nv)
+        if after > before and self._shutter:
+            mujoco.mj_differentiatePos(self._model, motion, (after - before) / fps, qpos[before], qpos[after])
+        return motion * min(self._shutter, 1 / fps)
 
     def alone(self, qpos: np.ndarray, view: int, person: int) -> np.ndarray:
         """Return (H, W) True for the pixels that a person would cover if nothing else were there."""
@@ -296,6 +349,7 @@ def render_images(
     kinds: tuple[str, ...] = KINDS,
     rgb: str = "h264",
     seen: Callable[[], None] = lambda: None,
+    sensors: Sequence[Sensor] = (),
 ) -> RenderedImages:
     """Write images of every view of every frame in the layout of `dmae.data.images`, with only one in memory at a time.
 
@@ -308,6 +362,7 @@ def render_images(
         kinds: Kinds of images, from `dmae.data.images.KINDS`.
         rgb: Format of colour images, from `dmae.data.images.RGB_FILES`.
         seen: Called after each view of each frame.
+        sensors: The sensor of each camera; none for colours without their faults.
     """
     images = Images(folder, rig.names, tuple(range(len(qpos))), kinds, SEGMENTS if "parts" in kinds else (), rgb)
     counted = "ids" in kinds
@@ -317,7 +372,9 @@ def render_images(
         """Render the images of a view, write all that are not in a video, and yield the colours."""
         for frame, state in enumerate(qpos):
             following = qpos[frame + 1] if frame + 1 < len(qpos) else None
-            picture = renderer.picture(state, view, kinds, following)
+            picture = renderer.picture(state, view, kinds, following, renderer.motion(qpos, frame, fps))
+            if sensors and picture.rgb is not None:
+                picture = picture._replace(rgb=sensors[view].picture(picture.rgb, frame))
             for kind in kinds:
                 path = images.path(kind, rig.names[view], frame)
                 if path.suffix != ".mp4":

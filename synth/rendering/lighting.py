@@ -1,0 +1,223 @@
+"""Soft shadows and ambient occlusion in images that OpenGL lights, from depth as seen by the camera and by the lamp."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from dmae.numerics.compiled import compiled
+
+SUN = 0.00465
+"""Angular radius of the sun, rad."""
+_TALL = 2.5
+"""Distance from a surface within which something may throw a penumbra on it, m."""
+_TAPS, _DIRECTIONS, _STEPS = 10, 2, 3
+"""Number of places of the shadow map for each pixel; of directions, and of steps in each, that horizons are sought in."""
+_STEEP = 2.5
+"""Greatest tangent of the angle between the axis of a lamp and light that throws shadows."""
+
+
+class ShadowMap(NamedTuple):
+    """What a lamp sees.
+
+    Attributes:
+        axes: (3, 3) rows: right, down and forward axis of the lamp, in the frame of the camera.
+        origin: (3,) place of the lamp or, for the sun, of the map's plane, in the frame of the camera, m.
+        size: Radius of the lamp, m; of the sun, rad.
+        parallel: Whether this is the sun, whose rays are parallel.
+        corner: (2,) right and down of the first pixel: m for the sun, tangents for a lamp.
+        step: (2,) the same, from pixel to pixel.
+        depth: (M, M) float32 distance along the forward axis of the nearest surface, m.
+    """
+
+    axes: np.ndarray
+    origin: np.ndarray
+    size: float
+    parallel: bool
+    corner: np.ndarray
+    step: np.ndarray
+    depth: np.ndarray
+
+
+def covered(points: np.ndarray, axes: np.ndarray, origin: np.ndarray, parallel: bool) -> np.ndarray | None:
+    """Return least and greatest right and down, (2, 2), of points (N, 3) as a lamp sees them; None if it sees none."""
+    seen = (points - origin) @ axes.T
+    flat = seen[:, :2] if parallel else (seen[:, :2] / np.maximum(seen[:, 2:], 1e-6))[seen[:, 2] > 0.05]
+    if not len(flat):
+        return None
+    limits = np.stack([flat.min(0), flat.max(0)])
+    if not parallel:
+        limits = np.clip(limits, -_STEEP, _STEEP)
+    margin = 0.02 * (limits[1] - limits[0]) + 1e-3
+    return limits + np.stack([-margin, margin])
+
+
+def _patterns() -> tuple[np.ndarray, np.ndarray]:
+    """Return places in a unit disc, (16, taps, 2), and steps of horizons, (16, directions, steps, 2), for 4 x 4 pixels.
+
+    Each of the 16 pixels has the pattern at another angle; the mean over them smooths it.
+    """
+    turn = (np.arange(16) * 7 % 16 + 0.5)[:, None] / 16
+    tap = np.arange(_TAPS)
+    angle, away = 2.3999632 * tap + 2 * np.pi * turn, np.sqrt((tap + 0.5) / _TAPS)
+    disc = away[..., None] * np.stack([np.cos(angle), np.sin(angle)], -1)
+    angle = 2 * np.pi * (np.arange(_DIRECTIONS) + turn) / _DIRECTIONS
+    away = ((np.arange(_STEPS) + 0.3 + 0.7 * turn) / _STEPS) ** 2
+    steps = away[:, None, :, None] * np.stack([np.cos(angle), np.sin(angle)], -1)[:, :, None]
+    return disc.astype(np.float32), steps.astype(np.float32)
+
+
+_DISC, _RAYS = _patterns()
+
+
+@compiled()
+def light_reaching(depth, fx, fy, cx, cy, facing, key, other, lamp, size, axes, origin, parallel, corner, step, radius):
+    """Return the share of its light that reaches each pixel, (H, W) float32.
+
+    Soft shadows are those of Fernando, "Percentage-closer soft shadows" (SIGGRAPH 2005 sketches): the mean distance of
+    what hides the middle of the lamp gives the width of the penumbra, in which the map is then averaged. Ambient
+    occlusion is horizon based (Bavoil and Sainz, "Image-space horizon-based ambient occlusion", SIGGRAPH 2008 talks).
+    The share of a cosine-weighted hemisphere below a horizon of elevation a is sin(a)^2.
+
+    Args:
+        depth: (H, W) float32 m along the optical axis; NaN where there is no surface.
+        fx, fy, cx, cy: The pinhole camera.
+        facing: (H, W) uint8, 255 times the cosine between a surface and the lamp; 0 where it faces away.
+        key: Strength of the lamp.
+        other: (H, W) uint8, 255 times the light of all others.
+        lamp: (M, M) depth of a `ShadowMap`, with its other attributes; of size 0 for no shadows.
+        radius: Range of ambient occlusion, m; 0 for none.
+    """
+    height, width = depth.shape
+    side = lamp.shape[0]
+    share = np.ones((height, width), np.float32)
+    for row in range(height):
+        for column in range(width):
+            z = depth[row, column]
+            if not z > 0:
+                continue
+            x, y = (column - cx) / fx * z, (row - cy) / fy * z
+            number = 4 * (row & 3) + (column & 3)
+            direct, ambient = key * facing[row, column], float(other[row, column])
+            if direct + ambient <= 0:
+                continue
+            sunlit, open_sky = 1.0, 1.0
+            if side > 0 and facing[row, column] > 0:
+                sunlit = _lit(x - origin[0], y - origin[1], z - origin[2], facing[row, column] / 255.0, _DISC[number],
+                              lamp, size, axes, parallel, corner, step)  # fmt: skip
+            if radius > 0:
+                open_sky = _open(depth, fx, fy, cx, cy, row, column, x, y, z, _RAYS[number], radius)
+            share[row, column] = (direct * sunlit + ambient * open_sky) / (direct + ambient)
+    return share
+
+
+@compiled()
+def _lit(x, y, z, cosine, disc, lamp, size, axes, parallel, corner, step):
+    """Return the share of a lamp that a point, relative to it, sees: 0 to 1."""
+    right = axes[0, 0] * x + axes[0, 1] * y + axes[0, 2] * z
+    down = axes[1, 0] * x + axes[1, 1] * y + axes[1, 2] * z
+    ahead = axes[2, 0] * x + axes[2, 1] * y + axes[2, 2] * z
+    scale = 1.0
+    if parallel:
+        widest = size * _TALL
+    else:
+        if ahead < 0.05:
+            return 1.0
+        scale = ahead
+        right, down = right / ahead, down / ahead
+        widest = size * (1 / max(ahead - _TALL, 0.3 * ahead) - 1 / ahead)
+    texel = max(step[0], step[1])
+    # A surface that is seen at a slant comes nearer to the lamp within the width of the filter.
+    slant = min(np.sqrt(max(1 - cosine * cosine, 0.0)) / max(cosine, 0.05), 8.0)
+    right, down = (right - corner[0]) / step[0] + 0.5, (down - corner[1]) / step[1] + 0.5
+    nearer, blocked = 0.0, 0
+    for search in range(2):
+        wide = max(widest, 1.5 * texel)
+        if search:
+            between = nearer / blocked
+            wide = size * (ahead - between) if parallel else size * (1 / between - 1 / ahead)
+            wide = max(wide, 1.5 * texel)
+        blocked, nearer = 0, 0.0
+        across, along = wide / step[0], wide / step[1]
+        nearest = ahead - 0.01 - slant * scale * (0.7 * wide + 0.5 * texel)
+        for tap in range(_TAPS):
+            column = int(right + across * disc[tap, 0])
+            row = int(down + along * disc[tap, 1])
+            if 0 <= row < lamp.shape[0] and 0 <= column < lamp.shape[1]:
+                found = lamp[row, column]
+                if found < nearest:
+                    blocked += 1
+                    nearer += found
+        if blocked == 0:
+            return 1.0
+    return 1 - blocked / _TAPS
+
+
+@compiled()
+def _open(depth, fx, fy, cx, cy, row, column, x, y, z, rays, radius):
+    """Return the share of ambient light that nearby surfaces do not keep from a point: 0 to 1."""
+    height, width = depth.shape
+    if row == 0 or column == 0 or row == height - 1 or column == width - 1:
+        return 1.0
+    # The normal, from the nearer neighbour on each axis: the farther one may be on another surface.
+    before, after = depth[row, column - 1], depth[row, column + 1]
+    above, below = depth[row - 1, column], depth[row + 1, column]
+    if not (before > 0 and after > 0 and above > 0 and below > 0):
+        return 1.0
+    if abs(after - z) < abs(before - z):
+        across = after - z
+    else:
+        across = z - before
+    if abs(below - z) < abs(above - z):
+        along = below - z
+    else:
+        along = z - above
+    # Tangents are (z + (u + 1) across) / fx - u z / fx and so on, with u = column - cx.
+    ax, ay, az = (z + (column - cx) * across) / fx, (row - cy) / fy * across, across
+    bx, by, bz = (column - cx) / fx * along, (z + (row - cy) * along) / fy, along
+    nx, ny, nz = by * az - bz * ay, bz * ax - bx * az, bx * ay - by * ax
+    length = np.sqrt(nx * nx + ny * ny + nz * nz)
+    if length <= 0:
+        return 1.0
+    nx, ny, nz = nx / length, ny / length, nz / length
+    reach = min(radius * fx / z, 0.25 * width)
+    if reach < 2:
+        return 1.0
+    hidden = 0.0
+    for direction in range(_DIRECTIONS):
+        highest = 0.0
+        for number in range(_STEPS):
+            c = int(column + reach * rays[direction, number, 0] + 0.5)
+            r = int(row + reach * rays[direction, number, 1] + 0.5)
+            if not (0 <= r < height and 0 <= c < width):
+                break
+            other = depth[r, c]
+            if not other > 0:
+                continue
+            vx, vy, vz = (c - cx) / fx * other - x, (r - cy) / fy * other - y, other - z
+            square = vx * vx + vy * vy + vz * vz
+            if square < radius * radius:
+                rise = vx * nx + vy * ny + vz * nz - 0.002 * z
+                if rise > 0:
+                    highest = max(highest, rise * rise / square * (1 - square / (radius * radius)))
+        hidden += highest
+    return 1 - hidden / _DIRECTIONS
+
+
+@compiled()
+def smoothed(share, depth):
+    """Return the mean of shares (H, W) over 4 x 4 pixels of the same surface."""
+    height, width = share.shape
+    mean = share.copy()
+    for row in range(height):
+        for column in range(width):
+            z = depth[row, column]
+            if not z > 0:
+                continue
+            total, count = 0.0, 0
+            for r in range(max(row - 2, 0), min(row + 2, height)):
+                for c in range(max(column - 2, 0), min(column + 2, width)):
+                    if abs(depth[r, c] - z) < 0.03 * z:
+                        total += share[r, c]
+                        count += 1
+            mean[row, column] = total / count
+    return mean
