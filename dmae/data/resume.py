@@ -14,8 +14,8 @@ _LISTED = 8  # Largest number of settings that a message names
 def claim_folder(path: Path, settings: dict, contents: str, may_differ: Collection[str] = ()) -> None:
     """Write the settings of a run to JSON, or check that an earlier run in the same folder had the same ones.
 
-    Settings and groups of settings that `may_differ` are not compared. Raises ValueError, which names `contents` ("a data set") and
-    differences.
+    Settings and groups of settings that `may_differ` are not compared. Raises ValueError, which names `contents` ("a
+    data set") and differences.
     """
     path = Path(path)
     if path.exists() and not path.is_file():

@@ -11,7 +11,7 @@ SUN = 0.00465
 _TALL = 2.5
 """Distance from a surface within which something may throw a penumbra on it, m."""
 _TAPS, _DIRECTIONS, _STEPS = 10, 2, 3
-"""Number of places of the shadow map for each pixel; of directions, and of steps in each, that horizons are sought in."""
+"""For each pixel, numbers of places of the shadow map, of directions of horizons, and of steps in each direction."""
 _STEEP = 2.5
 """Greatest tangent of the angle between the axis of a lamp and light that throws shadows."""
 
@@ -70,25 +70,26 @@ _DISC, _RAYS = _patterns()
 
 
 @compiled()
-def light_reaching(depth, fx, fy, cx, cy, facing, key, other, lamp, size, axes, origin, parallel, corner, step, radius):
+def light_reaching(depth, K, facing, key, other, lamp, radius):
     """Return the share of its light that reaches each pixel, (H, W) float32.
 
     Soft shadows are those of Fernando, "Percentage-closer soft shadows" (SIGGRAPH 2005 sketches): the mean distance of
     what hides the middle of the lamp gives the width of the penumbra, in which the map is then averaged. Ambient
     occlusion is horizon based (Bavoil and Sainz, "Image-space horizon-based ambient occlusion", SIGGRAPH 2008 talks).
-    The share of a cosine-weighted hemisphere below a horizon of elevation a is sin(a)^2.
+    The share of a cosine-weighted hemisphere below a horizon of elevation a is sin(a)^2. Directions are even in the
+    image, not around the normal: slanting surfaces lose somewhat less light in corners than they should.
 
     Args:
         depth: (H, W) float32 m along the optical axis; NaN where there is no surface.
-        fx, fy, cx, cy: The pinhole camera.
+        K: (3, 3) the pinhole camera.
         facing: (H, W) uint8, 255 times the cosine between a surface and the lamp; 0 where it faces away.
         key: Strength of the lamp.
         other: (H, W) uint8, 255 times the light of all others.
-        lamp: (M, M) depth of a `ShadowMap`, with its other attributes; of size 0 for no shadows.
+        lamp: What the lamp sees; a map of no pixels for no shadows.
         radius: Range of ambient occlusion, m; 0 for none.
     """
     height, width = depth.shape
-    side = lamp.shape[0]
+    fx, fy, cx, cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
     share = np.ones((height, width), np.float32)
     for row in range(height):
         for column in range(width):
@@ -101,9 +102,8 @@ def light_reaching(depth, fx, fy, cx, cy, facing, key, other, lamp, size, axes, 
             if direct + ambient <= 0:
                 continue
             sunlit, open_sky = 1.0, 1.0
-            if side > 0 and facing[row, column] > 0:
-                sunlit = _lit(x - origin[0], y - origin[1], z - origin[2], facing[row, column] / 255.0, _DISC[number],
-                              lamp, size, axes, parallel, corner, step)  # fmt: skip
+            if len(lamp.depth) and facing[row, column] > 0:
+                sunlit = _lit(x, y, z, facing[row, column] / 255.0, _DISC[number], lamp)
             if radius > 0:
                 open_sky = _open(depth, fx, fy, cx, cy, row, column, x, y, z, _RAYS[number], radius)
             share[row, column] = (direct * sunlit + ambient * open_sky) / (direct + ambient)
@@ -111,13 +111,15 @@ def light_reaching(depth, fx, fy, cx, cy, facing, key, other, lamp, size, axes, 
 
 
 @compiled()
-def _lit(x, y, z, cosine, disc, lamp, size, axes, parallel, corner, step):
-    """Return the share of a lamp that a point, relative to it, sees: 0 to 1."""
+def _lit(x, y, z, cosine, disc, lamp):
+    """Return the share of a lamp that a point sees, 0 to 1. `cosine` is that between its surface and the lamp."""
+    axes, size, depth = lamp.axes, lamp.size, lamp.depth
+    x, y, z = x - lamp.origin[0], y - lamp.origin[1], z - lamp.origin[2]
     right = axes[0, 0] * x + axes[0, 1] * y + axes[0, 2] * z
     down = axes[1, 0] * x + axes[1, 1] * y + axes[1, 2] * z
     ahead = axes[2, 0] * x + axes[2, 1] * y + axes[2, 2] * z
     scale = 1.0
-    if parallel:
+    if lamp.parallel:
         widest = size * _TALL
     else:
         if ahead < 0.05:
@@ -125,25 +127,25 @@ def _lit(x, y, z, cosine, disc, lamp, size, axes, parallel, corner, step):
         scale = ahead
         right, down = right / ahead, down / ahead
         widest = size * (1 / max(ahead - _TALL, 0.3 * ahead) - 1 / ahead)
-    texel = max(step[0], step[1])
+    texel = max(lamp.step[0], lamp.step[1])
     # A surface that is seen at a slant comes nearer to the lamp within the width of the filter.
     slant = min(np.sqrt(max(1 - cosine * cosine, 0.0)) / max(cosine, 0.05), 8.0)
-    right, down = (right - corner[0]) / step[0] + 0.5, (down - corner[1]) / step[1] + 0.5
+    right, down = (right - lamp.corner[0]) / lamp.step[0] + 0.5, (down - lamp.corner[1]) / lamp.step[1] + 0.5
     nearer, blocked = 0.0, 0
     for search in range(2):
         wide = max(widest, 1.5 * texel)
         if search:
             between = nearer / blocked
-            wide = size * (ahead - between) if parallel else size * (1 / between - 1 / ahead)
+            wide = size * (ahead - between) if lamp.parallel else size * (1 / between - 1 / ahead)
             wide = max(wide, 1.5 * texel)
         blocked, nearer = 0, 0.0
-        across, along = wide / step[0], wide / step[1]
+        across, along = wide / lamp.step[0], wide / lamp.step[1]
         nearest = ahead - 0.01 - slant * scale * (0.7 * wide + 0.5 * texel)
         for tap in range(_TAPS):
             column = int(right + across * disc[tap, 0])
             row = int(down + along * disc[tap, 1])
-            if 0 <= row < lamp.shape[0] and 0 <= column < lamp.shape[1]:
-                found = lamp[row, column]
+            if 0 <= row < len(depth) and 0 <= column < len(depth):
+                found = depth[row, column]
                 if found < nearest:
                     blocked += 1
                     nearer += found
@@ -163,14 +165,8 @@ def _open(depth, fx, fy, cx, cy, row, column, x, y, z, rays, radius):
     above, below = depth[row - 1, column], depth[row + 1, column]
     if not (before > 0 and after > 0 and above > 0 and below > 0):
         return 1.0
-    if abs(after - z) < abs(before - z):
-        across = after - z
-    else:
-        across = z - before
-    if abs(below - z) < abs(above - z):
-        along = below - z
-    else:
-        along = z - above
+    across = after - z if abs(after - z) < abs(before - z) else z - before
+    along = below - z if abs(below - z) < abs(above - z) else z - above
     # Tangents are (z + (u + 1) across) / fx - u z / fx and so on, with u = column - cx.
     ax, ay, az = (z + (column - cx) * across) / fx, (row - cy) / fy * across, across
     bx, by, bz = (column - cx) / fx * along, (z + (row - cy) * along) / fy, along

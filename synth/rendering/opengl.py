@@ -325,13 +325,10 @@ class OpenGLPainter:
         for effect in _SWITCHED_OFF:
             scene.flags[effect] = False
         light, nearness = self._read(view, self._identifying, deep=True)
-        depth, K = self._metres(nearness), self._lenses[view]
+        depth = self._metres(nearness)
         seen = self._seen_by(lamp, depth, view) if lamp is not None else _NO_MAP
         scene.flags[:] = effects
-        share = light_reaching(
-            depth, K[0, 0], K[1, 1], K[0, 2], K[1, 2], light[..., 0], key, light[..., 1], seen.depth, seen.size,
-            seen.axes, seen.origin, seen.parallel, seen.corner, seen.step, self._occlusion,
-        )  # fmt: skip
+        share = light_reaching(depth, self._lenses[view], light[..., 0], key, light[..., 1], seen, self._occlusion)
         share = smoothed(share, depth)
         return (rgb * share[..., None] + 0.5).astype(np.uint8)
 
@@ -346,7 +343,7 @@ class OpenGLPainter:
         axes = np.stack([right, np.cross(forward, right), forward])
         row, column = (index[::8, ::8].ravel() for index in np.indices(depth.shape))
         z = depth[row, column]
-        points = (np.stack([(column - K[0, 2]) / K[0, 0], (row - K[1, 2]) / K[1, 1], np.ones_like(z)], -1) * z[:, None])
+        points = np.stack([(column - K[0, 2]) / K[0, 0], (row - K[1, 2]) / K[1, 1], np.ones_like(z)], -1) * z[:, None]
         points = (points[z > 0] - pose[:3, 3]) @ pose[:3, :3]
         if not len(points):
             return _NO_MAP

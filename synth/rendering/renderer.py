@@ -196,8 +196,9 @@ class Renderer:
         geom_ids: np.ndarray,
         rig: CameraRig,
         quality: ImageQuality = ImageQuality.standard,
-        imaging: ImagingConfig = ImagingConfig(),
+        imaging: ImagingConfig | None = None,
     ):
+        imaging = imaging or ImagingConfig()
         settings, step = _SETTINGS[quality]
         backend = find_backend()
         if backend:
