@@ -15,7 +15,7 @@ from synth.datasets.verify import verify
 from synth.detector.config import DetectorConfig
 from synth.detector.errors_of_joints import Misses
 from synth.physics.body_state import FILE, load_state
-from synth.rendering.config import ImageQuality
+from synth.rendering.config import ImageQuality, ImagingConfig
 from synth.rigs.config import RigConfig, RingConfig
 from synth.scene.config import SceneConfig
 
@@ -76,6 +76,8 @@ def test_images_are_added_to_labels_and_are_those_of_a_set_made_at_once(painted,
     assert len(generate(replace(config(out), clips=2))) == 2
     with pytest.raises(ValueError, match=r"quality=draft rgb=h264, not quality=high.*synth render"):
         generate(replace(config(out, images=["rgb", "depth"]), quality=ImageQuality.high))
+    with pytest.raises(ValueError, match=r"imaging\.jpeg=0, not 50.*synth render"):
+        generate(replace(config(out, images=["rgb", "depth"]), imaging=ImagingConfig(jpeg=50)))
 
 
 def test_rendering_later_makes_the_same_files(labels, painted, tmp_path):
