@@ -15,5 +15,7 @@ def run(config: ExportDataCommand, out: Path) -> None:
         splits = None if config.splits is None else Path(config.splits)
         summary = export(Path(config.data), out, config.format, splits=splits, **options)
     for split, counts in summary["splits"].items():
-        shown = ", ".join(counted(counts.get(f"{key}s", 0), key) for key in ("clip", "picture", "person", "mask"))
+        # Without pictures there are no masks, and some layouts count no persons.
+        kinds = [key for key in ("picture", "person", "mask") if counts.get("pictures") or counts.get(f"{key}s")]
+        shown = ", ".join(counted(counts.get(f"{key}s", 0), key) for key in ("clip", *kinds))
         print(f"{out}: {split}: {shown}")

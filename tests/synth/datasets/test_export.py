@@ -14,6 +14,8 @@ from pycocotools.coco import COCO
 from dmae.data.skeleton import get_skeleton
 from dmae.data.store import clip_folders, load_clip, save_clip, write_manifest
 from dmae.formats.labelled_images import file_part
+from synth.commands import export as export_command
+from synth.commands.config import ExportDataCommand
 from synth.datasets.exporters import exporter
 from synth.datasets.exporters.export import export
 from tests.support.clips import full_clip, walkers
@@ -46,12 +48,15 @@ def test_an_export_is_the_same_from_any_number_of_processes(data, tmp_path, form
     assert "11 | 1 | 11 | 0 |" in (one / "README.md").read_text()
 
 
-def test_the_command_writes_every_other_frame_of_a_clip(data, tmp_path):
+def test_the_command_writes_every_other_frame_of_a_clip(data, tmp_path, capsys):
     done = synth(tmp_path, "export", f"data={data / '000001'}", "every=2", "skeleton=body25", "out=out")
     assert done.returncode == 0, done.stderr
     assert "out: train: 1 clip, 4 pictures, 7 persons, 7 masks" in done.stdout
     content = json.loads((tmp_path / "out/annotations/person_keypoints_train.json").read_text())
     assert {image["frame"] for image in content["images"]} == {5, 7}
+    save_clip(replace(load_clip(data / "000001"), images=None), tmp_path / "plain")
+    export_command.run(ExportDataCommand(str(tmp_path / "plain"), format="npz"), tmp_path / "arrays")
+    assert capsys.readouterr().out == f"{tmp_path / 'arrays'}: train: 1 clip\n"
     assert len(content["categories"][0]["keypoints"]) == 25
 
 
