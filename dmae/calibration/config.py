@@ -13,6 +13,16 @@ ENOUGH_S = 30.0
 displaced camera."""
 
 
+def describe_shortness(seconds: float) -> str | None:
+    """Return what is wrong with the length of a recording from which cameras are refined, s; None if it is enough."""
+    if seconds >= ENOUGH_S:
+        return None
+    return (
+        f"the recording lasts {seconds:.1f} s, so dmae calibrate leaves larger errors than it needs to; record people "
+        f"who walk through the whole volume for {ENOUGH_S:g} s or longer"
+    )
+
+
 @dataclass(frozen=True)
 class RefineConfig:
     """Parameters that are calibrated."""

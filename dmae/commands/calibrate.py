@@ -4,7 +4,7 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 
-from dmae.calibration.config import ENOUGH_S
+from dmae.calibration.config import describe_shortness
 from dmae.calibration.refinement import Refined, refine
 from dmae.commands.config import CalibrateCommand
 from dmae.files.contents import write_atomic
@@ -30,12 +30,9 @@ def run(config: CalibrateCommand, out: Path) -> None:
     }
     write_atomic(out.with_suffix(".json"), json.dumps(facts, indent=1) + "\n")
     _print(refined)
-    seconds = len(clip) / clip.fps
-    if seconds < ENOUGH_S and any(change.refined for change in refined.changes):
-        print(
-            f"the recording lasts {seconds:.1f} s: errors are larger than they need be; record people who walk through "
-            f"the whole volume for {ENOUGH_S:g} s or longer"
-        )
+    short = describe_shortness(len(clip) / clip.fps)
+    if short and any(change.refined for change in refined.changes):
+        print(short)
     print(out)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dmae.calibration.config import describe_shortness
 from dmae.calibration.doctor import Diagnosis, PairFit, diagnose
 from dmae.calibration.epipolar import Hypothesis, draw_arrows
 from dmae.commands.config import DoctorCommand
@@ -66,6 +67,9 @@ def _print(clip: Clip, diagnosis: Diagnosis) -> None:
     for number, finding in enumerate(diagnosis.findings, 1):
         print(f"{number}. {finding.fault}: {', '.join(finding.cameras)}\n   because {finding.evidence}")
         print(f"   correction: {finding.remedy}")
+    short = describe_shortness(len(clip) / clip.fps)
+    if short and any("or run dmae calibrate" in finding.remedy for finding in diagnosis.findings):
+        print(f"{clip.id}: {short}")
     for unknown in diagnosis.unknown:
         print(f"not known: {unknown}")
     if diagnosis.pairs and not diagnosis.findings:

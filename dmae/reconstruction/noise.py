@@ -201,6 +201,8 @@ def fit(found: Residuals, prior: DetectionNoise, start: DetectionNoise, skeleton
         knots = np.unique(np.append(min(0.0, middles[0]), middles))
     bin_ = np.where(told, np.abs(found.score[:, None] - knots).argmin(1), len(knots))
     usual_shape = prior.shape(prior.trusted(np.broadcast_to(knots, (views, 1, len(knots))))[0, 0])
+    if told.any() and np.median(found.score[told]) > 1:
+        usual_shape = np.ones(len(knots))  # scores in another unit than 0 to 1: what they mean is unknown
     shape_prior2 = np.append(np.clip(usual_shape, 0.4, 2.5), 1.0) ** 2
     of = kind[found.joint]
     # Variances that start too small change slowly.

@@ -13,7 +13,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from dmae.calibration.adjustment_problem import ROTATION, Calibration, Q
-from dmae.calibration.doctor import _confirmed, diagnose, examined
+from dmae.calibration.doctor import Diagnosis, Finding, _confirmed, diagnose, examined
 from dmae.calibration.epipolar import Hypothesis, pairs_to_compare
 from dmae.calibration.faults import Correction, Fault, rescale
 from dmae.commands import convert as convert_command
@@ -173,6 +173,16 @@ def test_the_command_prints_and_writes_findings_and_exits_by_them(tmp_path, caps
     written_json = json.loads((tmp_path / "bad/doctor.json").read_text())
     assert written_json["findings"][0]["cameras"] == ["1"]
     assert (tmp_path / "bad/doctor.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_what_length_a_correction_needs_is_said_with_the_finding(capsys):
+    remedy = "calibrate camera 1 again, or run dmae calibrate with the same data"
+    found = Diagnosis((), (), (Finding(Fault.scale, ("1",), "it moved", remedy),), ())
+    short = sound("campus")
+    command._print(short, found)
+    assert "campus: the recording lasts 3.2 s, so dmae calibrate leaves larger errors" in capsys.readouterr().out
+    command._print(replace(short, fps=2.0), found)
+    assert "lasts" not in capsys.readouterr().out
 
 
 def test_a_camera_turned_is_not_called_one_of_another_resolution():

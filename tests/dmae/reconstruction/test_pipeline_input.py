@@ -175,3 +175,12 @@ def test_strange_confidences_lose_nobody_and_are_named(scores, line):
 def test_coordinates_that_are_no_pixels_are_refused(scale):
     with pytest.raises(ValueError, match="expected pixels, but no coordinate of a detected joint is above"):
         capture(changed(short(0), xy=scale * short(0).detections.xy), DEFAULT)
+
+
+def test_scores_in_percent_do_not_make_a_still_look_sharper():
+    """In a single frame the prior counts much; scores above 1 must not count as great certainty."""
+    clip = detected_clip(crossing()[40:41], 4)
+    alike = learn_noise(changed(clip, score=np.where(np.isnan(clip.detections.score), np.nan, 1.0)), DEFAULT)
+    drawn = np.random.default_rng(0).uniform(0, 100, clip.detections.score.shape)
+    percent = learn_noise(changed(clip, score=np.where(np.isnan(clip.detections.score), np.nan, drawn)), DEFAULT)
+    assert 0.9 < percent.usual_m / alike.usual_m < 1.15
