@@ -172,7 +172,7 @@ paper-tables: paper
 	$(ONE_CORE) out=$(PAPER)/score seed=63 clips=40 $(PAPER_PEOPLE) motion=recorded motion.path=$(PAPER)/takes/score
 	$(ONE_CORE) out=$(PAPER)/people seed=52 clips=56 scene.seconds=6 scene.persons=[2,3] motion=recorded motion.path=$(DMAE_DATA)/cmu
 	$(BIN)/dmae capture data=$(PAPER)/people 'draw=[3,4,5]' out=$(PAPER)/captured
-	for table in number=1 'number=2 systems=[]' number=4; do $(BIN)/dmae table $$table data=shelf data.path=$(DMAE_DATA)/shelf \
+	for table in 1 2 4; do $(BIN)/dmae table number=$$table data=shelf data.path=$(DMAE_DATA)/shelf \
 	  extra_data=[$(PAPER)/captured] out=$(PAPER)/tables || exit 1; done
 	$(BIN)/dmae table number=5 data=$(PAPER)/score extra_data=[$(PAPER)/recorded] out=$(PAPER)/tables
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from dmae.data.json_values import json_text
 from dmae.evaluation.config import TableConfig
 from dmae.evaluation.paper_tables.learned import make_table
-from dmae.evaluation.paper_tables.table import markdown, terminal_table
+from dmae.evaluation.paper_tables.table import markdown, terminal_tables
 from dmae.files.contents import write_atomic
 from dmae.reporting.tables import print_tables
 
@@ -15,5 +15,5 @@ def run(config: TableConfig, out: Path) -> None:
     path = out / f"table_{config.number}"
     write_atomic(path.with_suffix(".json"), json_text(table) + "\n")
     write_atomic(path.with_suffix(".md"), markdown(table))
-    print_tables([terminal_table(table)])
+    print_tables(terminal_tables(table))
     print(path.with_suffix(".json"))

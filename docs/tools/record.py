@@ -13,6 +13,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from itertools import groupby
 from pathlib import Path
 
 import cv2
@@ -90,10 +91,11 @@ RECORDED = {
     ),
     **{
         f"table_{number}": (
-            f"{_CAPTURED_PEOPLE} && dmae table {asked} data=shelf data.path=$DMAE_DATA/shelf extra_data=[captured]",
-            "an hour",
+            f"{_CAPTURED_PEOPLE} && dmae table number={number} data=shelf data.path=$DMAE_DATA/shelf "
+            "extra_data=[captured]",
+            "an hour, the first of them",
         )
-        for number, asked in ((1, "number=1"), (2, "number=2 systems=[]"), (4, "number=4"))
+        for number in (1, 2, 4)
     },
     "table_3": (
         f"{_INTERACTIONS} && "
@@ -152,20 +154,24 @@ _PICTURES_OF = {"errors": {"errors.png": "pixels_errors.png"}, "realism": {"wors
 """Figures of a result, kept in `docs/images/`."""
 
 
-def record(name: str, command: str) -> Path:
+def record(name: str, command: str, folder: Path) -> Path:
     """Run a command and write its scores to `docs/results/<name>.json`.
+
+    Args:
+        folder: To run in, empty or as a result with the same commands before the last one left it: they are not run
+            again, nor are trainings in its `out`. Tables 1, 2 and 4 share people and networks.
 
     Raises:
         CalledProcessError: the command failed.
     """
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder, "out")
-        line = command if "dmae regress" in command else f"{command} out={out}"
-        done = subprocess.run(
-            line, shell=True, check=True, cwd=folder, stdout=subprocess.PIPE, text=True, env=os.environ | {"PATH": path}
-        )
-        found = _found(out) or {"printed": done.stdout}
+    out = folder / "out"
+    line = command.rpartition(" && ")[2] if out.exists() else command
+    line += "" if "dmae regress" in command else f" out={out}"
+    done = subprocess.run(
+        line, shell=True, check=True, cwd=folder, stdout=subprocess.PIPE, text=True, env=os.environ | {"PATH": path}
+    )
+    found = _found(name, out) or {"printed": done.stdout}
     made = {
         "command": command.replace("$DMAE_DATA", "DATA").replace("$DMAE_ELSEWHERE", "runs/weights/elsewhere"),
         **provenance("torch", "mujoco"),
@@ -176,11 +182,10 @@ def record(name: str, command: str) -> Path:
     return file
 
 
-def _found(out: Path) -> dict:
+def _found(name: str, out: Path) -> dict:
     """Return the result that a command wrote into its folder: a table of the paper, a stress test, or scores."""
-    tables = list(out.glob("table_*.json"))
-    if tables:
-        return {"table": json.loads(tables[0].read_text())}
+    if name.startswith("table_"):
+        return {"table": json.loads((out / f"{name}.json").read_text())}
     if (out / "stress.json").is_file():
         return {"stress": json.loads((out / "stress.json").read_text())}
     if (out / "statistics.json").is_file():
@@ -211,9 +216,12 @@ def _less_runs(scores: dict) -> dict:
 if __name__ == "__main__":
     if not os.environ.get("DMAE_DATA"):
         sys.exit("set DMAE_DATA to the folder that holds shelf/")
-    for wanted in sys.argv[1:] or RECORDED:
-        if wanted not in RECORDED:
-            sys.exit(f"no results {wanted!r}; there are {', '.join(RECORDED)}")
-        text, duration = RECORDED[wanted]
-        print(f"{wanted}, about {duration}: {text}")
-        print(record(wanted, text))
+    names = sys.argv[1:] or RECORDED
+    if unknown := [name for name in names if name not in RECORDED]:
+        sys.exit(f"no results {unknown[0]!r}; there are {', '.join(RECORDED)}")
+    for _, group in groupby(names, lambda name: RECORDED[name][0].rpartition(" && ")[0] or name):
+        with tempfile.TemporaryDirectory() as folder:
+            for name in group:
+                text, duration = RECORDED[name]
+                print(f"{name}, about {duration}: {text}", flush=True)
+                print(record(name, text, Path(folder)), flush=True)

@@ -14,7 +14,16 @@ from dmae.evaluation.config import TableConfig, TableSize
 from dmae.evaluation.evaluate import load_methods
 from dmae.evaluation.paper_tables.cameras import counts_table
 from dmae.evaluation.paper_tables.clips import NamedClips, captured, check_truth, halves, load_recording
-from dmae.evaluation.paper_tables.network import MISSING, NETWORK, TUNED, TUNED_NOTE, codes_table, note, paper_network
+from dmae.evaluation.paper_tables.network import (
+    MISSING,
+    NETWORK,
+    STAGES,
+    TUNED,
+    TUNED_NOTE,
+    codes_table,
+    note,
+    paper_network,
+)
 from dmae.evaluation.paper_tables.recording import (
     AGAINST,
     METHODS,
@@ -172,6 +181,7 @@ def fusion_table(config: TableConfig, out: Path) -> dict:
         config, columns, rows, against=AGAINST, comparable="Shelf" if shelf else None, recording=clip.id,
         frames={f"actor {number}": count for number, count in enumerate(frames, 1)},
         footnotes=[TUNED_NOTE, *([SHELF_NOTE] if shelf else []), PROTOCOL_NOTE, NOISE_NOTE],
+        pairs=STAGES if config.extra_data else (),
     )  # fmt: skip
 
 

@@ -39,6 +39,8 @@ FUSED = "the paper's network, fusion learned on simulation alone"
 TUNED = "the paper's network, final"
 KEPT = "the paper's network, final, measured joints kept"
 NETWORK = (PRETRAINED, FUSED, TUNED, KEPT)
+STAGES = ((TUNED, PRETRAINED), (TUNED, FUSED), (TUNED, "linear"))
+"""Rows whose differences say what fusion and tuning gain, over the network before them and over straight lines."""
 MISSING = "there are no simulated clips to learn fusion from: give extra_data=[...]"
 
 FOLDS, APART = 4, 10

@@ -19,7 +19,7 @@ from dmae.data.skeleton import SHELF14, Skeleton
 from dmae.evaluation.config import EvaluateConfig, TableConfig, TableSize
 from dmae.evaluation.evaluate import Trial, filled_trials, load_methods
 from dmae.evaluation.paper_tables.clips import load_recording
-from dmae.evaluation.paper_tables.network import MISSING, NETWORK, TUNED_NOTE, note, paper_network
+from dmae.evaluation.paper_tables.network import MISSING, NETWORK, STAGES, TUNED_NOTE, note, paper_network
 from dmae.evaluation.paper_tables.table import (
     NOISE_NOTE,
     MeasuredRow,
@@ -229,4 +229,5 @@ def _table(
         config, columns, rows, against=AGAINST, recording=clip.id, comparable="Shelf" if shelf else None,
         footnotes=[*notes, *([SHELF_NOTE] if shelf else []), PROTOCOL_NOTE, NOISE_NOTE],
         frames={f"actor {number}": count for number, count in enumerate(frames, 1)},
+        pairs=STAGES if config.extra_data else (),
     )  # fmt: skip

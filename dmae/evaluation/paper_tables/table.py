@@ -126,6 +126,7 @@ def paper_table(
     frames: dict[str, int],
     footnotes: Sequence[str],
     rules: str = "",
+    pairs: Sequence[tuple[str, str]] = (),
 ) -> dict:
     """Return a table.
 
@@ -139,16 +140,23 @@ def paper_table(
         frames: Annotated frames of each actor.
         footnotes: What differs from the paper, and why.
         rules: How rows are scored; by default the protocol of the configuration.
+        pairs: Names of further measured rows to compare, each a row and the one that it is compared with.
 
     Returns:
-        JSON-able. `number`, `title`, `recording`, `protocol`, `frames`, `against`, `footnotes`, `columns`; and `rows`:
+        JSON-able. `number`, `title`, `recording`, `protocol`, `frames`, `against`, `footnotes`, `columns`; `rows`:
         `name`, `origin`, `protocol`, `source`, `note`, `cells` (`value`, `low`, `high` by column, None for unknown
-        values) and `differences` from the row `against`, in the same form, in leading columns.
+        values) and `differences` from the row `against`, in the same form, in leading columns; and `pairs`: `name`,
+        `against` and `differences` in all columns.
     """
-    (reference,) = (row for row in rows if row.name == against)
+    by_name = {row.name: row for row in rows}
+    reference = by_name[against]
     made = [_published(row, columns, reference, comparable) for row in published_rows(config.number)]
     rules = rules or config.protocol
     made += [_measured(row, columns, reference, rules) for row in rows]
+    compared = [
+        {"name": name, "against": other, "differences": _differences(by_name[name], by_name[other], columns)}
+        for name, other in pairs
+    ]
     return {
         "number": config.number,
         "title": f"Table {config.number}: {NUMBERS[config.number]}",
@@ -159,27 +167,27 @@ def paper_table(
         "against": against,
         "columns": [vars(column) for column in columns],
         "rows": made,
+        "pairs": compared,
         "footnotes": [*footnotes, *([_SMALL] if config.size == TableSize.small else [])],
     }
 
 
 def _measured(row: MeasuredRow, columns: Sequence[TableColumn], reference: MeasuredRow, rules: str) -> dict:
-    cells, differences = {}, {}
-    for column in columns:
-        cell = row.cells.get(column.key)
-        cells[column.key] = _cell(cell)
-        other = reference.cells.get(column.key)
-        if column.lead and row is not reference and isinstance(cell, Score) and isinstance(other, Score):
-            differences[column.key] = _cell(cell - other)
     return {
         "name": row.name,
         "origin": str(Origin.missing if row.missing else Origin.measured),
         "protocol": row.protocol or rules,
         "source": "",
         "note": row.missing or row.note,
-        "cells": cells,
-        "differences": differences,
+        "cells": {column.key: _cell(row.cells.get(column.key)) for column in columns},
+        "differences": {} if row is reference else _differences(row, reference, [c for c in columns if c.lead]),
     }
+
+
+def _differences(row: MeasuredRow, other: MeasuredRow, columns: Sequence[TableColumn]) -> dict[str, dict]:
+    """Return how far a row is from another in the columns that have scores of both, on the same draws of time."""
+    both = {column.key: (row.cells.get(column.key), other.cells.get(column.key)) for column in columns}
+    return {key: _cell(a - b) for key, (a, b) in both.items() if isinstance(a, Score) and isinstance(b, Score)}
 
 
 def _published(row: dict, columns: Sequence[TableColumn], reference: MeasuredRow, comparable: str | None) -> dict:
@@ -212,26 +220,32 @@ def _rounded(*numbers: float) -> dict[str, float | None]:
     return dict(zip(("value", "low", "high"), found, strict=True))
 
 
-def terminal_table(table: dict) -> Table:
-    """Return a table to print.
+def terminal_tables(table: dict) -> list[Table]:
+    """Return a table to print, and its compared pairs of rows if there are any.
 
     Args:
         table: What `dmae.evaluation.paper_tables.learned.make_table` returned, or its JSON.
     """
     header, rows = _grid(table)
-    return Table(f"{table['title']}. {_scored(table)}", header, rows)
+    pairs = [Table("Differences between rows.", *_pairs(table))] if table.get("pairs") else []
+    return [Table(f"{table['title']}. {_scored(table)}", header, rows), *pairs]
 
 
 def markdown(table: dict) -> str:
-    """Return a table as a section of Markdown: title, grid, notes and sources.
+    """Return a table as a section of Markdown: title, grid, compared pairs of rows, notes and sources.
 
     Args:
-        table: As for `terminal_table`.
+        table: As for `terminal_tables`.
     """
-    header, rows = _grid(table, notes := _Notes())
-    lines = [header, ["---"] * len(header), *rows]
-    parts = [f"## {table['title']}", f"{_scored(table)}.", "\n".join(f"| {' | '.join(line)} |" for line in lines)]
-    return "\n\n".join(filter(None, [*parts, notes.list(), *table["footnotes"]])) + "\n"
+    notes = _Notes()
+    grid = _markdown_grid(*_grid(table, notes))
+    pairs = _markdown_grid(*_pairs(table)) if table.get("pairs") else ""
+    parts = [f"## {table['title']}", f"{_scored(table)}.", grid, pairs, notes.list(), *table["footnotes"]]
+    return "\n\n".join(filter(None, parts)) + "\n"
+
+
+def _markdown_grid(header: list[str], rows: list[list[str]]) -> str:
+    return "\n".join(f"| {' | '.join(line)} |" for line in [header, ["---"] * len(header), *rows])
 
 
 class _Notes:
@@ -274,6 +288,17 @@ def _grid(table: dict, notes: _Notes | None = None) -> tuple[list[str], list[lis
         differences = [_difference(row["differences"].get(column["key"])) for column in leading]
         rows.append([name, row["origin"], row["protocol"], *cells, *differences])
     return header, rows
+
+
+def _pairs(table: dict) -> tuple[list[str], list[list[str]]]:
+    """Return header and rows of text of the compared pairs of rows, in the columns that have scores of a pair."""
+    pairs = table["pairs"]
+    columns = [c for c in table["columns"] if any(c["key"] in pair["differences"] for pair in pairs)]
+    header = ["", *(f"{column['heading'].partition(' (')[0]}, {column['unit']}" for column in columns)]
+    return header, [
+        [f"{pair['name']}, from {pair['against']}", *(_difference(pair["differences"].get(c["key"])) for c in columns)]
+        for pair in pairs
+    ]
 
 
 def _cell_text(cell: dict, unknown: str) -> str:

@@ -15,6 +15,7 @@ from dmae.data.store import save_clip, write_manifest
 from dmae.evaluation.config import TableConfig, TableSize
 from dmae.evaluation.paper_tables import learned, network
 from dmae.evaluation.paper_tables.learned import make_table
+from dmae.evaluation.paper_tables.table import markdown, terminal_tables
 from dmae.formats.reading import DataConfig
 from tests.support.clips import full_clip
 from tests.support.scored_clips import seen
@@ -120,6 +121,12 @@ def test_the_paper_s_network_has_rows_for_each_stage_on_all_frames(clips, pretra
         assert rows[name]["cells"]["average"]["value"] is not None
         assert "where the paper has 256 and 6" in rows[name]["note"]
     assert made["frames"] == {"actor 1": 80, "actor 2": 80}
+    assert [(pair["name"], pair["against"]) for pair in made["pairs"]] == list(network.STAGES)
+    cells = [rows[name]["cells"]["average"]["value"] for name in network.STAGES[0]]
+    gain = made["pairs"][0]["differences"]["average"]
+    assert gain["value"] == pytest.approx(cells[0] - cells[1], abs=2e-3)
+    assert f"{network.TUNED}, from {network.PRETRAINED} | " in markdown(made)
+    assert [len(printed.rows) for printed in terminal_tables(made)] == [len(made["rows"]), len(network.STAGES)]
     without = rows_of(table(tmp_path / "without", 1, tmp_path / "clip"))
     assert without[network.PRETRAINED]["origin"] == "measured here"
     assert without[network.TUNED]["origin"] == "not measured"
@@ -153,6 +160,12 @@ def test_fusion_has_rows_for_each_stage_and_the_better_of_two_says_so(clips, pre
     for name in ("dmae", network.TUNED):
         assert better["cells"]["average"]["value"] >= rows[name]["cells"]["average"]["value"] - 0.5
     assert made["frames"] == {"actor 1": 80, "actor 2": 80}
+    assert [(pair["name"], pair["against"]) for pair in made["pairs"]] == list(network.STAGES)
+    cells = [rows[name]["cells"]["average"]["value"] for name in network.STAGES[0]]
+    gain = made["pairs"][0]["differences"]["average"]
+    assert gain["value"] == pytest.approx(cells[0] - cells[1], abs=2e-3)
+    assert f"{network.TUNED}, from {network.PRETRAINED} | " in markdown(made)
+    assert [len(printed.rows) for printed in terminal_tables(made)] == [len(made["rows"]), len(network.STAGES)]
 
 
 def test_fusion_without_simulated_clips_is_not_measured(pretrained, tmp_path):

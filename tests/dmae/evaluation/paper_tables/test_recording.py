@@ -13,7 +13,7 @@ from dmae.evaluation.config import TableConfig, TableSize
 from dmae.evaluation.evaluate import evaluate
 from dmae.evaluation.paper_tables.learned import make_table
 from dmae.evaluation.paper_tables.recording import convert_with_head
-from dmae.evaluation.paper_tables.table import markdown, terminal_table
+from dmae.evaluation.paper_tables.table import markdown, terminal_tables
 from dmae.formats.reading import DataConfig
 from dmae.metrics.registry import protocol
 from tests.support import scored_clips
@@ -130,7 +130,7 @@ def test_a_score_of_nothing_is_not_measured(tmp_path):
     save_clip(replace(clip, detections=replace(clip.detections, xy=nothing, score=nothing[..., 0])), tmp_path)
     made = table(tmp_path, 1, protocol="4da")
     assert measured(made)["linear"]["cells"]["average"] == {"value": None, "low": None, "high": None}
-    assert "not measured" in next(row for row in terminal_table(made).rows if row[0] == "linear")
+    assert "not measured" in next(row for row in terminal_tables(made)[0].rows if row[0] == "linear")
     strict = measured(table(tmp_path, 1))
     assert strict["linear"]["cells"]["average"]["value"] == 0
 
@@ -142,7 +142,7 @@ def test_text_has_every_row_its_source_and_what_is_noise(actors):
         assert f"| {row['name']}" in text
         assert row["source"] in text
     assert "noise" in text
-    printed = terminal_table(actors)
+    (printed,) = terminal_tables(actors)
     assert len(printed.rows) == len(actors["rows"])
     assert {len(row) for row in printed.rows} == {len(printed.header)}
 
