@@ -18,6 +18,7 @@ from dmae.completion.fillings import contradicted
 from dmae.completion.methods import Fill, completion_method
 from dmae.completion.network import DMAE
 from dmae.completion.pieces import in_pieces
+from dmae.completion.stills import likely_pose
 from dmae.completion.uncertainty import Factors, calibrated
 from dmae.completion.weights import find_shipped, load_model, pick_device, weights_folder
 from dmae.completion.windows import Rows, make_rows
@@ -158,7 +159,8 @@ class Completer:
     - Joints that are already `COMPLETED` are no evidence: the model does not see them, and they are completed again.
       Neither are joints that are not finite, which become absent.
     - Poses at another rate than the model's are resampled, and the corrections are resampled back. At less than one
-      frame a second (`dmae.numerics.filling.STILLS`) each frame is completed by itself.
+      frame a second (`dmae.numerics.filling.STILLS`) each frame is completed by itself. A single frame is completed by
+      how poses vary in the training data (`dmae.completion.stills`), not by the network.
     - Poses of another skeleton are completed through the joints that it has in common with the model's
       (`dmae.data.conversion.convert`); other joints stay as they are. `notes` says where either happens.
     - Weights of two skeletons side by side (`dmae.completion.fusion`) take poses of the first, or of one that has
@@ -218,8 +220,12 @@ class Completer:
         moved = _of_few_views(poses)[frames] & self.denoise
         if not (absent | moved).any():
             return poses.select(frames)
-        predicted, scale = predict(self.model, poses, fps, frames, absent | moved)
         given = poses.select(frames)
+        if len(poses.xyz) == 1:
+            likely = likely_pose(poses, *(part.cpu().numpy() for part in (self.model.rest, self.model.pose_covariance)))
+            xyz = np.where(absent[..., None], likely, given.xyz)
+            return replace(given, xyz=xyz, source=np.where(absent, Source.COMPLETED, given.source))
+        predicted, scale = predict(self.model, poses, fps, frames, absent | moved)
         xyz = np.where((absent | moved)[..., None], predicted, given.xyz)
         source = np.where(absent, Source.COMPLETED, np.where(moved, Source.DENOISED, given.source))
         deviation = self._deviation(poses, fps, scale, frames)

@@ -217,6 +217,9 @@ class DMAE(nn.Module):
         encoder, decoder, residual = config.encoder, config.decoder, config.residual
         self.register_buffer("rest", torch.zeros(joints, 3))
         """m; mean pose of the training data, see `dmae.completion.windows.rest_pose`."""
+        if residual:
+            self.register_buffer("pose_covariance", torch.zeros(3 * joints, 3 * joints))
+            """m^2; covariance of poses about it, see `dmae.completion.stills.pose_covariance`."""
         self.signal = FourierCode(3, 2 * config.codes.signal, config.codes.signal_sigma)
         self.embed = nn.Linear(2 * config.codes.signal + residual * (3 + len(_OBSERVED_NOISE)), encoder.dim)
         self.encoder_context = ContextCode(config.codes, config.frames, places, encoder.dim)

@@ -38,6 +38,7 @@ from dmae.completion.config import Loss, Precision, TrainConfig
 from dmae.completion.fusion import namesakes
 from dmae.completion.network import DMAE, Prediction
 from dmae.completion.paper import PaperBatches, PaperRows, paper_rows, paper_validation
+from dmae.completion.stills import pose_covariance
 from dmae.completion.training_data import (
     Examples,
     PosePair,
@@ -582,8 +583,11 @@ def train(
     else:
         codes = None if config.model.residual else namesakes(skeleton)
         model, record = DMAE(config.model, len(skeleton), codes), {"calibration": None}
-        rest = _rest_pose(found, skeleton, config)
+        bodies = _bodies(found, skeleton, config)
+        rest = rest_pose(bodies, skeleton)
         model.rest.copy_(torch.from_numpy(rest))
+        if config.model.residual:
+            model.pose_covariance.copy_(torch.from_numpy(pose_covariance(bodies, skeleton, rest)))
     recipe = Recipe(config.model, rest, config.examples.masking, config.examples.augment)
     held_back = list(found.validation.values())
     if config.model.residual:
@@ -682,8 +686,8 @@ def _reserve_time(
     model.train()
 
 
-def _rest_pose(found: TrainingSet, skeleton: Skeleton, config: TrainConfig) -> np.ndarray:
-    """Return the rest pose (J, 3) of all people to learn from."""
+def _bodies(found: TrainingSet, skeleton: Skeleton, config: TrainConfig) -> np.ndarray:
+    """Return the true bodies (N, J, 3) of all people to learn from."""
     pairs = (*found.pairs.values(), *found.extra.values())
     bodies = np.concatenate([pair.truth.xyz.reshape(-1, len(skeleton), 3) for pair in pairs])
     source, *target = skeleton.parts
@@ -692,7 +696,7 @@ def _rest_pose(found: TrainingSet, skeleton: Skeleton, config: TrainConfig) -> n
             f"{config.data.path}: truth on {target[0].name!r} alone does not teach what {source.name!r} looks "
             "like; start from a model (init=...), or add simulated clips (extra_data=[...])"
         )
-    return rest_pose(bodies, skeleton)
+    return bodies
 
 
 def _load_initial(config: TrainConfig) -> tuple[DMAE, Skeleton, dict] | None:

@@ -107,6 +107,9 @@ def load_model(folder: Path) -> tuple[DMAE, Skeleton, dict]:
         if meta["format"] == 4:
             tensors, options = _from_format_4(tensors, options)
         config = model_config(options)
+        if config.residual:
+            # Models of before stills were completed by it have none: their stills have rest poses.
+            tensors.setdefault("pose_covariance", torch.zeros(1).expand(2 * [3 * len(skeleton)]))
         _check_sizes(config, len(skeleton), tensors)
         model = DMAE(config, len(skeleton), None if config.residual else namesakes(skeleton))
         model.load_state_dict(tensors)
