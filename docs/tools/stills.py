@@ -29,7 +29,7 @@ KINDS = ("that one camera detected", "that no camera detected", "all")
 
 
 def measure(folders: list[Path]) -> dict[str, np.ndarray]:
-    """Return for each kind of hidden joints sums of errors, mm, of the mean pose and of completion, and their number."""
+    """Return sums of errors, mm, of the mean pose and of completion, and the number of hidden joints, by kind."""
     complete = completers(None, denoise=None, reject=True)(BODY25)
     rest = complete.model.rest.numpy()
     sums = {kind: np.zeros(3) for kind in KINDS}
