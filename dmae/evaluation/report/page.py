@@ -364,7 +364,10 @@ def uncertainty_section(findings: Sequence[Findings]) -> list[Section]:
         f"{counted} have a stated uncertainty and a truth. Above the diagonal it is too cautious, below overconfident."
     )
     if widened := _widened(findings):
-        words += f" Regions are those stated{widened}."
+        words += (
+            f" Regions are those stated{widened}. That error is the same in all frames: where cameras hardly see a "
+            "joint, people place it less exactly, too, and fewer completed joints lie inside."
+        )
     caption = "Stated against measured probability; on the diagonal the uncertainty is correct."
     return [Section("Is the uncertainty right?", words, [table], [CaptionedFigure(caption, _regions_figure(regions))])]
 
