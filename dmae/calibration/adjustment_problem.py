@@ -318,17 +318,22 @@ class AdjustmentState:
         return float((ROBUST**2 * np.log1p(off**2 / ROBUST**2)).sum())
 
     def jacobians(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return derivatives of the pixels by the joints (M, V, J, 2, 3) and by the parameters (M, V, J, 2, Q)."""
+        """Return derivatives of the pixels by the joints (M, V, J, 2, 3) and by the parameters (M, V, J, 2, Q).
+
+        Those by parameters that no view may change are 0.
+        """
         rig, xyz, small = self.calibration.rig, self.xyz, 1e-5
         by_xyz = np.stack([(rig.project(xyz + small * axis)[0] - self.pixels) / small for axis in np.eye(3)], -1)
         by_xyz = np.where(self.known[..., None, None], by_xyz, 0)
-        by = np.zeros((*by_xyz.shape[:-1], Q))
-        away = np.nan_to_num(xyz[:, None] - rig.centers[:, None])
-        # A rotation of the camera by w about its centre moves X, relative to it, by -w x (X - C): d = (X - C) x w.
-        by[..., ROTATION] = -np.cross(away[..., None, :], by_xyz)
-        by[..., CENTRE] = -by_xyz
-        free = self.problem.freedom.free
-        by[..., FOCAL] = np.where(self.known[..., None], self.pixels - rig.K[:, None, :2, 2], 0)
+        by, free = np.zeros((*by_xyz.shape[:-1], Q)), self.problem.freedom.free
+        if free[:, ROTATION].any():
+            away = np.nan_to_num(xyz[:, None] - rig.centers[:, None])
+            # A rotation of the camera by w about its centre moves X, relative to it, by -w x (X - C): d = (X - C) x w.
+            by[..., ROTATION] = -np.cross(away[..., None, :], by_xyz)
+        if free[:, CENTRE].any():
+            by[..., CENTRE] = -by_xyz
+        if free[:, FOCAL].any():
+            by[..., FOCAL] = np.where(self.known[..., None], self.pixels - rig.K[:, None, :2, 2], 0)
         for parameter in (K1, K2):
             if free[:, parameter].any():
                 step = np.zeros((len(rig), Q))

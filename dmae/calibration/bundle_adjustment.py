@@ -75,7 +75,8 @@ def adjust(
         moved = False
         for _ in range(6):
             step, move, offset = solve(state, damping, move_people)
-            tried = AdjustmentState(problem, state.calibration.changed(step), state.xyz + move, state.offset + offset)
+            cameras = state.calibration.changed(step) if len(problem.free) else state.calibration
+            tried = AdjustmentState(problem, cameras, state.xyz + move, state.offset + offset)
             if tried.total <= state.total:
                 moved = state.total - tried.total > tolerance * max(state.total, 1e-9)
                 state, damping = tried, max(damping / 5, 1e-9)
