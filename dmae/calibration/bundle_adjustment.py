@@ -17,6 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from dmae.calibration.adjustment_problem import (
+    FOCAL,
+    K2,
     OFFSET_M,
     AdjustmentProblem,
     AdjustmentState,
@@ -255,6 +257,10 @@ def _mixed(state: AdjustmentState, parts: _Parts, rows: np.ndarray) -> np.ndarra
     return mixed.reshape(len(rows), 3 * J, mixed.shape[-1])
 
 
+_LARGEST = 1.0
+"""Largest step of a focal length's logarithm, and of distortion, which little evidence determines badly."""
+
+
 def solve(state: AdjustmentState, damping: float, move_people: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return a step of the cameras (V, Q), of the bodies (M, J, 3) and of the offsets."""
     free, V = state.problem.free, len(state.calibration.rig)
@@ -270,6 +276,7 @@ def solve(state: AdjustmentState, damping: float, move_people: bool) -> tuple[np
         for person, (K, own) in enumerate(found.eliminated):
             offset[person] = -(own + K.T @ step[free]).reshape(offset.shape[1:])
     step, move = step.reshape(V, Q), np.zeros_like(state.xyz)
+    step[:, FOCAL : K2 + 1] = np.clip(step[:, FOCAL : K2 + 1], -_LARGEST, _LARGEST)
     if move_people:
         pixels = np.zeros(state.residual.shape)
         for view in np.unique(free // Q):

@@ -43,10 +43,10 @@ RIGS = {"shelf": lambda: preset("shelf"), "campus": lambda: preset("campus"), "r
 
 
 @cache
-def sound(name: str) -> Clip:
-    """A recording of three people for three seconds."""
+def sound(name: str, frames: int = 50) -> Clip:
+    """A recording of three people, by default for two seconds."""
     rig, rng = RIGS[name](), np.random.default_rng(0)
-    return Clip(name, 25.0, rig, detected(rig, circling_people(80, 3, rng=rng), rng=rng))
+    return Clip(name, 25.0, rig, detected(rig, circling_people(frames, 3, rng=rng), rng=rng))
 
 
 def detected(rig: CameraRig, truth: Poses3D, *, rng: np.random.Generator) -> Detections2D:

@@ -117,7 +117,7 @@ def test_stature_and_floor_place_the_world_and_the_pictures_stay():
 
 @pytest.mark.slow
 def test_examination_names_the_late_camera_and_no_sound_one():
-    clip = sound("shelf")
+    clip = sound("shelf", 80)
     found = examine(match_tracks(clip), Calibration.of(clip.rig))
     assert found.kinds == ()
     delayed = late(clip, 4, 2)
