@@ -11,7 +11,7 @@ import numpy as np
 from dmae.data.images import Images
 from dmae.files.checks import PICTURES, VIDEOS, check_rate
 from dmae.files.pictures import open_video, read_upright, upright_size
-from dmae.formats.recordings import frame_number, natural
+from dmae.formats.recordings import by_name, frame_number
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ def find_cameras(path: Path) -> list[CameraPictures]:
     path = Path(path)
     if not path.exists():
         raise FileNotFoundError(f"videos={path}: no such folder")
-    places = [path] if path.is_file() else sorted(path.iterdir(), key=lambda each: natural(each.name))
+    places = [path] if path.is_file() else by_name(path.iterdir())
     places = [each for each in places if not each.name.startswith(".")]
     found = [_video(each) for each in places if each.is_file() and each.suffix.lower() in VIDEOS]
     found += [_folder(each) for each in places if each.is_dir() and pictures_in(each)]
@@ -60,7 +60,7 @@ def find_cameras(path: Path) -> list[CameraPictures]:
     names = [camera.name for camera in found]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise ValueError(f"videos={path}: expected one video or folder for each camera, found two of {twice}")
-    return sorted(found, key=lambda camera: natural(camera.name))
+    return by_name(found)
 
 
 def cameras_of(images: Images, sizes: np.ndarray) -> list[CameraPictures]:
@@ -80,7 +80,7 @@ def _read_images(images: Images, name: str, start: int, stop: int) -> Iterator[n
 def pictures_in(folder: Path) -> list[Path]:
     """Return the image files of a folder by their numbers and names."""
     found = [each for each in folder.iterdir() if each.suffix.lower() in PICTURES and not each.name.startswith(".")]
-    return sorted(found, key=lambda each: natural(each.name))
+    return by_name(found)
 
 
 def _folder(path: Path) -> CameraPictures:

@@ -34,7 +34,7 @@ from dmae.files.checks import PICTURES, child
 from dmae.files.contents import write_atomic
 from dmae.files.pictures import read_upright, upright_size
 from dmae.formats.openpose import write_detections, write_people
-from dmae.formats.recordings import match_cameras, natural
+from dmae.formats.recordings import by_name, match_cameras, natural
 from dmae.numerics.filling import STILLS, are_stills
 from dmae.parallel import in_parallel
 from dmae.progress import progress
@@ -99,7 +99,7 @@ def open_sets(path: Path, rig: CameraRig, fps: float | None = None) -> Recording
         raise ValueError(f"fps={fps:g}: photos=... are stills, less than {STILLS:g} a second; give videos=... instead")
     if not path.is_dir():
         raise FileNotFoundError(f"photos={path}: expected a folder of photographs for each camera, or for each set")
-    folders = [each for each in sorted(path.iterdir(), key=lambda each: natural(each.name)) if each.is_dir()]
+    folders = [each for each in by_name(path.iterdir()) if each.is_dir()]
     sets = [pictures_in(each) for each in folders]
     stems, names = {file.stem for files in sets for file in files}, set(rig.names)
     if len(stems & names) > len({each.name for each in folders} & names):

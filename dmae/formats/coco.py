@@ -20,7 +20,7 @@ from dmae.formats.calibrations import write_calibration
 from dmae.formats.labelled_images import PersonLabel, Picture, array_pictures, joint_labels, read_pictures
 from dmae.formats.openpose import BY_COUNT, CALIBRATION
 from dmae.formats.poses import covariance_entry
-from dmae.formats.recordings import Confidences, NumberedDetections, frame_number, natural
+from dmae.formats.recordings import Confidences, NumberedDetections, by_name, frame_number
 from dmae.formats.registry import pose_writer, reader, recording_writer
 from dmae.formats.writing import exported_poses
 from dmae.progress import progress
@@ -204,7 +204,7 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
         ValueError: a file is malformed or contradicts itself; the message names the file and the entry.
     """
     path = Path(path)
-    files = [path] if path.is_file() else sorted(path.glob("*.json"), key=lambda file: natural(file.name))
+    files = [path] if path.is_file() else by_name(path.glob("*.json"))
     files = [file for file in files if "calib" not in file.name.lower()]
     if not files:
         raise FileNotFoundError(

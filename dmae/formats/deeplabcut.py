@@ -8,7 +8,7 @@ from dmae.data.skeleton import Skeleton
 from dmae.files.contents import read_text
 from dmae.files.hdf5 import Hdf5, open_hdf5
 from dmae.files.pickles import pickled_values
-from dmae.formats.recordings import NumberedDetections, csv_rows, natural
+from dmae.formats.recordings import NumberedDetections, by_name, csv_rows
 from dmae.formats.registry import reader
 from dmae.formats.skeletons import NamedDetections, named_detections
 
@@ -50,7 +50,7 @@ def _files(path: Path) -> dict[str, Path]:
         raise ValueError(f"{path}: expected a folder with a file for each camera, found a file")
     found: dict[str, Path] = {}
     for suffix in (".h5", ".csv"):
-        for file in sorted(path.glob(f"*DLC*{suffix}"), key=lambda file: natural(file.name)):
+        for file in by_name(path.glob(f"*DLC*{suffix}")):
             camera = file.stem.partition("DLC")[0].rstrip("_- ") or file.stem
             there = found.setdefault(camera, file)
             if there != file and there.suffix == suffix:

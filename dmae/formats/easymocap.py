@@ -23,7 +23,7 @@ from dmae.formats.calibrations import (
     write_calibration,
 )
 from dmae.formats.openpose import OF_25_JOINTS
-from dmae.formats.recordings import Confidences, NumberedDetections, frame_number, natural
+from dmae.formats.recordings import Confidences, NumberedDetections, by_name, frame_number
 from dmae.formats.registry import reader, recording_writer
 from dmae.formats.skeletons import guess_skeleton
 from dmae.progress import progress
@@ -195,7 +195,7 @@ def _camera_folders(path: Path) -> dict[str, Path]:
     for place in places:
         folders = [file.parent for file in place.glob("*/*.json")]
         if folders:
-            return {folder.name: folder for folder in sorted(set(folders), key=lambda folder: natural(folder.name))}
+            return {folder.name: folder for folder in by_name(set(folders))}
     raise FileNotFoundError(
         f"{path}: expected {ANNOTATIONS}/<camera>/<frame number>.json, found none; name it by data.detections=..."
     )

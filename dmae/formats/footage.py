@@ -9,7 +9,7 @@ from dmae.data.clip import Clip
 from dmae.data.images import Images, picture_files
 from dmae.files.checks import check_rate
 from dmae.files.pictures import check_picture, open_video
-from dmae.formats.recordings import match_cameras, natural
+from dmae.formats.recordings import by_name, match_cameras
 
 _ENDINGS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v")
 
@@ -99,7 +99,7 @@ def _by_camera(
     clip: Clip, folder: Path, items: Iterable[Path], expected: str, **matching: str
 ) -> tuple[list[Path], list[str]]:
     """Return the video or folder of each camera, and a note if they are not matched by name."""
-    items = sorted(items, key=lambda item: natural(item.name))
+    items = by_name(items)
     names = [item.name if item.is_dir() else item.stem for item in items]
     index, how = match_cameras(names, clip.rig, folder, **matching)
     lacking = [name for view, name in enumerate(clip.rig.names) if view not in index]

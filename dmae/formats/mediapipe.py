@@ -10,7 +10,7 @@ from dmae.data.skeleton import BLAZEPOSE33, Skeleton
 from dmae.files.checks import MOST_SCORE, check_numbers
 from dmae.files.structured import read_json
 from dmae.formats.calibrations import FOUND, CalibrationSource
-from dmae.formats.recordings import Confidences, NumberedDetections, known_rate, match_cameras, natural, to_clip
+from dmae.formats.recordings import Confidences, NumberedDetections, by_name, known_rate, match_cameras, to_clip
 from dmae.formats.registry import reader
 
 _FOLDER = "mediapipe"
@@ -51,7 +51,7 @@ def read_detections(path: Path, rig: CameraRig) -> NumberedDetections:
     Raises FileNotFoundError if there are no such files, and ValueError if one is malformed or named after no camera.
     """
     path = Path(path)
-    files = [path] if path.is_file() else sorted(path.glob("*.json"), key=lambda file: natural(file.name))
+    files = [path] if path.is_file() else by_name(path.glob("*.json"))
     if not files:
         raise FileNotFoundError(f"{path}: expected <camera>.json, found none; name their folder by data.detections=...")
     confidences, views = Confidences(), {}

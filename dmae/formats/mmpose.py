@@ -13,7 +13,7 @@ from dmae.files.contents import read_bytes
 from dmae.files.pickles import pickled_values
 from dmae.files.structured import read_json
 from dmae.formats.openpose import BY_COUNT
-from dmae.formats.recordings import Confidences, NumberedDetections, natural
+from dmae.formats.recordings import Confidences, NumberedDetections, by_name
 from dmae.formats.registry import reader
 
 _PICKLES = (".pkl", ".pickle")
@@ -79,7 +79,7 @@ def _files(path: Path) -> list[Path]:
         for suffixes in ((".json",), _PICKLES):
             found = [
                 file
-                for file in sorted((path / folder).glob("*"), key=lambda file: natural(file.name))
+                for file in by_name((path / folder).glob("*"))
                 if file.suffix in suffixes and "calib" not in file.name.lower()
             ]
             if found:

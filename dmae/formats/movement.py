@@ -14,22 +14,20 @@ Coordinates are `time` in s, `space` x, y, z, and the names of `keypoints` and `
 movement itself reads the first two variables.
 """
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from dmae.data.clip import Clip, Poses3D, Source, person_name
-from dmae.data.skeleton import Skeleton, decode_skeleton, encode
+from dmae.data.skeleton import Skeleton
 from dmae.files.checks import MOST_METRES, check_numbers, check_rate
 from dmae.files.contents import write_atomic
 from dmae.files.hdf5 import Hdf5, open_hdf5
-from dmae.files.structured import parse_json
 from dmae.formats.poses import PoseFile
-from dmae.formats.recordings import NumberedDetections, natural
+from dmae.formats.recordings import NumberedDetections, by_name
 from dmae.formats.registry import pose_reader, pose_writer, reader
-from dmae.formats.skeletons import NamedDetections, named_detections, named_skeleton
+from dmae.formats.skeletons import NamedDetections, named_detections, named_skeleton, read_skeleton_text, skeleton_text
 
 _WHAT = "a data set of movement"
 _AXES = ("time", "space", "keypoints", "individuals")
@@ -52,7 +50,7 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
         ValueError: a file is malformed or in 3D, or its keypoints are not the joints of the skeleton.
     """
     path = Path(path)
-    files = sorted(path.glob("*.nc"), key=lambda file: natural(file.name))
+    files = by_name(path.glob("*.nc"))
     if not files:
         raise FileNotFoundError(f"{path}: expected <camera>.nc, found none")
     rates = set()
@@ -103,7 +101,6 @@ def movement_data_set(poses: Poses3D, fps: float):
     except ImportError:
         raise ValueError("format=movement: xarray and h5netcdf write it; pip install dmae-synth[animals]") from None
     frames, persons, _ = poses.source.shape
-    encoded = encode(poses.skeleton)
     measured, absent = poses.measured, poses.source == Source.ABSENT
     variance = np.trace(poses.cov.astype(np.float64), axis1=-2, axis2=-1) / 3
     per_joint = ("time", "keypoints", "individuals")
@@ -130,7 +127,7 @@ def movement_data_set(poses: Poses3D, fps: float):
             "time_unit": "seconds",
             "source_software": "dmae",
             "ds_type": "poses",
-            "skeleton": encoded if isinstance(encoded, str) else json.dumps(encoded),
+            "skeleton": skeleton_text(poses.skeleton),
         },
     )  # fmt: skip
 
@@ -178,12 +175,7 @@ def _rate(path: Path, data_set: Hdf5) -> float | None:
 
 def _stated_skeleton(path: Path, data_set: Hdf5) -> Skeleton | None:
     stated = data_set.attribute("skeleton")
-    if not isinstance(stated, str):
-        return None
-    try:
-        return decode_skeleton(parse_json(stated) if stated.startswith("{") else stated, "skeleton")
-    except (ValueError, KeyError) as error:
-        raise ValueError(f"{path}: {error.args[0] if error.args else error}") from None
+    return read_skeleton_text(path, stated) if isinstance(stated, str) else None
 
 
 def _as_uint8(source: np.ndarray) -> np.ndarray:

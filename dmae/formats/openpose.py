@@ -24,7 +24,7 @@ from dmae.files.contents import write_atomic
 from dmae.files.structured import read_json
 from dmae.formats.calibrations import write_calibration
 from dmae.formats.poses import covariance_entry, pixel_covariances
-from dmae.formats.recordings import Confidences, NumberedDetections, frame_number, natural
+from dmae.formats.recordings import Confidences, NumberedDetections, by_name, frame_number
 from dmae.formats.registry import pose_writer, reader, recording_writer
 from dmae.formats.skeletons import guess_skeleton
 from dmae.progress import progress
@@ -104,8 +104,7 @@ def camera_folders(path: Path) -> dict[str, Path]:
     for place in (path, *(path / name for name in FOLDERS)):
         if not place.is_dir():
             continue
-        found = [folder for folder in place.iterdir() if any(map(_is_frame, folder.glob("*.json")))]
-        found.sort(key=lambda folder: natural(folder.name))
+        found = by_name(folder for folder in place.iterdir() if any(map(_is_frame, folder.glob("*.json"))))
         names = [_bare(folder.name) for folder in found]
         if len(set(names)) < len(names):
             raise ValueError(f"{place}: expected a folder for each camera, found two of the same: {names}")

@@ -16,7 +16,6 @@ For F frames, P persons and J joints the archive contains:
 A person is absent from a frame if all its joints are absent.
 """
 
-import json
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -26,15 +25,14 @@ import numpy as np
 from numpy.lib.format import header_data_from_array_1_0, write_array_header_1_0
 
 from dmae.data.clip import Clip, Poses3D, Source
-from dmae.data.skeleton import Skeleton, decode_skeleton, encode
 from dmae.data.store import load_clip, save_clip
 from dmae.files.arrays import read_arrays
 from dmae.files.checks import check_rate
 from dmae.files.contents import write_atomic
 from dmae.files.mapped import frame_blocks
-from dmae.files.structured import parse_json
 from dmae.formats.poses import PoseFile
 from dmae.formats.registry import pose_reader, pose_writer, reader, recording_writer
+from dmae.formats.skeletons import read_skeleton_text, skeleton_text
 
 
 @pose_writer("npz", fused=True)
@@ -58,7 +56,7 @@ def export_npz(poses: Poses3D, fps: float, path: Path) -> None:
         "cov": poses.cov,
         "views": poses.views,
         "names": np.array(poses.skeleton.joints),
-        "skeleton": np.array(_written(poses.skeleton)),
+        "skeleton": np.array(skeleton_text(poses.skeleton)),
         "fps": np.array(fps, np.float64),
     }
     # This writes the same archive as numpy.savez_compressed, without loading whole arrays into memory.
@@ -81,32 +79,15 @@ def read_npz(path: Path) -> tuple[Poses3D, float]:
     path = Path(path)
     needed = ("joints", "source", "views", "names", "skeleton", "fps")
     arrays = read_arrays(path, "an .npz archive of poses", needed, ("cov",))
-    skeleton = _skeleton(path, str(arrays["skeleton"]), tuple(map(str, np.atleast_1d(arrays["names"]))))
+    skeleton, joints = read_skeleton_text(path, str(arrays["skeleton"])), [*map(str, np.atleast_1d(arrays["names"]))]
+    if [*skeleton.joints] != joints:
+        raise ValueError(f"{path}: expected the joints of {skeleton.name}, {[*skeleton.joints]}, found {joints}")
     try:
         poses = Poses3D(skeleton, arrays["joints"], arrays["source"], arrays.get("cov"), arrays["views"])
         poses.check_numbers()
         return poses, check_rate("fps", arrays["fps"].item())
     except (ValueError, TypeError, OverflowError) as error:
         raise ValueError(f"{path}: {error}") from None
-
-
-def _written(skeleton: Skeleton) -> str:
-    encoded = encode(skeleton)
-    return encoded if isinstance(encoded, str) else json.dumps(encoded)
-
-
-def _skeleton(path: Path, name: str, joints: tuple[str, ...]) -> Skeleton:
-    try:
-        skeleton = decode_skeleton(parse_json(name) if name.startswith("{") else name, "skeleton")
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
-    except KeyError as error:
-        raise ValueError(f"{path}: {error.args[0]}") from None
-    if skeleton.joints != joints:
-        raise ValueError(
-            f"{path}: expected the joints of {skeleton.name}, {list(skeleton.joints)}, found {list(joints)}"
-        )
-    return skeleton
 
 
 @reader("clip", signs=[["clip.json"], ["manifest.jsonl"]], data_set=True)

@@ -4,7 +4,7 @@ A reader returns `NumberedDetections`. `with_cameras` adds the calibration and m
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -67,6 +67,11 @@ def _number(name: str) -> int | None:
 def natural(name: str) -> list:
     """Return a sort key by which cam2 comes before cam10."""
     return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", name)]
+
+
+def by_name(items: Iterable) -> list:
+    """Return files, folders or cameras in the order of their names: cam2 comes before cam10."""
+    return sorted(items, key=lambda item: natural(item.name))
 
 
 def _ranks(keys: list) -> list[int]:

@@ -1,5 +1,6 @@
 """The skeleton of detections, by the names of their joints or by the lengths of their bones."""
 
+import json
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -7,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from dmae.data.skeleton import SKELETONS, Skeleton, define
+from dmae.data.skeleton import SKELETONS, Skeleton, decode_skeleton, define, encode
 from dmae.files.checks import MOST_PIXELS, check_numbers
+from dmae.files.structured import parse_json
 from dmae.formats.recordings import NumberedDetections
 
 _MIN_BONES = 4
@@ -17,6 +19,20 @@ _MIN_BONES = 4
 With this number, all of 4674 people in two real recordings fit the right skeleton better."""
 _MIN_PEOPLE = 3  # Smallest number of people that must be compared
 _MAJORITY = 0.8  # Share of the people that have to fit the same skeleton best
+
+
+def skeleton_text(skeleton: Skeleton) -> str:
+    """Return the name of a skeleton, or the definition of your own as JSON, as files of poses state it."""
+    encoded = encode(skeleton)
+    return encoded if isinstance(encoded, str) else json.dumps(encoded)
+
+
+def read_skeleton_text(path: Path, text: str) -> Skeleton:
+    """Return the skeleton that `skeleton_text` wrote into a file; ValueError, with its path, if there is no such."""
+    try:
+        return decode_skeleton(parse_json(text) if text.startswith("{") else text, "skeleton")
+    except (ValueError, KeyError) as error:
+        raise ValueError(f"{path}: {error.args[0] if error.args else error}") from None
 
 
 def guess_skeleton(
