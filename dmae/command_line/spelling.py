@@ -157,8 +157,9 @@ def _check(options: Group, override: str, sweep: bool) -> str:
         raise ValueError(f"{override}: expected key=value{meant(options, key, required(options))}")
     found = options.find(key)
     if found is None:
-        if _below_dictionary(options, key):
-            return key
+        parent = options.find(key.rpartition(".")[0])
+        if isinstance(parent, Option) and parent.keyed:
+            return key  # an entry of a dictionary
         raise ValueError(f"{key}: no such option; {like(options, key)}")
     if prefix == "+":
         raise ValueError(f"{override}: there is an option {key}; leave out the +")
@@ -224,19 +225,9 @@ def _expected(option: Option) -> str:
     if option.choices:
         one = f"one of {', '.join(option.choices)}"
         return f"a list, as {option.key}=[{','.join(option.choices[:2])}]" if option.many else one
-    what = {"true or false": "true or false", "text": "text"}.get(option.kind, f"a {option.kind}")
     if option.many:
-        return f"a list of {option.kind}s, as {option.key}=[...]" if "number" in option.kind else (
-            f"a list, as {option.key}=[...]"
-        )  # fmt: skip
-    return what
-
-
-def _below_dictionary(options: Group, key: str) -> bool:
-    """Whether a key is an entry of an option that is a dictionary."""
-    parents = [key.rpartition(".")[0]] if "." in key else []
-    found = [options.find(parent) for parent in parents]
-    return any(isinstance(each, Option) and each.keyed for each in found)
+        return f"a list{f' of {option.kind}s' if 'number' in option.kind else ''}, as {option.key}=[...]"
+    return option.kind if option.kind in ("true or false", "text") else f"a {option.kind}"
 
 
 def _elements(text: str) -> list[str]:
