@@ -588,10 +588,9 @@ def show(clip: Clip, out: str | Path, **options: object) -> list[Path]:
 
 
 def _rooms(clip: Clip) -> list[np.ndarray] | None:
-    from dmae.viewing.sheet import has_images
     from synth.viewing.rooms import draw_rooms
 
-    return draw_rooms(clip) if not has_images(clip) and "spec" in clip.provenance else None
+    return draw_rooms(clip) if not clip.has_pictures and "spec" in clip.provenance else None
 
 
 def compare(real: Clip, sim: Iterable[Clip], *, limits: Limits | None = None, workers: int = 1) -> list[Row]:

@@ -167,10 +167,8 @@ def _short(name: str) -> str:
 
 
 def _first_sentence(text: str) -> str:
-    """Up to the first full stop or semicolon that ends a clause."""
-    text = " ".join(text.split())
-    ends = [end for end in (text.find(". "),) if end >= 0]
-    return text[: min(ends) + 1] if ends else text
+    first, stop, _ = " ".join(text.split()).partition(". ")
+    return first + stop.strip()
 
 
 def _documentation(text: str) -> list[str]:

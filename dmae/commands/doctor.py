@@ -120,7 +120,7 @@ def _cameras(clip: Clip, diagnosis: Diagnosis) -> Table:
 
 def _images(clip: Clip) -> list[np.ndarray | None]:
     """Return the first image of each camera, where there is one."""
-    if clip.images is None or "rgb" not in clip.images.kinds:
+    if not clip.has_pictures:
         return [None] * len(clip.rig)
     return [next(iter(clip.images.select([0], (name,)).read("rgb", name)), None) for name in clip.rig.names]
 

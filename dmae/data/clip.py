@@ -239,6 +239,11 @@ class Clip:
         """Return the number of frames."""
         return len(self.detections.xy)
 
+    @property
+    def has_pictures(self) -> bool:
+        """Whether `images` has colour images."""
+        return self.images is not None and "rgb" in self.images.kinds
+
     def select(self, frames=slice(None), views=slice(None)) -> "Clip":
         """Return the clip with only some frames and views (a slice or a list of indices each), in all fields.
 

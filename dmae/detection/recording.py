@@ -171,7 +171,7 @@ def detect_clip(
     Raises:
         ValueError: the clip has no colour images.
     """
-    if clip.images is None or "rgb" not in clip.images.kinds:
+    if not clip.has_pictures:
         raise ValueError(f"clip {clip.id!r} has no colour images; make it with images=rgb")
     cameras = {camera.name: camera for camera in cameras_of(clip.images, clip.rig.size)}
     frames = (np.arange(len(clip)),) * len(clip.rig)

@@ -361,7 +361,7 @@ def write_coco_poses(poses: Poses3D, clip: Clip, path: Path) -> None:
     folder: `info.pictures` is then false, and `file_name` only states camera and frame.
     """
     info = clip_entry(clip)
-    if clip.images is None or "rgb" not in clip.images.kinds:
+    if not clip.has_pictures:
         write_json(path, info | {"pictures": False}, poses.skeleton, _without_colour(clip, poses.skeleton))
         return
     labels = joint_labels(clip, exported_poses(clip), poses.skeleton)

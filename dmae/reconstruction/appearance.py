@@ -19,7 +19,7 @@ _SAMPLED_FRAMES = 8  # Number of frames of a track, evenly spread, from which it
 
 def has_appearance(clip: Clip, config: CaptureConfig) -> bool:
     """Return whether a clip has colour images, and the configuration gives them weight."""
-    return config.association.colour_weight > 0 and clip.images is not None and "rgb" in clip.images.kinds
+    return config.association.colour_weight > 0 and clip.has_pictures
 
 
 class TorsoColours:
@@ -33,7 +33,7 @@ class TorsoColours:
     """
 
     def __init__(self, clip: Clip):
-        if clip.images is None or "rgb" not in clip.images.kinds:
+        if not clip.has_pictures:
             raise ValueError(f"clip {clip.id!r} has no rgb images")
         skeleton = clip.detections.skeleton
         joints = skeleton.index(*(joint for joint in _TORSO if joint in skeleton.joints))

@@ -74,7 +74,7 @@ def gaps_figure(scores: dict) -> Figure:
 
 def _draw_view(axes: Axes, clip: Clip, frame: int, view: int, pixels: np.ndarray) -> None:
     width, height = clip.rig.size[view]
-    if clip.images and "rgb" in clip.images.kinds:
+    if clip.has_pictures:
         axes.imshow(clip.images.at("rgb", clip.rig.names[view], frame), aspect="auto")
     else:
         axes.set_facecolor("#e9ecef")

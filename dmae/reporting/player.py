@@ -184,7 +184,7 @@ def small_videos(clip: Clip) -> tuple[list[str | None], str | None]:
 
     Frame i of a video is frame i of the clip. Keyframes are half a second apart, so that a player can seek quickly.
     """
-    if clip.images is None or "rgb" not in clip.images.kinds or not len(clip):
+    if not clip.has_pictures or not len(clip):
         return [None] * len(clip.rig), None
     videos: list[str | None] = []
     lost = []

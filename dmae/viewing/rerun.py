@@ -12,7 +12,7 @@ from dmae.data.labels import Visibility
 from dmae.progress import progress
 from dmae.viewing.canvas import RED, person_colour
 from dmae.viewing.overlay import COLOURS, DETECTED, TRUE, Layers, Overlay, first_joints, occluder_name
-from dmae.viewing.sheet import has_images, pictures_of, written_whole
+from dmae.viewing.sheet import pictures_of, written_whole
 
 _JPEG_QUALITY = 80
 
@@ -32,7 +32,7 @@ def write_recording(clip: Clip, path: Path, layers: Layers) -> None:
         for frame, images in zip(progress(frames, "recording", len(frames)), pictures_of(clip, frames), strict=True):
             recording.set_time("frame", sequence=int(frame))
             recording.set_time("time", duration=frame / clip.fps)
-            if has_images(clip):
+            if clip.has_pictures:
                 _log_images(recording, clip.rig.names, images)
             if layers.truth:
                 _log_truth(recording, clip, true_rig, frame, layers)

@@ -22,11 +22,6 @@ _MAX_WIDTH = 2560  # px; greatest width of a sheet or video. With many cameras, 
 _COLUMNS = 6  # Greatest number of columns of a sheet
 
 
-def has_images(clip: Clip) -> bool:
-    """Return whether a clip has colour images to draw over."""
-    return clip.images is not None and "rgb" in clip.images.kinds
-
-
 def write_sheet(
     clip: Clip,
     path: Path,
@@ -86,7 +81,7 @@ def written_whole(path: Path) -> Iterator[Path]:
 
 def pictures_of(clip: Clip, frames: np.ndarray) -> Iterator[Sequence[np.ndarray | None]]:
     """Yield the images of all views, frame by frame; None for a view without images."""
-    if not has_images(clip):
+    if not clip.has_pictures:
         return repeat([None] * len(clip.rig), len(frames))
     images = clip.images.select(frames, clip.rig.names)
     return zip(*(images.read("rgb", name) for name in clip.rig.names), strict=True)

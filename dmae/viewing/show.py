@@ -11,7 +11,7 @@ from dmae.data.clip import Clip
 from dmae.formats.reading import Clips, camera_indices
 from dmae.viewing.config import LayersConfig, ShowConfig
 from dmae.viewing.overlay import chosen_layers
-from dmae.viewing.sheet import has_images, write_overlay_video, write_sheet
+from dmae.viewing.sheet import write_overlay_video, write_sheet
 
 Rooms = Callable[[Clip], Sequence[np.ndarray]]
 """Function that draws the room of a clip and returns an image (H, W, 3) uint8 for each view."""
@@ -33,7 +33,7 @@ def show(config: ShowConfig, out: Path, rooms: Rooms | None = None) -> None:
         lacking, backdrop = chosen_layers(clip, config.layers).lacking, None
         if lacking:
             print(f"clip {clip.id}: no {', no '.join(lacking)}")
-        if rooms and not has_images(clip):
+        if rooms and not clip.has_pictures:
             try:
                 backdrop = rooms(clip)
             except (ValueError, OSError) as error:

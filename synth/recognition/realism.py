@@ -165,7 +165,7 @@ def crops(clip: Clip, seen: Sightings, detector: PictureDetector, every: int = 1
     Raises:
         ValueError: the clip has no colour images.
     """
-    if clip.images is None or "rgb" not in clip.images.kinds:
+    if not clip.has_pictures:
         raise ValueError(f"clip {clip.id!r} has no colour images; make it with images=rgb")
     with np.errstate(invalid="ignore"):
         chosen = (seen.unobstructed.mean(-1) >= UNOBSTRUCTED) & (seen.height >= _LEAST)

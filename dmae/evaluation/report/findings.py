@@ -101,7 +101,7 @@ def examine(clip: Clip) -> Findings:
         "fps": clip.fps,
         "cameras": len(clip.rig),
         "has_truth": clip.truth is not None and bool(np.isfinite(clip.truth.xyz).any()),
-        "has_images": clip.images is not None and "rgb" in clip.images.kinds,
+        "has_images": clip.has_pictures,
     }
     if state in (State.empty, State.not_captured, State.no_person):
         return Findings(**facts)

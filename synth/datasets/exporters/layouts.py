@@ -380,8 +380,7 @@ def _write_panoptic_clip(task: ClipTask) -> Counter:
     clip, counts = task.load(), Counter(clips=1)
     names = [name if re.fullmatch(r"\d\d_\d\d", name) else f"00_{view:02}" for view, name in enumerate(clip.rig.names)]
     folder = task.out / task.split / file_part(task.name)
-    pictured = clip.images is not None and "rgb" in clip.images.kinds
-    for picture in task.pictures(clip, counts) if pictured else ():
+    for picture in task.pictures(clip, counts) if clip.has_pictures else ():
         camera = names[picture.view]
         path = folder / IMAGES / camera / f"{camera}_{picture.number:08d}.{task.suffix}"
         path.parent.mkdir(parents=True, exist_ok=True)
