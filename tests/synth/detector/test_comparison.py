@@ -79,7 +79,7 @@ def test_neighbours_of_few_missed_joints_have_no_limit(measured):
 
 
 def test_recordings_of_other_cameras_are_compared_without_their_views(clips, measured):
-    fewer = measure_all([clip.select(views=[0, 2, 3, 4]) for clip in clips], len(clips))
+    fewer = measure(clips[0].select(views=[0, 2, 3, 4]))
     rows = {row.what for row in compare(measured, fewer, Limits())}
     views = {what for what in (row.what for row in compare(measured, measured, Limits())) if what not in rows}
     assert {"views that detect: wrist", "missed in view 0"} <= views
@@ -126,7 +126,7 @@ def test_frames_of_a_recording(clips, tmp_path):
 @pytest.mark.slow
 def test_a_fit_recovers_the_detector(clips, measured):
     """The fit starts at a detector twice as bad, on the clips of the recording with another seed of the detector."""
-    found = fit(measured, clips, worse(preset("shelf_openpose")), rounds=5, seed=7)
+    found = fit(measured, clips, worse(preset("shelf_openpose")), rounds=2, seed=7)
     before = measure_all([redetect(clip, worse(preset("shelf_openpose")), seed=7) for clip in clips], len(clips))
     assert distance(measured, found.statistics) < distance(measured, before) / 2
     exceeded = [sum(row.exceeded for row in compare(measured, other, Limits())) for other in (before, found.statistics)]
@@ -150,8 +150,9 @@ def test_confidence_of_ghosts_is_kept_where_the_simulation_has_none(clips, measu
 
 
 def test_a_preset_is_written_and_read_back(clips, tmp_path, capsys):
-    save_clip(clips[0], tmp_path / "real")
-    save_clip(clips[1], tmp_path / "sim" / "000001")
+    real, other = (clip.select(frames=slice(0, 50)) for clip in clips)
+    save_clip(real, tmp_path / "real")
+    save_clip(other, tmp_path / "sim" / "000001")
     (tmp_path / "sim" / "manifest.jsonl").write_text('{"id": "000001", "status": "ok", "seed": 0}\n')
     config = FitDetectorCommand(
         detections=str(tmp_path / "real"),
