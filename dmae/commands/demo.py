@@ -12,10 +12,11 @@ from dmae.commands.config import CaptureCommand, CompleteCommand, DemoCommand, D
 from dmae.completion.config import LearningConfig, TrainConfig
 from dmae.evaluation.config import EvaluateConfig
 from dmae.evaluation.report.page import read_scores, write_clips_report
+from dmae.files.structured import read_json
 from dmae.formats.config import DataConfig
 from dmae.formats.reading import Clips
 from dmae.metrics.score_tables import compared_error, overview
-from dmae.reporting.tables import print_tables
+from dmae.reporting.tables import counted, print_tables
 
 LOG = "log.txt"
 """In the folder of a command of several steps: what each step printed."""
@@ -66,7 +67,8 @@ def run(config: DemoCommand, out: Path) -> None:
     say("report", steps, steps)
     page, scores = out / "report.html", [read_scores(folder / "scores.json") for folder, _ in scored]
     clips = Clips(DataConfig(name="clip", path=str(out / "completed")))
-    about = what_to_look_at(scores[0], Path(model).name, "for a few seconds" if small else "for two minutes")
+    trained = counted(read_json(out / "model/model.json")["steps"], "step")
+    about = what_to_look_at(scores[0], Path(model).name, trained if small else f"two minutes, {trained}")
     write_clips_report(page, clips, scores, title="The demo: simulated people, captured and completed", about=about)
     print(f"Look at {page}; what the steps printed is in {out / LOG}")
 
@@ -76,11 +78,11 @@ def what_to_look_at(scores: dict, trained: str, duration: str) -> list[str]:
     means = {result["method"]: compared_error(result["mean"]) for result in scores["results"]}
     errors = {name: "unknown" if mm is None else f"{mm:.0f}\N{NO-BREAK SPACE}mm" for name, mm in means.items()}
     return [
-        "What to look at: press Play. Discs are joints that cameras measured; red squares are joints that no two "
-        "cameras agree on, completed by the weights that come with the package; white rings are the truth. Next hole "
-        "leads to the next red square, Worst frame to the largest error.",
+        "What to look at: press Play. Discs are joints that cameras measured; diamonds with a red outline are joints "
+        "that no two cameras agree on, completed by the weights that come with the package; thin lines are the truth. "
+        "Next hole leads to the next diamond, Worst frame to the largest error.",
         f"Mean error of the unmeasured joints that all three fill: {errors['dmae']} with these weights, "
-        f"{errors[trained]} with the network that this demo trained {duration}, {errors['linear']} with straight "
+        f"{errors[trained]} with the network that this demo trained for {duration}, {errors['linear']} with straight "
         "lines, which leave many joints out. The last tables compare them.",
     ]
 

@@ -1,0 +1,28 @@
+"""The first lines of the demo's page, which tell a newcomer what to look at."""
+
+import re
+from pathlib import Path
+
+from dmae.commands.demo import what_to_look_at
+
+PLAYER = Path(__file__).parents[3] / "dmae/reporting/assets/player.js"
+
+
+def result(method: str, mm: float) -> dict:
+    """Scores of a method with two classes of gaps of 100 joints each."""
+    gap = {"count": 100, "mpjpe": mm, "compared": 100}
+    return {"method": method, "mean": {"gaps": {"1-5": gap, "6-15": gap}}}
+
+
+def test_marks_are_those_of_the_player_and_errors_those_of_the_scores(monkeypatch):
+    monkeypatch.setattr("dmae.commands.demo.compared_error", lambda mean: mean["gaps"]["1-5"]["mpjpe"])
+    scores = {"results": [result("dmae", 52.4), result("model", 68.6), result("linear", 95.2)]}
+    look, errors = what_to_look_at(scores, "model", "two minutes, 2 steps")
+    marks = {re.search(r'"(truth|completed)', line)[1]: line for line in PLAYER.read_text().splitlines()
+             if "shape('<path" in line or "shape(`<path" in line if re.search(r'"(truth|completed)', line)}  # fmt: skip
+    assert "M8 2 14 8 8 14 2 8z" in marks["completed"] and 'stroke="var(--red)"' in marks["completed"]
+    assert "diamonds with a red outline" in look
+    assert "M1 8H15" in marks["truth"] and "thin lines are the truth" in look
+    for words in ("52\N{NO-BREAK SPACE}mm with these weights", "69\N{NO-BREAK SPACE}mm with the network that this demo "
+                  "trained for two minutes, 2 steps", "95\N{NO-BREAK SPACE}mm with straight"):  # fmt: skip
+        assert words in errors
