@@ -7,8 +7,7 @@ import numpy as np
 
 from synth.motion.geometry import PALM, forwards, leftwards, minimum_jerk
 from synth.motion.motion import Motion
-from synth.people.body import SEGMENTS, Body, segment_origins
-from synth.people.surfaces import trunk_sections
+from synth.people.body import SEGMENTS, Body, segment_origins, trunk_sections
 from synth.rooms.props import PlacedProp, prop_size
 
 STOOL = "stool"

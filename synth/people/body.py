@@ -189,6 +189,41 @@ class Body:
         return self.mass * shares
 
 
+# Height above the hip joints, distance ahead of them, depth and breadth of a masculine trunk, depth and breadth of a feminine one.
+_SECTIONS_OF_TRUNK = [(-0.062, -0.004, 0.040, 0.052, 0.042, 0.054), (-0.035, -0.006, 0.058, 0.086, 0.061, 0.089),
+          (0.0, -0.009, 0.065, 0.097, 0.069, 0.102), (0.045, -0.010, 0.066, 0.094, 0.067, 0.098),
+          (0.09, -0.006, 0.062, 0.086, 0.058, 0.079), (0.13, -0.004, 0.061, 0.084, 0.054, 0.072),
+          (0.18, -0.004, 0.064, 0.090, 0.060, 0.077), (0.225, -0.006, 0.069, 0.096, 0.069, 0.084),
+          (0.265, -0.009, 0.065, 0.100, 0.061, 0.089), (0.290, -0.011, 0.054, 0.106, 0.050, 0.094),
+          (0.303, -0.012, 0.046, 0.101, 0.043, 0.089), (0.312, -0.012, 0.040, 0.080, 0.037, 0.070),
+          (0.319, -0.012, 0.036, 0.053, 0.033, 0.047), (0.325, -0.010, 0.034, 0.041, 0.031, 0.037)]  # fmt: skip
+
+
+def trunk_sections(body: Body, heights: np.ndarray) -> np.ndarray:
+    """Return ellipses across the bare trunk.
+
+    Args:
+        heights: (N,) heights above the hip joints, as fractions of stature, of a person with an average trunk.
+
+    Returns:
+        (N, 4) distance ahead of the hip joints and height above them, half depth and half breadth, m.
+    """
+    rows = np.array(_SECTIONS_OF_TRUNK)
+    low, high, female = rows[:, :4], rows[:, 4:], body.figure
+    stations = low.copy()
+    stations[:, 2:] = (1 - female) * low[:, 2:] + female * high
+    # The belly widens first.
+    belly = np.exp(-(((rows[:, 0] - 0.1) / 0.08) ** 2))
+    neck = np.clip((rows[:, 0] - 0.29) / 0.03, 0, 1)
+    stations[:, 2] *= body.girth ** (1 + belly - 0.6 * neck)
+    stations[:, 3] *= body.girth ** (1 + 0.4 * belly - 0.6 * neck)
+    stations[:, 1] += belly * 0.04 * (body.girth - 1)
+    stations *= body.stature
+    up = stations[:, 0] * np.where(rows[:, 0] > 0, body.trunk, 1.0)
+    columns = (stations[:, 1], up, stations[:, 2], stations[:, 3])
+    return np.stack([np.interp(heights, rows[:, 0], column) for column in columns], -1)
+
+
 def segment_origins(body: Body, root: np.ndarray, rotations: np.ndarray) -> np.ndarray:
     """Return the origins of all segments in a pose, (F, 16, 3) m, world.
 

@@ -2,7 +2,6 @@
 
 import mujoco
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from dmae.data.skeleton import SKELETONS
 from synth.people.body import (
@@ -15,9 +14,12 @@ from synth.people.body import (
     Body,
     landmarks,
     side_and_name,
+    trunk_sections,
 )
 from synth.people.clothing import PersonLooks
-from synth.people.surfaces import Surface, surfaces, trunk_sections
+from synth.people.outfit import Part, parts
+from synth.people.skinning import SKINNED, pack
+from synth.people.surface import BareBody, bare_body
 from synth.textures import add_texture, paint
 
 # Capsules across the trunk: height above the hips, as in `trunk_sections`, and the share of the depth there that the
@@ -131,19 +133,25 @@ def add_person(
     _add_touch(spec, prefix)
     if rng:
         _add_joints(bodies, prefix, body)
-    for number, surface in enumerate(surfaces(body, looks, shaded=rng is not None)):
-        name = f"{prefix}{surface.segment}/{surface.material}{number}"
-        _add_mesh(spec, name, surface)
-        bodies[SEGMENTS.index(surface.segment)].add_geom(
+    bare, rows = bare_body(body, looks.hands), []
+    for number, part in enumerate(parts(body, looks)):
+        segment, name = SEGMENTS.index(part.segment), f"{prefix}{part.segment}/{part.material}{number}"
+        bends = not ((part.bones[:, 0] == segment) & (part.weights[:, 0] > 1 - 1e-6)).all()
+        if bends:
+            rows.append(np.concatenate([part.bones, part.weights, part.vertices, part.normals], axis=1))
+        _add_mesh(spec, name, part, bare, shaded=rng is not None)
+        bodies[segment].add_geom(
             name=name,
             type=mujoco.mjtGeom.mjGEOM_MESH,
             meshname=name,
-            material=prefix + surface.material,
+            material=prefix + part.material,
             contype=0,
             conaffinity=0,
             mass=0,
-            userdata=surface.share,
+            userdata=[SKINNED if bends else 0],
         )
+    numbers = pack(bare.rotations, bare.origins, np.concatenate(rows))
+    spec.add_numeric(name=prefix + "skin", data=numbers, size=len(numbers))
 
 
 def _add_segments(spec: mujoco.MjSpec, prefix: str, body: Body, position) -> list:
@@ -226,44 +234,17 @@ def _add_materials(spec: mujoco.MjSpec, prefix: str, looks: PersonLooks, *, rng:
             add_texture(spec, added, paint(garment.pattern, garment.colours, 128, rng=rng))
 
 
-def _add_mesh(spec: mujoco.MjSpec, name: str, surface: Surface) -> None:
-    faces = surface.faces.ravel()
-    shading = {}
-    if surface.normals is not None:
-        shading = {"usernormal": surface.normals.ravel(), "usertexcoord": surface.uv.ravel()}
-        shading |= {"userfacenormal": faces, "userfacetexcoord": faces}
+def _add_mesh(spec: mujoco.MjSpec, name: str, part: Part, bare: BareBody, *, shaded: bool) -> None:
+    """Add the mesh of a part, in the frame of its segment."""
+    segment, faces, shading = SEGMENTS.index(part.segment), part.faces.ravel(), {}
+    turn = bare.rotations[segment]
+    if shaded:
+        shading = {"usernormal": (part.normals @ turn).ravel(), "userfacenormal": faces}
+        shading |= {"usertexcoord": part.uv.ravel(), "userfacetexcoord": np.arange(len(faces))}
     spec.add_mesh(
         name=name,
-        uservert=surface.vertices.ravel(),
+        uservert=((part.vertices - bare.origins[segment]) @ turn).ravel(),
         userface=faces,
         inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
         **shading,
     )
-
-
-class Bending:
-    """Put the pieces of people's trunks in place after `mujoco.mj_kinematics`, which moves each with one segment.
-
-    Args:
-        model: A scene with people, or one without.
-    """
-
-    def __init__(self, model: mujoco.MjModel):
-        share = model.geom_user[:, 0] if model.nuser_geom else np.zeros(model.ngeom)
-        self._geoms = np.flatnonzero((share > 0) & (share < 1))
-        self._share = share[self._geoms, None]
-        self._bodies = model.geom_bodyid[self._geoms]
-        self._parents = model.body_parentid[self._bodies]
-        self._places = model.geom_pos[self._geoms]
-        quats = model.geom_quat[self._geoms]
-        self._axes = Rotation.from_quat(quats, scalar_first=True).as_matrix() if len(quats) else quats
-
-    def apply(self, data: mujoco.MjData) -> None:
-        """Set `geom_xpos` and `geom_xmat` of the pieces from the orientations of both segments."""
-        if not len(self._geoms):
-            return
-        above, below = (data.xmat[bodies].reshape(-1, 3, 3) for bodies in (self._bodies, self._parents))
-        bend = Rotation.from_matrix(below.swapaxes(1, 2) @ above).as_rotvec()
-        turned = below @ Rotation.from_rotvec(self._share * bend).as_matrix()
-        data.geom_xpos[self._geoms] = data.xpos[self._bodies] + (turned @ self._places[..., None])[..., 0]
-        data.geom_xmat[self._geoms] = (turned @ self._axes).reshape(-1, 9)

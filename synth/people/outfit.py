@@ -1,0 +1,343 @@
+"""How people look: skin, clothes, shoes and hair as parts of one surface, each with a material, for the skeleton to bend."""
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+import trimesh
+from scipy.sparse import csr_matrix
+
+from synth.people.body import ANKLE_HEIGHT, SEGMENTS, SIDES, Body, side_and_name
+from synth.people.clothing import PersonLooks
+from synth.people.skinning import blend
+from synth.people.surface import BareBody, assets, bare_body
+
+TILE = 0.3
+"""Length of cloth that one repeat of a texture covers, m."""
+_CLOTH, _EDGE, _UNDER = 0.005, 0.004, 0.025
+"""Thickness of cloth, width of the edge of a hem, and how far skin continues under cloth, m."""
+
+
+class Part(NamedTuple):
+    """A part of the visible surface of a person, in the bind pose.
+
+    Attributes:
+        segment: Segment that it belongs to.
+        material: Name of its material, see `synth.people.mjcf`.
+        vertices: (N, 3) m; the mid point of the hip joints is the origin.
+        faces: (T, 3) vertex indices, counter-clockwise seen from outside.
+        normals: (N, 3) unit normals. Parts of one garment share them at their seams.
+        uv: (T, 3, 2) texture coordinates of the corners, 1 per repeat.
+        bones: (N, 6) bones that the vertices follow, see `synth.people.skinning`.
+        weights: (N, 6) their weights.
+    """
+
+    segment: str
+    material: str
+    vertices: np.ndarray
+    faces: np.ndarray
+    normals: np.ndarray
+    uv: np.ndarray
+    bones: np.ndarray
+    weights: np.ndarray
+
+
+class _Sheet(NamedTuple):
+    """A surface with values at its vertices, which cuts interpolate.
+
+    Attributes:
+        points, normals: (N, 3) m, and unit normals.
+        weights: (N, 16) weights of `SEGMENTS`.
+        along: (N, 16) position along each segment, 0 at its joint, 1 at the next.
+        faces: (T, 3).
+    """
+
+    points: np.ndarray
+    normals: np.ndarray
+    weights: np.ndarray
+    along: np.ndarray
+    faces: np.ndarray
+
+
+@lru_cache(maxsize=64)
+def parts(body: Body, looks: PersonLooks) -> list[Part]:
+    """Return the parts of the visible surface of a person, in the order of `SEGMENTS`. Colours and patterns of the looks are not used."""
+    bare = bare_body(body, looks.hands)
+    sheet = _bare_sheet(bare)
+    made = [("top", *_top(sheet, bare, body, looks)), ("bottom", *_bottom(sheet, bare, body, looks)), ("shoe", *_shoes(sheet, bare, body))]
+    covered = np.max([field for _, _, field in made], axis=0)
+    sheets = [("skin", _kept(sheet, _UNDER - covered)[0])]
+    for material, worn, _ in made:
+        if material != "shoe":
+            sheets.append((material, worn))
+            continue
+        ground = bare.origins[SEGMENTS.index("l_foot"), 2] - ANKLE_HEIGHT * body.stature
+        upper = worn.points[:, 2] - ground - 0.011 * body.stature
+        sheets += [("shoe", _kept(worn, upper)[0]), ("sole", _kept(worn, -upper)[0])]
+    sheets += _face(sheet, bare, body)
+    sheets += _hair(sheet, bare, body, looks.hair)
+    found = [part for material, each in sheets for part in _split(each, material, bare)]
+    return sorted(found, key=lambda part: SEGMENTS.index(part.segment))
+
+
+def _bare_sheet(bare: BareBody) -> _Sheet:
+    faces = assets().faces
+    along = np.zeros_like(bare.weights)
+    for i, segment in enumerate(SEGMENTS):
+        if side_and_name(segment)[1] in ("upper_arm", "forearm", "thigh", "shin"):
+            bone = bare.origins[i + 1] - bare.origins[i]
+            along[:, i] = (bare.vertices - bare.origins[i]) @ bone / (bone @ bone)
+    return _Sheet(bare.vertices, _normals(bare.vertices, faces), bare.weights, along, faces)
+
+
+def _normals(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Return the (N, 3) unit normals at the vertices, means over the triangles around them weighted by area."""
+    one, two, three = points[faces.T]
+    across = np.cross(two - one, three - one)
+    total = np.stack([np.bincount(faces.ravel(), across[:, k].repeat(3), len(points)) for k in range(3)], -1)
+    return total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-12)
+
+
+def _kept(sheet: _Sheet, field: np.ndarray, *others: np.ndarray) -> tuple:
+    """Return the part of a sheet where a field (N,) is above 0, cut along 0, and other fields (N,) at its vertices."""
+    split, fields = _cut(sheet, field, field, *others)
+    return _only(split, fields[0][split.faces].sum(1) > 0, *fields[1:])
+
+
+def _only(sheet: _Sheet, which: np.ndarray, *fields: np.ndarray) -> tuple:
+    """Return some triangles (T,) of a sheet, and fields at their vertices."""
+    used, faces = np.unique(sheet.faces[which], return_inverse=True)
+    values = (sheet.points, sheet.normals, sheet.weights, sheet.along)
+    return _Sheet(*(value[used] for value in values), faces.reshape(-1, 3)), *(field[used] for field in fields)
+
+
+def _cut(sheet: _Sheet, field: np.ndarray, *others: np.ndarray) -> tuple[_Sheet, list[np.ndarray]]:
+    """Cut the triangles of a sheet along 0 of a field (N,). Return it, and other fields at its vertices."""
+    faces, inside = sheet.faces, field > 0
+    number = inside[faces].sum(1)
+    crossed = (number > 0) & (number < 3)
+    odd = np.where(number == 1, inside[faces].argmax(1), (~inside[faces]).argmax(1))
+    rolled = np.take_along_axis(faces, (odd[:, None] + np.arange(3)) % 3, 1)[crossed]
+    edges = np.sort(np.stack([rolled[:, [0, 1]], rolled[:, [2, 0]]]).reshape(-1, 2), 1)
+    unique, index = np.unique(edges, axis=0, return_inverse=True)
+    ab, ca = len(field) + index.reshape(2, -1)
+    one, two, three = rolled.T
+    triangles = np.concatenate([
+        faces[~crossed], np.stack([one, ab, ca], -1), np.stack([ab, two, three], -1), np.stack([ab, three, ca], -1)
+    ])  # fmt: skip
+    low, high = unique.T
+    share = (field[low] / (field[low] - field[high]))[:, None] if len(unique) else np.empty((0, 1))
+
+    def both(values: np.ndarray) -> np.ndarray:
+        flat = values.reshape(len(values), -1)
+        return np.concatenate([flat, flat[low] + share * (flat[high] - flat[low])]).reshape(-1, *values.shape[1:])
+
+    values = [both(value) for value in (sheet.points, sheet.normals, sheet.weights, sheet.along)]
+    fields = [both(each) for each in others]
+    for each, other in zip(fields, others, strict=True):
+        if other is field:
+            each[len(field) :] = 0
+    return _Sheet(*values, triangles), fields
+
+
+# Clothes. A garment is the part of the skin where a field, m, is above 0; it grows with the distance from the hem.
+
+
+def _chain(sheet: _Sheet, names: tuple[str, str, str]) -> np.ndarray:
+    """Return the (N,) position along arms or legs: 0 to 1 in the first segment, and so on; -1 elsewhere."""
+    place = np.full(len(sheet.points), -1.0)
+    for side in SIDES:
+        numbers = [SEGMENTS.index(f"{side}_{name}") for name in names]
+        own = sheet.weights[:, numbers]
+        most = own.argmax(1)
+        first, second = sheet.along[:, numbers[0]], sheet.along[:, numbers[1]]
+        here = np.where(most == 0, np.minimum(first, 1), np.where(most == 1, 1 + second.clip(0), 1 + second.clip(1)))
+        place = np.where(own.sum(1) > 0.5, here, place)
+    return place
+
+
+_ARM, _LEG = ("upper_arm", "forearm", "hand"), ("thigh", "shin", "foot")
+_LEAST = 12
+"""Least number of triangles of a part."""
+_FAR = 1.0
+"""Value of a field where no hem is near, m."""
+
+
+def _top(sheet: _Sheet, bare: BareBody, body: Body, looks: PersonLooks) -> tuple[_Sheet, np.ndarray]:
+    size, arm = body.stature, _chain(sheet, _ARM)
+    neck = bare.origins[SEGMENTS.index("head")]
+    hem = np.where(arm > 0, _FAR, sheet.points[:, 2] - (-0.03 if looks.untucked else 0.062) * size)
+    sleeve = np.where(arm > 0, (1.95 if looks.top.long else 0.62) - arm, _FAR / size) * 0.17 * size
+    collar = -(sheet.points - neck) @ (0.42, 0, 0.91) + 0.004 * size
+    field = np.minimum(np.minimum(hem, sleeve), np.where(sheet.weights[:, SEGMENTS.index("head")] > 0.02, collar, _FAR))
+    loose = np.interp(arm, (0, 0.62), (0.0, 0.007)) if not looks.top.long else np.interp(arm, (0, 1, 2), (0, 0.004, 0.005))
+    loose = loose + np.where(arm < 0, np.interp(sheet.points[:, 2] / size, (-0.05, 0.02, 0.12, 0.25), (0.014, 0.010, 0.007, 0.002)), 0)
+    return _worn(sheet, field, _CLOTH + 0.002 + loose), field
+
+
+def _bottom(sheet: _Sheet, bare: BareBody, body: Body, looks: PersonLooks) -> tuple[_Sheet, np.ndarray]:
+    size, leg = body.stature, _chain(sheet, _LEG)
+    arm = _chain(sheet, _ARM)
+    waist = (0.045 if looks.untucked else 0.074) * size - sheet.points[:, 2]
+    end = 1.93 if looks.bottom.long else 0.93
+    cuff = np.where(leg > 0, end - leg, _FAR / size) * 0.245 * size
+    field = np.where(arm > 0, -_FAR, np.minimum(waist, cuff))
+    loose = np.interp(leg, (0.3, 1, 1.6, 2), (0.002, 0.006, 0.016, 0.018) if looks.bottom.long else (0.006, 0.014, 0.014, 0.014))
+    return _worn(sheet, field, _CLOTH + np.where(looks.untucked, 0, 0.004 * (leg < 0)) + loose * size / 1.75), field
+
+
+def _worn(sheet: _Sheet, field: np.ndarray, thickness: np.ndarray) -> _Sheet:
+    """Return a garment over the skin where a field is above 0: smoother than the skin, and never inside it."""
+    shell, inside, thick = _kept(sheet, field, field, thickness)
+    shell, (inside, thick) = _cut(shell, inside - _EDGE, inside, thick)
+    thick = thick * np.clip(inside / _EDGE, 0, 1) + 0.0005
+    skin, points = shell.points, shell.points + thick[:, None] * shell.normals
+    edges = np.concatenate([shell.faces[:, [0, 1]], shell.faces[:, [1, 2]], shell.faces[:, [2, 0]]])
+    around = csr_matrix((np.ones(2 * len(edges)), np.concatenate([edges, edges[:, ::-1]]).T), (len(skin),) * 2)
+    around.data[:] = 1
+    mean = csr_matrix(around.multiply(1 / np.maximum(around.sum(1), 1)))
+    free = (inside > _EDGE + 1e-6)[:, None]
+    for _ in range(12):
+        points = np.where(free, 0.5 * points + 0.5 * (mean @ points), points)
+        depth = thick - ((points - skin) * shell.normals).sum(1)
+        points = points + np.maximum(depth, 0)[:, None] * shell.normals
+    return shell._replace(points=points, normals=_normals(points, shell.faces))
+
+
+def _shoes(sheet: _Sheet, bare: BareBody, body: Body) -> tuple[_Sheet, np.ndarray]:
+    size, leg = body.stature, _chain(sheet, _LEG)
+    ankle = bare.origins[SEGMENTS.index("l_foot")]
+    field = np.where(leg > 1.5, ankle[2] + 0.006 * size - sheet.points[:, 2], -_FAR)
+    shell, inside = _kept(sheet, field, field)
+    shell, (inside,) = _cut(shell, inside - _EDGE, inside)
+    ground = ankle[2] - ANKLE_HEIGHT * size
+    low = np.clip((ground + 0.022 * size - shell.points[:, 2]) / (0.012 * size), 0, 1)
+    out = (0.003 + 0.003 * low) * np.clip(inside / _EDGE, 0, 1) + 0.0005
+    points = shell.points + out[:, None] * shell.normals
+    # The sole is flat, with upright sides.
+    flat = (shell.normals[:, 2] < -0.5) & (points[:, 2] < ground + 0.02 * size)
+    points[flat, 2] = ground
+    points[:, 2] = np.maximum(points[:, 2], ground)
+    return shell._replace(points=points, normals=_normals(points, shell.faces)), field
+
+
+# Face and hair
+
+
+def _face(sheet: _Sheet, bare: BareBody, body: Body) -> list[tuple[str, _Sheet]]:
+    """Return eyes with irises, brows and lips."""
+    size, head = body.stature * body.head, SEGMENTS.index("head")
+    on_head = sheet.weights[:, head] > 0.9
+    found, middles = [], bare.eyes.mean(1)
+    for ball, middle in zip(bare.eyes, middles, strict=True):
+        weights = np.tile(np.eye(len(SEGMENTS))[head], (len(ball), 1))
+        out = ball - middle
+        out /= np.linalg.norm(out, axis=1, keepdims=True)
+        eye = _Sheet(ball, out, weights, np.zeros_like(weights), assets().eye_faces)
+        found.append(("eye", eye))
+        iris = _kept(eye, out[:, 0] - np.cos(np.radians(27)))[0]
+        found.append(("iris", iris._replace(points=iris.points + 0.0006 * iris.normals + (0.0006, 0, 0))))
+        across, up = (sheet.points - middle)[:, 1] / (0.0135 * size), (sheet.points - middle)[:, 2] / size
+        bow = np.abs((up - 0.0132 + 0.0022 * across**2) / 0.0026)
+        field = np.where(on_head & (sheet.points[:, 0] > middle[0]), (1 - np.hypot(across, bow)) * 0.005, -_FAR)
+        brow = _kept(sheet, field)[0]
+        found.append(("brow", brow._replace(points=brow.points + 0.0012 * brow.normals)))
+    middle = middles.mean(0)
+    mouth = middle[2] - 0.0415 * size
+    across, high = sheet.points[:, 1] / (0.0135 * size), (sheet.points[:, 2] - mouth) / (0.0055 * size)
+    field = np.where(on_head & (sheet.points[:, 0] > middle[0] - 0.02), (1 - np.hypot(across, high)) * 0.005, -_FAR)
+    lips = _kept(sheet, field)[0]
+    found.append(("lip", lips._replace(points=lips.points + 0.0007 * lips.normals)))
+    return found
+
+
+def _hair(sheet: _Sheet, bare: BareBody, body: Body, style: str) -> list[tuple[str, _Sheet]]:
+    if style == "bald":
+        return []
+    size, head = body.stature * body.head, SEGMENTS.index("head")
+    eye = bare.eyes.mean((0, 1))
+    crown = sheet.points[sheet.weights[:, head] > 0.9]
+    back = crown[:, 0].min()
+    front, nape = np.array((eye[0] - 0.004 * size, eye[2] + 0.036 * size)), np.array((back, eye[2] - 0.038 * size))
+    way = front - nape
+    normal = np.array((-way[1], way[0])) / np.linalg.norm(way)
+    height = (sheet.points[:, [0, 2]] - nape) @ normal
+    # Around the ears.
+    ear = (np.abs(sheet.points[:, 1]) > 0.036 * size) & (sheet.points[:, 2] < eye[2] + 0.012 * size)
+    field = np.where(sheet.weights[:, head] > 0.8, np.where(ear, np.minimum(height, -0.001), height), -_FAR)
+    thick = {"short": 0.0075, "bun": 0.006}.get(style, 0.009) * size
+    cap = _worn(sheet, field, thick * np.clip(0.25 + field / (0.03 * size), 0, 1))
+    found = [("hair", cap)]
+    if style == "bun":
+        ball = trimesh.creation.icosphere(2, 0.027 * size)
+        found.append(("hair", _rigid(ball.vertices + (back - 0.008 * size, 0, eye[2] + 0.030 * size), ball.faces, head)))
+    if style in ("bob", "long"):
+        fall = {"bob": -0.060, "long": -0.150}[style]
+        rows = np.array([(fall, 0.006, 0.010, 0.034), (fall + 0.03, 0.008, 0.022, 0.045), (-0.02, 0.020, 0.036, 0.0500),
+                         (0.010, 0.030, 0.042, 0.0500), (0.03, 0.035, 0.035, 0.045)]) * size  # fmt: skip
+        found.append(("hair", _fall(rows + (eye[2], back, 0, 0), head)))
+    return found
+
+
+def _fall(rows: np.ndarray, segment: int) -> _Sheet:
+    """Return hair that hangs from the back of the head: ellipses at rows (R, 4) of height, middle, half depth, half width."""
+    grid = np.linspace(0, len(rows) - 1, 14)
+    height, middle, depth, width = (np.interp(grid, np.arange(len(rows)), column) for column in rows.T)
+    close = np.minimum(1, np.sqrt(np.maximum(1 - (np.abs(grid / grid[-1] - 0.5) * 2) ** 6, 1e-4)))
+    angle = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    points = np.stack([
+        middle[:, None] + (close * depth)[:, None] * np.cos(angle), (close * width)[:, None] * np.sin(angle),
+        np.broadcast_to(height[:, None], (len(grid), len(angle))),
+    ], -1)  # fmt: skip
+    index = np.arange(points[..., 0].size).reshape(points.shape[:2])
+    low, high = index[:-1], index[1:]
+    turned = [np.roll(each, -1, 1) for each in (low, high)]
+    faces = np.concatenate([np.stack([low, turned[0], turned[1]], -1), np.stack([low, turned[1], high], -1)]).reshape(-1, 3)
+    return _rigid(points.reshape(-1, 3), faces, segment)
+
+
+def _rigid(points: np.ndarray, faces: np.ndarray, segment: int) -> _Sheet:
+    weights = np.tile(np.eye(len(SEGMENTS))[segment], (len(points), 1))
+    return _Sheet(points, _normals(points, faces), weights, np.zeros_like(weights), np.asarray(faces))
+
+
+# From sheets to parts
+
+
+def _split(sheet: _Sheet, material: str, bare: BareBody) -> list[Part]:
+    """Return the parts of a sheet that belong to each segment."""
+    if not len(sheet.faces):
+        return []
+    share = sheet.weights[sheet.faces].sum(1)
+    # A few triangles beyond a hem belong to the next segment.
+    many = np.bincount(share.argmax(1), minlength=len(SEGMENTS)) >= _LEAST
+    owner = np.where(many, share, -1).argmax(1)
+    bones, weights = blend(sheet.weights, sheet.along)
+    found = []
+    for number in np.unique(owner):
+        used, faces = np.unique(sheet.faces[owner == number], return_inverse=True)
+        faces = faces.reshape(-1, 3)
+        points = sheet.points[used]
+        found.append(
+            Part(
+                SEGMENTS[number], material, points, faces, sheet.normals[used],
+                _texture(points[faces], number, bare), bones[used], weights[used],
+            )  # fmt: skip
+        )
+    return found
+
+
+def _texture(corners: np.ndarray, segment: int, bare: BareBody) -> np.ndarray:
+    """Return the (T, 3, 2) texture coordinates of corners (T, 3, 3), wound around the axis of their segment."""
+    side, name = side_and_name(SEGMENTS[segment])
+    own = (corners - bare.origins[segment]) @ bare.rotations[segment]
+    if name in ("upper_arm", "forearm", "hand"):
+        along, across, ahead = own[..., 1], own[..., 0], own[..., 2]
+    elif name in ("pelvis", "spine", "chest", "head"):
+        along, across, ahead = corners[..., 2], corners[..., 1], corners[..., 0]
+    else:
+        along, across, ahead = own[..., 2], own[..., 1], own[..., 0]
+    angle = np.arctan2(across, ahead)
+    angle = angle[:, :1] + (angle - angle[:, :1] + np.pi) % (2 * np.pi) - np.pi
+    girth = 2 * np.pi * float(np.median(np.hypot(across, ahead)))
+    return np.stack([angle / (2 * np.pi) * max(1, round(girth / TILE)), along / TILE], -1)

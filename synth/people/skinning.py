@@ -1,0 +1,288 @@
+"""How a person's surface follows the skeleton in a MuJoCo model: linear blend skinning of the meshes of its geoms.
+
+MuJoCo's meshes are rigid. `Skin` moves their vertices in the model itself after `mujoco.mj_kinematics`, and mends the boxes
+by which rays find triangles. Images, rays, ids and body parts then see one and the same surface.
+
+A vertex follows up to six bones. To each segment belong, apart from the segment itself, a bone that turns half as far at
+its joint, so that elbows and knees keep their volume, and for upper arms, forearms and thighs bones that twist by
+none, a third and two thirds, so that a twist spreads along the limb (Kavan and Sorkine, SIGGRAPH Asia 2012).
+"""
+
+import mujoco
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from dmae.numerics.compiled import compiled
+from synth.people.body import PARENTS, SEGMENTS, side_and_name
+
+_TWISTED = ("upper_arm", "forearm", "thigh")
+_NAMES = [side_and_name(segment)[1] for segment in SEGMENTS]
+_HALF = np.array([len(SEGMENTS) - 1 + i for i in range(len(SEGMENTS))])
+"""Number of the bone of each segment that turns half as far; none for the pelvis."""
+_TWISTS = {
+    i: 2 * len(SEGMENTS) - 1 + 3 * number
+    for number, i in enumerate(i for i, name in enumerate(_NAMES) if name in _TWISTED)
+}
+"""Number of the first of three bones of a segment that twist less."""
+# Segment of each bone, and the shares of swing and twist that it follows.
+_TABLE = (
+    [(i, 1.0, 1.0) for i in range(len(SEGMENTS))]
+    + [(i, 0.5, 0.0 if name in _TWISTED else 0.5) for i, name in enumerate(_NAMES) if i]
+    + [(i, 1.0, twist / 3) for i in _TWISTS for twist in range(3)]
+)
+_SEGMENT = np.array([row[0] for row in _TABLE])
+_SHARES = np.array([row[1:] for row in _TABLE])
+_LENGTHWISE = np.array([1 if name in ("upper_arm", "forearm", "hand") else 2 for name in _NAMES])
+"""Axis of each segment about which it twists."""
+_PARENTS = np.array(PARENTS)
+MOST_BONES = 6
+"""Greatest number of bones that a vertex follows."""
+_ROW = 2 * MOST_BONES + 6
+SKINNED = 1.0
+"""User value of geoms whose mesh is skinned."""
+
+
+def blend(weights: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return bones (N, 6) and weights (N, 6) from the weights of segments.
+
+    Args:
+        weights: (N, 16) weights of `SEGMENTS`, sum 1.
+        along: (N, 16) position of each vertex along each segment, 0 at its joint, 1 at the next.
+    """
+    rest, bones = weights.copy(), np.zeros((len(weights), len(_TABLE)))
+    for i, parent in enumerate(PARENTS[1:], start=1):
+        shared = np.minimum(rest[:, i], rest[:, parent])
+        rest[:, [i, parent]] -= shared[:, None]
+        bones[:, _HALF[i]] += 2 * shared
+    for i in range(len(SEGMENTS)):
+        if i not in _TWISTS:
+            bones[:, i] += rest[:, i]
+            continue
+        place = 3 * np.clip(along[:, i], 0, 1)
+        for step, bone in enumerate([*range(_TWISTS[i], _TWISTS[i] + 3), i]):
+            bones[:, bone] += rest[:, i] * np.clip(1 - np.abs(place - step), 0, 1)
+    order = np.argsort(-bones, axis=1, kind="stable")[:, :MOST_BONES]
+    kept = np.take_along_axis(bones, order, 1)
+    return order, kept / kept.sum(1, keepdims=True)
+
+
+def pack(rotations: np.ndarray, origins: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Return the numbers that the model holds for a person: the bind pose, and a row for each vertex.
+
+    Args:
+        rotations, origins: (16, 3, 3) and (16, 3) m, the segments in the bind pose.
+        rows: (N, 18) six bones, their weights, place (m) and normal in the bind pose.
+    """
+    quats = Rotation.from_matrix(rotations).as_quat(scalar_first=True)
+    return np.concatenate([quats.ravel(), origins.ravel(), rows.ravel()])
+
+
+class Skin:
+    """Moves the surfaces of people in a model. It changes the model's meshes: give it a model of your own, a copy.
+
+    Args:
+        model: A scene with people, or one without.
+    """
+
+    def __init__(self, model: mujoco.MjModel):
+        self._model, self._persons = model, []
+        skinned = model.geom_user[:, 0] == SKINNED if model.nuser_geom else np.zeros(model.ngeom, bool)
+        for number in range(model.nnumeric):
+            name = model.numeric(number).name
+            if not name.endswith("/skin"):
+                continue
+            start, size = model.numeric_adr[number], model.numeric_size[number]
+            numbers = model.numeric_data[start : start + size]
+            segments = model.body(name.replace("/skin", f"/{SEGMENTS[0]}")).id + np.arange(len(SEGMENTS))
+            geoms = np.flatnonzero(skinned & np.isin(model.geom_bodyid, segments))
+            quats, origins, rows = np.split(numbers, [64, 112])
+            bind = np.empty((len(_TABLE), 3, 4))
+            _place_bones(quats.reshape(16, 4), origins.reshape(16, 3), _PARENTS, _SEGMENT, _SHARES, _LENGTHWISE, bind)
+            rows = rows.reshape(-1, _ROW)
+            self._persons.append((
+                segments, geoms, bind, rows[:, :MOST_BONES].astype(np.int32), rows[:, MOST_BONES : 2 * MOST_BONES].copy(),
+                rows[:, -6:].copy(),
+            ))  # fmt: skip
+        self.geoms = np.concatenate([np.empty(0, int), *(person[1] for person in self._persons)])
+        """Indices of the geoms that bend."""
+        self.meshes = model.geom_dataid[self.geoms]
+        """Indices of their meshes."""
+        self._bodies = np.unique(model.geom_bodyid[self.geoms])
+        inner = Rotation.from_quat(model.body_iquat[model.geom_bodyid[self.geoms]], scalar_first=True) if len(self.geoms) else None
+        if inner is not None:
+            outer = Rotation.from_quat(model.geom_quat[self.geoms], scalar_first=True)
+            offset = model.geom_pos[self.geoms] - model.body_ipos[model.geom_bodyid[self.geoms]]
+            self._turns, self._offsets = (inner.inv() * outer).as_matrix(), inner.inv().apply(offset)
+
+    def apply(self, data: mujoco.MjData) -> None:
+        """Put the vertices in place for a state whose kinematics is up to date."""
+        model = self._model
+        if not self._persons:
+            return
+        bones = np.empty((len(_TABLE), 3, 4))
+        for segments, geoms, bind, which, weights, rest in self._persons:
+            _place_bones(data.xquat[segments], data.xpos[segments], _PARENTS, _SEGMENT, _SHARES, _LENGTHWISE, bones)
+            meshes = model.geom_dataid[geoms]
+            _bend(
+                bones, bind, which, weights, rest, data.geom_xpos[geoms], data.geom_xmat[geoms].reshape(-1, 3, 3),
+                model.mesh_vertadr[meshes], model.mesh_vertnum[meshes], model.mesh_normaladr[meshes],
+                model.mesh_normalnum[meshes], model.mesh_vert, model.mesh_normal,
+            )  # fmt: skip
+        _refit(
+            self.geoms, model.mesh_bvhadr[self.meshes], model.mesh_bvhnum[self.meshes], model.mesh_faceadr[self.meshes],
+            model.mesh_vertadr[self.meshes], model.mesh_face, model.mesh_vert, model.bvh_child, model.bvh_nodeid,
+            model.bvh_aabb, model.geom_aabb, model.geom_size, model.geom_rbound,
+        )  # fmt: skip
+        _refit_bodies(
+            model.body_bvhadr[self._bodies], model.body_bvhnum[self._bodies], self.geoms, self._turns, self._offsets,
+            model.bvh_child, model.bvh_nodeid, model.bvh_aabb, model.geom_aabb,
+        )  # fmt: skip
+
+
+@compiled()
+def _times(a, b):
+    """Return the product of two quaternions."""
+    return (
+        a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
+        a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
+        a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
+        a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
+    )
+
+
+@compiled()
+def _share_of(q, share):
+    """Return the quaternion of a share of a rotation."""
+    length = np.sqrt(q[1] ** 2 + q[2] ** 2 + q[3] ** 2)
+    if length < 1e-9:
+        return (1.0, 0.0, 0.0, 0.0)
+    sign = 1.0 if q[0] >= 0 else -1.0
+    half = share * np.arctan2(length, sign * q[0])
+    factor = sign * np.sin(half) / length
+    return (np.cos(half), factor * q[1], factor * q[2], factor * q[3])
+
+
+@compiled()
+def _place_bones(quats, origins, parents, segment, shares, lengthwise, bones):
+    """Fill `bones` (B, 3, 4) with the rotation and origin of each bone, from those of the 16 segments."""
+    for bone in range(len(segment)):
+        i = segment[bone]
+        q = (quats[i, 0], quats[i, 1], quats[i, 2], quats[i, 3])
+        if shares[bone, 0] < 1 or shares[bone, 1] < 1:
+            p = quats[parents[i]]
+            above = (p[0], p[1], p[2], p[3])
+            r = _times((p[0], -p[1], -p[2], -p[3]), q)
+            along = r[2] if lengthwise[i] == 1 else r[3]
+            length = np.sqrt(r[0] ** 2 + along**2) + 1e-12
+            cosine, sine = r[0] / length, along / length
+            twist = (cosine, 0.0, sine, 0.0) if lengthwise[i] == 1 else (cosine, 0.0, 0.0, sine)
+            swing = _times(r, (twist[0], -twist[1], -twist[2], -twist[3]))
+            q = _times(above, _times(_share_of(swing, shares[bone, 0]), _share_of(twist, shares[bone, 1])))
+        w, x, y, z = q
+        bones[bone, 0, 0], bones[bone, 0, 1], bones[bone, 0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
+        bones[bone, 1, 0], bones[bone, 1, 1], bones[bone, 1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
+        bones[bone, 2, 0], bones[bone, 2, 1], bones[bone, 2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+        for k in range(3):
+            bones[bone, k, 3] = origins[i, k]
+
+
+@compiled()
+def _bend(
+    bones, bind, which, weights, rest, places, turns, first_vertex, vertices, first_normal, normals, mesh_vert, mesh_normal
+):
+    """Write the vertices of the meshes of a person, and their normals if they have any, into the model."""
+    count = len(bones)
+    move = np.empty((count, 3, 4))
+    for b in range(count):
+        for i in range(3):
+            for j in range(3):
+                move[b, i, j] = bones[b, i, 0] * bind[b, j, 0] + bones[b, i, 1] * bind[b, j, 1] + bones[b, i, 2] * bind[b, j, 2]
+            move[b, i, 3] = bones[b, i, 3] - (
+                move[b, i, 0] * bind[b, 0, 3] + move[b, i, 1] * bind[b, 1, 3] + move[b, i, 2] * bind[b, 2, 3]
+            )
+    blended, world, outward = np.empty((3, 4)), np.empty(3), np.empty(3)
+    row = 0
+    for mesh in range(len(first_vertex)):
+        for vertex in range(vertices[mesh]):
+            blended[:] = 0
+            for k in range(which.shape[1]):
+                weight = weights[row, k]
+                if weight > 0:
+                    for i in range(3):
+                        for j in range(4):
+                            blended[i, j] += weight * move[which[row, k], i, j]
+            for i in range(3):
+                world[i] = blended[i, 3] - places[mesh, i]
+                outward[i] = 0
+                for j in range(3):
+                    world[i] += blended[i, j] * rest[row, j]
+                    outward[i] += blended[i, j] * rest[row, 3 + j]
+            size = np.sqrt(outward[0] ** 2 + outward[1] ** 2 + outward[2] ** 2) + 1e-12
+            for j in range(3):
+                mesh_vert[first_vertex[mesh] + vertex, j] = (
+                    turns[mesh, 0, j] * world[0] + turns[mesh, 1, j] * world[1] + turns[mesh, 2, j] * world[2]
+                )
+            if normals[mesh] == vertices[mesh]:
+                for j in range(3):
+                    mesh_normal[first_normal[mesh] + vertex, j] = (
+                        turns[mesh, 0, j] * outward[0] + turns[mesh, 1, j] * outward[1] + turns[mesh, 2, j] * outward[2]
+                    ) / size
+            row += 1
+
+
+@compiled()
+def _merge_boxes(aabb, node, one, other):
+    """Set a box, centre and half size, to the box around two others."""
+    for k in range(3):
+        low = min(aabb[one, k] - aabb[one, 3 + k], aabb[other, k] - aabb[other, 3 + k])
+        high = max(aabb[one, k] + aabb[one, 3 + k], aabb[other, k] + aabb[other, 3 + k])
+        aabb[node, k], aabb[node, 3 + k] = (low + high) / 2, (high - low) / 2
+
+
+@compiled()
+def _refit(
+    geoms, first_node, nodes, first_face, first_vertex, faces, vertices, child, nodeid, aabb, geom_aabb, geom_size, rbound
+):
+    """Fit the boxes of the trees of meshes, in which children follow their parents, and of geoms, to moved vertices."""
+    for mesh in range(len(geoms)):
+        start = first_node[mesh]
+        for number in range(nodes[mesh] - 1, -1, -1):
+            node = start + number
+            if child[node, 0] >= 0:
+                _merge_boxes(aabb, node, start + child[node, 0], start + child[node, 1])
+                continue
+            face = faces[first_face[mesh] + nodeid[node]]
+            for k in range(3):
+                a = vertices[first_vertex[mesh] + face[0], k]
+                b = vertices[first_vertex[mesh] + face[1], k]
+                c = vertices[first_vertex[mesh] + face[2], k]
+                low, high = min(a, b, c), max(a, b, c)
+                aabb[node, k], aabb[node, 3 + k] = (low + high) / 2, (high - low) / 2 + 1e-6
+        square = 0.0
+        for k in range(3):
+            geom_aabb[geoms[mesh], k], geom_aabb[geoms[mesh], 3 + k] = aabb[start, k], aabb[start, 3 + k]
+            reach = abs(aabb[start, k]) + aabb[start, 3 + k]
+            geom_size[geoms[mesh], k] = reach
+            square += reach**2
+        rbound[geoms[mesh]] = np.sqrt(square)
+
+
+@compiled()
+def _refit_bodies(first_node, nodes, geoms, turns, offsets, child, nodeid, aabb, geom_aabb):
+    """Fit the boxes of the trees of bodies, whose leaves are geoms, to the geoms that bend."""
+    for body in range(len(first_node)):
+        start = first_node[body]
+        for number in range(nodes[body] - 1, -1, -1):
+            node = start + number
+            if child[node, 0] >= 0:
+                _merge_boxes(aabb, node, start + child[node, 0], start + child[node, 1])
+                continue
+            for g in range(len(geoms)):
+                if geoms[g] != nodeid[node]:
+                    continue
+                for i in range(3):
+                    middle, half = offsets[g, i], 0.0
+                    for j in range(3):
+                        middle += turns[g, i, j] * geom_aabb[geoms[g], j]
+                        half += abs(turns[g, i, j]) * geom_aabb[geoms[g], 3 + j]
+                    aabb[node, i], aabb[node, 3 + i] = middle, half

@@ -1,0 +1,304 @@
+"""The bare surface of a person: shape from stature, mass, sex and age, fitted to the skeleton, and how it bends.
+
+The assets are MakeHuman's (CC0), converted by `docs/tools/body_assets.py`. A body is a weighted mean of shapes by age, sex
+and weight. Its bones are brought to the lengths of the person's segments, its volume to the person's mass. The result
+is in the pose of the assets, the bind pose, from which linear blend skinning moves it to any other.
+"""
+
+from dataclasses import dataclass, fields
+from functools import cache, lru_cache
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from synth.people.body import ANKLE_HEIGHT, HEAD_HEIGHT, PARENTS, SEGMENTS, SIDES, Body, side_and_name
+
+ASSETS = Path(__file__).with_name("surface.npz")
+BONES = SEGMENTS + tuple(f"{side}_finger{f}-{k}" for side in SIDES for f in range(1, 6) for k in range(1, 4))
+"""Bones of the assets: our segments, and three bones for each finger from the thumb on."""
+_UNIT = 5e-5
+"""Resolution of places in the file, m."""
+
+
+@dataclass(frozen=True)
+class Assets:
+    """A surface of N vertices in S shapes. x points forward, y to the left, z up.
+
+    Attributes:
+        shapes: (S, N, 3) m. Shapes by age (1, 11, 18 to 45, and 85 years), in them by sex, in them by weight.
+        joints: (S, 56, 3) m. The origin of each segment; then, for each finger, three joints and the tip.
+        faces: (T, 3) triangles, counter-clockwise seen from outside; the surface is closed.
+        bones: (N, 4) index into `BONES`.
+        weights: (N, 4) weights of these bones, sum 1.
+        eyes: (S, 2, E, 3) balls of the left and the right eye, m.
+        eye_faces: (U, 3) triangles of either.
+    """
+
+    shapes: np.ndarray
+    joints: np.ndarray
+    faces: np.ndarray
+    bones: np.ndarray
+    weights: np.ndarray
+    eyes: np.ndarray
+    eye_faces: np.ndarray
+
+    def save(self, path: Path) -> None:
+        """Write the file. Places are whole numbers of `_UNIT`, weights of 1/65535."""
+        arrays = {each.name: getattr(self, each.name) for each in fields(self)}
+        for name in ("shapes", "joints", "eyes"):
+            steps = np.round(arrays[name] / _UNIT).astype(np.int16)
+            arrays[name] = np.concatenate([steps[:1], steps[1:] - steps[:1]])
+        arrays["weights"] = np.round(arrays["weights"] * 65535).astype(np.uint16)
+        np.savez_compressed(path, **arrays)
+
+
+@cache
+def assets() -> Assets:
+    """Return the assets of the package."""
+    with np.load(ASSETS) as file:
+        arrays = dict(file)
+    for name in ("shapes", "joints", "eyes"):
+        steps = arrays[name].astype(float) * _UNIT
+        steps[1:] += steps[:1]
+        arrays[name] = steps
+    weights = arrays["weights"].astype(float)
+    arrays["weights"] = weights / weights.sum(1, keepdims=True)
+    return Assets(**arrays)
+
+
+# The shape of a person, and its fit to the skeleton
+
+_AGES = ((1, 0), (11, 1), (18, 2), (45, 2), (85, 3))
+"""Ages, years, and the number of the shape."""
+DENSITY = 985.0
+"""Density of a body with air in its lungs, kg/m^3 (Krzywicki and Chinn, American Journal of Clinical Nutrition 20, 1967,
+find 1010 to 1060 without)."""
+_FOOT = (-0.043, 0.105)
+"""Heel and toes of a bare foot relative to the ankle, fractions of stature."""
+_SOLE = 0.006
+"""Thickness of the sole of a shoe, fraction of stature."""
+
+
+@dataclass(frozen=True)
+class BareBody:
+    """The bare surface of a person in the bind pose.
+
+    Attributes:
+        vertices: (N, 3) m; the mid point of the hip joints is the origin.
+        weights: (N, 16) weights of `SEGMENTS`, sum 1.
+        rotations: (16, 3, 3) orientation of each segment, the identity in T-pose.
+        origins: (16, 3) origin of each segment, m.
+        eyes: (2, E, 3) balls of the eyes, m.
+    """
+
+    vertices: np.ndarray
+    weights: np.ndarray
+    rotations: np.ndarray
+    origins: np.ndarray
+    eyes: np.ndarray
+
+
+def volume(vertices: np.ndarray, faces: np.ndarray) -> float:
+    """Return the volume within a closed surface, m^3."""
+    one, two, three = vertices[faces.T]
+    return float(np.einsum("ti,ti->", one, np.cross(two, three)) / 6)
+
+
+@lru_cache(maxsize=64)
+def bare_body(body: Body, hands: tuple[str, str] = ("relaxed", "relaxed")) -> BareBody:
+    """Return the surface of a person.
+
+    Args:
+        body: Proportions. The surface has this mass, within the accuracy of MakeHuman's shapes.
+        hands: Shapes of the left and the right hand, of `synth.people.clothing.HANDS`.
+    """
+    goal = body.mass / DENSITY
+    low, high, stout = 0.0, 2.0, 1.0
+    spans = [volume(_fitted(body, heavy, stout).vertices, assets().faces) for heavy in (low, high)]
+    if spans[0] < goal < spans[1]:
+        for _ in range(12):
+            heavy = low + (high - low) * (goal - spans[0]) / (spans[1] - spans[0])
+            found = volume(_fitted(body, heavy, stout).vertices, assets().faces)
+            if abs(found / goal - 1) < 1e-3:
+                break
+            if found < goal:
+                low, spans[0] = heavy, found
+            else:
+                high, spans[1] = heavy, found
+    else:
+        heavy = low if goal <= spans[0] else high
+        for _ in range(4):
+            stout *= np.sqrt(goal / volume(_fitted(body, heavy, stout).vertices, assets().faces))
+    return _fitted(body, heavy, stout, hands)
+
+
+def _mixed(body: Body, heavy: float) -> np.ndarray:
+    """Return the (S,) shares of the shapes. `heavy` is 0 for the least weight, 1 for the average, 2 for the greatest."""
+    age = np.interp(body.age, *np.array(_AGES).T)
+    shares = [np.clip(1 - np.abs(np.arange(count) - at), 0, 1) for count, at in ((4, age), (2, body.figure), (3, heavy))]
+    return np.einsum("a,s,w->asw", *shares).ravel()
+
+
+def _fitted(body: Body, heavy: float, stout: float, hands: tuple[str, str] | None = None) -> BareBody:
+    """Return the shape of a weight, fitted to the segments; `stout` widens it further."""
+    shares = _mixed(body, heavy)
+    shape, joints, eyes = (np.tensordot(shares, each, 1) for each in (assets().shapes, assets().joints, assets().eyes))
+    weights = np.zeros((len(shape), len(BONES)))
+    np.put_along_axis(weights, assets().bones.astype(int), assets().weights, 1)
+    if hands is not None:
+        shape, joints = _posed_hands(shape, joints, weights, hands)
+    hand = np.array([1 + BONES.index(f"{side}_hand") for side in SIDES]) - 1
+    for number, fingers in zip(hand, np.split(np.arange(len(SEGMENTS), len(BONES)), 2), strict=True):
+        weights[:, number] += weights[:, fingers].sum(1)
+    weights = weights[:, : len(SEGMENTS)]
+    rotations = _bind_rotations(joints)
+    origins = np.zeros((len(SEGMENTS), 3))
+    for i, parent in enumerate(PARENTS[1:], start=1):
+        origins[i] = origins[parent] + rotations[parent] @ body.offsets[i]
+
+    size = body.stature / (shape[:, 2].max() - shape[:, 2].min())
+    linear, shift = np.empty((len(SEGMENTS), 3, 3)), np.empty((len(SEGMENTS), 3))
+    arms, hips = ([SEGMENTS.index(f"{side}_{name}") for side in SIDES] for name in ("upper_arm", "thigh"))
+    middle, (high, mine) = joints[hips].mean(0), (joints[arms].mean(0) - joints[hips].mean(0), origins[arms].mean(0))
+    trunk = np.diag([size * stout, size * stout, mine[2] / high[2]])
+    trunk[0, 2] = (mine[0] - size * stout * high[0]) / high[2]
+    for i, segment in enumerate(SEGMENTS):
+        side, name = side_and_name(segment)
+        at = joints[i]
+        if name in ("pelvis", "spine", "chest"):
+            linear[i], shift[i] = trunk, -trunk @ middle
+            continue
+        if name == "head":
+            scale, shift[i] = _head_fit(body, shape, joints, eyes, weights[:, i], origins[i])
+            linear[i] = np.diag(scale)
+            continue
+        if name == "hand":
+            linear[i] = np.eye(3) * size * body.arms
+        elif name == "foot":
+            own = shape[weights[:, i] > 0.9] - at
+            along = rotations[i][:, 0]
+            heel, toes = (own @ along).min(), (own @ along).max()
+            long = (_FOOT[1] - _FOOT[0]) * body.stature / (toes - heel)
+            tall = (ANKLE_HEIGHT - _SOLE) * body.stature / -own[:, 2].min()
+            linear[i] = rotations[i] @ np.diag([long, size, tall]) @ rotations[i].T
+            at = at + along * (heel - _FOOT[0] * body.stature / long)
+        else:
+            bone, wanted = joints[i + 1] - at, origins[i + 1] - origins[i]
+            length = np.linalg.norm(bone)
+            along, wide = bone / length, size * stout
+            linear[i] = wide * np.eye(3) + (np.linalg.norm(wanted) / length - wide) * np.outer(along, along)
+        shift[i] = origins[i] - linear[i] @ at
+    moved = np.einsum("ns,sij,nj->ni", weights, linear, shape, optimize=True) + weights @ shift
+    head = SEGMENTS.index("head")
+    return BareBody(moved, weights, rotations, origins, eyes @ linear[head].T + shift[head])
+
+
+def _bind_rotations(joints: np.ndarray) -> np.ndarray:
+    """Return the (16, 3, 3) orientations of segments in the pose of joints (56, 3): arms lowered, legs apart."""
+    rotations = np.tile(np.eye(3), (len(SEGMENTS), 1, 1))
+    for i, segment in enumerate(SEGMENTS):
+        side, name = side_and_name(segment)
+        if not side:
+            continue
+        sign, fingers = SIDES[side], joints[len(SEGMENTS) :].reshape(2, 5, 4, 3)["lr".index(side)]
+        if name in ("hand", "forearm"):
+            # From the little finger's knuckle to the index finger's, the thumb's side.
+            ahead = fingers[1, 0] - fingers[4, 0]
+            along = sign * ((fingers[1:, 0].mean(0) if name == "hand" else joints[i + 1]) - joints[i])
+            rotations[i] = _frame(along, ahead, (1, 0))
+        elif name == "upper_arm":
+            rotations[i] = _frame(sign * (joints[i + 1] - joints[i]), np.array((1.0, 0, 0)), (1, 0))
+        elif name in ("thigh", "shin"):
+            rotations[i] = _frame(joints[i] - joints[i + 1], np.array((1.0, 0, 0)), (2, 0))
+        else:
+            rotations[i] = rotations[i - 1] @ Rotation.from_euler("z", 0).as_matrix()
+            rotations[i] = _frame(np.array((0, 0, 1.0)), rotations[i - 1][:, 0], (2, 0))
+    return rotations
+
+
+def _frame(first: np.ndarray, second: np.ndarray, axes: tuple[int, int]) -> np.ndarray:
+    """Return a rotation whose column `axes[0]` is along `first`, and whose column `axes[1]` is near `second`."""
+    frame = np.empty((3, 3))
+    frame[:, axes[0]] = first / np.linalg.norm(first)
+    near = second - (second @ frame[:, axes[0]]) * frame[:, axes[0]]
+    frame[:, axes[1]] = near / np.linalg.norm(near)
+    last = 3 - sum(axes)
+    frame[:, last] = np.cross(frame[:, (last + 1) % 3], frame[:, (last + 2) % 3])
+    return frame
+
+
+# Where nose, eyes, ears and crown are, relative to the joint of the head, fractions of stature and of the head's size.
+_NOSE, _EYES, _EARS = (0.073, 0.068), (0.056, 0.091), (0.003, 0.046, 0.082)
+
+
+def _head_fit(body, shape, joints, eyes, weight, origin) -> tuple[np.ndarray, np.ndarray]:
+    """Return scale (3,) and shift (3,) that bring nose, eyes, ears and crown to their places."""
+    own = shape[weight > 0.95]
+    middle = own[np.abs(own[:, 1]) < 0.012]
+    eye = eyes.reshape(2, -1, 3)
+    front = np.array([eye[0, :, 0].max(), eye[0].mean(0)[1], eye[0].mean(0)[2]])
+    nose = middle[(middle[:, 2] < front[2]) & (middle[:, 2] > front[2] - 0.08)]
+    nose = nose[nose[:, 0].argmax()]
+    ear = own[own[:, 1] > own[:, 1].max() - 0.012].mean(0)
+    size = body.stature * body.head
+    places = [
+        ([nose[0], front[0], ear[0]], [_NOSE[0], _EYES[0], _EARS[0]]),
+        ([-ear[1], ear[1]], [-_EARS[1], _EARS[1]]),
+        ([nose[2], front[2], ear[2], own[:, 2].max()], [_NOSE[1], _EYES[1], _EARS[2], HEAD_HEIGHT]),
+    ]
+    scale, shift = np.array([np.polyfit(here, np.array(there) * size, 1) for here, there in places]).T
+    return scale, shift + origin
+
+
+# Hands: relaxed, open, round a grip, closed to a fist, pointing
+
+# For each finger from the index finger on, degrees of its three joints towards the palm; and of the thumb's.
+_CURLS = {
+    "relaxed": ((18, 22, 14), (24, 26, 16), (28, 28, 18), (30, 30, 20)),
+    "open": ((0, 2, 2),) * 4,
+    "grip": ((55, 60, 35), (58, 62, 35), (60, 62, 38), (60, 62, 38)),
+    "fist": ((82, 98, 60), (84, 100, 60), (86, 100, 60), (86, 98, 60)),
+    "point": ((4, 6, 4), (82, 98, 60), (84, 100, 60), (86, 98, 60)),
+}
+_THUMBS = {"relaxed": (8, 10, 10), "open": (-10, 0, 0), "grip": (20, 25, 25), "fist": (30, 38, 40), "point": (30, 35, 40)}
+
+
+def _posed_hands(shape, joints, weights, hands) -> tuple[np.ndarray, np.ndarray]:
+    """Return vertices and joints with the fingers of both hands bent, from the pose of the assets."""
+    shape, joints = shape.copy(), joints.copy()
+    for number, (side, curl) in enumerate(zip(SIDES, hands, strict=True)):
+        sign, wrist = SIDES[side], joints[SEGMENTS.index(f"{side}_hand")]
+        fingers = joints[len(SEGMENTS) :].reshape(2, 5, 4, 3)[number].copy()
+        along = fingers[1:, 0].mean(0) - wrist
+        down = sign * np.cross(along, fingers[1, 0] - fingers[4, 0])
+        down /= np.linalg.norm(down)
+        posed, total = shape.copy(), np.zeros(len(shape))
+        moved = np.zeros_like(shape)
+        for finger in range(5):
+            way = fingers[finger, 1] - fingers[finger, 0]
+            axis = np.cross(way, down)
+            if finger == 0:
+                # The thumb closes across the palm.
+                axis = np.cross(way, fingers[1:3, 0].mean(0) + 0.03 * down - fingers[0, 0])
+            axis /= np.linalg.norm(axis)
+            straight = _straightening(fingers[finger], axis) if finger else np.zeros(3)
+            bends = np.radians(_CURLS[curl][finger - 1] if finger else _THUMBS[curl]) - straight
+            turn, base = np.eye(3), fingers[finger, 0]
+            for bone in range(3):
+                start = fingers[finger, bone]
+                base = base if bone == 0 else base + turn @ (start - fingers[finger, bone - 1])
+                turn = Rotation.from_rotvec(axis * bends[bone]).as_matrix() @ turn
+                share = weights[:, BONES.index(f"{side}_finger{finger + 1}-{bone + 1}")][:, None]
+                moved += share * (base + (posed - start) @ turn.T)
+                total += share[:, 0]
+                joints[len(SEGMENTS) + number * 20 + finger * 4 + bone] = base
+        shape = moved + (1 - total[:, None]) * posed
+    return shape, joints
+
+
+def _straightening(finger: np.ndarray, axis: np.ndarray) -> np.ndarray:
+    """Return the (3,) angles about an axis by which a finger of the assets is bent at its joints, the first as 0, rad."""
+    ways = np.diff(finger, axis=0)
+    turns = [np.arctan2(np.cross(a, b) @ axis, a @ b) for a, b in zip(ways[:-1], ways[1:], strict=True)]
+    return np.array([0.0, *turns])
