@@ -8,8 +8,8 @@ from scipy.ndimage import gaussian_filter
 def paint(pattern: str, colours, size: int, *, rng: np.random.Generator) -> np.ndarray:
     """Return a painted texture, (size, size, 3) uint8 RGB, in two colours: RGB triples, 0..1.
 
-    Patterns are "plain", "stripes", "checks", "melange", "camouflage" (cloth), "planks", "tiles", "plaster", "carpet",
-    "concrete", "paving", "bricks", "sheet" (rooms); KeyError for others.
+    Patterns are "plain", "stripes", "checks", "melange", "camouflage" (cloth), "hair", "planks", "tiles", "plaster",
+    "carpet", "concrete", "paving", "bricks", "sheet" (rooms); KeyError for others.
     """
     if pattern not in _BLENDS:
         raise KeyError(f"no pattern {pattern!r}; expected one of {', '.join(_BLENDS)}")
@@ -87,7 +87,14 @@ def _bricks(x, y, rng):
     return np.where(edge < 0.06, 1.0, tone), 0.04 * _noise(x, rng, 1) + 0.03 * _noise(x, rng, 8)
 
 
+def _hair(x, y, rng):
+    """Return strands that run upwards, in locks."""
+    strands, locks = _noise(x, rng, (14, 0.7)), _noise(x, rng, (24, 4))
+    return np.clip(0.45 + 0.28 * strands + 0.22 * locks, 0, 1), 0.06 * _noise(x, rng, (10, 1))
+
+
 _BLENDS = {
+    "hair": _hair,
     "plain": lambda x, y, rng: (np.zeros_like(x), 0.02 * _noise(x, rng, 1) + 0.03 * _noise(x, rng, 12)),
     "stripes": _stripes,
     "checks": _checks,

@@ -218,7 +218,6 @@ def _touch(one: str, other: str) -> bool:
 def _add_materials(spec: mujoco.MjSpec, prefix: str, looks: PersonLooks, *, rng: np.random.Generator | None) -> None:
     flat = {
         "skin": looks.skin,
-        "hair": looks.hair_colour,
         "brow": tuple(0.8 * c for c in looks.hair_colour),
         "eye": (0.92, 0.92, 0.90),
         "iris": (0.13, 0.09, 0.07),
@@ -228,10 +227,15 @@ def _add_materials(spec: mujoco.MjSpec, prefix: str, looks: PersonLooks, *, rng:
     }
     for material, colour in flat.items():
         spec.add_material(name=prefix + material, rgba=[*colour, 1], specular=0.15, shininess=0.2)
-    for material, garment in (("top", looks.top), ("bottom", looks.bottom)):
+    strands = tuple(tuple(shade * c for c in looks.hair_colour) for shade in (0.65, 1.25))
+    for material, pattern, colours in (
+        ("top", looks.top.pattern, looks.top.colours),
+        ("bottom", looks.bottom.pattern, looks.bottom.colours),
+        ("hair", "hair", strands),
+    ):
         added = spec.add_material(name=prefix + material, specular=0.05, shininess=0.05)
         if rng:
-            add_texture(spec, added, paint(garment.pattern, garment.colours, 128, rng=rng))
+            add_texture(spec, added, paint(pattern, colours, 128, rng=rng))
 
 
 def _add_mesh(spec: mujoco.MjSpec, name: str, part: Part, bare: BareBody, *, shaded: bool) -> None:

@@ -1,10 +1,12 @@
 """How people look: skin, clothes, shoes and hair as parts of one surface, each with a material, for the skeleton to bend."""
 
 from functools import lru_cache
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 import trimesh
+from scipy.interpolate import LinearNDInterpolator
 from scipy.sparse import csr_matrix
 
 from synth.people.body import ANKLE_HEIGHT, SEGMENTS, SIDES, Body, side_and_name
@@ -64,16 +66,14 @@ def parts(body: Body, looks: PersonLooks) -> list[Part]:
     """Return the parts of the visible surface of a person, in the order of `SEGMENTS`. Colours and patterns of the looks are not used."""
     bare = bare_body(body, looks.hands)
     sheet = _bare_sheet(bare)
-    made = [("top", *_top(sheet, bare, body, looks)), ("bottom", *_bottom(sheet, bare, body, looks)), ("shoe", *_shoes(sheet, bare, body))]
-    covered = np.max([field for _, _, field in made], axis=0)
-    sheets = [("skin", _kept(sheet, _UNDER - covered)[0])]
-    for material, worn, _ in made:
-        if material != "shoe":
-            sheets.append((material, worn))
-            continue
-        ground = bare.origins[SEGMENTS.index("l_foot"), 2] - ANKLE_HEIGHT * body.stature
-        upper = worn.points[:, 2] - ground - 0.011 * body.stature
-        sheets += [("shoe", _kept(worn, upper)[0]), ("sole", _kept(worn, -upper)[0])]
+    (top, thick), (bottom, wide) = _top(sheet, bare, body, looks), _bottom(sheet, body, looks)
+    shoes, shod = _shoes(sheet, bare, body)
+    sheets = [("skin", _kept(sheet, _UNDER - np.max([top, bottom, shod], axis=0))[0])]
+    sheets.append(("top", _worn(sheet, top, thick, None if looks.untucked else bottom)))
+    sheets.append(("bottom", _worn(sheet, bottom, wide, top if looks.untucked else None)))
+    ground = bare.origins[SEGMENTS.index("l_foot"), 2] - ANKLE_HEIGHT * body.stature
+    upper = shoes.points[:, 2] - ground - 0.011 * body.stature
+    sheets += [("shoe", _kept(shoes, upper)[0]), ("sole", _kept(shoes, -upper)[0])]
     sheets += _face(sheet, bare, body)
     sheets += _hair(sheet, bare, body, looks.hair)
     found = [part for material, each in sheets for part in _split(each, material, bare)]
@@ -151,7 +151,7 @@ def _chain(sheet: _Sheet, names: tuple[str, str, str]) -> np.ndarray:
         own = sheet.weights[:, numbers]
         most = own.argmax(1)
         first, second = sheet.along[:, numbers[0]], sheet.along[:, numbers[1]]
-        here = np.where(most == 0, np.minimum(first, 1), np.where(most == 1, 1 + second.clip(0), 1 + second.clip(1)))
+        here = np.where(most == 0, np.minimum(first, 1), 1 + second.clip(0))
         place = np.where(own.sum(1) > 0.5, here, place)
     return place
 
@@ -163,45 +163,55 @@ _FAR = 1.0
 """Value of a field where no hem is near, m."""
 
 
-def _top(sheet: _Sheet, bare: BareBody, body: Body, looks: PersonLooks) -> tuple[_Sheet, np.ndarray]:
-    size, arm = body.stature, _chain(sheet, _ARM)
+def _top(sheet: _Sheet, bare: BareBody, body: Body, looks: PersonLooks) -> tuple[np.ndarray, np.ndarray]:
+    """Return the field and the thickness (N,) of the shirt, m."""
+    size, arm, up = body.stature, _chain(sheet, _ARM), sheet.points[:, 2] / body.stature
     neck = bare.origins[SEGMENTS.index("head")]
-    hem = np.where(arm > 0, _FAR, sheet.points[:, 2] - (-0.03 if looks.untucked else 0.062) * size)
+    hem = np.where(arm > 0, _FAR, sheet.points[:, 2] - (-0.03 if looks.untucked else 0.058) * size)
     sleeve = np.where(arm > 0, (1.95 if looks.top.long else 0.62) - arm, _FAR / size) * 0.17 * size
-    collar = -(sheet.points - neck) @ (0.42, 0, 0.91) + 0.004 * size
-    field = np.minimum(np.minimum(hem, sleeve), np.where(sheet.weights[:, SEGMENTS.index("head")] > 0.02, collar, _FAR))
-    loose = np.interp(arm, (0, 0.62), (0.0, 0.007)) if not looks.top.long else np.interp(arm, (0, 1, 2), (0, 0.004, 0.005))
-    loose = loose + np.where(arm < 0, np.interp(sheet.points[:, 2] / size, (-0.05, 0.02, 0.12, 0.25), (0.014, 0.010, 0.007, 0.002)), 0)
-    return _worn(sheet, field, _CLOTH + 0.002 + loose), field
+    # The collar lies in a plane around the neck, lower in front; shoulders may rise above it.
+    ahead, aside, above = (sheet.points - neck).T
+    collar = 0.9 * np.maximum(np.hypot(ahead, aside) - 0.038 * size, 0) - above - 0.38 * ahead + 0.002 * size
+    loose = np.interp(arm, (0, 1, 2), (0, 0.004, 0.005)) if looks.top.long else np.interp(arm, (0, 0.62), (0, 0.007))
+    loose += np.where(arm < 0, np.interp(up, (-0.05, 0.02, 0.12, 0.25), (0.014, 0.010, 0.007, 0.002)), 0)
+    return np.minimum(np.minimum(hem, sleeve), collar), _CLOTH + 0.002 + loose
 
 
-def _bottom(sheet: _Sheet, bare: BareBody, body: Body, looks: PersonLooks) -> tuple[_Sheet, np.ndarray]:
+def _bottom(sheet: _Sheet, body: Body, looks: PersonLooks) -> tuple[np.ndarray, np.ndarray]:
+    """Return the field and the thickness (N,) of the trousers, m."""
     size, leg = body.stature, _chain(sheet, _LEG)
-    arm = _chain(sheet, _ARM)
     waist = (0.045 if looks.untucked else 0.074) * size - sheet.points[:, 2]
-    end = 1.93 if looks.bottom.long else 0.93
-    cuff = np.where(leg > 0, end - leg, _FAR / size) * 0.245 * size
-    field = np.where(arm > 0, -_FAR, np.minimum(waist, cuff))
-    loose = np.interp(leg, (0.3, 1, 1.6, 2), (0.002, 0.006, 0.016, 0.018) if looks.bottom.long else (0.006, 0.014, 0.014, 0.014))
-    return _worn(sheet, field, _CLOTH + np.where(looks.untucked, 0, 0.004 * (leg < 0)) + loose * size / 1.75), field
+    cuff = np.where(leg > 0, (1.98 if looks.bottom.long else 0.93) - leg, _FAR / size) * 0.245 * size
+    field = np.where(_chain(sheet, _ARM) > 0, -_FAR, np.minimum(waist, cuff))
+    wide = (0.002, 0.006, 0.014, 0.016) if looks.bottom.long else (0.006, 0.014, 0.014, 0.014)
+    loose = np.interp(leg, (0.3, 1, 1.6, 2), wide) * size / 1.75
+    return field, _CLOTH + loose + (0 if looks.untucked else 0.006 * (leg < 0))
 
 
-def _worn(sheet: _Sheet, field: np.ndarray, thickness: np.ndarray) -> _Sheet:
-    """Return a garment over the skin where a field is above 0: smoother than the skin, and never inside it."""
-    shell, inside, thick = _kept(sheet, field, field, thickness)
-    shell, (inside, thick) = _cut(shell, inside - _EDGE, inside, thick)
+def _worn(sheet: _Sheet, field: np.ndarray, thickness: np.ndarray, over: np.ndarray | None = None) -> _Sheet:
+    """Return a garment over the skin where a field is above 0: smoother than the skin, and never inside it.
+
+    Where another garment is worn over it, which is where the field `over` is above `_UNDER`, it is left out.
+    """
+    hidden = np.full(len(field), -_FAR) if over is None else over
+    shell, inside, thick, hidden = _kept(sheet, field, field, thickness, hidden)
+    shell, (inside, thick, hidden) = _cut(shell, inside - _EDGE, inside, thick, hidden)
     thick = thick * np.clip(inside / _EDGE, 0, 1) + 0.0005
-    skin, points = shell.points, shell.points + thick[:, None] * shell.normals
     edges = np.concatenate([shell.faces[:, [0, 1]], shell.faces[:, [1, 2]], shell.faces[:, [2, 0]]])
-    around = csr_matrix((np.ones(2 * len(edges)), np.concatenate([edges, edges[:, ::-1]]).T), (len(skin),) * 2)
+    around = csr_matrix((np.ones(2 * len(edges)), np.concatenate([edges, edges[:, ::-1]]).T), (len(thick),) * 2)
     around.data[:] = 1
     mean = csr_matrix(around.multiply(1 / np.maximum(around.sum(1), 1)))
+    outward = shell.normals
+    for _ in range(6):
+        outward = outward + mean @ outward
+        outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    skin, points = shell.points, shell.points + thick[:, None] * outward
     free = (inside > _EDGE + 1e-6)[:, None]
     for _ in range(12):
         points = np.where(free, 0.5 * points + 0.5 * (mean @ points), points)
-        depth = thick - ((points - skin) * shell.normals).sum(1)
-        points = points + np.maximum(depth, 0)[:, None] * shell.normals
-    return shell._replace(points=points, normals=_normals(points, shell.faces))
+        depth = thick - ((points - skin) * outward).sum(1)
+        points = points + np.maximum(depth, 0)[:, None] * outward
+    return _kept(shell._replace(points=points, normals=_normals(points, shell.faces)), _UNDER - hidden)[0]
 
 
 def _shoes(sheet: _Sheet, bare: BareBody, body: Body) -> tuple[_Sheet, np.ndarray]:
@@ -227,7 +237,6 @@ def _shoes(sheet: _Sheet, bare: BareBody, body: Body) -> tuple[_Sheet, np.ndarra
 def _face(sheet: _Sheet, bare: BareBody, body: Body) -> list[tuple[str, _Sheet]]:
     """Return eyes with irises, brows and lips."""
     size, head = body.stature * body.head, SEGMENTS.index("head")
-    on_head = sheet.weights[:, head] > 0.9
     found, middles = [], bare.eyes.mean(1)
     for ball, middle in zip(bare.eyes, middles, strict=True):
         weights = np.tile(np.eye(len(SEGMENTS))[head], (len(ball), 1))
@@ -237,18 +246,28 @@ def _face(sheet: _Sheet, bare: BareBody, body: Body) -> list[tuple[str, _Sheet]]
         found.append(("eye", eye))
         iris = _kept(eye, out[:, 0] - np.cos(np.radians(27)))[0]
         found.append(("iris", iris._replace(points=iris.points + 0.0006 * iris.normals + (0.0006, 0, 0))))
-        across, up = (sheet.points - middle)[:, 1] / (0.0135 * size), (sheet.points - middle)[:, 2] / size
-        bow = np.abs((up - 0.0132 + 0.0022 * across**2) / 0.0026)
-        field = np.where(on_head & (sheet.points[:, 0] > middle[0]), (1 - np.hypot(across, bow)) * 0.005, -_FAR)
-        brow = _kept(sheet, field)[0]
-        found.append(("brow", brow._replace(points=brow.points + 0.0012 * brow.normals)))
-    middle = middles.mean(0)
-    mouth = middle[2] - 0.0415 * size
-    across, high = sheet.points[:, 1] / (0.0135 * size), (sheet.points[:, 2] - mouth) / (0.0055 * size)
-    field = np.where(on_head & (sheet.points[:, 0] > middle[0] - 0.02), (1 - np.hypot(across, high)) * 0.005, -_FAR)
-    lips = _kept(sheet, field)[0]
-    found.append(("lip", lips._replace(points=lips.points + 0.0007 * lips.normals)))
+        found.append(("brow", _patch(sheet, head, middle[1:] + (0, 0.0132 * size), (0.0125 * size, 0.0021 * size), 0.002 * size)))
+    mouth = bare.eyes.mean((0, 1))[1:] - (0, 0.0415 * size)
+    found.append(("lip", _patch(sheet, head, mouth, (0.0135 * size, 0.0048 * size), 0.0)))
     return found
+
+
+def _patch(sheet: _Sheet, head: int, middle: np.ndarray, half: tuple[float, float], bow: float) -> _Sheet:
+    """Return an ellipse on the face: its middle (2,) and half sizes along y and z, m, its ends lower by `bow`."""
+    front = (sheet.weights[:, head] > 0.9) & (sheet.normals[:, 0] > 0.1)
+    angle, rings = np.linspace(0, 2 * np.pi, 20, endpoint=False), np.array((0.35, 0.7, 1.0))
+    round_ = (rings[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], -1)).reshape(-1, 2)
+    disc = np.concatenate([np.zeros((1, 2)), round_])
+    places = middle + disc * half - np.outer(disc[:, 0] ** 2, (0, bow))
+    lift = 0.0024 * np.clip(2 - 2 * np.hypot(*disc.T), 0.1, 1)
+    ahead = LinearNDInterpolator(sheet.points[front][:, 1:], sheet.points[front][:, 0])(places) + lift
+    index = 1 + np.arange(len(disc) - 1).reshape(len(rings), -1)
+    ahead = np.where(np.isnan(ahead), np.nanmean(ahead), ahead)
+    after = np.roll(index, -1, 1)
+    faces = [np.stack([0 * index[0], index[0], after[0]], -1)]
+    for inner, outer in pairwise(range(len(rings))):
+        faces += [np.stack([index[inner], index[outer], after[outer]], -1), np.stack([index[inner], after[outer], after[inner]], -1)]
+    return _rigid(np.column_stack([ahead, places]), np.concatenate(faces), head)
 
 
 def _hair(sheet: _Sheet, bare: BareBody, body: Body, style: str) -> list[tuple[str, _Sheet]]:
