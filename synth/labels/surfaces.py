@@ -14,7 +14,7 @@ from dmae.data.clip import Clip
 from dmae.data.images import FIRST_OBJECT_ID
 from dmae.data.labels import Visibility
 from synth.people.body import HEAD_HEIGHT, PARENTS, SEGMENTS, SIDES, Body, side_and_name
-from synth.people.mjcf import Bending
+from synth.people.skinning import Skin, locate, mesh_triangles
 from synth.rooms.rays import cast_rays, opaque_model
 from synth.scene.build import Scene
 
@@ -90,26 +90,32 @@ from the middle, and `under` of a hand is its palm."""
 
 
 class SurfacePoints(NamedTuple):
-    """Points on P people, each fixed to a geom.
+    """Points on P people, each in a triangle of a geom's mesh.
 
     Attributes:
-        geoms: (P, 256) index of the geom that each point moves with.
-        places: (P, 256, 3) points in the frame of the geom, m.
-        normals: (P, 256, 3) outward unit normals in the frame of the geom.
+        geoms: (P, 256) index of the geom that each point belongs to.
+        vertices: (P, 256, 3) indices into the model's `mesh_vert` of the corners of the triangle.
+        shares: (P, 256, 3) shares of the corners in the point, sum 1.
     """
 
     geoms: np.ndarray
-    places: np.ndarray
-    normals: np.ndarray
+    vertices: np.ndarray
+    shares: np.ndarray
 
-    def at(self, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
-        """Return points, m, and normals, (P, 256, 3) each, world. `data` is a state after `Bending` was applied to it.
+    def at(self, model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
+        """Return points, m, and outward unit normals, (P, 256, 3) each, world.
 
-        See `synth.people.mjcf.Bending`.
+        Args:
+            model, data: A state of the scene, after `synth.people.skinning.Skin` was applied to it.
         """
         turns = data.geom_xmat[self.geoms].reshape(*self.geoms.shape, 3, 3)
-        points = data.geom_xpos[self.geoms] + (turns @ self.places[..., None])[..., 0]
-        return points, (turns @ self.normals[..., None])[..., 0]
+        meshes = model.geom_dataid[self.geoms]
+        corners = self.vertices + (model.mesh_normaladr - model.mesh_vertadr)[meshes][..., None]
+        points, normals = (
+            np.einsum("psij,psk,pskj->psi", turns, self.shares, values.astype(float))
+            for values in (model.mesh_vert[self.vertices], model.mesh_normal[corners])
+        )
+        return data.geom_xpos[self.geoms] + points, normals / np.linalg.norm(normals, axis=-1, keepdims=True)
 
 
 def surface_points(scene: Scene, bodies: list[Body]) -> SurfacePoints:
@@ -125,7 +131,7 @@ def surface_points(scene: Scene, bodies: list[Body]) -> SurfacePoints:
     model = copy.copy(scene.model)
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    Bending(model).apply(data)
+    Skin(model).apply(data)
     found = [_points_of(scene, model, data, person, body) for person, body in enumerate(bodies)]
     return SurfacePoints(*(np.stack(part) for part in zip(*found, strict=True)))
 
@@ -136,10 +142,13 @@ def _points_of(scene: Scene, model: mujoco.MjModel, data: mujoco.MjData, person:
     found = []
     for number, segment in enumerate(SEGMENTS):
         side, name = side_and_name(segment)
-        # Cloth between two segments of the trunk may move with either of them.
+        # The surface near a joint may belong to either of its segments. Rays pass through the others' surfaces.
         own = [SEGMENTS.index(each) for each in _TRUNK] if name in _TRUNK else [number]
-        visible = (scene.geom_ids == 1 + person) & np.isin(model.geom_bodyid, ids[own])
-        model.geom_group = np.where(visible, 0, 5)
+        near = [i for i, parent in enumerate(PARENTS) if parent in own or i in (*own, PARENTS[number])]
+        own, near = (
+            np.where((scene.geom_ids == 1 + person) & np.isin(model.geom_bodyid, ids[which]), 0, 5)
+            for which in (own, near)
+        )
         rings = _RINGS[name]
         start, end = (data.xpos[ids[number]] + point for point in _axis(body, number))
         angles = 2 * np.pi * np.arange(len(rings.directions)) / len(rings.directions)
@@ -147,13 +156,21 @@ def _points_of(scene: Scene, model: mujoco.MjModel, data: mujoco.MjData, person:
         for share in rings.shares:
             for angle in angles:
                 outward = np.cos(angle) * np.array(rings.first) + np.sin(angle) * second
-                found.append(_meet(model, data, start + share * (end - start), outward))
-    geoms, points, normals = (np.array(part) for part in zip(*found, strict=True))
+                for model.geom_group in (own, near):
+                    met = _meet(model, data, start + share * (end - start), outward)
+                    if met[0] >= 0:
+                        break
+                found.append(met)
+    geoms, points = (np.array(part) for part in zip(*found, strict=True))
     if (geoms < 0).any():
         raise ValueError(f"person {person} has no surface at {NAMES[int(np.argmin(geoms))]}")
-    turns = data.geom_xmat[geoms].reshape(-1, 3, 3).swapaxes(1, 2)
-    places = (turns @ (points - data.geom_xpos[geoms])[..., None])[..., 0]
-    return geoms, places, (turns @ normals[..., None])[..., 0]
+    vertices, shares = np.empty((len(geoms), 3), int), np.empty((len(geoms), 3))
+    for geom in np.unique(geoms):
+        mesh, own = model.geom_dataid[geom], geoms == geom
+        places = (points[own] - data.geom_xpos[geom]) @ data.geom_xmat[geom].reshape(3, 3)
+        triangles, shares[own] = locate(mesh_triangles(model, geom), places)
+        vertices[own] = model.mesh_vertadr[mesh] + model.mesh_face[model.mesh_faceadr[mesh] + triangles]
+    return geoms, vertices, shares
 
 
 def _axis(body: Body, number: int) -> tuple[np.ndarray, np.ndarray]:
@@ -171,9 +188,9 @@ def _axis(body: Body, number: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _meet(model: mujoco.MjModel, data: mujoco.MjData, middle: np.ndarray, outward: np.ndarray) -> tuple:
-    """Return the geom, point and normal where a ray from outside towards `middle` first meets a surface."""
-    geom, distance, normal = cast_rays(model, data, middle + _RAY_START * outward, -outward[None])
-    return geom[0], middle + (_RAY_START - distance[0]) * outward, normal[0]
+    """Return the geom and the point where a ray from outside towards `middle` first meets a surface."""
+    geom, distance, _ = cast_rays(model, data, middle + _RAY_START * outward, -outward[None])
+    return geom[0], middle + (_RAY_START - distance[0]) * outward
 
 
 # Their positions, and their visibility in each camera; no images are needed
@@ -222,15 +239,15 @@ def surface_labels(
         rig: V cameras.
     """
     opaque = opaque_model(scene.model, scene.geom_ids)
-    data, bending, shape = mujoco.MjData(opaque), Bending(opaque), points.geoms.shape
+    data, skin, shape = mujoco.MjData(opaque), Skin(opaque), points.geoms.shape
     xyz, normals = (np.empty((len(qpos), *shape, 3)) for _ in range(2))
     visibility = np.empty((len(qpos), len(rig), *shape), np.uint8)
     hidden_by = np.full(visibility.shape, -1, np.int16)
     for frame, state in enumerate(qpos):
         data.qpos[:] = state
         mujoco.mj_kinematics(opaque, data)
-        bending.apply(data)
-        xyz[frame], normals[frame] = points.at(data)
+        skin.apply(data)
+        xyz[frame], normals[frame] = points.at(opaque, data)
         xy, along = rig.project(xyz[frame][None])
         codes = visibility[frame]
         codes[:] = np.where(rig.inside(xy)[0], Visibility.VISIBLE, Visibility.OUTSIDE_IMAGE)

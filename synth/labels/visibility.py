@@ -8,7 +8,7 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from dmae.data.images import FIRST_OBJECT_ID
 from dmae.data.labels import OcclusionLabels, Visibility
-from synth.people.mjcf import Bending
+from synth.people.skinning import Skin
 from synth.rooms.rays import cast_rays, opaque_model
 
 _CONTACT = 0.025
@@ -118,14 +118,14 @@ def _first_at_place(joints: np.ndarray) -> np.ndarray:
 def _cast_all(opaque, data, qpos, centers, directions, frame, view) -> tuple[np.ndarray, ...]:
     """Cast rays from the camera centres of views in the states of frames. Rays are sorted by frame, then by view."""
     hits = np.empty(len(directions), np.int32), np.empty(len(directions)), np.empty_like(directions)
-    views, bending = len(centers), Bending(opaque)
+    views, skin = len(centers), Skin(opaque)
     ends = np.searchsorted(frame * views + view, np.arange(len(qpos) * views), side="right").tolist()
     for number, (start, stop) in enumerate(pairwise([0, *ends])):
         at, seer = divmod(number, views)
         if seer == 0:
             data.qpos[:] = qpos[at]
             mujoco.mj_kinematics(opaque, data)
-            bending.apply(data)
+            skin.apply(data)
         for all_hits, some in zip(hits, cast_rays(opaque, data, centers[seer], directions[start:stop]), strict=True):
             all_hits[start:stop] = some
     return hits

@@ -139,7 +139,7 @@ def add_person(
         bends = not ((part.bones[:, 0] == segment) & (part.weights[:, 0] > 1 - 1e-6)).all()
         if bends:
             rows.append(np.concatenate([part.bones, part.weights, part.vertices, part.normals], axis=1))
-        _add_mesh(spec, name, part, bare, shaded=rng is not None)
+        _add_mesh(spec, name, part, bare, textured=rng is not None)
         bodies[segment].add_geom(
             name=name,
             type=mujoco.mjtGeom.mjGEOM_MESH,
@@ -238,17 +238,18 @@ def _add_materials(spec: mujoco.MjSpec, prefix: str, looks: PersonLooks, *, rng:
             add_texture(spec, added, paint(pattern, colours, 128, rng=rng))
 
 
-def _add_mesh(spec: mujoco.MjSpec, name: str, part: Part, bare: BareBody, *, shaded: bool) -> None:
+def _add_mesh(spec: mujoco.MjSpec, name: str, part: Part, bare: BareBody, *, textured: bool) -> None:
     """Add the mesh of a part, in the frame of its segment."""
-    segment, faces, shading = SEGMENTS.index(part.segment), part.faces.ravel(), {}
+    segment, faces, texture = SEGMENTS.index(part.segment), part.faces.ravel(), {}
     turn = bare.rotations[segment]
-    if shaded:
-        shading = {"usernormal": (part.normals @ turn).ravel(), "userfacenormal": faces}
-        shading |= {"usertexcoord": part.uv.ravel(), "userfacetexcoord": np.arange(len(faces))}
+    if textured:
+        texture = {"usertexcoord": part.uv.ravel(), "userfacetexcoord": np.arange(len(faces))}
     spec.add_mesh(
         name=name,
         uservert=((part.vertices - bare.origins[segment]) @ turn).ravel(),
         userface=faces,
+        usernormal=(part.normals @ turn).ravel(),
+        userfacenormal=faces,
         inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
-        **shading,
+        **texture,
     )

@@ -10,6 +10,8 @@ none, a third and two thirds, so that a twist spreads along the limb (Kavan and 
 
 import mujoco
 import numpy as np
+import trimesh
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from dmae.numerics.compiled import compiled
@@ -126,7 +128,7 @@ class Skin:
             _bend(
                 bones, bind, which, weights, rest, data.geom_xpos[geoms], data.geom_xmat[geoms].reshape(-1, 3, 3),
                 model.mesh_vertadr[meshes], model.mesh_vertnum[meshes], model.mesh_normaladr[meshes],
-                model.mesh_normalnum[meshes], model.mesh_vert, model.mesh_normal,
+                model.mesh_vert, model.mesh_normal,
             )  # fmt: skip
         _refit(
             self.geoms, model.mesh_bvhadr[self.meshes], model.mesh_bvhnum[self.meshes], model.mesh_faceadr[self.meshes],
@@ -137,6 +139,25 @@ class Skin:
             model.body_bvhadr[self._bodies], model.body_bvhnum[self._bodies], self.geoms, self._turns, self._offsets,
             model.bvh_child, model.bvh_nodeid, model.bvh_aabb, model.geom_aabb,
         )  # fmt: skip
+
+
+def mesh_triangles(model: mujoco.MjModel, geom: int) -> np.ndarray:
+    """Return the (T, 3, 3) corners of the triangles of a geom's mesh, m, in the frame of the geom."""
+    mesh = model.geom_dataid[geom]
+    faces = slice(model.mesh_faceadr[mesh], model.mesh_faceadr[mesh] + model.mesh_facenum[mesh])
+    return model.mesh_vert[model.mesh_vertadr[mesh] :][model.mesh_face[faces]].astype(float)
+
+
+def locate(triangles: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the triangle (R,) nearest to each point (R, 3), and the shares (R, 3) of its corners in the point."""
+    candidates = min(len(triangles), 8)
+    near = cKDTree(triangles.mean(1)).query(points, candidates)[1].reshape(-1, candidates)
+    some = triangles[near.ravel()]
+    closest = trimesh.triangles.closest_point(some, points.repeat(candidates, 0))
+    best = np.linalg.norm(closest - points.repeat(candidates, 0), axis=1).reshape(-1, candidates).argmin(1)
+    rows = np.arange(len(points))
+    shares = trimesh.triangles.points_to_barycentric(triangles[near[rows, best]], points)
+    return near[rows, best], shares
 
 
 @compiled()
@@ -188,9 +209,9 @@ def _place_bones(quats, origins, parents, segment, shares, lengthwise, bones):
 
 @compiled()
 def _bend(
-    bones, bind, which, weights, rest, places, turns, first_vertex, vertices, first_normal, normals, mesh_vert, mesh_normal
+    bones, bind, which, weights, rest, places, turns, first_vertex, vertices, first_normal, mesh_vert, mesh_normal
 ):
-    """Write the vertices of the meshes of a person, and their normals if they have any, into the model."""
+    """Write the vertices of the meshes of a person, and their normals, into the model."""
     count = len(bones)
     move = np.empty((count, 3, 4))
     for b in range(count):
@@ -222,11 +243,10 @@ def _bend(
                 mesh_vert[first_vertex[mesh] + vertex, j] = (
                     turns[mesh, 0, j] * world[0] + turns[mesh, 1, j] * world[1] + turns[mesh, 2, j] * world[2]
                 )
-            if normals[mesh] == vertices[mesh]:
-                for j in range(3):
-                    mesh_normal[first_normal[mesh] + vertex, j] = (
-                        turns[mesh, 0, j] * outward[0] + turns[mesh, 1, j] * outward[1] + turns[mesh, 2, j] * outward[2]
-                    ) / size
+            for j in range(3):
+                mesh_normal[first_normal[mesh] + vertex, j] = (
+                    turns[mesh, 0, j] * outward[0] + turns[mesh, 1, j] * outward[1] + turns[mesh, 2, j] * outward[2]
+                ) / size
             row += 1
 
 

@@ -1,6 +1,5 @@
 """Paint images of a scene by OpenGL, without a screen."""
 
-import copy
 import functools
 import os
 import subprocess
@@ -93,7 +92,7 @@ class OpenGLPainter:
     """Paint images by MuJoCo's OpenGL renderer; the same interface as `synth.rendering.raycasting.RayPainter`.
 
     Args:
-        model: The scene, with the rig's cameras in it.
+        model: The scene, with the rig's cameras in it. Its settings of quality change.
         geom_ids: (ngeom,) uint16 id of each geom.
         rig: V pinhole cameras.
         backend: OpenGL backend from `find_backend`.
@@ -102,7 +101,7 @@ class OpenGLPainter:
     """
 
     def __init__(self, model, geom_ids, rig, backend, settings, imaging: ImagingConfig):
-        self._model = copy.copy(model)
+        self._model = model
         quality = self._model.vis.quality
         quality.shadowsize, quality.offsamples, quality.numslices, quality.numstacks, quality.numquads = settings
         self._lenses, self._poses = rig.K, rig.cam_from_world
@@ -144,6 +143,13 @@ class OpenGLPainter:
         drawing = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
         drawing.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR.value
         return drawing
+
+    def reshape(self, meshes: np.ndarray) -> None:
+        """Take over the vertices of meshes (M,) that changed in the model."""
+        self._gl.make_current()
+        for drawing in {self._colouring, self._identifying}:
+            for mesh in meshes.tolist():
+                mujoco.mjr_uploadMesh(self._model, drawing, mesh)
 
     def paint(self, data: mujoco.MjData, view: int, kinds: tuple[str, ...]) -> tuple[np.ndarray | None, ...]:
         rgb = depth = geoms = normals = None

@@ -30,7 +30,7 @@ class RayPainter:
     def __init__(self, model: mujoco.MjModel, geom_ids: np.ndarray, rig: CameraRig, step: int):
         drawn = (geom_ids > 0) | (model.geom_group < 3)
         moves = model.body_weldid[model.geom_bodyid] > 0
-        self._model = copy.copy(model)
+        self._given, self._model = model, copy.copy(model)
         self._model.geom_group = np.where(drawn, np.where(moves, _MOVING, _STATIC), _UNSEEN)
         # MuJoCo skips rays outside the angles of a box's corners. Near a camera, edges extend beyond these angles.
         self._model.bvh_aabb[:, 3:] *= _LARGER
@@ -70,6 +70,12 @@ class RayPainter:
         covered = np.zeros(self._shape, bool)
         covered.ravel()[near] = hit >= 0
         return self._enlarge(covered)
+
+    def reshape(self, meshes: np.ndarray) -> None:
+        """Take over the vertices of meshes (M,) that changed in the model."""
+        for name in ("mesh_vert", "mesh_normal", "geom_aabb", "geom_size", "geom_rbound", "bvh_aabb"):
+            getattr(self._model, name)[:] = getattr(self._given, name)
+        self._model.bvh_aabb[:, 3:] *= _LARGER
 
     def close(self) -> None:
         """Do nothing. This is the counterpart of `OpenGLPainter.close`."""

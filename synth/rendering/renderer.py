@@ -1,5 +1,6 @@
 """Render a scene: colour, depth, ids, body parts, normals, flow and amodal masks of persons."""
 
+import copy
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -23,7 +24,8 @@ from dmae.data.images import (
     write_video,
 )
 from synth.people.body import SEGMENTS
-from synth.people.mjcf import Bending, geom_parts
+from synth.people.mjcf import geom_parts
+from synth.people.skinning import Skin, locate, mesh_triangles
 from synth.rendering.config import ImageQuality, ImagingConfig
 from synth.rendering.opengl import OpenGLPainter, find_backend
 from synth.rendering.raycasting import RayPainter
@@ -70,6 +72,10 @@ class LensPainter:
                 bent[shown] = part[shown]
         return bent
 
+    def reshape(self, meshes: np.ndarray) -> None:
+        """Take over meshes of the model that changed, see `synth.rendering.opengl.OpenGLPainter.reshape`."""
+        self._painter.reshape(meshes)
+
     def close(self) -> None:
         """Close the painter."""
         self._painter.close()
@@ -79,7 +85,7 @@ class LensPainter:
 
 
 class SurfaceFlow:
-    """The flow of images of a scene of rigid geoms.
+    """The flow of images of a scene.
 
     Args:
         rig: V static cameras.
@@ -87,7 +93,8 @@ class SurfaceFlow:
 
     def __init__(self, model: mujoco.MjModel, rig: CameraRig):
         self._model, self._rig, self._next = model, rig, mujoco.MjData(model)
-        self._bending = Bending(model)
+        self._later = copy.copy(model)
+        self._skin = Skin(self._later)
         self._moves = np.concatenate([[False], model.body_weldid[model.geom_bodyid] > 0])
         self._view, self._rays = None, np.empty(0)
 
@@ -97,7 +104,7 @@ class SurfaceFlow:
         """Return the flow (H, W, 2), float32 px; NaN where there is no surface.
 
         Args:
-            data: State of the scene, positions up to date.
+            data: State of the scene, positions and surfaces up to date.
             following: (nq,) the next state; None if there is none. Then all flow is NaN.
             view: Index into the rig.
             depth: (H, W) m along the optical axis.
@@ -112,22 +119,26 @@ class SurfaceFlow:
             return flow
         self._next.qpos[:] = following
         mujoco.mj_kinematics(self._model, self._next)
-        self._bending.apply(self._next)
+        self._skin.apply(self._next)
         camera = self._rig[view : view + 1]
         pose, pixels = camera.cam_from_world[0], np.stack([column, row], -1).astype(float)
         rays = self._rays_of(camera, view, depth.shape)[row, column]
         points = camera.centers[0] + rays * (depth[row, column] / (rays @ pose[2, :3]))[:, None]
         geom = geoms[row, column].astype(int) - 1
-        turn = self._axes(self._next) @ self._axes(data).transpose(0, 2, 1)
-        places = self._next.geom_xpos[geom] + np.einsum(
-            "rij,rj->ri", turn[geom], points - data.geom_xpos[geom], optimize=True
-        )
+        now, then = (each.geom_xmat.reshape(-1, 3, 3)[geom] for each in (data, self._next))
+        own = np.einsum("rji,rj->ri", now, points - data.geom_xpos[geom])
+        for bent in np.intersect1d(geom, self._skin.geoms):
+            own[geom == bent] = self._bent(bent, own[geom == bent])
+        places = self._next.geom_xpos[geom] + np.einsum("rij,rj->ri", then, own)
         xy, along = camera.project(places[None])
         flow[row, column] = np.where(along[0, 0, :, None] > 0, xy[0, 0] - pixels, np.nan)
         return flow
 
-    def _axes(self, data: mujoco.MjData) -> np.ndarray:
-        return data.geom_xmat.reshape(-1, 3, 3)
+    def _bent(self, geom: int, points: np.ndarray) -> np.ndarray:
+        """Return where points (R, 3) on a geom that bends are in the next state, both in the frame of the geom."""
+        now, then = (mesh_triangles(model, geom) for model in (self._model, self._later))
+        triangle, share = locate(now, points)
+        return np.einsum("rk,rkx->rx", share, then[triangle])
 
     def _rays_of(self, camera: CameraRig, view: int, shape: tuple[int, ...]) -> np.ndarray:
         """Return (H, W, 3) unit rays through the pixels of a view, world. They are cached until the view changes."""
@@ -200,6 +211,8 @@ class Renderer:
     ):
         imaging = imaging or ImagingConfig()
         settings, step = _SETTINGS[quality]
+        # A copy, because people's meshes change.
+        model = copy.copy(model)
         backend = find_backend()
         if backend:
             painter = OpenGLPainter(model, geom_ids, joined(pinholes(rig)), backend, settings, imaging)
@@ -207,7 +220,7 @@ class Renderer:
         else:
             self._painter = RayPainter(model, geom_ids, rig, step)
         self._model, self._data = model, mujoco.MjData(model)
-        self._moved, self._bending = False, Bending(model)
+        self._moved, self._skin = False, Skin(model)
         # Index 0 means no geom.
         self._ids = np.concatenate([[0], geom_ids]).astype(np.uint16)
         self._parts = np.concatenate([[0], geom_parts(model)]).astype(np.uint8)
@@ -299,7 +312,8 @@ class Renderer:
         self._moved = True
         self._data.qpos[:] = qpos
         mujoco.mj_kinematics(self._model, self._data)
-        self._bending.apply(self._data)
+        self._skin.apply(self._data)
+        self._painter.reshape(self._skin.meshes)
         mujoco.mj_comPos(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
 
