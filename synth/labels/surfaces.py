@@ -68,7 +68,7 @@ _ARM, _LEG, _SHOE = (
 _RINGS = {
     "pelvis": _Rings(_ROUND, _X, _Y, (-0.2, 0.3, 0.75)),
     "spine": _Rings(_ROUND, _X, _Y, (0.25, 0.7)),
-    "chest": _Rings(_ROUND, _X, _Y, (0.1, 0.26, 0.42, 0.58)),
+    "chest": _Rings(_ROUND, _X, _Y, (0.1, 0.26, 0.42, 0.50)),
     "head": _Rings(_ROUND, _X, _Y, (0.27, 0.45, 0.63, 0.83)),
     "upper_arm": _Rings(_ARM, _X, _Z, (0.3, 0.48, 0.66, 0.84)),
     "forearm": _Rings(_ARM, _X, _Z, (0.2, 0.5, 0.8)),

@@ -189,7 +189,8 @@ class Body:
         return self.mass * shares
 
 
-# Height above the hip joints, distance ahead of them, depth and breadth of a masculine trunk, depth and breadth of a feminine one.
+# Height above the hip joints, distance ahead of them, half depth and half breadth of a masculine and of a feminine
+# trunk, fractions of stature.
 _SECTIONS_OF_TRUNK = [(-0.062, -0.004, 0.040, 0.052, 0.042, 0.054), (-0.035, -0.006, 0.058, 0.086, 0.061, 0.089),
           (0.0, -0.009, 0.065, 0.097, 0.069, 0.102), (0.045, -0.010, 0.066, 0.094, 0.067, 0.098),
           (0.09, -0.006, 0.062, 0.086, 0.058, 0.079), (0.13, -0.004, 0.061, 0.084, 0.054, 0.072),

@@ -1,4 +1,4 @@
-"""How people look: skin, clothes, shoes and hair as parts of one surface, each with a material, for the skeleton to bend."""
+"""How people look: skin, clothes, shoes and hair as parts of one surface, each with a material."""
 
 from functools import lru_cache
 from itertools import pairwise
@@ -8,13 +8,14 @@ import numpy as np
 import trimesh
 from scipy.interpolate import LinearNDInterpolator
 from scipy.sparse import csr_matrix
+from scipy.spatial import cKDTree
 
 from synth.people.body import ANKLE_HEIGHT, SEGMENTS, SIDES, Body, side_and_name
 from synth.people.clothing import PersonLooks
 from synth.people.skinning import blend
 from synth.people.surface import BareBody, assets, bare_body
 
-TILE = 0.3
+_TILE = 0.3
 """Length of cloth that one repeat of a texture covers, m."""
 _CLOTH, _EDGE, _UNDER = 0.005, 0.004, 0.025
 """Thickness of cloth, width of the edge of a hem, and how far skin continues under cloth, m."""
@@ -63,7 +64,7 @@ class _Sheet(NamedTuple):
 
 @lru_cache(maxsize=64)
 def parts(body: Body, looks: PersonLooks) -> list[Part]:
-    """Return the parts of the visible surface of a person, in the order of `SEGMENTS`. Colours and patterns of the looks are not used."""
+    """Return the parts of a person's visible surface, in the order of `SEGMENTS`. Colours and patterns play no part."""
     bare = bare_body(body, looks.hands)
     sheet = _bare_sheet(bare)
     (top, thick), (bottom, wide) = _top(sheet, bare, body, looks), _bottom(sheet, body, looks)
@@ -173,7 +174,10 @@ def _top(sheet: _Sheet, bare: BareBody, body: Body, looks: PersonLooks) -> tuple
     ahead, aside, above = (sheet.points - neck).T
     collar = 0.9 * np.maximum(np.hypot(ahead, aside) - 0.038 * size, 0) - above - 0.38 * ahead + 0.002 * size
     loose = np.interp(arm, (0, 1, 2), (0, 0.004, 0.005)) if looks.top.long else np.interp(arm, (0, 0.62), (0, 0.007))
-    loose += np.where(arm < 0, np.interp(up, (-0.05, 0.02, 0.12, 0.25), (0.014, 0.010, 0.007, 0.002)), 0)
+    # A shirt in trousers narrows towards them.
+    levels = ((-0.05, 0.02, 0.12, 0.25), (0.014, 0.010, 0.007, 0.002))
+    levels = levels if looks.untucked else ((0.08, 0.10, 0.14, 0.25), (-0.003, 0.003, 0.006, 0.002))
+    loose += np.where(arm < 0, np.interp(up, *levels), 0)
     return np.minimum(np.minimum(hem, sleeve), collar), _CLOTH + 0.002 + loose
 
 
@@ -202,7 +206,7 @@ def _worn(sheet: _Sheet, field: np.ndarray, thickness: np.ndarray, over: np.ndar
     around.data[:] = 1
     mean = csr_matrix(around.multiply(1 / np.maximum(around.sum(1), 1)))
     outward = shell.normals
-    for _ in range(6):
+    for _ in range(20):
         outward = outward + mean @ outward
         outward /= np.linalg.norm(outward, axis=1, keepdims=True)
     skin, points = shell.points, shell.points + thick[:, None] * outward
@@ -238,15 +242,17 @@ def _face(sheet: _Sheet, bare: BareBody, body: Body) -> list[tuple[str, _Sheet]]
     """Return eyes with irises, brows and lips."""
     size, head = body.stature * body.head, SEGMENTS.index("head")
     found, middles = [], bare.eyes.mean(1)
-    for ball, middle in zip(bare.eyes, middles, strict=True):
+    for ball, middle, turn in zip(bare.eyes, middles, (1, -1), strict=True):
         weights = np.tile(np.eye(len(SEGMENTS))[head], (len(ball), 1))
         out = ball - middle
         out /= np.linalg.norm(out, axis=1, keepdims=True)
-        eye = _Sheet(ball, out, weights, np.zeros_like(weights), assets().eye_faces)
+        eye = _Sheet(ball, out, weights, np.zeros_like(weights), assets().eye_faces[:, ::turn])
         found.append(("eye", eye))
         iris = _kept(eye, out[:, 0] - np.cos(np.radians(27)))[0]
         found.append(("iris", iris._replace(points=iris.points + 0.0006 * iris.normals + (0.0006, 0, 0))))
-        found.append(("brow", _patch(sheet, head, middle[1:] + (0, 0.0132 * size), (0.0125 * size, 0.0021 * size), 0.002 * size)))
+        found.append(
+            ("brow", _patch(sheet, head, middle[1:] + (0, 0.0132 * size), (0.0125 * size, 0.0021 * size), 0.002 * size))
+        )
     mouth = bare.eyes.mean((0, 1))[1:] - (0, 0.0415 * size)
     found.append(("lip", _patch(sheet, head, mouth, (0.0135 * size, 0.0048 * size), 0.0)))
     return found
@@ -254,7 +260,11 @@ def _face(sheet: _Sheet, bare: BareBody, body: Body) -> list[tuple[str, _Sheet]]
 
 def _patch(sheet: _Sheet, head: int, middle: np.ndarray, half: tuple[float, float], bow: float) -> _Sheet:
     """Return an ellipse on the face: its middle (2,) and half sizes along y and z, m, its ends lower by `bow`."""
-    front = (sheet.weights[:, head] > 0.9) & (sheet.normals[:, 0] > 0.1)
+    front = np.flatnonzero((sheet.weights[:, head] > 0.9) & (sheet.normals[:, 0] > 0.1))
+    # Without the inside of the mouth.
+    near = cKDTree(sheet.points[front, 1:]).query(sheet.points[front, 1:], 8, distance_upper_bound=0.012)[1]
+    ahead_of = np.append(sheet.points[front, 0], -np.inf)[near].max(1)
+    front = front[sheet.points[front, 0] > ahead_of - 0.008]
     angle, rings = np.linspace(0, 2 * np.pi, 20, endpoint=False), np.array((0.35, 0.7, 1.0))
     round_ = (rings[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], -1)).reshape(-1, 2)
     disc = np.concatenate([np.zeros((1, 2)), round_])
@@ -266,7 +276,10 @@ def _patch(sheet: _Sheet, head: int, middle: np.ndarray, half: tuple[float, floa
     after = np.roll(index, -1, 1)
     faces = [np.stack([0 * index[0], index[0], after[0]], -1)]
     for inner, outer in pairwise(range(len(rings))):
-        faces += [np.stack([index[inner], index[outer], after[outer]], -1), np.stack([index[inner], after[outer], after[inner]], -1)]
+        faces += [
+            np.stack([index[inner], index[outer], after[outer]], -1),
+            np.stack([index[inner], after[outer], after[inner]], -1),
+        ]
     return _rigid(np.column_stack([ahead, places]), np.concatenate(faces), head)
 
 
@@ -289,17 +302,19 @@ def _hair(sheet: _Sheet, bare: BareBody, body: Body, style: str) -> list[tuple[s
     found = [("hair", cap)]
     if style == "bun":
         ball = trimesh.creation.icosphere(2, 0.027 * size)
-        found.append(("hair", _rigid(ball.vertices + (back - 0.008 * size, 0, eye[2] + 0.030 * size), ball.faces, head)))
+        found.append(
+            ("hair", _rigid(ball.vertices + (back - 0.008 * size, 0, eye[2] + 0.030 * size), ball.faces, head))
+        )
     if style in ("bob", "long"):
         fall = {"bob": -0.060, "long": -0.150}[style]
-        rows = np.array([(fall, 0.006, 0.010, 0.034), (fall + 0.03, 0.008, 0.022, 0.045), (-0.02, 0.020, 0.036, 0.0500),
-                         (0.010, 0.030, 0.042, 0.0500), (0.03, 0.035, 0.035, 0.045)]) * size  # fmt: skip
+        rows = np.array([(fall, 0.006, 0.008, 0.033), (fall + 0.03, 0.008, 0.016, 0.042), (-0.02, 0.020, 0.028, 0.0475),
+                         (0.010, 0.030, 0.037, 0.0490), (0.03, 0.035, 0.035, 0.045)]) * size  # fmt: skip
         found.append(("hair", _fall(rows + (eye[2], back, 0, 0), head)))
     return found
 
 
 def _fall(rows: np.ndarray, segment: int) -> _Sheet:
-    """Return hair that hangs from the back of the head: ellipses at rows (R, 4) of height, middle, half depth, half width."""
+    """Return hair that hangs from the back of the head: ellipses, (R, 4) height, middle, half depth, half width."""
     grid = np.linspace(0, len(rows) - 1, 14)
     height, middle, depth, width = (np.interp(grid, np.arange(len(rows)), column) for column in rows.T)
     close = np.minimum(1, np.sqrt(np.maximum(1 - (np.abs(grid / grid[-1] - 0.5) * 2) ** 6, 1e-4)))
@@ -311,7 +326,9 @@ def _fall(rows: np.ndarray, segment: int) -> _Sheet:
     index = np.arange(points[..., 0].size).reshape(points.shape[:2])
     low, high = index[:-1], index[1:]
     turned = [np.roll(each, -1, 1) for each in (low, high)]
-    faces = np.concatenate([np.stack([low, turned[0], turned[1]], -1), np.stack([low, turned[1], high], -1)]).reshape(-1, 3)
+    faces = np.concatenate([np.stack([low, turned[0], turned[1]], -1), np.stack([low, turned[1], high], -1)]).reshape(
+        -1, 3
+    )
     return _rigid(points.reshape(-1, 3), faces, segment)
 
 
@@ -339,16 +356,22 @@ def _split(sheet: _Sheet, material: str, bare: BareBody) -> list[Part]:
         points = sheet.points[used]
         found.append(
             Part(
-                SEGMENTS[number], material, points, faces, sheet.normals[used],
-                _texture(points[faces], number, bare), bones[used], weights[used],
-            )  # fmt: skip
+                SEGMENTS[number],
+                material,
+                points,
+                faces,
+                sheet.normals[used],
+                _texture(points[faces], number, bare),
+                bones[used],
+                weights[used],
+            )
         )
     return found
 
 
 def _texture(corners: np.ndarray, segment: int, bare: BareBody) -> np.ndarray:
     """Return the (T, 3, 2) texture coordinates of corners (T, 3, 3), wound around the axis of their segment."""
-    side, name = side_and_name(SEGMENTS[segment])
+    _, name = side_and_name(SEGMENTS[segment])
     own = (corners - bare.origins[segment]) @ bare.rotations[segment]
     if name in ("upper_arm", "forearm", "hand"):
         along, across, ahead = own[..., 1], own[..., 0], own[..., 2]
@@ -359,4 +382,4 @@ def _texture(corners: np.ndarray, segment: int, bare: BareBody) -> np.ndarray:
     angle = np.arctan2(across, ahead)
     angle = angle[:, :1] + (angle - angle[:, :1] + np.pi) % (2 * np.pi) - np.pi
     girth = 2 * np.pi * float(np.median(np.hypot(across, ahead)))
-    return np.stack([angle / (2 * np.pi) * max(1, round(girth / TILE)), along / TILE], -1)
+    return np.stack([angle / (2 * np.pi) * max(1, round(girth / _TILE)), along / _TILE], -1)

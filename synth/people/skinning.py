@@ -1,11 +1,11 @@
 """How a person's surface follows the skeleton in a MuJoCo model: linear blend skinning of the meshes of its geoms.
 
-MuJoCo's meshes are rigid. `Skin` moves their vertices in the model itself after `mujoco.mj_kinematics`, and mends the boxes
-by which rays find triangles. Images, rays, ids and body parts then see one and the same surface.
+MuJoCo's meshes are rigid. `Skin` moves their vertices in the model itself after `mujoco.mj_kinematics`, and mends the
+boxes by which rays find triangles. Images, rays, ids and body parts then see one and the same surface.
 
-A vertex follows up to six bones. To each segment belong, apart from the segment itself, a bone that turns half as far at
-its joint, so that elbows and knees keep their volume, and for upper arms, forearms and thighs bones that twist by
-none, a third and two thirds, so that a twist spreads along the limb (Kavan and Sorkine, SIGGRAPH Asia 2012).
+A vertex follows up to six bones. Each segment has, apart from the segment itself, a bone that turns half as far at
+its joint, so that elbows and knees keep their volume. Upper arms, forearms and thighs also have bones that twist by
+none, a third and two thirds, so that a twist spreads along the limb.
 """
 
 import mujoco
@@ -100,17 +100,18 @@ class Skin:
             quats, origins, rows = np.split(numbers, [64, 112])
             bind = np.empty((len(_TABLE), 3, 4))
             _place_bones(quats.reshape(16, 4), origins.reshape(16, 3), _PARENTS, _SEGMENT, _SHARES, _LENGTHWISE, bind)
-            rows = rows.reshape(-1, _ROW)
-            self._persons.append((
-                segments, geoms, bind, rows[:, :MOST_BONES].astype(np.int32), rows[:, MOST_BONES : 2 * MOST_BONES].copy(),
-                rows[:, -6:].copy(),
-            ))  # fmt: skip
+            which, weights, rest = np.split(rows.reshape(-1, _ROW), [MOST_BONES, 2 * MOST_BONES], axis=1)
+            self._persons.append((segments, geoms, bind, which.astype(np.int32), weights.copy(), rest.copy()))
         self.geoms = np.concatenate([np.empty(0, int), *(person[1] for person in self._persons)])
         """Indices of the geoms that bend."""
         self.meshes = model.geom_dataid[self.geoms]
         """Indices of their meshes."""
         self._bodies = np.unique(model.geom_bodyid[self.geoms])
-        inner = Rotation.from_quat(model.body_iquat[model.geom_bodyid[self.geoms]], scalar_first=True) if len(self.geoms) else None
+        inner = (
+            Rotation.from_quat(model.body_iquat[model.geom_bodyid[self.geoms]], scalar_first=True)
+            if len(self.geoms)
+            else None
+        )
         if inner is not None:
             outer = Rotation.from_quat(model.geom_quat[self.geoms], scalar_first=True)
             offset = model.geom_pos[self.geoms] - model.body_ipos[model.geom_bodyid[self.geoms]]
@@ -200,9 +201,21 @@ def _place_bones(quats, origins, parents, segment, shares, lengthwise, bones):
             swing = _times(r, (twist[0], -twist[1], -twist[2], -twist[3]))
             q = _times(above, _times(_share_of(swing, shares[bone, 0]), _share_of(twist, shares[bone, 1])))
         w, x, y, z = q
-        bones[bone, 0, 0], bones[bone, 0, 1], bones[bone, 0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
-        bones[bone, 1, 0], bones[bone, 1, 1], bones[bone, 1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
-        bones[bone, 2, 0], bones[bone, 2, 1], bones[bone, 2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+        bones[bone, 0, 0], bones[bone, 0, 1], bones[bone, 0, 2] = (
+            1 - 2 * (y * y + z * z),
+            2 * (x * y - w * z),
+            2 * (x * z + w * y),
+        )
+        bones[bone, 1, 0], bones[bone, 1, 1], bones[bone, 1, 2] = (
+            2 * (x * y + w * z),
+            1 - 2 * (x * x + z * z),
+            2 * (y * z - w * x),
+        )
+        bones[bone, 2, 0], bones[bone, 2, 1], bones[bone, 2, 2] = (
+            2 * (x * z - w * y),
+            2 * (y * z + w * x),
+            1 - 2 * (x * x + y * y),
+        )
         for k in range(3):
             bones[bone, k, 3] = origins[i, k]
 
@@ -217,7 +230,9 @@ def _bend(
     for b in range(count):
         for i in range(3):
             for j in range(3):
-                move[b, i, j] = bones[b, i, 0] * bind[b, j, 0] + bones[b, i, 1] * bind[b, j, 1] + bones[b, i, 2] * bind[b, j, 2]
+                move[b, i, j] = (
+                    bones[b, i, 0] * bind[b, j, 0] + bones[b, i, 1] * bind[b, j, 1] + bones[b, i, 2] * bind[b, j, 2]
+                )
             move[b, i, 3] = bones[b, i, 3] - (
                 move[b, i, 0] * bind[b, 0, 3] + move[b, i, 1] * bind[b, 1, 3] + move[b, i, 2] * bind[b, 2, 3]
             )
@@ -261,7 +276,19 @@ def _merge_boxes(aabb, node, one, other):
 
 @compiled()
 def _refit(
-    geoms, first_node, nodes, first_face, first_vertex, faces, vertices, child, nodeid, aabb, geom_aabb, geom_size, rbound
+    geoms,
+    first_node,
+    nodes,
+    first_face,
+    first_vertex,
+    faces,
+    vertices,
+    child,
+    nodeid,
+    aabb,
+    geom_aabb,
+    geom_size,
+    rbound,
 ):
     """Fit the boxes of the trees of meshes, in which children follow their parents, and of geoms, to moved vertices."""
     for mesh in range(len(geoms)):

@@ -1,18 +1,20 @@
 """The bare surface of a person: shape from stature, mass, sex and age, fitted to the skeleton, and how it bends.
 
-The assets are MakeHuman's (CC0), converted by `docs/tools/body_assets.py`. A body is a weighted mean of shapes by age, sex
-and weight. Its bones are brought to the lengths of the person's segments, its volume to the person's mass. The result
-is in the pose of the assets, the bind pose, from which linear blend skinning moves it to any other.
+The assets are MakeHuman's, converted by `docs/tools/body_assets.py`. A body is a weighted mean of shapes by age, sex and
+weight. Its bones are brought to the lengths of the person's segments, its volume to the person's mass. The result is in
+the pose of the assets, the bind pose, from which linear blend skinning moves it to any other.
 """
 
 from dataclasses import dataclass, fields
 from functools import cache, lru_cache
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 from scipy.spatial.transform import Rotation
 
-from synth.people.body import ANKLE_HEIGHT, HEAD_HEIGHT, PARENTS, SEGMENTS, SIDES, Body, side_and_name
+from synth.people.body import ANKLE_HEIGHT, HEAD_HEIGHT, PARENTS, SEGMENTS, SIDES, Body, side_and_name, trunk_sections
 
 ASSETS = Path(__file__).with_name("surface.npz")
 BONES = SEGMENTS + tuple(f"{side}_finger{f}-{k}" for side in SIDES for f in range(1, 6) for k in range(1, 4))
@@ -72,8 +74,7 @@ def assets() -> Assets:
 _AGES = ((1, 0), (11, 1), (18, 2), (45, 2), (85, 3))
 """Ages, years, and the number of the shape."""
 DENSITY = 985.0
-"""Density of a body with air in its lungs, kg/m^3 (Krzywicki and Chinn, American Journal of Clinical Nutrition 20, 1967,
-find 1010 to 1060 without)."""
+"""Density of a body with air in its lungs, kg/m^3; without air it is about 1050."""
 _FOOT = (-0.043, 0.105)
 """Heel and toes of a bare foot relative to the ankle, fractions of stature."""
 _SOLE = 0.006
@@ -134,9 +135,11 @@ def bare_body(body: Body, hands: tuple[str, str] = ("relaxed", "relaxed")) -> Ba
 
 
 def _mixed(body: Body, heavy: float) -> np.ndarray:
-    """Return the (S,) shares of the shapes. `heavy` is 0 for the least weight, 1 for the average, 2 for the greatest."""
+    """Return the (S,) shares of the shapes. `heavy` is 0 for the least weight, 1 for the average, 2 for the most."""
     age = np.interp(body.age, *np.array(_AGES).T)
-    shares = [np.clip(1 - np.abs(np.arange(count) - at), 0, 1) for count, at in ((4, age), (2, body.figure), (3, heavy))]
+    shares = [
+        np.clip(1 - np.abs(np.arange(count) - at), 0, 1) for count, at in ((4, age), (2, body.figure), (3, heavy))
+    ]
     return np.einsum("a,s,w->asw", *shares).ravel()
 
 
@@ -164,7 +167,7 @@ def _fitted(body: Body, heavy: float, stout: float, hands: tuple[str, str] | Non
     trunk = np.diag([size * stout, size * stout, mine[2] / high[2]])
     trunk[0, 2] = (mine[0] - size * stout * high[0]) / high[2]
     for i, segment in enumerate(SEGMENTS):
-        side, name = side_and_name(segment)
+        _, name = side_and_name(segment)
         at = joints[i]
         if name in ("pelvis", "spine", "chest"):
             linear[i], shift[i] = trunk, -trunk @ middle
@@ -190,8 +193,34 @@ def _fitted(body: Body, heavy: float, stout: float, hands: tuple[str, str] | Non
             linear[i] = wide * np.eye(3) + (np.linalg.norm(wanted) / length - wide) * np.outer(along, along)
         shift[i] = origins[i] - linear[i] @ at
     moved = np.einsum("ns,sij,nj->ni", weights, linear, shape, optimize=True) + weights @ shift
+    moved[:, 0] += _trunk_shift(body, moved, weights)
+    for i, segment in enumerate(SEGMENTS):
+        wider = np.interp(body.figure, (0, 1), _ENDS.get(side_and_name(segment)[1], (1, 1))) - 1
+        if wider:
+            out, bone = moved - origins[i], origins[i + 1] - origins[i]
+            place = out @ bone / (bone @ bone)
+            near = wider * np.interp(place, (0.55, 0.9, 1.0, 1.15), (0, 1, 1, 0)) * weights[:, [i, i + 1]].sum(1)
+            moved += near[:, None] * (out - np.outer(place, bone))
     head = SEGMENTS.index("head")
     return BareBody(moved, weights, rotations, origins, eyes @ linear[head].T + shift[head])
+
+
+_ENDS = {"forearm": (0.95, 1.14), "shin": (0.96, 1.08)}
+"""Widths of wrists and ankles relative to MakeHuman's, of men and of women, after ANSUR II."""
+_AROUND_HIPS = ("pelvis", "spine", "chest", "thigh")
+_LEVELS = np.array((-0.2, -0.03, 0.0, 0.03, 0.06, 0.09, 0.12, 0.15, 0.18, 0.21, 0.24, 0.27, 0.29, 0.32))
+"""Heights above the hip joints, fractions of stature, at which the trunk is centred, but for the first and last."""
+
+
+def _trunk_shift(body: Body, vertices: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Return the (N,) shifts along x that centre the trunk on `trunk_sections`: MakeHuman's joints are too far back."""
+    wanted, level = trunk_sections(body, _LEVELS).T[:2]
+    own = weights[:, [i for i, segment in enumerate(SEGMENTS) if side_and_name(segment)[1] in _AROUND_HIPS]].sum(1)
+    shifts = np.zeros(len(_LEVELS))
+    for k in range(1, len(_LEVELS) - 1):
+        ring = vertices[(own > 0.5) & (np.abs(vertices[:, 2] - level[k]) < 0.015 * body.stature), 0]
+        shifts[k] = wanted[k] - (ring.min() + ring.max()) / 2
+    return own * PchipInterpolator(level, shifts)(vertices[:, 2].clip(level[0], level[-1]))
 
 
 def _bind_rotations(joints: np.ndarray) -> np.ndarray:
@@ -261,7 +290,13 @@ _CURLS = {
     "fist": ((82, 98, 60), (84, 100, 60), (86, 100, 60), (86, 98, 60)),
     "point": ((4, 6, 4), (82, 98, 60), (84, 100, 60), (86, 98, 60)),
 }
-_THUMBS = {"relaxed": (8, 10, 10), "open": (-10, 0, 0), "grip": (20, 25, 25), "fist": (30, 38, 40), "point": (30, 35, 40)}
+_THUMBS = {
+    "relaxed": (8, 10, 10),
+    "open": (-10, 0, 0),
+    "grip": (20, 25, 25),
+    "fist": (30, 38, 40),
+    "point": (30, 35, 40),
+}
 
 
 def _posed_hands(shape, joints, weights, hands) -> tuple[np.ndarray, np.ndarray]:
@@ -298,7 +333,7 @@ def _posed_hands(shape, joints, weights, hands) -> tuple[np.ndarray, np.ndarray]
 
 
 def _straightening(finger: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Return the (3,) angles about an axis by which a finger of the assets is bent at its joints, the first as 0, rad."""
+    """Return the (3,) angles, rad, about an axis by which a finger of the assets is bent; the first counts as 0."""
     ways = np.diff(finger, axis=0)
-    turns = [np.arctan2(np.cross(a, b) @ axis, a @ b) for a, b in zip(ways[:-1], ways[1:], strict=True)]
+    turns = [np.arctan2(np.cross(a, b) @ axis, a @ b) for a, b in pairwise(ways)]
     return np.array([0.0, *turns])

@@ -13,7 +13,7 @@ from synth.motion.config import MotionConfig
 from synth.people.body import SEGMENTS, SKELETON, Body, body_at, landmarks, sample_body, segment_origins
 from synth.people.clothing import HAIRSTYLES, Garment, PersonLooks, sample_looks
 from synth.people.mjcf import capsules
-from synth.people.surfaces import parts
+from synth.people.outfit import parts
 from synth.physics.simulation import Simulation, simulate
 from synth.scene import sampling as sample
 from synth.scene.config import SceneConfig
@@ -21,6 +21,7 @@ from synth.scene.sampling import sample_scene
 from synth.scene.spec import SceneSpec
 from tests.support.scenes import RIG
 from tests.support.simulated_interactions import RECORDED, palms
+from tests.support.surfaces import in_t_pose
 
 ADULTS = st.builds(
     Body,
@@ -57,8 +58,7 @@ def joint(joints: np.ndarray, name: str) -> np.ndarray:
 
 def surface(body: Body, looks: PersonLooks) -> np.ndarray:
     """(N, 3) vertices of the visible surface of a body in the T-pose."""
-    origins, _ = t_pose(body)
-    return np.concatenate([mesh.vertices + origins[SEGMENTS.index(segment)] for segment, _, mesh in parts(body, looks)])
+    return np.concatenate([part.vertices for part in in_t_pose(body, looks)])
 
 
 @pytest.mark.parametrize(
@@ -167,11 +167,11 @@ def test_all_looks_have_valid_surfaces(style, long):
     cloth = Garment(long, "plain", ((0.5, 0.5, 0.5), (0.4, 0.4, 0.4)))
     grey = (0.5, 0.5, 0.5)
     looks = PersonLooks(grey, style, grey, cloth, cloth, grey, grey, untucked=long)
-    for _, _, mesh in parts(Body(feminine=1.0), looks):
-        assert np.isfinite(mesh.vertices).all() and mesh.faces.max() < len(mesh.vertices)
-        corners = mesh.vertices[mesh.faces]
+    for part in parts(Body(feminine=1.0), looks):
+        assert np.isfinite(part.vertices).all() and part.faces.max() < len(part.vertices)
+        corners = part.vertices[part.faces]
         flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        outward = (flat * mesh.normals[mesh.faces].mean(1)).sum(1)
+        outward = (flat * part.normals[part.faces].mean(1)).sum(1)
         assert (outward > 0).mean() > 0.97, "faces are counter-clockwise seen from outside"
 
 

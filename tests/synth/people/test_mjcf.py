@@ -1,40 +1,56 @@
-"""Trunks bend in small steps, hands have shapes, and palms lie on the surfaces that they touch."""
+"""Cloth bends in one piece, hands have shapes, and palms lie on the surfaces that they touch."""
 
 from dataclasses import replace
 
 import mujoco
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from synth.motion.geometry import reach_with_arm
 from synth.people.body import Body
 from synth.people.clothing import HANDS, PersonLooks, sample_hands, sample_looks
-from synth.people.mjcf import Bending, add_person
-from synth.people.surfaces import hand
+from synth.people.mjcf import add_person
+from synth.people.skinning import Skin, mesh_triangles
+from tests.support.surfaces import in_t_pose
 
 BODY, LOOKS = Body(), sample_looks(0.0, rng=np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("untucked", [True, False])
-def test_neighbouring_pieces_of_a_bent_trunk_differ_by_a_small_turn(untucked):
+def test_cloth_of_a_bent_trunk_is_neither_torn_nor_turned_inside_out(untucked):
     spec = mujoco.MjSpec()
     add_person(spec, 0, BODY, replace(LOOKS, untucked=untucked), position=(0, 0, 0.95), rng=None)
     model = spec.compile()
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    straight = data.geom_xmat.reshape(-1, 3, 3).copy()
-    bend = np.radians(50)
-    at = model.joint("person0/spine").qposadr[0]
-    data.qpos[at : at + 4] = Rotation.from_rotvec((0, bend, 0)).as_quat(scalar_first=True)
-    mujoco.mj_kinematics(model, data)
-    Bending(model).apply(data)
-    turned = data.geom_xmat.reshape(-1, 3, 3) @ straight.swapaxes(1, 2)
-    angles = Rotation.from_matrix(turned).magnitude()
-    pieces = [angles[g] for g in range(model.ngeom) if model.geom(g).name.startswith("person0/spine/")]
-    steps = np.diff(np.unique(np.round([0.0, *pieces, bend], 6)))
-    assert steps.max() < 0.25 * bend
-    assert np.abs(Rotation.from_matrix(turned[angles > 0.01]).as_rotvec()[:, [0, 2]]).max() < 1e-6
+    data, tops = mujoco.MjData(model), []
+    straight = model.qpos0.copy()
+    bent = straight.copy()
+    for joint, bend in (("spine", 50), ("l_upper_arm", -70), ("r_thigh", -80)):
+        at = model.joint(f"person0/{joint}").qposadr[0]
+        axis = (1, 0, 0) if joint == "l_upper_arm" else (0, 1, 0)
+        bent[at : at + 4] = Rotation.from_rotvec(np.radians(bend) * np.array(axis)).as_quat(scalar_first=True)
+    for state in (straight, bent):
+        data.qpos[:] = state
+        mujoco.mj_kinematics(model, data)
+        Skin(model).apply(data)
+        geoms = [g for g in range(model.ngeom) if "/top" in model.geom(g).name or "/bottom" in model.geom(g).name]
+        tops.append([
+            mesh_triangles(model, g) @ data.geom_xmat[g].reshape(3, 3).T + data.geom_xpos[g] for g in geoms
+        ])  # fmt: skip
+    # Parts of a garment share the places of their common seams.
+    names = [model.geom(g).name.split("/")[2].rstrip("0123456789") for g in geoms]
+    for garment in ("top", "bottom"):
+        before, after = (
+            np.concatenate([part for part, name in zip(state, names, strict=True) if name == garment]).reshape(-1, 3)
+            for state in tops
+        )
+        same = cKDTree(before).query_pairs(1e-6, output_type="ndarray")
+        assert len(same) > 1000
+        assert np.linalg.norm(after[same[:, 0]] - after[same[:, 1]], axis=1).max() < 1e-5
+    before, after = (np.concatenate(state) for state in tops)
+    long = [np.linalg.norm(each - np.roll(each, 1, axis=1), axis=-1) for each in (before, after)]
+    assert np.percentile(long[1] / np.maximum(long[0], 0.002), 99) < 2.5
 
 
 def test_nothing_bends_in_a_scene_without_people():
@@ -42,16 +58,20 @@ def test_nothing_bends_in_a_scene_without_people():
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     before = data.geom_xpos.copy()
-    Bending(model).apply(data)
+    Skin(model).apply(data)
     np.testing.assert_array_equal(data.geom_xpos, before)
 
 
 def test_a_fist_is_short_and_an_open_hand_wide():
-    axes = np.array([(1, 0, 0), (0, 0, 1), (0, 1, 0)]).T
-    spans = {shape: np.ptp(hand(BODY, shape, axes).vertices, axis=0) for shape in HANDS}
+    spans = {}
+    for shape in HANDS:
+        looks = replace(LOOKS, hands=(shape, "relaxed"))
+        hand = [part.vertices for part in in_t_pose(BODY, looks) if (part.segment, part.material) == ("l_hand", "skin")]
+        spans[shape] = np.ptp(np.concatenate(hand), axis=0)
     assert min(spans, key=lambda shape: spans[shape][1]) == "fist"
-    assert max(spans, key=lambda shape: spans[shape][0]) == "open"
+    assert max(spans, key=lambda shape: spans[shape][1]) == "open"
     assert spans["point"][1] > spans["fist"][1] + 0.02
+    assert 0.17 < spans["open"][1] < 0.22
 
 
 def test_hands_are_checked_drawn_and_default_to_relaxed():
