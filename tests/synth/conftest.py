@@ -1,7 +1,6 @@
 """Fixtures that several tests of the generator share."""
 
 import warnings
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -10,14 +9,6 @@ from dmae.data.clip import Poses3D
 from synth.rendering.opengl import find_backend
 from tests.support.detectors import occlusion_of, three_persons
 from tests.support.rigs import preset
-
-
-@pytest.fixture(autouse=True, scope="session")
-def surfaces_of_tests(tmp_path_factory) -> Iterator[None]:
-    """What tests make of people is kept for them alone."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("DMAE_CACHE", str(tmp_path_factory.mktemp("kept")))
-        yield
 
 
 @pytest.fixture(params=[pytest.param("gl", marks=pytest.mark.gl), "rays"])

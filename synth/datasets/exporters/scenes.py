@@ -1,6 +1,6 @@
 """Whole scenes for other renderers: room, props, people in motion, cameras with their lenses, and lights.
 
-A clip is a file, in m. People and loads are rigid pieces that move; each true joint is an empty node with its own
+A clip is a file, in m. People and loads are rigid pieces that move, so skin opens at bent joints; each true joint is an empty node with its own
 name, `person0: l_wrist`. Distances, positions and orientations are those of the labels. Colours are plain: textures and
 clothes' patterns are not exported.
 
