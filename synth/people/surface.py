@@ -1,8 +1,8 @@
 """The bare surface of a person: shape from stature, mass, sex and age, fitted to the skeleton, and how it bends.
 
-The assets are MakeHuman's, converted by `docs/tools/body_assets.py`. A body is a weighted mean of shapes by age, sex and
-weight. Its bones are brought to the lengths of the person's segments, its volume to the person's mass. The result is in
-the pose of the assets, the bind pose, from which linear blend skinning moves it to any other.
+The assets are MakeHuman's, converted by `docs/tools/body_assets.py`. A body is a weighted mean of shapes by age, sex
+and weight. Its bones are brought to the lengths of the person's segments, its volume to the person's mass. The result
+is in the pose of the assets, the bind pose, from which linear blend skinning moves it to any other.
 """
 
 from dataclasses import dataclass, fields

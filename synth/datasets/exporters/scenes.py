@@ -1,8 +1,8 @@
 """Whole scenes for other renderers: room, props, people in motion, cameras with their lenses, and lights.
 
-A clip is a file, in m. People and loads are rigid pieces that move, so skin opens at bent joints; each true joint is an empty node with its own
-name, `person0: l_wrist`. Distances, positions and orientations are those of the labels. Colours are plain: textures and
-clothes' patterns are not exported.
+A clip is a file, in m. People and loads are rigid pieces that move, so skin opens at bent joints. Each true joint is an
+empty node with its own name, `person0: l_wrist`. Distances, positions and orientations are those of the labels. Colours
+are plain: textures and clothes' patterns are not exported.
 
 - `glb`, glTF 2.0, y up. Its cameras hold a field of view only; `K`, `dist` and `size` are in `extras` of the camera.
 - `usd`, z up. Its cameras also hold unequal focal lengths and the principal point. Distortion is in custom data.
