@@ -219,7 +219,11 @@ def origin(name: str, table: str | None = None) -> str:
     """Return a line with the command, date and commit that made a results file."""
     found = load(name)
     command = found["tables"][table]["command"] if table else found["command"]
-    made = found["measured"] if table else f"{found['date']}, commit {found['commit']}, {found['versions']}"
+    made = (
+        found["tables"][table].get("measured", found["measured"])
+        if table
+        else f"{found['date']}, commit {found['commit']}, {found['versions']}"
+    )
     file = f"docs/results/{name}.json"
     return f"<sub><code>{html.escape(command)}</code><br>measured {made}; file <code>{file}</code></sub>"
 
