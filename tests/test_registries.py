@@ -17,6 +17,8 @@ import pytest
 
 from dmae.data.store import load_clip, save_clip
 from dmae.formats.calibrations import write_calibration
+from dmae.reconstruction.config import CaptureConfig
+from dmae.reconstruction.pipeline import capture
 from tests.support.clips import full_clip
 
 pytestmark = pytest.mark.slow
@@ -117,11 +119,12 @@ class Ran:
 
 @pytest.fixture(scope="module")
 def ran(tmp_path_factory) -> Ran:
-    checkout, work = tmp_path_factory.mktemp("checkout"), tmp_path_factory.mktemp("work")
+    checkout, work, clip = tmp_path_factory.mktemp("checkout"), tmp_path_factory.mktemp("work"), full_clip(frames=20)
+    # What it compiles, in half a minute, other tests use as well; compiled in the copy it would be lost.
+    capture(clip, CaptureConfig())
     for part in ("dmae", "synth", "configs", "scenes"):
-        shutil.copytree(ROOT / part, checkout / part)  # with the compiled functions
+        shutil.copytree(ROOT / part, checkout / part)
     add_one_of_each(checkout)
-    clip = full_clip(frames=20)
     save_clip(clip, work / "walk")
     (work / "recording").mkdir()
     values = np.concatenate([clip.detections.xy, clip.detections.score[..., None]], -1)

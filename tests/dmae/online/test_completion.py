@@ -3,6 +3,7 @@
 import gc
 import tracemalloc
 from dataclasses import replace
+from itertools import pairwise
 from threading import Event
 
 import numpy as np
@@ -33,20 +34,21 @@ def pushed(online: OnlineCompleter, poses: Poses3D, step: int = 1) -> list[list[
 @pytest.mark.slow
 @pytest.mark.parametrize(("fps", "step", "delay"), [(25.0, 1, 0.28), (25.0, 5, 0.28), (25.0, 1, 0.0), (50.0, 7, 0.2)])
 def test_each_frame_equals_offline_completion_of_the_last_seconds(fps, step, delay):
-    """Over more seconds than are kept; until then the whole recording is."""
-    poses = with_holes(circling(0, frames=round(7 * fps), persons=2), 0)
+    """Over more seconds than are kept; until then the whole recording is. The second to fourth come in at once."""
+    second = round(fps)
+    poses = with_holes(circling(0, frames=6 * second, persons=2), 0)
     completer, people = untrained(factors=((1.0,) * CLASSES,) * 2), np.arange(2)
     online = OnlineCompleter(completer, fps, delay)
     assert online.delay == round(delay * fps)
     expected = 0
     frames = split_frames(poses, people)
-    for number, start in enumerate(range(0, len(frames), step)):
+    ends = [*range(step, second, step), 4 * second, *range(4 * second + step, len(frames), step), len(frames)]
+    for number, (start, known) in enumerate(pairwise([0, *ends])):
         first_kept = online._frames[0].number if online._frames else 0
-        finished = online.push(frames[start : start + step])
-        known = min(start + step, len(frames))
+        finished = online.push(frames[start:known])
         assert first_kept <= max(expected - 5 * fps, 0)
         assert [frame.number for frame in finished] == list(range(expected, max(known - online.delay, expected)))
-        if finished and number % 20 == 0:
+        if finished and number % 10 == 0:
             whole = completer(poses.select(slice(first_kept, known)), fps)
             now = slice(expected - first_kept, known - online.delay - first_kept)
             offline, found = whole.select(now), join_frames(finished, people)
@@ -139,13 +141,13 @@ def test_memory_does_not_grow_with_the_recording():
     frames = split_frames(with_holes(circling(4, frames=25, persons=1), 4), np.arange(1))
     online, held = OnlineCompleter(untrained(), FPS), []
     tracemalloc.start()
-    for second in range(36):
+    for second in range(24):
         online.push([replace(frame, number=second * 25 + frame.number, people=np.array([second])) for frame in frames])
-        if second % 12 == 11:
+        if second % 8 == 7:
             gc.collect()
             held.append(tracemalloc.get_traced_memory()[0])
     tracemalloc.stop()
-    # The poses of 24 seconds would be 1.6 MB; what libraries keep for themselves is less than 100 kB.
+    # The poses of 16 seconds would be 1 MB; what libraries keep for themselves is less than 100 kB.
     assert held[2] - held[0] < 250_000
 
 
