@@ -291,7 +291,7 @@ def label(data: str | Path, labels: Sequence[str] = ("contacts", "forces", "surf
     Args:
         data: Data set that `generate` made, or one clip of it.
         labels: `contacts` (the touching parts, their places and forces), `forces` (ground reaction of each foot,
-            residual at the pelvis), `surface` (256 named points on each person, and their visibility in each camera).
+            residual at the pelvis), `surface` (512 named points on each person, their visibility, and what they touch).
             Existing labels of a clip are kept.
         workers: Processes; -1 for one per core.
 

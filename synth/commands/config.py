@@ -21,8 +21,8 @@ class LabelCommand:
     """Add labels from physics to existing clips, in place. Nothing is simulated again.
 
     Contacts: the parts and objects that touch, the place, and the force. Forces: the ground reaction of each foot, and
-    the residual at the pelvis, by inverse dynamics. Surface: 256 named points on each person, and which camera sees
-    them.
+    the residual at the pelvis, by inverse dynamics. Surface: 512 named points on each person, which camera sees
+    them, and what they touch.
     """
 
     data: str = "???"

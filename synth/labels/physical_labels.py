@@ -14,7 +14,7 @@ from dmae.files.structured import parse_json
 from synth.labels.forces import BodyForces, PeopleContacts
 from synth.labels.surfaces import SurfaceLabels
 
-FORMAT = 1
+FORMAT = 2
 FILE = "physics.safetensors"
 """Name of the file with the labels, in the folder of a clip."""
 KINDS = ("contacts", "forces", "surface")
@@ -31,7 +31,7 @@ class PhysicalLabels:
     Attributes:
         contacts: Contacts of people, with forces and overlaps.
         forces: Forces that support people.
-        surface: 256 points on each person, and their visibility in each camera.
+        surface: 512 points on each person, their visibility in each camera, and what they touch.
     """
 
     contacts: PeopleContacts | None = None

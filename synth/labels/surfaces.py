@@ -1,4 +1,4 @@
-"""256 named points on each person's visible surface, clothes and hair included, and who sees them."""
+"""512 named points on each person's visible surface, clothes and hair included: who sees them, and whom they touch."""
 
 import copy
 from dataclasses import dataclass
@@ -61,21 +61,21 @@ class _Rings(NamedTuple):
 _X, _Y, _Z = np.eye(3, dtype=int).tolist()
 _ROUND = ("front", "front_left", "left", "back_left", "back", "back_right", "right", "front_right")
 _ARM, _LEG, _SHOE = (
-    ("front", "top", "back", "under"),
-    ("front", "outer", "back", "inner"),
+    ("front", "front_top", "top", "back_top", "back", "back_under", "under", "front_under"),
+    ("front", "front_outer", "outer", "back_outer", "back", "back_inner", "inner", "front_inner"),
     ("top", "outer", "sole", "inner"),
 )
 _RINGS = {
-    "pelvis": _Rings(_ROUND, _X, _Y, (-0.2, 0.3, 0.75)),
-    "spine": _Rings(_ROUND, _X, _Y, (0.25, 0.7)),
-    "chest": _Rings(_ROUND, _X, _Y, (0.1, 0.26, 0.42, 0.50)),
-    "head": _Rings(_ROUND, _X, _Y, (0.27, 0.45, 0.63, 0.83)),
+    "pelvis": _Rings(_ROUND, _X, _Y, (-0.2, 0.1, 0.4, 0.75)),
+    "spine": _Rings(_ROUND, _X, _Y, (0.1, 0.35, 0.6, 0.85)),
+    "chest": _Rings(_ROUND, _X, _Y, (0.1, 0.18, 0.26, 0.34, 0.42, 0.50)),
+    "head": _Rings(_ROUND, _X, _Y, (0.27, 0.35, 0.43, 0.51, 0.59, 0.67, 0.75, 0.83)),
     "upper_arm": _Rings(_ARM, _X, _Z, (0.3, 0.48, 0.66, 0.84)),
-    "forearm": _Rings(_ARM, _X, _Z, (0.2, 0.5, 0.8)),
+    "forearm": _Rings(_ARM, _X, _Z, (0.2, 0.4, 0.6, 0.8)),
     "hand": _Rings(_ARM, _X, _Z, (0.25, 0.5)),
     "thigh": _Rings(_LEG, _X, _Y, (0.3, 0.48, 0.66, 0.84)),
     "shin": _Rings(_LEG, _X, _Y, (0.15, 0.38, 0.61, 0.84)),
-    "foot": _Rings(_SHOE, _Z, _Y, (0.5, 0.85)),
+    "foot": _Rings(_SHOE, _Z, _Y, (0.2, 0.35, 0.5, 0.62, 0.74, 0.85)),
 }
 
 NAMES = tuple(
@@ -84,7 +84,7 @@ NAMES = tuple(
     for ring in range(1, 1 + len(_RINGS[side_and_name(segment)[1]].shares))
     for direction in _RINGS[side_and_name(segment)[1]].directions
 )
-"""The 256 names: `<segment>.<ring>.<direction>`. Rings are counted from the joint of the segment, on a foot from its
+"""The 512 names: `<segment>.<ring>.<direction>`. Rings are counted from the joint of the segment, on a foot from its
 heel. Directions refer to a person that faces forward, with arms stretched to the sides and palms down: `outer` is away
 from the middle, and `under` of a hand is its palm."""
 
@@ -93,9 +93,9 @@ class SurfacePoints(NamedTuple):
     """Points on P people, each in a triangle of a geom's mesh.
 
     Attributes:
-        geoms: (P, 256) index of the geom that each point belongs to.
-        vertices: (P, 256, 3) indices into the model's `mesh_vert` of the corners of the triangle.
-        shares: (P, 256, 3) shares of the corners in the point, sum 1.
+        geoms: (P, 512) index of the geom that each point belongs to.
+        vertices: (P, 512, 3) indices into the model's `mesh_vert` of the corners of the triangle.
+        shares: (P, 512, 3) shares of the corners in the point, sum 1.
     """
 
     geoms: np.ndarray
@@ -103,7 +103,7 @@ class SurfacePoints(NamedTuple):
     shares: np.ndarray
 
     def at(self, model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
-        """Return points, m, and outward unit normals, (P, 256, 3) each, world.
+        """Return points, m, and outward unit normals, (P, 512, 3) each, world.
 
         Args:
             model, data: A state of the scene, after `synth.people.skinning.Skin` was applied to it.
@@ -197,6 +197,8 @@ def _meet(model: mujoco.MjModel, data: mujoco.MjData, middle: np.ndarray, outwar
 
 _FOLD = 0.005
 """Distance below which a surface of the same person in front of a point does not hide it, m: cloth overlaps."""
+_TOUCH, _OVERLAP = 0.01, 0.04
+"""Greatest distance from a point to a surface that it touches, and greatest overlap of the two, m."""
 
 
 @dataclass(frozen=True)
@@ -210,6 +212,8 @@ class SurfaceLabels:
         visibility: (F, V, P, S) uint8 `dmae.data.labels.Visibility`. As for joints, the first object on the ray from
             the camera counts. A point on a surface that faces away is hidden at least by the person's own body.
         hidden_by: (F, V, P, S) int16 index of the person or object in front, -1 for none.
+        touches: (F, P, S) uint16 what a point touches, as in id images: 0 nothing, 1 + p another person p, 256 + k
+            object k. Touching is to be nearer than 10 mm along the normal, or to overlap by up to 40 mm.
     """
 
     names: tuple[str, ...]
@@ -217,6 +221,7 @@ class SurfaceLabels:
     normals: np.ndarray
     visibility: np.ndarray
     hidden_by: np.ndarray
+    touches: np.ndarray
 
     __repr__ = short_repr
 
@@ -224,13 +229,13 @@ class SurfaceLabels:
         frames, persons, points = self.xyz.shape[:3]
         of_views = (frames, *self.visibility.shape[1:2], persons, points)
         shapes = {"xyz": (frames, persons, len(self.names), 3), "visibility": of_views, "hidden_by": of_views}
-        check_shapes("surface", self, shapes | {"normals": self.xyz.shape})
+        check_shapes("surface", self, shapes | {"normals": self.xyz.shape, "touches": (frames, persons, points)})
 
 
 def surface_labels(
     scene: Scene, points: SurfacePoints, names: tuple[str, ...], qpos: np.ndarray, rig: CameraRig
 ) -> SurfaceLabels:
-    """Label points on people's surfaces in every view.
+    """Label points on people's surfaces: where they are, who sees them, and whom they touch.
 
     Args:
         points: (P, S) points on its people.
@@ -243,11 +248,13 @@ def surface_labels(
     xyz, normals = (np.empty((len(qpos), *shape, 3)) for _ in range(2))
     visibility = np.empty((len(qpos), len(rig), *shape), np.uint8)
     hidden_by = np.full(visibility.shape, -1, np.int16)
+    touches = np.zeros(xyz.shape[:3], np.uint16)
     for frame, state in enumerate(qpos):
         data.qpos[:] = state
         mujoco.mj_kinematics(opaque, data)
         skin.apply(data)
         xyz[frame], normals[frame] = points.at(opaque, data)
+        touches[frame] = _touched(opaque, data, scene.geom_ids, xyz[frame], normals[frame])
         xy, along = rig.project(xyz[frame][None])
         codes = visibility[frame]
         codes[:] = np.where(rig.inside(xy)[0], Visibility.VISIBLE, Visibility.OUTSIDE_IMAGE)
@@ -259,7 +266,33 @@ def surface_labels(
             codes[view][sought], hidden_by[frame, view][sought] = _seen(
                 opaque, data, scene.geom_ids, centre, rays, sought[0], averted
             )
-    return SurfaceLabels(names, xyz.astype(np.float32), normals.astype(np.float32), visibility, hidden_by)
+    return SurfaceLabels(names, xyz.astype(np.float32), normals.astype(np.float32), visibility, hidden_by, touches)
+
+
+def _touched(
+    opaque: mujoco.MjModel, data: mujoco.MjData, ids: np.ndarray, points: np.ndarray, normals: np.ndarray
+) -> np.ndarray:
+    """Return the ids (P, S) of what points (P, S, 3) touch, 0 for nothing.
+
+    A ray through each point along its normal begins inside the person and passes through the person's own surface. It
+    ends at a surface that faces the point.
+    """
+    found, geom, facing = np.zeros(points.shape[:2], np.uint16), np.zeros(1, np.int32), np.zeros(3)
+    groups, stops = opaque.geom_group.copy(), np.array([1, 0, 0, 0, 0, 0], np.uint8)
+    # Geoms whose bounding spheres are far from all points of a person cannot touch any.
+    planes = opaque.geom_rbound <= 0
+    for person, (places, outward) in enumerate(zip(points, normals, strict=True)):
+        low, high = places.min(0) - _TOUCH, places.max(0) + _TOUCH
+        gap = np.maximum(np.maximum(low - data.geom_xpos, data.geom_xpos - high), 0)
+        near = planes | ((gap**2).sum(-1) <= opaque.geom_rbound**2)
+        opaque.geom_group = np.where((ids != 1 + person) & near, groups, 5)
+        for number, (place, normal) in enumerate(zip(places, outward, strict=True)):
+            start = place - _OVERLAP * normal
+            reach = mujoco.mj_ray(opaque, data, start, normal, stops, 1, -1, geom, facing)
+            if 0 <= reach <= _OVERLAP + _TOUCH and facing @ normal < 0:
+                found[person, number] = ids[geom[0]]
+    opaque.geom_group = groups
+    return found
 
 
 def _seen(

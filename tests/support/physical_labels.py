@@ -21,7 +21,8 @@ def physical_labels(frames: int, views: int, persons: int) -> PhysicalLabels:
         np.full(persons, 700, np.float32), rng.random((frames, persons, 3)).astype(np.float32), *pairs,
         np.zeros((frames, persons, 2), np.float32),
     )  # fmt: skip
-    xyz = rng.random((frames, persons, 256, 3)).astype(np.float32)
-    codes = rng.integers(0, 4, (frames, views, persons, 256)).astype(np.uint8)
-    surface = SurfaceLabels(NAMES, xyz, xyz, codes, np.where(codes == 0, -1, 0).astype(np.int16))
+    xyz = rng.random((frames, persons, len(NAMES), 3)).astype(np.float32)
+    codes = rng.integers(0, 4, (frames, views, persons, len(NAMES))).astype(np.uint8)
+    touches = np.where(rng.random(xyz.shape[:3]) < 0.1, 256, 0).astype(np.uint16)
+    surface = SurfaceLabels(NAMES, xyz, xyz, codes, np.where(codes == 0, -1, 0).astype(np.int16), touches)
     return PhysicalLabels(contacts, forces, surface)

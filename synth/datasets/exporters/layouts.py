@@ -27,7 +27,7 @@ from synth.labels.physical_labels import FILE, PhysicalLabels, load_physical_lab
 
 KEYS = (
     "contacts", "weight", "ground_reaction", "centre_of_pressure", "residual", "surface_keypoints",
-    "surface_visibility", "surface_hidden_by",
+    "surface_visibility", "surface_hidden_by", "surface_touches",
 )  # fmt: skip
 """Keys of an entry. Each kind of physical labels has some of them."""
 
@@ -97,6 +97,7 @@ class PhysicalEntries:
             "surface_keypoints": [v for (x, y), flag in zip(points, flags.tolist(), strict=True) for v in (x, y, flag)],
             "surface_visibility": codes.tolist(),
             "surface_hidden_by": surface.hidden_by[frame, view, person].tolist(),
+            "surface_touches": surface.touches[frame, person].tolist(),
         }
 
 

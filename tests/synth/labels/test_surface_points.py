@@ -1,4 +1,4 @@
-"""Points on people's surfaces: 256 named ones, on the skin, seen by exactly the cameras that look at them."""
+"""Points on people's surfaces: 512 named ones, on the skin, seen by exactly the cameras that look at them."""
 
 import numpy as np
 import pytest
@@ -31,8 +31,8 @@ def where(pattern: str) -> list[int]:
     return [number for number in found if NAMES[number].endswith(pattern.split("*")[1])]
 
 
-def test_there_are_256_names_of_all_segments():
-    assert len(set(NAMES)) == 256
+def test_there_are_512_names_of_all_segments():
+    assert len(set(NAMES)) == 512
     assert {name.split(".")[0] for name in NAMES} == set(SEGMENTS)
 
 
@@ -85,6 +85,27 @@ def test_visible_points_face_the_camera_and_hidden_ones_are_behind_something(sta
     assert (codes == Visibility.VISIBLE).any(0)[0].mean() > 0.8
 
 
+def test_points_touch_who_stands_against_them_and_the_floor(standing):
+    built, apart, state = standing
+    assert not np.isin(apart.touches, (1, 2)).any()
+    assert (apart.touches[0][:, where("l_foot*.sole")] >= 256).mean() > 0.7
+    # The girl stands where the man's back and her front overlap by 5 mm.
+    man, girl = apart.xyz[0].astype(float)
+    gaps = [m[0] - g[0] for m in man for g in girl if np.hypot(*(m - g)[1:]) < 0.02]
+    near = state.copy()
+    near[7 + 15 * 4] += min(gaps) + 0.005
+    labels = surface_labels(built, surface_points(built, [BODY, CHILD]), NAMES, near[None], RIG)
+    behind, before = labels.touches[0, 0] == 2, labels.touches[0, 1] == 1
+    assert behind.any()
+    assert before.any()
+    assert (labels.normals[0, 0, behind, 0] < 0.3).all()
+    assert (labels.normals[0, 1, before, 0] > -0.3).all()
+    # Touching is mutual: near each point there is one of the other's that touches, within the distance of points.
+    for here, there in ((behind, before), (before, behind)):
+        ones, others = labels.xyz[0, int(here is before), here], labels.xyz[0, int(there is before), there]
+        assert np.linalg.norm(ones[:, None] - others, axis=-1).min(1).max() < 0.15
+
+
 @pytest.mark.slow
 def test_points_are_on_the_side_of_the_silhouette_that_their_visibility_says(painter, tmp_path):
     """Of points that are visible the id image shows their person, of hidden ones what hides them."""
@@ -110,5 +131,7 @@ def test_points_are_on_the_side_of_the_silhouette_that_their_visibility_says(pai
     assert (counts.agreeing >= 0.99 * counts.compared).all(), counts
     # Labels that say the opposite do not agree.
     flipped = np.where(labels.visibility == Visibility.VISIBLE, Visibility.HIDDEN_BY_OBJECT, labels.visibility)
-    wrong = surface_agreement(clip, type(labels)(NAMES, labels.xyz, labels.normals, flipped, labels.hidden_by))
+    wrong = surface_agreement(
+        clip, type(labels)(NAMES, labels.xyz, labels.normals, flipped, labels.hidden_by, labels.touches)
+    )
     assert wrong.agreeing.sum() <= counts.agreeing.sum() - counts.agreeing[0]
