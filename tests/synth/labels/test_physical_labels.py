@@ -50,7 +50,7 @@ def test_wrong_kinds_files_and_shapes_are_refused(tmp_path):
         load_physical_labels(tmp_path)
     save_physical_labels(physical_labels(2, 1, 1), tmp_path)
     save_file(load_file(tmp_path / FILE), tmp_path / FILE)
-    with pytest.raises(ValueError, match=f"{FILE}: expected physical labels of format 1"):
+    with pytest.raises(ValueError, match=f"{FILE}: expected physical labels of format 2"):
         load_physical_labels(tmp_path)
     labels = physical_labels(2, 1, 1)
     with pytest.raises(ValueError, match=r"forces: expected residual of shape \(2, 1, 2, 3\)"):
