@@ -32,7 +32,9 @@ _PIECES = "pieces"
 _CLAIM = "detect.json"
 
 
-def run(config: DetectCommand, out: Path) -> None:
+def run(config: DetectCommand, out: Path, name: str | None = None) -> None:
+    """Detect people; `name` is that of the clip, by default the folder's."""
+    name = name or out.name
     # A detector or skeleton that does not exist must not reserve the folder.
     make_detector(config.detector)
     output_skeleton(config.output.skeleton)
@@ -62,12 +64,12 @@ def run(config: DetectCommand, out: Path) -> None:
     if rig is None:
         write_flat(recording, detections, config.output, out)
     else:
-        clip = make_clip(out.name, recording, detections, notes, config.detector.name)
+        clip = make_clip(name, recording, detections, notes, config.detector.name)
         if config.output.images:
             clip = replace(clip, images=write_images(recording, out, config.workers))
         save_clip(clip, out)
     shutil.rmtree(pieces, ignore_errors=True)
-    _print(out.name, detections)
+    _print(name, detections)
     if len(recording.cameras) == 1:
         print("one camera: capture needs two or more")
     print(out)

@@ -20,9 +20,8 @@ def run(config: RunCommand, out: Path) -> None:
         name: getattr(config, name)
         for name in ("videos", "calibration", "clip", "photos", "detector", "fps", "offsets")
     }
-    detect.run(
-        DetectCommand(**given, world=config.world, output=OutputConfig(), workers=config.workers), folders[_DETECTED]
-    )
+    detecting = DetectCommand(**given, world=config.world, output=OutputConfig(), workers=config.workers)
+    detect.run(detecting, folders[_DETECTED], out.resolve().name)
     data = DataConfig(name="clip", path=str(folders[_DETECTED]))
     capture.run(capture.CaptureCommand(data=data, capture=config.capture), folders[_CAPTURED])
     complete.run(complete.CompleteCommand(clip=str(folders[_CAPTURED]), weights=config.weights), folders[_COMPLETED])

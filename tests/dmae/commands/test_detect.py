@@ -75,6 +75,7 @@ def test_pictures_become_a_clip_that_is_captured(session: Clip, tmp_path: Path):
     done = dmae(tmp_path, "run", *ARGUMENTS, "out=made", "export=[npz]")
     assert done.returncode == 0, done.stderr
     clip = load_clip(tmp_path / "made/captured")
+    assert clip.id == load_clip(tmp_path / "made/completed").id == "made"
     assert (clip.fps, len(clip), clip.detections.skeleton.name, clip.images.kinds) == (25, 12, "coco17", ("rgb",))
     assert clip.poses.xyz.shape[1] == 1 and np.isfinite(clip.poses.xyz).mean() > 0.6
     true = session.truth.xyz[:, :, session.truth.skeleton.index(*COCO17.joints)]
