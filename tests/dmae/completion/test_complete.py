@@ -284,6 +284,17 @@ def test_joints_never_measured_take_their_own_factor():
     assert np.linalg.norm(doubted.xyz - poses.xyz, axis=-1).max() < 0.5
 
 
+def test_how_far_off_a_leg_is_that_nobody_ever_saw_is_unknown():
+    xyz = circling(1, frames=30).xyz.copy()
+    xyz[:, 0, SHELF14.index("l_knee", "l_ankle")] = np.nan
+    xyz[:, 1, SHELF14.index("l_hip", "r_ankle")] = np.nan
+    done = untrained(factors=((1.0,) * CLASSES,) * 2)(Poses3D(SHELF14, xyz), FPS)
+    assert (done.source != Source.ABSENT).all()
+    assert np.isnan(deviation(done)[:, 0, SHELF14.index("l_knee", "l_ankle")]).all()
+    # The knee inside of the ankle, and the knee outside of the hip, say where those are.
+    assert np.isfinite(deviation(done)[:, 1, SHELF14.index("l_hip", "r_ankle")]).all()
+
+
 @pytest.mark.parametrize("fps", [FPS, 50.0])
 def test_far_from_any_measurement_covariances_are_unknown(fps):
     xyz = circling(3).xyz.copy()
