@@ -1,0 +1,48 @@
+"""Draw the six rooms with people in them: `docs/images/scenes.jpg`.
+
+    python docs/tools/scenes.py            # under a minute
+
+The camera is the one of eight around the room in which the least visible person has the most visible pixels.
+"""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from dmae.progress import progress
+from synth.datasets.clip import simulate_clip
+from synth.datasets.config import GenerateConfig
+from synth.rendering.config import ImageQuality
+from synth.rendering.renderer import Renderer
+from synth.rigs.config import RigConfig, RingConfig
+from synth.scene.build import build_scene
+from synth.scene.config import SceneConfig
+from synth.scene.spec import SceneSpec
+
+FILE = Path(__file__).parents[1] / "images/scenes.jpg"
+ROOMS = ("studio", "office", "living_room", "warehouse", "pillars", "market")
+COLUMNS, SIZE, SHARPER = 3, (480, 360), 2
+"""Pictures in a row, their width and height, px, and how much larger they are drawn."""
+
+
+def draw(room: str, seed: int) -> np.ndarray:
+    """Return an image (H, W, 3) of a room in the middle of a clip."""
+    width, height = (SHARPER * size for size in SIZE)
+    ring = RingConfig(views=8, radius=[4.0, 4.4], height=[2.2, 2.8], focal=0.85 * width, size=[width, height])
+    scene = SceneConfig(arena=room, persons=[3, 4], seconds=3.0, fps=5.0)
+    clip, state = simulate_clip(GenerateConfig(seed=seed, scene=scene, rig=RigConfig(ring=ring)), 0)
+    spec, rig, qpos = SceneSpec.of(clip), clip.true_rig or clip.rig, state.qpos[len(state.qpos) // 2]
+    built, persons = build_scene(spec, rig), len(spec.persons)
+    with Renderer(built.model, built.geom_ids, rig, ImageQuality.draft) as renderer:
+        ids = [renderer.picture(qpos, view, ("ids",)).ids for view in range(len(rig))]
+    seen = [np.bincount(each.ravel(), minlength=1 + persons)[1 : 1 + persons].min() for each in ids]
+    with Renderer(built.model, built.geom_ids, rig, ImageQuality.high) as renderer:
+        picture = renderer.picture(qpos, int(np.argmax(seen)), ("rgb",)).rgb
+    return cv2.resize(picture, SIZE, interpolation=cv2.INTER_AREA)
+
+
+if __name__ == "__main__":
+    drawn = list(progress(map(draw, ROOMS, range(7, 7 + len(ROOMS))), "drawing", len(ROOMS)))
+    rows = [np.hstack(drawn[first : first + COLUMNS]) for first in range(0, len(drawn), COLUMNS)]
+    cv2.imwrite(str(FILE), np.vstack(rows)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 85])
