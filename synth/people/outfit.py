@@ -361,7 +361,7 @@ def _split(sheet: _Sheet, material: str, bare: BareBody) -> list[Part]:
                 points,
                 faces,
                 sheet.normals[used],
-                _texture(points[faces], number, bare),
+                _texture(points[faces], number, material, bare),
                 bones[used],
                 weights[used],
             )
@@ -369,13 +369,16 @@ def _split(sheet: _Sheet, material: str, bare: BareBody) -> list[Part]:
     return found
 
 
-def _texture(corners: np.ndarray, segment: int, bare: BareBody) -> np.ndarray:
-    """Return the (T, 3, 2) texture coordinates of corners (T, 3, 3), wound around the axis of their segment."""
+def _texture(corners: np.ndarray, segment: int, material: str, bare: BareBody) -> np.ndarray:
+    """Return the (T, 3, 2) texture coordinates of corners (T, 3, 3), wound around the axis of their segment.
+
+    Where a top hangs over the thighs, its pattern goes on as on the trunk.
+    """
     _, name = side_and_name(SEGMENTS[segment])
     own = (corners - bare.origins[segment]) @ bare.rotations[segment]
     if name in ("upper_arm", "forearm", "hand"):
         along, across, ahead = own[..., 1], own[..., 0], own[..., 2]
-    elif name in ("pelvis", "spine", "chest", "head"):
+    elif material == "top" or name in ("pelvis", "spine", "chest", "head"):
         along, across, ahead = corners[..., 2], corners[..., 1], corners[..., 0]
     else:
         along, across, ahead = own[..., 2], own[..., 1], own[..., 0]

@@ -8,6 +8,7 @@ from scipy.spatial import ConvexHull, cKDTree
 from synth.people.body import SEGMENTS, Body, body_at, segment_origins
 from synth.people.clothing import Garment, PersonLooks
 from synth.people.mjcf import capsules
+from synth.people.outfit import parts
 from synth.people.surface import DENSITY, BareBody, assets, bare_body, volume
 from tests.support.surfaces import Posed, in_t_pose
 
@@ -154,3 +155,15 @@ def test_solids_fit_the_skin(body):
     solid = ends[which, 0] * (1 - along) + ends[which, 1] * along + way
     solid = solid[outside(solid, ends, radii) > -1e-6]
     assert np.percentile(cKDTree(skin).query(solid)[0], 95) < 0.025 * body.stature
+
+
+def test_stripes_go_on_where_a_shirt_hangs_over_the_thighs():
+    sides = {part.segment: part for part in parts(BODIES[1], BARE) if part.material == "top"}
+    corners = [
+        np.concatenate([part.vertices[part.faces].reshape(-1, 3), part.uv[..., 1:].reshape(-1, 1)], 1)
+        for part in (sides["pelvis"], sides["l_thigh"])
+    ]
+    trunk, thigh = corners
+    apart, same = cKDTree(trunk[:, :3]).query(thigh[:, :3])
+    assert (apart < 1e-6).sum() > 5
+    assert np.abs(trunk[same, 3] - thigh[:, 3])[apart < 1e-6].max() < 1e-6
