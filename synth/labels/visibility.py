@@ -118,7 +118,7 @@ def _first_at_place(joints: np.ndarray) -> np.ndarray:
 def _cast_all(opaque, data, qpos, centers, directions, frame, view) -> tuple[np.ndarray, ...]:
     """Cast rays from the camera centres of views in the states of frames. Rays are sorted by frame, then by view."""
     hits = np.empty(len(directions), np.int32), np.empty(len(directions)), np.empty_like(directions)
-    views, skin = len(centers), Skin(opaque)
+    views, skin = len(centers), Skin(opaque, normals=False)
     ends = np.searchsorted(frame * views + view, np.arange(len(qpos) * views), side="right").tolist()
     for number, (start, stop) in enumerate(pairwise([0, *ends])):
         at, seer = divmod(number, views)

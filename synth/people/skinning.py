@@ -8,6 +8,8 @@ its joint, so that elbows and knees keep their volume. Upper arms, forearms and 
 none, a third and two thirds, so that a twist spreads along the limb.
 """
 
+from dataclasses import dataclass
+
 import mujoco
 import numpy as np
 import trimesh
@@ -37,6 +39,12 @@ _SHARES = np.array([row[1:] for row in _TABLE])
 _LENGTHWISE = np.array([1 if name in ("upper_arm", "forearm", "hand") else 2 for name in _NAMES])
 """Axis of each segment about which it twists."""
 _PARENTS = np.array(PARENTS)
+BONE_NAMES = (
+    *SEGMENTS,
+    *(f"{segment} half" for segment in SEGMENTS[1:]),
+    *(f"{SEGMENTS[i]} twist {step}" for i in _TWISTS for step in range(3)),
+)
+"""Names of the B bones: segments, their halves, and the bones that twist by none, a third and two thirds."""
 MOST_BONES = 6
 """Greatest number of bones that a vertex follows."""
 _ROW = 2 * MOST_BONES + 6
@@ -79,15 +87,48 @@ def pack(rotations: np.ndarray, origins: np.ndarray, rows: np.ndarray) -> np.nda
     return np.concatenate([quats.ravel(), origins.ravel(), rows.ravel()])
 
 
+@dataclass(frozen=True)
+class SkinOfPerson:
+    """N vertices, and the bones that they follow.
+
+    Attributes:
+        name: The person's name in the model.
+        segments: (16,) indices of the bodies of the segments.
+        geoms: Indices of the geoms that bend. The vertices of their meshes, one mesh after the other, are the N.
+        bind: (B, 3, 4) rotation and origin, m, of each of `BONE_NAMES` in the bind pose.
+        which, weights: (N, 6) bones and their weights, largest first, sum 1.
+        rest: (N, 6) place, m, and normal in the bind pose.
+    """
+
+    name: str
+    segments: np.ndarray
+    geoms: np.ndarray
+    bind: np.ndarray
+    which: np.ndarray
+    weights: np.ndarray
+    rest: np.ndarray
+
+    def bones(self, data: mujoco.MjData) -> np.ndarray:
+        """Return the (B, 3, 4) rotation and origin of each bone, m, world, for a state."""
+        bones, own = np.empty((len(_TABLE), 3, 4)), self.segments
+        _place_bones(data.xquat[own], data.xpos[own], _PARENTS, _SEGMENT, _SHARES, _LENGTHWISE, bones)
+        return bones
+
+
 class Skin:
     """Moves the surfaces of people in a model. It changes the model's meshes: give it a model of your own, a copy.
 
     Args:
         model: A scene with people, or one without.
+        normals: Whether vertex normals follow, which pictures need; rays take the triangles' own.
+
+    Attributes:
+        persons: The skin of each person.
+        geoms, meshes: Indices of the geoms that bend, and of their meshes.
     """
 
-    def __init__(self, model: mujoco.MjModel):
-        self._model, self._persons = model, []
+    def __init__(self, model: mujoco.MjModel, normals: bool = True):
+        self._model, self._normals, self.persons = model, normals, []
         skinned = model.geom_user[:, 0] == SKINNED if model.nuser_geom else np.zeros(model.ngeom, bool)
         for number in range(model.nnumeric):
             name = model.numeric(number).name
@@ -101,11 +142,10 @@ class Skin:
             bind = np.empty((len(_TABLE), 3, 4))
             _place_bones(quats.reshape(16, 4), origins.reshape(16, 3), _PARENTS, _SEGMENT, _SHARES, _LENGTHWISE, bind)
             which, weights, rest = np.split(rows.reshape(-1, _ROW), [MOST_BONES, 2 * MOST_BONES], axis=1)
-            self._persons.append((segments, geoms, bind, which.astype(np.int32), weights.copy(), rest.copy()))
-        self.geoms = np.concatenate([np.empty(0, int), *(person[1] for person in self._persons)])
-        """Indices of the geoms that bend."""
+            skin = bind, which.astype(np.int32), weights.copy(), rest.copy()
+            self.persons.append(SkinOfPerson(name.removesuffix("/skin"), segments, geoms, *skin))
+        self.geoms = np.concatenate([np.empty(0, int), *(person.geoms for person in self.persons)])
         self.meshes = model.geom_dataid[self.geoms]
-        """Indices of their meshes."""
         self._bodies = np.unique(model.geom_bodyid[self.geoms])
         inner = (
             Rotation.from_quat(model.body_iquat[model.geom_bodyid[self.geoms]], scalar_first=True)
@@ -120,16 +160,15 @@ class Skin:
     def apply(self, data: mujoco.MjData) -> None:
         """Put the vertices in place for a state whose kinematics is up to date."""
         model = self._model
-        if not self._persons:
+        if not self.persons:
             return
-        bones = np.empty((len(_TABLE), 3, 4))
-        for segments, geoms, bind, which, weights, rest in self._persons:
-            _place_bones(data.xquat[segments], data.xpos[segments], _PARENTS, _SEGMENT, _SHARES, _LENGTHWISE, bones)
-            meshes = model.geom_dataid[geoms]
+        for person in self.persons:
+            geoms, meshes = person.geoms, model.geom_dataid[person.geoms]
             _bend(
-                bones, bind, which, weights, rest, data.geom_xpos[geoms], data.geom_xmat[geoms].reshape(-1, 3, 3),
+                person.bones(data), person.bind, person.which, person.weights, person.rest,
+                data.geom_xpos[geoms], data.geom_xmat[geoms].reshape(-1, 3, 3),
                 model.mesh_vertadr[meshes], model.mesh_vertnum[meshes], model.mesh_normaladr[meshes],
-                model.mesh_vert, model.mesh_normal,
+                model.mesh_vert, model.mesh_normal, self._normals,
             )  # fmt: skip
         _refit(
             self.geoms, model.mesh_bvhadr[self.meshes], model.mesh_bvhnum[self.meshes], model.mesh_faceadr[self.meshes],
@@ -222,9 +261,21 @@ def _place_bones(quats, origins, parents, segment, shares, lengthwise, bones):
 
 @compiled()
 def _bend(
-    bones, bind, which, weights, rest, places, turns, first_vertex, vertices, first_normal, mesh_vert, mesh_normal
+    bones,
+    bind,
+    which,
+    weights,
+    rest,
+    places,
+    turns,
+    first_vertex,
+    counts,
+    first_normal,
+    mesh_vert,
+    mesh_normal,
+    normals,
 ):
-    """Write the vertices of the meshes of a person, and their normals, into the model."""
+    """Write the vertices of the meshes of a person, and their normals if wanted, into the model."""
     count = len(bones)
     move = np.empty((count, 3, 4))
     for b in range(count):
@@ -239,30 +290,35 @@ def _bend(
     blended, world, outward = np.empty((3, 4)), np.empty(3), np.empty(3)
     row = 0
     for mesh in range(len(first_vertex)):
-        for vertex in range(vertices[mesh]):
+        for vertex in range(counts[mesh]):
             blended[:] = 0
             for k in range(which.shape[1]):
                 weight = weights[row, k]
-                if weight > 0:
-                    for i in range(3):
-                        for j in range(4):
-                            blended[i, j] += weight * move[which[row, k], i, j]
+                if weight <= 0:
+                    break
+                for i in range(3):
+                    for j in range(4):
+                        blended[i, j] += weight * move[which[row, k], i, j]
             for i in range(3):
                 world[i] = blended[i, 3] - places[mesh, i]
-                outward[i] = 0
                 for j in range(3):
                     world[i] += blended[i, j] * rest[row, j]
-                    outward[i] += blended[i, j] * rest[row, 3 + j]
-            size = np.sqrt(outward[0] ** 2 + outward[1] ** 2 + outward[2] ** 2) + 1e-12
             for j in range(3):
                 mesh_vert[first_vertex[mesh] + vertex, j] = (
                     turns[mesh, 0, j] * world[0] + turns[mesh, 1, j] * world[1] + turns[mesh, 2, j] * world[2]
                 )
+            row += 1
+            if not normals:
+                continue
+            for i in range(3):
+                outward[i] = 0
+                for j in range(3):
+                    outward[i] += blended[i, j] * rest[row - 1, 3 + j]
+            size = np.sqrt(outward[0] ** 2 + outward[1] ** 2 + outward[2] ** 2) + 1e-12
             for j in range(3):
                 mesh_normal[first_normal[mesh] + vertex, j] = (
                     turns[mesh, 0, j] * outward[0] + turns[mesh, 1, j] * outward[1] + turns[mesh, 2, j] * outward[2]
                 ) / size
-            row += 1
 
 
 @compiled()

@@ -1,11 +1,14 @@
 """Whole scenes for other renderers: room, props, people in motion, cameras with their lenses, and lights.
 
-A clip is a file, in m. People and loads are rigid pieces that move, so skin opens at bent joints. Each true joint is an
-empty node with its own name, `person0: l_wrist`. Distances, positions and orientations are those of the labels. Colours
-are plain: textures and clothes' patterns are not exported.
+A clip is a file, in m. Each person is one skinned mesh, clothes included; loads are rigid pieces that move. Each true
+joint is an empty node with its own name, `person0: l_wrist`. Distances, positions and orientations are those of the
+labels. Colours are plain: textures and clothes' patterns are not exported. A reader that ignores skins shows people
+with lowered arms at their first place.
 
-- `glb`, glTF 2.0, y up. Its cameras hold a field of view only; `K`, `dist` and `size` are in `extras` of the camera.
-- `usd`, z up. Its cameras also hold unequal focal lengths and the principal point. Distortion is in custom data.
+- `glb`, glTF 2.0, y up. Its cameras hold a field of view only; `K`, `dist` and `size` are in `extras` of the camera. A
+  vertex follows the four bones of the greatest weights, of up to six.
+- `usd`, z up, with UsdSkel. Its cameras also hold unequal focal lengths and the principal point. Distortion is in
+  custom data.
 """
 
 from collections import Counter
@@ -24,6 +27,7 @@ from dmae.files.contents import write_atomic
 from dmae.formats.glb import GltfFile
 from synth.datasets.exporters import exporter
 from synth.datasets.exporters.selection import ClipTask, Selection
+from synth.people.skinning import BONE_NAMES, MOST_BONES, Skin, SkinOfPerson
 from synth.physics.body_state import load_state
 from synth.scene.build import build_scene
 from synth.scene.spec import SceneSpec
@@ -50,11 +54,27 @@ class _Piece:
 
 
 @dataclass(frozen=True)
+class _SkinInMotion:
+    """The mesh of a person, N vertices, and its B bones, world z up, m."""
+
+    name: str
+    points: np.ndarray  # (N, 3) and normals (N, 3) in the bind pose
+    normals: np.ndarray
+    which: np.ndarray  # (N, 6) bones and weights (N, 6), largest first
+    weights: np.ndarray
+    looks: dict[str, tuple[np.ndarray, np.ndarray]]  # RGBA and faces (m, 3) of each material
+    bind: np.ndarray  # (B, 4, 4) bones in the bind pose
+    places: np.ndarray  # (F, B, 3) and turns (F, B, 4), w last, of bones
+    turns: np.ndarray
+
+
+@dataclass(frozen=True)
 class _SceneInMotion:
     """A clip's scene in F frames, world z up, m."""
 
     seconds: np.ndarray  # (F,) s
-    pieces: list[_Piece]  # Pieces with a mesh
+    pieces: list[_Piece]  # What is rigid
+    skins: list[_SkinInMotion]
     bodies: list[str]  # Names of the B bodies
     places: np.ndarray  # (F, B, 3) and turns (F, B, 4), w last, of bodies
     turns: np.ndarray
@@ -91,13 +111,14 @@ def _scene(task: ClipTask) -> _SceneInMotion:
     model = build_scene(spec, clip.rig, painted=False).model
     data, qpos = mujoco.MjData(model), state.qpos[:: task.every]
     places, turns = np.empty((len(qpos), model.nbody, 3)), np.empty((len(qpos), model.nbody, 4))
+    persons = Skin(model).persons
+    bones = np.empty((len(qpos), len(persons), len(BONE_NAMES), 3, 4))
     for frame, each in enumerate(qpos):
         data.qpos[:] = each
         mujoco.mj_kinematics(model, data)
         places[frame], turns[frame] = data.xpos, data.xquat[:, [1, 2, 3, 0]]
-    # Neighbouring quaternions are near each other, so that they are interpolated the short way.
-    signs = np.cumprod(np.sign((turns[1:] * turns[:-1]).sum(-1) + 1e-12), 0)
-    turns[1:] *= signs[..., None]
+        for person, skin in enumerate(persons):
+            bones[frame, person] = skin.bones(data)
     xyz = convert(clip.truth, task.skeleton).xyz[:: task.every].astype(np.float64)
     names = [f"person{person}: {joint}" for person in range(xyz.shape[1]) for joint in task.skeleton.joints]
     far = model.light_type == mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
@@ -105,22 +126,68 @@ def _scene(task: ClipTask) -> _SceneInMotion:
     lights = [tuple(row) for *row, body in rows if body == 0]
     return _SceneInMotion(
         np.arange(len(qpos)) * task.every / clip.fps, list(_pieces(model)),
-        [model.body(number).name for number in range(model.nbody)], places, turns,
+        [_skin(model, skin, bones[:, person]) for person, skin in enumerate(persons)],
+        [model.body(number).name for number in range(model.nbody)], places, _continuous(turns),
         names, xyz.reshape(len(xyz), -1, 3), clip.rig, lights,
     )  # fmt: skip
 
 
+def _continuous(turns: np.ndarray) -> np.ndarray:
+    """Return quaternions (F, B, 4) of which neighbours are near each other, to be interpolated the short way."""
+    signs = np.cumprod(np.sign((turns[1:] * turns[:-1]).sum(-1) + 1e-12), 0)
+    return np.concatenate([turns[:1], turns[1:] * signs[..., None]])
+
+
+def _skin(model: mujoco.MjModel, skin: SkinOfPerson, bones: np.ndarray) -> _SkinInMotion:
+    """Return the mesh of a person, from the meshes of its geoms, whose common vertices become one."""
+    rows = np.concatenate([skin.rest, skin.which, skin.weights], axis=1)
+    rows, number = np.unique(rows, axis=0, return_inverse=True)
+    points, normals, which, weights = np.split(rows, [3, 6, 6 + MOST_BONES], axis=1)
+    looks, first = {}, 0
+    for geom in skin.geoms.tolist():
+        vertices, faces = _mesh(model, geom)
+        colour, material = _look(model, geom)
+        before = looks.get(material, (colour, np.empty((0, 3), int)))[1]
+        looks[material] = colour, np.concatenate([before, number.reshape(-1)[first + faces]])
+        first += len(vertices)
+    # The bind pose stands on the floor, below the first place of the pelvis.
+    shift = np.append(bones[0, 0, :2, 3], -points[:, 2].min())
+    bind = np.tile(np.eye(4), (len(skin.bind), 1, 1))
+    bind[:, :3] = skin.bind
+    bind[:, :3, 3] += shift
+    turns = Rotation.from_matrix(bones[..., :3].reshape(-1, 3, 3)).as_quat().reshape(*bones.shape[:2], 4)
+    return _SkinInMotion(
+        skin.name, points + shift, normals, np.where(weights > 0, which, 0).astype(int), weights, looks,
+        bind, bones[..., 3], _continuous(turns),
+    )  # fmt: skip
+
+
+def _mesh(model: mujoco.MjModel, geom: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return points and faces of the mesh of a geom."""
+    mesh = model.geom_dataid[geom]
+    first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+    points = model.mesh_vert[first : first + count]
+    first, count = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
+    return points, model.mesh_face[first : first + count]
+
+
+def _look(model: mujoco.MjModel, geom: int) -> tuple[np.ndarray, str]:
+    """Return RGBA of a geom, and a name for it."""
+    material = model.geom_matid[geom]
+    if material >= 0:
+        return model.mat_rgba[material], model.mat(material).name
+    return model.geom_rgba[geom], "colour " + " ".join(f"{share:.3g}" for share in model.geom_rgba[geom])
+
+
 def _pieces(model: mujoco.MjModel) -> Iterator[_Piece]:
-    """Yield what is drawn of a model."""
-    kinds = mujoco.mjtGeom
+    """Yield what is drawn of a model and rigid."""
+    kinds, bending = mujoco.mjtGeom, set(Skin(model).geoms.tolist())
     for geom in np.flatnonzero(model.geom_group < _DRAWN).tolist():
+        if geom in bending:
+            continue
         kind, size = model.geom_type[geom], model.geom_size[geom]
         if kind == kinds.mjGEOM_MESH:
-            mesh = model.geom_dataid[geom]
-            first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
-            points = model.mesh_vert[first : first + count]
-            first, count = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
-            faces = model.mesh_face[first : first + count]
+            points, faces = _mesh(model, geom)
         elif kind == kinds.mjGEOM_PLANE:
             x, y = np.where(size[:2] > 0, size[:2], _FLOOR_M)
             points, faces = np.array([[-x, -y, 0], [x, -y, 0], [x, y, 0], [-x, y, 0]]), np.array([[0, 1, 2], [0, 2, 3]])
@@ -136,8 +203,7 @@ def _pieces(model: mujoco.MjModel) -> Iterator[_Piece]:
                 shape.apply_scale(size if kind == kinds.mjGEOM_ELLIPSOID else size[0])
             points, faces = shape.vertices, shape.faces
         turn = Rotation.from_quat(model.geom_quat[geom], scalar_first=True)
-        material = model.geom_matid[geom]
-        colour = model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]
+        colour, _ = _look(model, geom)
         body = int(model.geom_bodyid[geom])
         name = model.geom(geom).name or f"{model.body(body).name}/{geom}"
         yield _Piece(name, turn.apply(points) + model.geom_pos[geom], np.asarray(faces), colour, body)
@@ -145,7 +211,10 @@ def _pieces(model: mujoco.MjModel) -> Iterator[_Piece]:
 
 # glTF
 
-_INT, _VERTICES, _INDICES = 5125, 34962, 34963
+_Y_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+_BYTE, _INT, _VERTICES, _INDICES = 5121, 5125, 34962, 34963
+_INFLUENCES = 4
+"""Number of bones of a vertex that every reader of glTF supports."""
 _LIGHT_LUX, _LIGHT_CANDELA = 3.0, 60.0
 """Brightness of a white light."""
 
@@ -171,16 +240,51 @@ def _write_glb(task: ClipTask) -> Counter:
             file.animate(node, "rotation", scene.turns[:, body])
         bodies[body] = file.json["nodes"][node]["children"]
         children.append(node)
+
+    def painted(name: str, colour: np.ndarray) -> int:
+        look = {"baseColorFactor": colour.tolist(), "metallicFactor": 0, "roughnessFactor": 0.8}
+        return file.add("materials", name=name, pbrMetallicRoughness=look, doubleSided=True)
+
     for piece in scene.pieces:
-        look = {"baseColorFactor": piece.colour.tolist(), "metallicFactor": 0, "roughnessFactor": 0.8}
-        material = file.add("materials", name=piece.name, pbrMetallicRoughness=look, doubleSided=True)
         primitive = {
             "attributes": {"POSITION": file.accessor(piece.points, "VEC3", target=_VERTICES, bounds=True)},
             "indices": file.accessor(piece.faces.reshape(-1), "SCALAR", _INT, _INDICES),
-            "material": material,
+            "material": painted(piece.name, piece.colour),
         }
         mesh = file.add("meshes", name=piece.name, primitives=[primitive])
         bodies[piece.body].append(file.add("nodes", name=f"{piece.name} mesh", mesh=mesh))
+    for skin in scene.skins:
+        bones = [
+            file.add("nodes", name=f"{skin.name}/{bone}", translation=place.tolist(), rotation=turn.tolist())
+            for bone, place, turn in zip(BONE_NAMES, skin.places[0], skin.turns[0], strict=True)
+        ]
+        for number, node in enumerate(bones):
+            file.animate(node, "translation", skin.places[:, number])
+            file.animate(node, "rotation", skin.turns[:, number])
+        children.append(file.add("nodes", name=f"{skin.name} bones", children=bones))
+        weights = skin.weights[:, :_INFLUENCES] / skin.weights[:, :_INFLUENCES].sum(1, keepdims=True)
+        # The place of a mesh with a skin is that of its bones alone, so its points are already y up.
+        attributes = {
+            "POSITION": file.accessor(skin.points @ _Y_UP.T, "VEC3", target=_VERTICES, bounds=True),
+            "NORMAL": file.accessor(skin.normals @ _Y_UP.T, "VEC3", target=_VERTICES),
+            "JOINTS_0": file.accessor(skin.which[:, :_INFLUENCES], "VEC4", _BYTE, _VERTICES),
+            "WEIGHTS_0": file.accessor(weights, "VEC4", target=_VERTICES),
+        }
+        primitives = [
+            {
+                "attributes": attributes,
+                "indices": file.accessor(faces.reshape(-1), "SCALAR", _INT, _INDICES),
+                "material": painted(name, colour),
+            }
+            for name, (colour, faces) in skin.looks.items()
+        ]
+        unbend = np.linalg.inv(skin.bind)
+        unbend[:, :3, :3] = unbend[:, :3, :3] @ _Y_UP.T
+        # Matrices are stored column by column.
+        unbend = file.accessor(unbend.swapaxes(1, 2).reshape(-1, 16), "MAT4")
+        mesh = file.add("meshes", name=skin.name, primitives=primitives)
+        number = file.add("skins", name=skin.name, joints=bones, inverseBindMatrices=unbend)
+        file.json["scenes"][0]["nodes"].append(file.add("nodes", name=skin.name, mesh=mesh, skin=number))
     for number, name in enumerate(scene.joints):
         place = scene.xyz[:, number]
         if np.isfinite(place).all():
@@ -228,7 +332,7 @@ def _write_glb(task: ClipTask) -> Counter:
 
 
 def _write_usd(task: ClipTask) -> Counter:
-    from pxr import Gf, Tf, Usd, UsdGeom, UsdLux, Vt
+    from pxr import Gf, Tf, Usd, UsdGeom, UsdLux, UsdSkel, Vt
 
     scene, path = _scene(task), task.file("usdc")
     stage, used = Usd.Stage.CreateNew(str(path)), set()
@@ -264,13 +368,50 @@ def _write_usd(task: ClipTask) -> Counter:
     for body in sorted({piece.body for piece in scene.pieces}):
         bodies[body] = named("/scene", scene.bodies[body])
         place(UsdGeom.Xform.Define(stage, bodies[body]), scene.places[:, body], scene.turns[:, body])
-    for piece in scene.pieces:
-        mesh = UsdGeom.Mesh.Define(stage, named(bodies[piece.body], piece.name))
-        mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(piece.points, np.float32)))
-        mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(piece.faces), 3, np.int32)))
-        mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(np.ascontiguousarray(piece.faces.ravel(), np.int32)))
+
+    def vectors(rows: np.ndarray):
+        return Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(rows, np.float32))
+
+    def mesh_of(path: str, points: np.ndarray, faces: np.ndarray):
+        mesh = UsdGeom.Mesh.Define(stage, path)
+        mesh.CreatePointsAttr(vectors(points))
+        mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(faces), 3, np.int32)))
+        mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(np.ascontiguousarray(faces.ravel(), np.int32)))
         mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+        return mesh
+
+    for piece in scene.pieces:
+        mesh = mesh_of(named(bodies[piece.body], piece.name), piece.points, piece.faces)
         mesh.CreateDisplayColorAttr([Gf.Vec3f(*piece.colour[:3].tolist())])
+    for skin in scene.skins:
+        above = named("/scene", skin.name)
+        UsdSkel.Root.Define(stage, above)
+        skeleton = UsdSkel.Skeleton.Define(stage, f"{above}/skeleton")
+        motion = UsdSkel.Animation.Define(stage, f"{above}/motion")
+        UsdSkel.BindingAPI.Apply(skeleton.GetPrim()).CreateAnimationSourceRel().AddTarget(motion.GetPath())
+        bones = [Tf.MakeValidIdentifier(bone) for bone in BONE_NAMES]
+        # Matrices of USD multiply rows.
+        bind = Vt.Matrix4dArray([Gf.Matrix4d(each.T.tolist()) for each in skin.bind])
+        skeleton.CreateJointsAttr(bones)
+        skeleton.CreateBindTransformsAttr(bind)
+        skeleton.CreateRestTransformsAttr(bind)
+        motion.CreateJointsAttr(bones)
+        motion.CreateScalesAttr(Vt.Vec3hArray([Gf.Vec3h(1)] * len(bones)))
+        places, turns = motion.CreateTranslationsAttr(), motion.CreateRotationsAttr()
+        for frame in range(len(scene.seconds)):
+            places.Set(vectors(skin.places[frame]), frame)
+            turns.Set(Vt.QuatfArray([Gf.Quatf(w, *vector) for *vector, w in skin.turns[frame].tolist()]), frame)
+        mesh = mesh_of(f"{above}/mesh", skin.points, np.concatenate([faces for _, faces in skin.looks.values()]))
+        mesh.CreateNormalsAttr(vectors(skin.normals))
+        mesh.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
+        colours = mesh.CreateDisplayColorPrimvar(UsdGeom.Tokens.uniform)
+        colours.Set(
+            vectors(np.concatenate([np.tile(colour[:3], (len(faces), 1)) for colour, faces in skin.looks.values()]))
+        )
+        binding = UsdSkel.BindingAPI.Apply(mesh.GetPrim())
+        binding.CreateSkeletonRel().AddTarget(skeleton.GetPath())
+        binding.CreateJointIndicesPrimvar(False, MOST_BONES).Set(skin.which.ravel().tolist())
+        binding.CreateJointWeightsPrimvar(False, MOST_BONES).Set(skin.weights.ravel().tolist())
     for number, name in enumerate(scene.joints):
         if np.isfinite(scene.xyz[:, number]).all():
             joint = UsdGeom.Xform.Define(stage, named("/scene", name))

@@ -2,14 +2,20 @@
 
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import synth
 from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25
 from dmae.data.store import load_clip
 from synth.datasets.exporters.export import export
+from synth.people.skinning import Skin, mesh_triangles
+from synth.physics.body_state import load_state
+from synth.scene.build import build_scene
+from synth.scene.spec import SceneSpec
 
 _Y_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 _GL_FROM_CV = np.diag([1.0, -1.0, -1.0])
@@ -39,6 +45,82 @@ def clip(data):
 
 def true_rig(clip):
     return clip.rig if clip.true_rig is None else clip.true_rig
+
+
+@pytest.fixture(scope="module")
+def drawn(data, clip):
+    """The triangles (T, 3, 3) of the second person in the last frame, as pictures show them, for each material."""
+    model = build_scene(SceneSpec.of(clip), clip.rig, painted=False).model
+    state = mujoco.MjData(model)
+    state.qpos[:] = load_state(data / "000000").qpos[-1]
+    mujoco.mj_kinematics(model, state)
+    skin = Skin(model)
+    skin.apply(state)
+    found = {}
+    for geom in skin.persons[1].geoms.tolist():
+        corners = mesh_triangles(model, geom) @ state.geom_xmat[geom].reshape(3, 3).T + state.geom_xpos[geom]
+        found.setdefault(model.mat(model.geom_matid[geom]).name, []).append(corners)
+    return {material: np.concatenate(parts) for material, parts in found.items()}
+
+
+def test_skins_of_glb_are_the_surfaces_of_pictures(data, drawn, tmp_path):
+    pygltflib = pytest.importorskip("pygltflib")
+    export(data, tmp_path / "out", "glb")
+    content = pygltflib.GLTF2().load(tmp_path / "out/train/000000.glb")
+
+    def values(number: int) -> np.ndarray:
+        accessor, blob = content.accessors[number], content.binary_blob()
+        kind = {5121: "u1", 5125: "<u4", 5126: "<f4"}[accessor.componentType]
+        width = {"SCALAR": 1, "VEC3": 3, "VEC4": 4, "MAT4": 16}[accessor.type]
+        at = content.bufferViews[accessor.bufferView].byteOffset
+        return np.frombuffer(blob, kind, accessor.count * width, at).reshape(accessor.count, width)
+
+    animation = content.animations[0]
+    last = {
+        (c.target.node, c.target.path): values(animation.samplers[c.sampler].output)[-1] for c in animation.channels
+    }
+    (node,) = (node for node in content.nodes if node.name == "person1")
+    skin, mesh = content.skins[node.skin], content.meshes[node.mesh]
+    moves = np.tile(np.eye(4), (len(skin.joints), 1, 1))
+    for bone, joint in enumerate(skin.joints):
+        moves[bone, :3, :3] = _Y_UP @ Rotation.from_quat(last[joint, "rotation"]).as_matrix()
+        moves[bone, :3, 3] = _Y_UP @ last[joint, "translation"]
+    moves = moves @ values(skin.inverseBindMatrices).reshape(-1, 4, 4).swapaxes(1, 2)
+    attributes = mesh.primitives[0].attributes
+    assert {primitive.attributes.POSITION for primitive in mesh.primitives} == {attributes.POSITION}
+    weights = values(attributes.WEIGHTS_0)
+    np.testing.assert_allclose(weights.sum(1), 1, atol=1e-6)
+    blended = np.einsum("nk,nkij->nij", weights, moves[values(attributes.JOINTS_0)])
+    points = np.einsum("nij,nj->ni", blended[:, :3, :3], values(attributes.POSITION)) + blended[:, :3, 3]
+    assert len(np.unique(values(attributes.POSITION), axis=0)) > 0.97 * len(points)  # Parts share their borders
+    away = {}
+    for primitive in mesh.primitives:
+        name = content.materials[primitive.material].name
+        away[name] = np.abs(points[values(primitive.indices).reshape(-1, 3)] - drawn[name] @ _Y_UP.T)
+    assert away.keys() == drawn.keys()
+    away = np.concatenate(list(away.values()))
+    # Few vertices follow more than four bones.
+    assert away.max() < 5e-4
+    assert np.mean(away < 1e-5) > 0.99
+
+
+def test_skins_of_usd_are_the_surfaces_of_pictures(data, drawn, tmp_path):
+    pytest.importorskip("pxr", reason="usd-core, of the extra `usd`, is not installed")
+    from pxr import Usd, UsdGeom, UsdSkel, Vt
+
+    export(data, tmp_path / "out", "usd")
+    stage = Usd.Stage.Open(str(tmp_path / "out/train/000000.usdc"))
+    end = stage.GetEndTimeCode()
+    root, cache = UsdSkel.Root.Get(stage, "/scene/person1"), UsdSkel.Cache()
+    cache.Populate(root, Usd.PrimDefaultPredicate)
+    (binding,) = cache.ComputeSkelBindings(root, Usd.PrimDefaultPredicate)
+    (skinned,) = binding.GetSkinningTargets()
+    mesh = UsdGeom.Mesh(skinned.GetPrim())
+    points = Vt.Vec3fArray(mesh.GetPointsAttr().Get())
+    moves = cache.GetSkelQuery(binding.GetSkeleton()).ComputeSkinningTransforms(end)
+    assert skinned.ComputeSkinnedPoints(moves, points, end)
+    triangles = np.array(points)[np.array(mesh.GetFaceVertexIndicesAttr().Get()).reshape(-1, 3)]
+    np.testing.assert_allclose(triangles, np.concatenate(list(drawn.values())), atol=2e-5)
 
 
 def test_glb_has_people_things_cameras_and_lights_of_the_labels(data, clip, tmp_path):
