@@ -241,7 +241,7 @@ def _shoes(sheet: _Sheet, bare: BareBody, body: Body) -> tuple[_Sheet, np.ndarra
 def _face(sheet: _Sheet, bare: BareBody, body: Body) -> list[tuple[str, _Sheet]]:
     """Return eyes with irises, brows and lips."""
     size, head = body.stature * body.head, SEGMENTS.index("head")
-    found, middles = [], bare.eyes.mean(1)
+    found, middles, front = [], bare.eyes.mean(1), _front(sheet, head)
     for ball, middle, turn in zip(bare.eyes, middles, (1, -1), strict=True):
         weights = np.tile(np.eye(len(SEGMENTS))[head], (len(ball), 1))
         out = ball - middle
@@ -251,26 +251,31 @@ def _face(sheet: _Sheet, bare: BareBody, body: Body) -> list[tuple[str, _Sheet]]
         iris = _kept(eye, out[:, 0] - np.cos(np.radians(27)))[0]
         found.append(("iris", iris._replace(points=iris.points + 0.0006 * iris.normals + (0.0006, 0, 0))))
         found.append(
-            ("brow", _patch(sheet, head, middle[1:] + (0, 0.0132 * size), (0.0125 * size, 0.0021 * size), 0.002 * size))
+            ("brow", _patch(front, head, middle[1:] + (0, 0.0132 * size), (0.0125 * size, 0.0021 * size), 0.002 * size))
         )
     mouth = bare.eyes.mean((0, 1))[1:] - (0, 0.0415 * size)
-    found.append(("lip", _patch(sheet, head, mouth, (0.0135 * size, 0.0048 * size), 0.0)))
+    found.append(("lip", _patch(front, head, mouth, (0.0135 * size, 0.0048 * size), 0.0)))
     return found
 
 
-def _patch(sheet: _Sheet, head: int, middle: np.ndarray, half: tuple[float, float], bow: float) -> _Sheet:
-    """Return an ellipse on the face: its middle (2,) and half sizes along y and z, m, its ends lower by `bow`."""
+def _front(sheet: _Sheet, head: int) -> LinearNDInterpolator:
+    """Return x of the face as a function of y and z."""
     front = np.flatnonzero((sheet.weights[:, head] > 0.9) & (sheet.normals[:, 0] > 0.1))
     # Without the inside of the mouth.
     near = cKDTree(sheet.points[front, 1:]).query(sheet.points[front, 1:], 8, distance_upper_bound=0.012)[1]
     ahead_of = np.append(sheet.points[front, 0], -np.inf)[near].max(1)
     front = front[sheet.points[front, 0] > ahead_of - 0.008]
+    return LinearNDInterpolator(sheet.points[front][:, 1:], sheet.points[front][:, 0])
+
+
+def _patch(front: LinearNDInterpolator, head: int, middle: np.ndarray, half: tuple[float, float], bow: float) -> _Sheet:
+    """Return an ellipse on the face: its middle (2,) and half sizes along y and z, m, its ends lower by `bow`."""
     angle, rings = np.linspace(0, 2 * np.pi, 20, endpoint=False), np.array((0.35, 0.7, 1.0))
     round_ = (rings[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], -1)).reshape(-1, 2)
     disc = np.concatenate([np.zeros((1, 2)), round_])
     places = middle + disc * half - np.outer(disc[:, 0] ** 2, (0, bow))
     lift = 0.0024 * np.clip(2 - 2 * np.hypot(*disc.T), 0.1, 1)
-    ahead = LinearNDInterpolator(sheet.points[front][:, 1:], sheet.points[front][:, 0])(places) + lift
+    ahead = front(places) + lift
     index = 1 + np.arange(len(disc) - 1).reshape(len(rings), -1)
     ahead = np.where(np.isnan(ahead), np.nanmean(ahead), ahead)
     after = np.roll(index, -1, 1)

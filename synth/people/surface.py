@@ -143,18 +143,24 @@ def _mixed(body: Body, heavy: float) -> np.ndarray:
     return np.einsum("a,s,w->asw", *shares).ravel()
 
 
+@cache
+def _weights() -> tuple[np.ndarray, np.ndarray]:
+    """Return the weights of `BONES` (N, 46) and of `SEGMENTS` (N, 16), whose hands include fingers."""
+    each = np.zeros((len(assets().bones), len(BONES)))
+    np.put_along_axis(each, assets().bones.astype(int), assets().weights, 1)
+    weights = each[:, : len(SEGMENTS)].copy()
+    for side, fingers in zip(SIDES, np.split(np.arange(len(SEGMENTS), len(BONES)), 2), strict=True):
+        weights[:, SEGMENTS.index(f"{side}_hand")] += each[:, fingers].sum(1)
+    return each, weights
+
+
 def _fitted(body: Body, heavy: float, stout: float, hands: tuple[str, str] | None = None) -> BareBody:
     """Return the shape of a weight, fitted to the segments; `stout` widens it further."""
     shares = _mixed(body, heavy)
     shape, joints, eyes = (np.tensordot(shares, each, 1) for each in (assets().shapes, assets().joints, assets().eyes))
-    weights = np.zeros((len(shape), len(BONES)))
-    np.put_along_axis(weights, assets().bones.astype(int), assets().weights, 1)
+    each, weights = _weights()
     if hands is not None:
-        shape, joints = _posed_hands(shape, joints, weights, hands)
-    hand = np.array([1 + BONES.index(f"{side}_hand") for side in SIDES]) - 1
-    for number, fingers in zip(hand, np.split(np.arange(len(SEGMENTS), len(BONES)), 2), strict=True):
-        weights[:, number] += weights[:, fingers].sum(1)
-    weights = weights[:, : len(SEGMENTS)]
+        shape, joints = _posed_hands(shape, joints, each, hands)
     rotations = _bind_rotations(joints)
     origins = np.zeros((len(SEGMENTS), 3))
     for i, parent in enumerate(PARENTS[1:], start=1):

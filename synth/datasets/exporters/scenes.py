@@ -73,7 +73,7 @@ class _SceneInMotion:
     """A clip's scene in F frames, world z up, m."""
 
     seconds: np.ndarray  # (F,) s
-    pieces: list[_Piece]  # What is rigid
+    pieces: list[_Piece]  # All but people
     skins: list[_SkinInMotion]
     bodies: list[str]  # Names of the B bodies
     places: np.ndarray  # (F, B, 3) and turns (F, B, 4), w last, of bodies
@@ -140,11 +140,22 @@ def _continuous(turns: np.ndarray) -> np.ndarray:
 
 def _skin(model: mujoco.MjModel, skin: SkinOfPerson, bones: np.ndarray) -> _SkinInMotion:
     """Return the mesh of a person, from the meshes of its geoms, whose common vertices become one."""
-    rows = np.concatenate([skin.rest, skin.which, skin.weights], axis=1)
-    rows, number = np.unique(rows, axis=0, return_inverse=True)
+    rows = [np.concatenate([skin.rest, skin.which, skin.weights], axis=1)]
+    rigid = [geom for geom in _of_person(model, skin) if geom not in skin.geoms]
+    for geom in rigid:
+        points, _ = _mesh(model, geom)
+        bone = int(model.geom_bodyid[geom] - skin.segments[0])
+        turn = skin.bind[bone, :, :3] @ Rotation.from_quat(model.geom_quat[geom], scalar_first=True).as_matrix()
+        each = np.zeros((len(points), rows[0].shape[1]))
+        each[:, :3] = points @ turn.T + skin.bind[bone, :, :3] @ model.geom_pos[geom] + skin.bind[bone, :, 3]
+        normals = model.mesh_normal[model.mesh_normaladr[model.geom_dataid[geom]] :][: len(points)]
+        each[:, 3:6] = normals @ turn.T
+        each[:, 6], each[:, 6 + MOST_BONES] = bone, 1
+        rows.append(each)
+    rows, number = np.unique(np.concatenate(rows), axis=0, return_inverse=True)
     points, normals, which, weights = np.split(rows, [3, 6, 6 + MOST_BONES], axis=1)
     looks, first = {}, 0
-    for geom in skin.geoms.tolist():
+    for geom in [*skin.geoms.tolist(), *rigid]:
         vertices, faces = _mesh(model, geom)
         colour, material = _look(model, geom)
         before = looks.get(material, (colour, np.empty((0, 3), int)))[1]
@@ -160,6 +171,12 @@ def _skin(model: mujoco.MjModel, skin: SkinOfPerson, bones: np.ndarray) -> _Skin
         skin.name, points + shift, normals, np.where(weights > 0, which, 0).astype(int), weights, looks,
         bind, bones[..., 3], _continuous(turns),
     )  # fmt: skip
+
+
+def _of_person(model: mujoco.MjModel, skin: SkinOfPerson) -> list[int]:
+    """Return the meshes that are drawn of a person."""
+    drawn = (model.geom_group < _DRAWN) & (model.geom_type == mujoco.mjtGeom.mjGEOM_MESH)
+    return np.flatnonzero(drawn & np.isin(model.geom_bodyid, skin.segments)).tolist()
 
 
 def _mesh(model: mujoco.MjModel, geom: int) -> tuple[np.ndarray, np.ndarray]:
@@ -180,10 +197,10 @@ def _look(model: mujoco.MjModel, geom: int) -> tuple[np.ndarray, str]:
 
 
 def _pieces(model: mujoco.MjModel) -> Iterator[_Piece]:
-    """Yield what is drawn of a model and rigid."""
-    kinds, bending = mujoco.mjtGeom, set(Skin(model).geoms.tolist())
+    """Yield what is drawn of a model, but for people."""
+    kinds, people = mujoco.mjtGeom, {geom for skin in Skin(model).persons for geom in _of_person(model, skin)}
     for geom in np.flatnonzero(model.geom_group < _DRAWN).tolist():
-        if geom in bending:
+        if geom in people:
             continue
         kind, size = model.geom_type[geom], model.geom_size[geom]
         if kind == kinds.mjGEOM_MESH:

@@ -57,7 +57,9 @@ def drawn(data, clip):
     skin = Skin(model)
     skin.apply(state)
     found = {}
-    for geom in skin.persons[1].geoms.tolist():
+    bodies = [number for number in range(model.nbody) if model.body(number).name.startswith("person1/")]
+    own = np.flatnonzero((model.geom_group < 3) & np.isin(model.geom_bodyid, bodies))
+    for geom in [*skin.persons[1].geoms, *np.setdiff1d(own, skin.persons[1].geoms)]:
         corners = mesh_triangles(model, geom) @ state.geom_xmat[geom].reshape(3, 3).T + state.geom_xpos[geom]
         found.setdefault(model.mat(model.geom_matid[geom]).name, []).append(corners)
     return {material: np.concatenate(parts) for material, parts in found.items()}
