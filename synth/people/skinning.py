@@ -59,7 +59,8 @@ def blend(weights: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarra
         weights: (N, 16) weights of `SEGMENTS`, sum 1.
         along: (N, 16) position of each vertex along each segment, 0 at its joint, 1 at the next.
     """
-    rest, bones = weights.copy(), np.zeros((len(weights), len(_TABLE)))
+    # A column is contiguous.
+    rest, bones = weights.copy(order="F"), np.zeros((len(weights), len(_TABLE)), order="F")
     for i, parent in enumerate(PARENTS[1:], start=1):
         shared = np.minimum(rest[:, i], rest[:, parent])
         rest[:, [i, parent]] -= shared[:, None]
@@ -71,7 +72,7 @@ def blend(weights: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarra
         place = 3 * np.clip(along[:, i], 0, 1)
         for step, bone in enumerate([*range(_TWISTS[i], _TWISTS[i] + 3), i]):
             bones[:, bone] += rest[:, i] * np.clip(1 - np.abs(place - step), 0, 1)
-    order = np.argsort(-bones, axis=1, kind="stable")[:, :MOST_BONES]
+    order = np.argsort(-np.ascontiguousarray(bones), axis=1, kind="stable")[:, :MOST_BONES]
     kept = np.take_along_axis(bones, order, 1)
     return order, kept / kept.sum(1, keepdims=True)
 

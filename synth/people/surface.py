@@ -259,7 +259,8 @@ def _frame(first: np.ndarray, second: np.ndarray, axes: tuple[int, int]) -> np.n
     near = second - (second @ frame[:, axes[0]]) * frame[:, axes[0]]
     frame[:, axes[1]] = near / np.linalg.norm(near)
     last = 3 - sum(axes)
-    frame[:, last] = np.cross(frame[:, (last + 1) % 3], frame[:, (last + 2) % 3])
+    (a, b, c), (d, e, f) = frame[:, (last + 1) % 3].tolist(), frame[:, (last + 2) % 3].tolist()
+    frame[:, last] = b * f - c * e, c * d - a * f, a * e - b * d
     return frame
 
 
@@ -330,9 +331,10 @@ def _posed_hands(shape, joints, weights, hands) -> tuple[np.ndarray, np.ndarray]
                 start = fingers[finger, bone]
                 base = base if bone == 0 else base + turn @ (start - fingers[finger, bone - 1])
                 turn = Rotation.from_rotvec(axis * bends[bone]).as_matrix() @ turn
-                share = weights[:, BONES.index(f"{side}_finger{finger + 1}-{bone + 1}")][:, None]
-                moved += share * (base + (posed - start) @ turn.T)
-                total += share[:, 0]
+                share = weights[:, BONES.index(f"{side}_finger{finger + 1}-{bone + 1}")]
+                own = np.flatnonzero(share)
+                moved[own] += share[own, None] * (base + (posed[own] - start) @ turn.T)
+                total += share
                 joints[len(SEGMENTS) + number * 20 + finger * 4 + bone] = base
         shape = moved + (1 - total[:, None]) * posed
     return shape, joints
