@@ -333,7 +333,7 @@ def physical_labels(clip: str | Path) -> PhysicalLabels:
         1
         >>> points = synth.physical_labels("walks/000000").surface
         >>> points.names[0], points.xyz.shape
-        ('pelvis.1.front', (5, 1, 256, 3))
+        ('pelvis.1.front', (5, 1, 512, 3))
     """
     from synth.labels.physical_labels import load_physical_labels
 

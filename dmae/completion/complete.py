@@ -146,9 +146,9 @@ class Completer:
       at most a second between two measurements) is predicted and marked `COMPLETED`. It used no views; its covariance
       is isotropic and calibrated: 90 % regions held 90 % of the truth of clips held back from training. Nothing is
       filled before a person's first and after its last measurement, nor in a longer absence.
-    - Farther than 0.2 s from any measurement of the person covariances are unknown (NaN), and those of joints that were
-      never measured if their children (of a joint without children, its parent) were not either, as of a leg behind a
-      table, or if the person was measured in fewer frames than a window has.
+    - Farther than 0.2 s from any measurement of the person covariances are unknown (NaN). So are those of a joint that
+      was never measured, if none of its children was (or, for a joint without children, its parent), as of a leg behind
+      a table, or if the person was measured in fewer frames than a window has.
     - Windows overlap by two thirds; their corrections of the interpolation are blended with weights that fall linearly
       from the middle of a window. A window without a measurement adds nothing: in the middle of an absence the
       interpolation over the whole recording stands, however long a gap is.
@@ -161,7 +161,8 @@ class Completer:
       Neither are joints that are not finite, which become absent.
     - Poses at another rate than the model's are resampled, and the corrections are resampled back. At less than one
       frame a second (`dmae.numerics.filling.STILLS`) each frame is completed by itself. A single frame is completed by
-      how poses vary in the training data (`dmae.completion.stills`), not by the network.
+      how poses vary in the training data (`dmae.completion.stills`), not by the network, and its measured joints stay
+      where they are. Weights of two skeletons use the network here too.
     - Poses of another skeleton are completed through the joints that it has in common with the model's
       (`dmae.data.conversion.convert`); other joints stay as they are. `notes` says where either happens.
     - Weights of two skeletons side by side (`dmae.completion.fusion`) take poses of the first, or of one that has
@@ -325,7 +326,7 @@ class Completer:
             return None
         lengths, noisy = (part[frames] for part in self.uncertainty_inputs(poses, fps))
         config, there = self.model.config, poses.measured.any(-1)
-        # In regions that should hold 90 % were 20 to 80 % of the joints never measured in glimpses of people, and 4 to
+        # Regions that should hold 90 % held 20 to 80 % of the joints never measured in glimpses of people, and 4 to
         # 68 % of those whose limb was measured nowhere farther out.
         never = np.isinf(lengths)
         glimpsed = there.sum(0) < config.frames * min(fps / config.fps, 1)

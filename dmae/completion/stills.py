@@ -1,8 +1,9 @@
 """Stills: a person in a single frame, whom no other frame helps to complete.
 
 Poses about the mid hip, facing +x, are taken as Gaussian, with the mean and the covariance of the poses that a model
-learned from. Joints that are seen are observed in three directions, those that one camera alone detected in the two
-across its ray, others in none; where the person is, is unknown. What is most likely then is linear in the observations.
+learned from. A joint that is seen is observed in all three directions, one that a single camera detected in the two
+across its ray, any other in none; where the person stands is unknown. The most likely pose is then linear in the
+observations.
 """
 
 import numpy as np

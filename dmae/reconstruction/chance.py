@@ -160,10 +160,11 @@ def beyond_chance(projections, focal, width, xy, assigned, xyz, used, figures, m
 
         E = q e_k(n_1 p_1, ..., n_V p_V) / p^2,
 
-    with e_k the elementary symmetric polynomial, the sum over all choices of k views. It is computed with r the
-    residual that half of the joints have at most, and with r that of four fifths of them, where s is small; the
-    smaller E counts. This is the a contrario rule of Desolneux, Moisan & Morel (IJCV 2000). Probabilities were measured
-    on figures of random poses, directions, sizes and places, in the images and on the floor.
+    with e_k the elementary symmetric polynomial, the sum over all choices of k views, and p the mean of p_v over the
+    views that agree. It is computed with r the residual that half of the joints have at most, and with r that of four
+    fifths of them, where s is small; the smaller E counts. This is the a contrario rule of Desolneux, Moisan & Morel
+    (IJCV 2000). Probabilities were measured on figures of random poses, directions, sizes and places, in the images and
+    on the floor.
 
     People with more views are tested first; among people with equally many views, those with smaller residuals. The
     first is supported if E is at most `most`. The figures of supported people are explained, so they do not count for

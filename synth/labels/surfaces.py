@@ -1,4 +1,4 @@
-"""512 named points on each person's visible surface, clothes and hair included: who sees them, and whom they touch."""
+"""512 named points on each person's visible surface, clothes and hair included: who sees them, and what they touch."""
 
 import copy
 from dataclasses import dataclass
@@ -213,7 +213,8 @@ class SurfaceLabels:
             the camera counts. A point on a surface that faces away is hidden at least by the person's own body.
         hidden_by: (F, V, P, S) int16 index of the person or object in front, -1 for none.
         touches: (F, P, S) uint16 what a point touches, as in id images: 0 nothing, 1 + p another person p, 256 + k
-            object k. Touching is to be nearer than 10 mm along the normal, or to overlap by up to 40 mm.
+            object k. A point touches what is nearer than 10 mm along its normal, or overlaps it by up to 40 mm. Floor
+            and walls are objects.
     """
 
     names: tuple[str, ...]
@@ -235,7 +236,7 @@ class SurfaceLabels:
 def surface_labels(
     scene: Scene, points: SurfacePoints, names: tuple[str, ...], qpos: np.ndarray, rig: CameraRig
 ) -> SurfaceLabels:
-    """Label points on people's surfaces: where they are, who sees them, and whom they touch.
+    """Label points on people's surfaces: where they are, who sees them, and what they touch.
 
     Args:
         points: (P, S) points on its people.

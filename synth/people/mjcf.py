@@ -236,6 +236,8 @@ def _add_materials(spec: mujoco.MjSpec, prefix: str, looks: PersonLooks, *, rng:
         added = spec.add_material(name=prefix + material, specular=0.05, shininess=0.05)
         if rng:
             add_texture(spec, added, paint(pattern, colours, 128, rng=rng))
+        else:
+            added.rgba = [*np.mean(colours, axis=0), 1]
 
 
 def _add_mesh(spec: mujoco.MjSpec, name: str, part: Part, bare: BareBody, *, textured: bool) -> None:

@@ -247,7 +247,6 @@ def _bind_rotations(joints: np.ndarray) -> np.ndarray:
         elif name in ("thigh", "shin"):
             rotations[i] = _frame(joints[i] - joints[i + 1], np.array((1.0, 0, 0)), (2, 0))
         else:
-            rotations[i] = rotations[i - 1] @ Rotation.from_euler("z", 0).as_matrix()
             rotations[i] = _frame(np.array((0, 0, 1.0)), rotations[i - 1][:, 0], (2, 0))
     return rotations
 

@@ -20,7 +20,8 @@ class ImagingConfig:
     lamp: float = 0.2
     """Radius of the lamps that cast shadows, m; the sun is as large as in the sky. With 0, all shadows are sharp."""
     ambient_occlusion: float = 0.5
-    """Distance up to which surfaces keep ambient light from each other, m; 0 for none."""
+    """Distance up to which surfaces keep ambient light from each other, m; 0 for none. Light that casts no soft shadows
+    counts as ambient."""
     exposure: float = 0.25
     """Standard deviation of the exposure of cameras, stops; one value for each camera."""
     white_balance: float = 0.05

@@ -167,7 +167,8 @@ def _open(depth, fx, fy, cx, cy, row, column, x, y, z, rays, radius):
         return 1.0
     across = after - z if abs(after - z) < abs(before - z) else z - before
     along = below - z if abs(below - z) < abs(above - z) else z - above
-    # Tangents are (z + (u + 1) across) / fx - u z / fx and so on, with u = column - cx.
+    # The tangent to the right is ((u + 1) (z + across) - u z) / fx = (z + (u + 1) across) / fx, with u = column - cx;
+    # u + 1 is taken as u.
     ax, ay, az = (z + (column - cx) * across) / fx, (row - cy) / fy * across, across
     bx, by, bz = (column - cx) / fx * along, (z + (row - cy) * along) / fy, along
     nx, ny, nz = by * az - bz * ay, bz * ax - bx * az, bx * ay - by * ax

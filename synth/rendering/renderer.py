@@ -155,8 +155,9 @@ _BLUR_STEP, _MOST = 2.0, 16
 number of pictures of an exposure."""
 
 # Shadow map size, samples per pixel, slices, stacks and quads of round shapes. The last number is for ray casting: the
-# side, in pixels, of the block that shares a ray. Coarse shadow maps cause jagged edges and specks in shadows on
-# upright surfaces: a size of 4096 has 40 % fewer of them than 2048, and makes an image a fifth more expensive.
+# side, in pixels, of the block that shares a ray. With `imaging.lamp=0`, coarse shadow maps cause jagged edges and
+# specks in shadows on upright surfaces: a size of 4096 has 40 % fewer than 2048, and makes an image a fifth more
+# expensive.
 _SETTINGS = {
     ImageQuality.draft: ((0, 0, 12, 8, 1), 2),
     ImageQuality.standard: ((4096, 4, 20, 12, 2), 1),

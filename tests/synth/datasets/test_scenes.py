@@ -65,7 +65,7 @@ def drawn(data, clip):
     return {material: np.concatenate(parts) for material, parts in found.items()}
 
 
-def test_skins_of_glb_are_the_surfaces_of_pictures(data, drawn, tmp_path):
+def test_skins_of_glb_are_the_surfaces_of_pictures(data, clip, drawn, tmp_path):
     pygltflib = pytest.importorskip("pygltflib")
     export(data, tmp_path / "out", "glb")
     content = pygltflib.GLTF2().load(tmp_path / "out/train/000000.glb")
@@ -95,6 +95,10 @@ def test_skins_of_glb_are_the_surfaces_of_pictures(data, drawn, tmp_path):
     blended = np.einsum("nk,nkij->nij", weights, moves[values(attributes.JOINTS_0)])
     points = np.einsum("nij,nj->ni", blended[:, :3, :3], values(attributes.POSITION)) + blended[:, :3, 3]
     assert len(np.unique(values(attributes.POSITION), axis=0)) > 0.97 * len(points)  # Parts share their borders
+    colours = {material.name: material.pbrMetallicRoughness.baseColorFactor for material in content.materials}
+    looks = SceneSpec.of(clip).persons[1].looks
+    for name, plain in (("hair", [looks.hair_colour]), ("top", looks.top.colours), ("bottom", looks.bottom.colours)):
+        np.testing.assert_allclose(colours[f"person1/{name}"][:3], np.mean(plain, 0), atol=0.06)
     away = {}
     for primitive in mesh.primitives:
         name = content.materials[primitive.material].name
