@@ -34,6 +34,7 @@ def test_numbers_of_streams_never_change():
         "LAYOUT": 8,
         "CALIBRATION": 9,
         "INTERACTION": 10,
+        "SENSOR": 11,
     }
 
 
