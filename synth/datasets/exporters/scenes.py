@@ -188,12 +188,18 @@ def _mesh(model: mujoco.MjModel, geom: int) -> tuple[np.ndarray, np.ndarray]:
     return points, model.mesh_face[first : first + count]
 
 
+def _linear(rgba: np.ndarray) -> np.ndarray:
+    """Return light of a colour as pictures store it (sRGB, IEC 61966-2-1); both formats state colours as light."""
+    rgb = rgba[:3]
+    return np.append(np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4), rgba[3])
+
+
 def _look(model: mujoco.MjModel, geom: int) -> tuple[np.ndarray, str]:
     """Return RGBA of a geom, and a name for it."""
     material = model.geom_matid[geom]
     if material >= 0:
-        return model.mat_rgba[material], model.mat(material).name
-    return model.geom_rgba[geom], "colour " + " ".join(f"{share:.3g}" for share in model.geom_rgba[geom])
+        return _linear(model.mat_rgba[material]), model.mat(material).name
+    return _linear(model.geom_rgba[geom]), "colour " + " ".join(f"{share:.3g}" for share in model.geom_rgba[geom])
 
 
 def _pieces(model: mujoco.MjModel) -> Iterator[_Piece]:

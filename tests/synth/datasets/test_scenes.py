@@ -14,6 +14,7 @@ from dmae.data.store import load_clip
 from synth.datasets.exporters.export import export
 from synth.people.skinning import Skin, mesh_triangles
 from synth.physics.body_state import load_state
+from synth.rendering.sensor import encode
 from synth.scene.build import build_scene
 from synth.scene.spec import SceneSpec
 
@@ -98,7 +99,8 @@ def test_skins_of_glb_are_the_surfaces_of_pictures(data, clip, drawn, tmp_path):
     colours = {material.name: material.pbrMetallicRoughness.baseColorFactor for material in content.materials}
     looks = SceneSpec.of(clip).persons[1].looks
     for name, plain in (("hair", [looks.hair_colour]), ("top", looks.top.colours), ("bottom", looks.bottom.colours)):
-        np.testing.assert_allclose(colours[f"person1/{name}"][:3], np.mean(plain, 0), atol=0.06)
+        shown = encode(np.array(colours[f"person1/{name}"][:3])) / 255
+        np.testing.assert_allclose(shown, np.mean(plain, 0), atol=0.06)
     away = {}
     for primitive in mesh.primitives:
         name = content.materials[primitive.material].name
