@@ -61,7 +61,7 @@ class Finding:
     cameras: tuple[str, ...]  # Names of the cameras that have it
     evidence: str  # The reason for the finding
     remedy: str  # The change that corrects it
-    # Possible faults, one of which is present, if the recording does not determine which
+    # Faults of which one is present; the recording does not show which
     alternatives: tuple[Fault, ...] = ()
 
 
@@ -467,7 +467,7 @@ def corrected_fault(
 def disagreeing_cameras(
     hypothesis: Hypothesis, people: np.ndarray, found: Agreement, pairs: Pairs
 ) -> tuple[tuple[int, ...], tuple[str, ...]]:
-    """Return cameras that see matched people (m, J, 3) but disagree, by index, and those that see none, by name."""
+    """Return the indices of cameras that disagree on matched people (m, J, 3), and the names of those that see none."""
     views, ends = len(hypothesis.rig), np.asarray(pairs)
     counted = found.detections.sum(1)
     agreement = np.where(counted >= MIN_DETECTIONS, found.total.sum(1) / np.maximum(counted, 1), np.nan)

@@ -33,7 +33,7 @@ _CLAIM = "detect.json"
 
 
 def run(config: DetectCommand, out: Path, name: str | None = None) -> None:
-    """Detect people; `name` is that of the clip, by default the folder's."""
+    """Detect people. The clip is called `name`, or like its folder."""
     name = name or out.name
     # A detector or skeleton that does not exist must not reserve the folder.
     make_detector(config.detector)

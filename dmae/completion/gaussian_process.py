@@ -23,7 +23,7 @@ SHORT_GAP = 0.2
 
 _LENGTH_SCALE = 0.1
 """m; length scale of the kernel. Poses that differ by more (root mean square over joints) are hardly correlated."""
-_NOISE = 0.05  # Variance of the noise, as a share of that of the process
+_NOISE = 0.05  # Variance of the noise divided by the variance of the process
 _SPAN = 24.0  # s of training poses, those nearest in time; of these at most `_MOST`, evenly spaced
 _MOST = 300
 _FEWEST = 20  # Training poses; with fewer the process predicts nothing

@@ -26,8 +26,8 @@ used no views."""
 class CompletionMethod(Entry):
     """How joints that no camera measured are filled."""
 
-    # The function takes the folder of trained weights, or None for those that come with the package, and returns what
-    # fills poses. Other functions fill poses themselves.
+    # Whether the function takes a folder of weights (None: those in the package) and returns a function that fills
+    # poses. Other functions fill poses themselves.
     learned: bool = False
     smooths: bool = False  # What it returns is not to be smoothed: it was, or it is what was measured
 

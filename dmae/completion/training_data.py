@@ -145,7 +145,7 @@ def pose_pair(clip: Clip, skeleton: Skeleton, fps: float) -> PosePair:
 
 # Augmentation: pairs of poses varied in speed, direction, heading, side and size; and noise for true poses.
 
-_CORRELATION = 0.75  # Of errors in neighbouring frames at 25 frames/s, about as those of OpenPose
+_CORRELATION = 0.75  # Correlation of errors in neighbouring frames at 25 frames/s, similar to OpenPose's
 
 
 def augment(pair: PosePair, config: AugmentConfig, fps: float, *, rng: np.random.Generator) -> PosePair:
