@@ -29,6 +29,7 @@ from dmae.command_line.spelling import (
 from dmae.commands import COMMANDS
 from dmae.data.resources import resource_folder
 from dmae.formats.registry import reader
+from dmae.parallel import Backend, running_on
 
 _HELP = ("-h", "--help", "help")
 DMAE = Program(
@@ -178,7 +179,8 @@ def _apply(command: Command, module: ModuleType, config, interrupted: interrupti
     if "out" not in config:
         describe = getattr(module, "interrupted", None)
         interrupted.describe = lambda: describe(values, None) if describe else "nothing is left behind"
-        module.run(values, None)
+        with running_on(getattr(values, "backend", Backend.loky)):
+            module.run(values, None)
         return
     given = config.out
     if given is not None and HydraConfig.get().mode == RunMode.MULTIRUN:
@@ -187,7 +189,7 @@ def _apply(command: Command, module: ModuleType, config, interrupted: interrupti
     check_out(out, command.writes)
     describe = getattr(module, "interrupted", None)
     interrupted.describe = lambda: describe(values, out) if describe else f"nothing was written to {out}; run it again"
-    with locked(out, getattr(values, "first", None)):
+    with locked(out, getattr(values, "first", None)), running_on(getattr(values, "backend", Backend.loky)):
         try:
             module.run(values, out)
         except SystemExit:

@@ -17,8 +17,14 @@ if TYPE_CHECKING:
     from synth.datasets.config import GenerateConfig as GenerateConfig
     from synth.datasets.config import OcclusionConfig as OcclusionConfig
     from synth.datasets.config import RenderConfig as RenderConfig
+    from synth.datasets.exporters.export import export as export
+    from synth.datasets.physical_labels import label as label
+    from synth.datasets.splits import split as split
+    from synth.datasets.splits import takes as takes
+    from synth.datasets.statistics import stats as stats
     from synth.detector.config import DetectorConfig as DetectorConfig
     from synth.interactions.registry import InteractionConfig as InteractionConfig
+    from synth.labels.physical_labels import physical_labels as physical_labels
     from synth.motion.config import MotionConfig as MotionConfig
     from synth.planning.config import LensConfig as LensConfig
     from synth.planning.config import MountConfig as MountConfig
@@ -34,27 +40,26 @@ if TYPE_CHECKING:
     from synth.verbs import compare_motion as compare_motion
     from synth.verbs import contact_sheet as contact_sheet
     from synth.verbs import detector_errors as detector_errors
-    from synth.verbs import export as export
     from synth.verbs import fit_detector as fit_detector
     from synth.verbs import forecast as forecast
     from synth.verbs import generate as generate
-    from synth.verbs import label as label
-    from synth.verbs import physical_labels as physical_labels
     from synth.verbs import plan as plan
     from synth.verbs import preset as preset
     from synth.verbs import realism as realism
     from synth.verbs import render as render
     from synth.verbs import show as show
-    from synth.verbs import split as split
-    from synth.verbs import stats as stats
-    from synth.verbs import takes as takes
     from synth.verbs import verify as verify
 
 _HOMES = {
     "dmae.verbs.recordings": "load_dataset",
     "synth.datasets.config": "AboutConfig GenerateConfig OcclusionConfig RenderConfig",
+    "synth.datasets.exporters.export": "export",
+    "synth.datasets.physical_labels": "label",
+    "synth.datasets.splits": "split takes",
+    "synth.datasets.statistics": "stats",
     "synth.detector.config": "DetectorConfig",
     "synth.interactions.registry": "InteractionConfig",
+    "synth.labels.physical_labels": "physical_labels",
     "synth.motion.config": "MotionConfig",
     "synth.planning.config": "LensConfig MountConfig PlanConfig SearchConfig",
     "synth.rendering.config": "ImagingConfig",
@@ -62,8 +67,8 @@ _HOMES = {
     "synth.rooms.config": "PropsConfig",
     "synth.scene.config": "SceneConfig",
     "synth.verbs": (
-        "body_state compare compare_motion contact_sheet detector_errors export fit_detector forecast "
-        "generate label physical_labels plan preset realism render show split stats takes verify"
+        "body_state compare compare_motion contact_sheet detector_errors fit_detector forecast generate plan preset "
+        "realism render show verify"
     ),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names.split()}

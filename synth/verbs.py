@@ -15,8 +15,6 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
 from dmae.data.rng import Stream, generator
 from dmae.data.store import clip_folders, load_clip
-from dmae.files.contents import check_vacant, whole_folder
-from dmae.files.structured import read_json
 from dmae.parallel import in_parallel, running_on
 from synth.cli import SYNTH
 from synth.errors import FailedSimulation
@@ -24,16 +22,14 @@ from synth.errors import FailedSimulation
 if TYPE_CHECKING:
     import numpy as np
 
-    from synth.datasets.config import AboutConfig, GenerateConfig, RenderConfig
+    from synth.datasets.config import GenerateConfig, RenderConfig
     from synth.datasets.forecast import Forecast
     from synth.datasets.motion_comparison import Difference
-    from synth.datasets.splits import Take
     from synth.datasets.verify import Problem
     from synth.detector.comparison import Row
     from synth.detector.config import DetectorConfig, Limits
     from synth.detector.fitting import Fit
     from synth.interactions.registry import InteractionConfig
-    from synth.labels.physical_labels import PhysicalLabels
     from synth.motion.source import MotionConfig
     from synth.physics.body_state import BodyState
     from synth.planning.config import PlanConfig
@@ -285,61 +281,6 @@ def render(
     return (load_clip(folder) for folder in clip_folders(Path(out)))
 
 
-def label(data: str | Path, labels: Sequence[str] = ("contacts", "forces", "surface"), *, workers: int = 1) -> int:
-    """Add labels from physics to existing clips, in place. Nothing is simulated again.
-
-    Args:
-        data: Data set that `generate` made, or one clip of it.
-        labels: `contacts` (the touching parts, their places and forces), `forces` (ground reaction of each foot,
-            residual at the pelvis), `surface` (512 named points on each person, their visibility, and what they touch).
-            Existing labels of a clip are kept.
-        workers: Processes; -1 for one per core.
-
-    Returns:
-        The number of clips that lacked any of these labels.
-
-    Raises:
-        FileNotFoundError: there is no clip, or it contains no body state.
-        ValueError: a label is unknown, a clip is damaged, or its frames are too far apart.
-
-    Examples:
-        >>> for clip in synth.generate(clips=1, seconds=1, persons=[1, 1], out="walks"): pass
-        >>> synth.label("walks", ["forces"])
-        1
-        >>> forces = synth.physical_labels("walks/000000").forces
-        >>> forces.ground_reaction.shape
-        (25, 1, 2, 3)
-        >>> synth.verify("walks")
-        []
-    """
-    from synth.datasets.physical_labels import add_labels
-
-    return add_labels(Path(data), labels, workers=workers)
-
-
-def physical_labels(clip: str | Path) -> PhysicalLabels:
-    """Read the labels that `label` added to a clip: `contacts`, `forces`, `surface`. Missing ones are None.
-
-    Args:
-        clip: Folder of the clip.
-
-    Raises:
-        FileNotFoundError: the clip has no such labels.
-        ValueError: the file is malformed.
-
-    Examples:
-        >>> for clip in synth.generate(clips=1, seconds=0.2, persons=[1, 1], out="walks"): pass
-        >>> synth.label("walks", ["surface"])
-        1
-        >>> points = synth.physical_labels("walks/000000").surface
-        >>> points.names[0], points.xyz.shape
-        ('pelvis.1.front', (5, 1, 512, 3))
-    """
-    from synth.labels.physical_labels import load_physical_labels
-
-    return load_physical_labels(Path(clip))
-
-
 def body_state(clip: str | Path) -> BodyState:
     """Read the state of the bodies of a simulated clip: pose, shape, forces, contacts, actions.
 
@@ -382,162 +323,6 @@ def verify(path: str | Path, *, fast: bool = False) -> list[Problem]:
     from synth.datasets.verify import verify as verify_data_set
 
     return verify_data_set(Path(path), fast=fast).problems
-
-
-def split(
-    path: str | Path,
-    by: str = "person",
-    *,
-    train: float = 0.8,
-    validation: float = 0.1,
-    test: float = 0.1,
-    seed: int = 0,
-    out: str | Path | None = None,
-) -> dict[str, list[str]]:
-    """Divide the clips of a data set so that no person, motion or rig is in two splits.
-
-    Args:
-        path: The data set.
-        by: `person`, `motion`, `subject` or `rig`.
-        train: Share of the clips.
-        validation: Share of the clips; 0 for no such split.
-        test: Share of the clips; 0 for no such split.
-        seed: Seed of the order in which clips are drawn.
-        out: JSON file to write, an input of `export`; by default none is written.
-
-    Returns:
-        The names of the clips of each split, by its name.
-
-    Raises:
-        ValueError: the shares do not add up to 1, or clips share too much for this number of splits.
-
-    Examples:
-        >>> for clip in synth.generate(seconds=1, clips=2, seed=7, out="walks"): pass
-        >>> parts = synth.split("walks", train=0.5, validation=0.5, test=0, out="splits.json")
-        >>> [len(names) for names in parts.values()]
-        [1, 1]
-    """
-    from synth.datasets import splits
-
-    kind = splits.SplitBy[by] if by in splits.SplitBy.__members__ else None
-    if kind is None:
-        raise ValueError(f"by={by!r}: expected one of {', '.join(splits.SplitBy.__members__)}")
-    shares = {"train": train, "validation": validation, "test": test}
-    made = splits.split(Path(path), shares, kind, seed=seed)
-    if out is not None:
-        splits.write_splits(Path(out), made, kind, seed)
-    return made
-
-
-def takes(
-    path: str | Path, *, train: float = 0.0, validation: float = 0.0, test: float = 0.0, seed: int = 0
-) -> list[Take]:
-    """List takes of recorded motion, and divide them so that no subject is in two sets.
-
-    Args:
-        path: A folder of takes, or a list (TSV) of takes. Subjects and sets of a list are kept.
-        train: Share of the total duration. If all three shares are 0, no sets are made.
-        validation: Share of the total duration.
-        test: Share of the total duration.
-        seed: Seed of the order in which subjects are drawn.
-
-    Returns:
-        The takes: `listed` (file, subject, set), `seconds`, `fps`, `readable`, and `notes`, which give the reason if a
-        take cannot be read.
-
-    Raises:
-        FileNotFoundError: there is no take.
-        ValueError: the shares do not add up to 1, or there are fewer subjects than sets.
-
-    Examples:
-        >>> from synth.motion.readers.npz import write_npz
-        >>> from synth.motion.source import MotionConfig, load_motion
-        >>> write_npz(Path("2_1.npz"), load_motion(MotionConfig(), seconds=2, fps=30, rng=np.random.default_rng(0)))
-        >>> [(take.listed.subject, take.seconds) for take in synth.takes("2_1.npz")]
-        [('2', 2.0)]
-    """
-    from synth.datasets.splits import list_takes
-
-    shares = {"train": train, "validation": validation, "test": test}
-    return list_takes(Path(path), shares, seed=seed)
-
-
-def stats(path: str | Path, out: str | Path, *, extra_data: Sequence[str | Path] = (), workers: int = 1) -> dict:
-    """Describe a data set: occlusion by joint and cause, contacts, people, distances, angles, motion.
-
-    Args:
-        path: The data set, or a clip.
-        out: Folder of the page, `README.md`, its figure, and the numbers of both.
-        extra_data: More data sets that the same page describes.
-        workers: Processes; -1 for one per core.
-
-    Returns:
-        The numbers, as in `statistics.json`.
-
-    Raises:
-        FileNotFoundError: there is neither a clip nor a data set.
-
-    Examples:
-        >>> for clip in synth.generate(seconds=1, clips=2, seed=7, out="walks"): pass
-        >>> synth.stats("walks", "card")["counts"]["frames"]
-        50
-    """
-    from synth.datasets.statistics import NUMBERS, describe
-
-    describe([Path(each) for each in (path, *extra_data)], Path(out), workers=workers)
-    return read_json(Path(out) / NUMBERS)
-
-
-def export(
-    path: str | Path,
-    out: str | Path,
-    format: str = "coco",
-    *,
-    splits: str | Path | None = None,
-    skeleton: str | None = None,
-    every: int = 1,
-    pictures: str = "jpg",
-    workers: int = 1,
-    damaged: bool = False,
-    robot: str | None = None,
-    about: AboutConfig | None = None,
-) -> dict:
-    """Write a data set in the layout of another program: images and annotations, with Croissant metadata.
-
-    Args:
-        path: The data set, or a clip.
-        out: Folder to write, whole or not at all; it must be empty or not exist.
-        format: `coco`, `yolo`, `webdataset`, `huggingface`, `panoptic`, `npz`, `g1`, `lerobot`, `glb` or `usd`.
-            The last six need no images.
-        splits: File that `split` wrote; by default all clips are in the split `train`.
-        skeleton: Skeleton of the joints; by default coco17, for panoptic always panoptic19.
-        every: Number of frames from one image to the next; 2 for every other frame.
-        pictures: `jpg` or `png`.
-        workers: Processes; -1 for one per core.
-        damaged: Whether to export even if files are missing or have changed.
-        robot: MJCF of the Unitree G1, for `g1` and `lerobot`; by default that of an installed mjlab.
-        about: Name, publisher and licence, for `croissant.json`, `DATASHEET.md` and `CITATION.cff`.
-
-    Returns:
-        A description of the export, as in `export.json`.
-
-    Raises:
-        ValueError: `out` is not empty, clips lack images or truth, or files are damaged.
-
-    Examples:
-        >>> for clip in synth.generate(seconds=1, clips=1, seed=7, out="walks"): pass
-        >>> synth.export("walks", "panoptic", "panoptic")["skeleton"]
-        'panoptic19'
-    """
-    from synth.datasets.config import PictureFormat
-    from synth.datasets.exporters.export import export as export_data_set
-
-    options = {"skeleton": skeleton, "every": every, "workers": workers, "damaged": damaged}
-    options |= {"robot": robot, "about": about}
-    if pictures not in PictureFormat.__members__:
-        raise ValueError(f"pictures={pictures!r}: expected one of {', '.join(PictureFormat.__members__)}")
-    chosen = None if splits is None else Path(splits)
-    return export_data_set(Path(path), Path(out), format, splits=chosen, pictures=PictureFormat[pictures], **options)
 
 
 def contact_sheet(clip: Clip, out: str | Path, *, frames: int = 4, width: int = 480) -> None:
@@ -832,17 +617,10 @@ def plan(
         >>> len(found[3].rig), len(found[3].worth), sorted(found[3].figures)
         (3, 3, ['error', 'idf1', 'missing', 'pcp', 'switches'])
     """
-    from synth.planning.page import PAGE, write_files, write_page
+    from synth.planning.page import write_plan
     from synth.planning.plan import make_plan
 
     given = {"arena": None if arena is None else str(arena), "views": views, "persons": persons}
     given |= {"seconds": seconds, "detector": detector, "seed": seed, "workers": workers}
     config = _configured("plan", config, given | options)
-    if out is None:
-        return make_plan(config)
-    check_vacant(Path(out), "the plan")
-    made = make_plan(config)
-    with whole_folder(Path(out)) as partial:
-        write_files(made, partial)
-        write_page(made, partial / PAGE)
-    return made
+    return make_plan(config) if out is None else write_plan(config, Path(out))

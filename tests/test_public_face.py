@@ -19,9 +19,9 @@ from dmae.formats.reading import recognise
 
 VERBS = sorted(
     (module.__name__, name)
-    for module, home in ((dmae, "dmae.verbs"), (synth, "synth.verbs"))
+    for module, home in ((dmae, "dmae.verbs"), (synth, "synth"))
     for name in module.__all__
-    if getattr(module, name).__module__.startswith(home)
+    if inspect.isfunction(getattr(module, name)) and getattr(module, name).__module__.startswith(home)
 )
 
 generate = synth.generate

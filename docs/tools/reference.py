@@ -21,13 +21,13 @@ def commands_page(name: str, *, options: bool = False) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def functions(module: str) -> str:
-    """Return a table of the functions of a module: name, linked to the source, and first sentence."""
-    package = module.partition(".")[0]
+def functions(*modules: str) -> str:
+    """Return a table of the public functions of modules: name, linked to the source, and first sentence."""
+    package = modules[0].partition(".")[0]
     names = import_module(package).__all__
-    public = [each for each in vars(import_module(module)).values()
+    public = [each for module in modules for each in vars(import_module(module)).values()
               if inspect.isfunction(each) and each.__module__ == module and each.__name__ in names]  # fmt: skip
-    return _index([(f"{package}.{each.__name__}", module, each) for each in public])
+    return _index([(f"{package}.{each.__name__}", each.__module__, each) for each in public])
 
 
 def types(*names: str) -> str:

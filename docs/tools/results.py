@@ -238,11 +238,11 @@ def _table(header: list[str], rows: list[list[str]]) -> str:
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
-def functions(module: str) -> str:
-    """Return a table of the functions of a module."""
+def functions(*modules: str) -> str:
+    """Return a table of the functions of modules."""
     import reference
 
-    return reference.functions(module)
+    return reference.functions(*modules)
 
 
 def types(*names: str) -> str:

@@ -10,7 +10,6 @@ from dmae.data.rng import Stream, generator
 from dmae.data.store import MANIFEST
 from dmae.files.contents import write_atomic
 from dmae.formats.reading import Clips, DataConfig
-from dmae.parallel import running_on
 from dmae.reporting.tables import print_tables
 from synth.commands.config import CompareBy, CompareCommand
 from synth.datasets import motion_comparison as motion
@@ -29,8 +28,7 @@ def run(config: CompareCommand, out: Path) -> None:
         return
     real = measure(read_recording(Path(config.real), config.frames))
     clips = Clips(DataConfig("clip", config.sim))
-    with running_on(config.backend):
-        sim = replace(measure_all(clips, len(clips), config.workers), name=Path(config.sim).name)
+    sim = replace(measure_all(clips, len(clips), config.workers), name=Path(config.sim).name)
     rows = detections.compare(real, sim, config.limits)
     print_tables([detections.table(rows)])
     detections.write_page(out / "compare.html", real, sim, rows)

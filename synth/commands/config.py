@@ -74,11 +74,6 @@ class SplitCommand:
     """File to write: the splits, by default `splits.json` in the data set; for a check the leaks, by default
     `leaks.json` there; the list of takes, by default `takes.tsv` in their folder."""
 
-    @property
-    def shares(self) -> dict[str, float]:
-        """Shares by name of the split."""
-        return {"train": self.train, "validation": self.validation, "test": self.test}
-
 
 @dataclass(frozen=True)
 class StatsCommand:

@@ -5,7 +5,6 @@ from pathlib import Path
 
 from dmae.data.json_values import json_text
 from dmae.files.contents import write_atomic
-from dmae.parallel import running_on
 from dmae.reporting.tables import print_tables
 from synth.commands.config import DetectorErrorsCommand
 from synth.detector.fitting import load_preset
@@ -21,8 +20,7 @@ def default_out(config: DetectorErrorsCommand) -> Path:
 def run(config: DetectorErrorsCommand, out: Path) -> None:
     simulated = {Path(name).stem: load_preset(name) for name in config.simulated}
     folders = [Path(path) for path in (config.data, *config.extra_data)]
-    with running_on(config.backend):
-        studied = study(folders, simulated, config.seed, config.workers)
+    studied = study(folders, simulated, config.seed, config.workers)
     print_tables(tables(studied))
     write_atomic(out / _NUMBERS, json_text({"detectors": studied}) + "\n")
     draw_errors(studied).savefig(buffer := io.BytesIO(), format="png", dpi=90)

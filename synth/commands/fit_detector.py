@@ -10,7 +10,6 @@ from dmae.data.json_values import json_text
 from dmae.files.checks import child
 from dmae.files.contents import write_atomic
 from dmae.formats.reading import Clips, DataConfig
-from dmae.parallel import running_on
 from dmae.reporting.tables import counted, print_tables
 from synth.commands.config import FitDetectorCommand
 from synth.datasets.config import GenerateConfig
@@ -38,8 +37,7 @@ def run(config: FitDetectorCommand, out: Path) -> None:
     recording = read_recording(Path(config.detections), config.frames)
     real = measure(recording, config.truth)
     clips = _clips(config, recording, out)
-    with running_on(config.backend):
-        fitted = fit(real, clips, config.detector, rounds=config.rounds, seed=config.seed, workers=config.workers)
+    fitted = fit(real, clips, config.detector, rounds=config.rounds, seed=config.seed, workers=config.workers)
     rows = compare(real, fitted.statistics, Limits())
     print_tables([table(rows)])
     what = f"{len(recording)} frames of {recording.id} in {len(recording.rig)} views"
@@ -49,14 +47,13 @@ def run(config: FitDetectorCommand, out: Path) -> None:
 
 
 def _fit_to_truth(config: FitDetectorCommand, clips: list[Clip], out: Path) -> None:
-    with running_on(config.backend):
-        options = {"seed": config.seed, "workers": config.workers}
-        fitted = truth_fit.fit_to_truth(clips, config.detector, rounds=config.rounds, **options)
-        distances = {"fitted": truth_fit.distances(clips, fitted.config, **options)}
-        if config.held_back:
-            others = [clip for folder in config.held_back for clip in Clips(DataConfig("clip", folder))]
-            distances["held_back"] = truth_fit.distances(others, fitted.config, **options)
-            distances["real"] = truth_fit.real_distances(clips, others, config.workers)
+    options = {"seed": config.seed, "workers": config.workers}
+    fitted = truth_fit.fit_to_truth(clips, config.detector, rounds=config.rounds, **options)
+    distances = {"fitted": truth_fit.distances(clips, fitted.config, **options)}
+    if config.held_back:
+        others = [clip for folder in config.held_back for clip in Clips(DataConfig("clip", folder))]
+        distances["held_back"] = truth_fit.distances(others, fitted.config, **options)
+        distances["real"] = truth_fit.real_distances(clips, others, config.workers)
     titles = {
         "fitted": "Clips of the fit",
         "held_back": "Held-back clips",

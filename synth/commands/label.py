@@ -3,15 +3,13 @@
 from pathlib import Path
 
 from dmae.data.store import clip_folders
-from dmae.parallel import running_on
 from synth.commands.config import LabelCommand
-from synth.datasets.physical_labels import add_labels
+from synth.datasets.physical_labels import label
 from synth.labels.physical_labels import FILE
 
 
 def run(config: LabelCommand, out: None) -> None:
-    with running_on(config.backend):
-        made = add_labels(Path(config.data), config.labels, workers=config.workers)
+    made = label(config.data, config.labels, workers=config.workers)
     print(f"{config.data}: {made} of {len(clip_folders(Path(config.data)))} clips have got {FILE}")
 
 

@@ -2,13 +2,11 @@
 
 from pathlib import Path
 
-from dmae.files.contents import check_vacant, whole_folder
-from dmae.parallel import running_on
 from dmae.progress import duration
 from dmae.reporting.tables import print_tables
 from synth.planning.config import PlanConfig
-from synth.planning.page import PAGE, mounting_table, numbers_table, write_files, write_page
-from synth.planning.plan import forecast_plan, make_plan
+from synth.planning.page import PAGE, mounting_table, numbers_table, write_plan
+from synth.planning.plan import forecast_plan
 from synth.rooms.room import load_room
 
 
@@ -17,17 +15,12 @@ def run(config: PlanConfig, out: Path) -> None:
     for clause in load_room(config.setting().arena).filled:
         print(f"{config.setting().arena}: {clause}")
     if config.dry_run:
-        with running_on(config.backend):
-            found = forecast_plan(config)
+        found = forecast_plan(config)
         print(
             f"{out}: {found.candidates} candidate cameras, {found.clips} clips to simulate, {found.captures} captures: "
             f"about {duration(found.seconds)}"
         )
         return
-    check_vacant(out, "the plan")
-    plan = make_plan(config)
-    with whole_folder(out) as partial:
-        write_files(plan, partial)
-        write_page(plan, partial / PAGE)
+    plan = write_plan(config, out)
     print_tables([numbers_table(plan), *(mounting_table(each) for each in plan.rigs)])
     print(out / PAGE)

@@ -7,7 +7,6 @@ import cv2
 
 from dmae.data.json_values import json_text
 from dmae.files.contents import write_atomic
-from dmae.parallel import running_on
 from dmae.reporting.tables import Table, print_tables
 from synth.commands.config import RealismCommand
 from synth.recognition.realism import HEAD, described, draw_sheet, judge, rates, worst
@@ -21,8 +20,7 @@ def default_out(config: RealismCommand) -> Path:
 
 def run(config: RealismCommand, out: Path) -> None:
     folders = [Path(path) for path in (config.data, *config.extra_data)]
-    with running_on(config.backend):
-        judged = judge(folders, config.detector, config.every, config.workers)
+    judged = judge(folders, config.detector, config.every, config.workers)
     if not judged:
         raise ValueError(f"{config.data}: in no picture is a person in plain sight, there is nothing to look at")
     rows = rates(judged)

@@ -7,7 +7,7 @@ from dmae.data.store import MANIFEST, clip_folders
 from dmae.files.contents import write_atomic
 from dmae.reporting.tables import counted
 from synth.commands.config import SplitCommand
-from synth.datasets.splits import as_table, find_leaks, list_takes, read_splits, split, write_splits
+from synth.datasets.splits import as_table, find_leaks, read_splits, split, takes
 from synth.motion.readers.takes import LIST, find_subject_leaks
 
 
@@ -34,13 +34,16 @@ def run(config: SplitCommand, out: Path) -> None:
     if config.check is not None:
         _check(config, data, out)
     elif _has_clips(data):
-        splits = split(data, config.shares, config.by, seed=config.seed)
-        write_splits(out, splits, config.by, config.seed)
+        splits = split(data, config.by.name, **_shares(config), seed=config.seed, out=out)
         total = sum(map(len, splits.values()))
         for name, clips in splits.items():
             print(f"{out}: {name}: {counted(len(clips), 'clip')}, {len(clips) / total:.0%}")
     else:
         _list_takes(config, data, out)
+
+
+def _shares(config: SplitCommand) -> dict[str, float]:
+    return {"train": config.train, "validation": config.validation, "test": config.test}
 
 
 def _check(config: SplitCommand, data: Path, out: Path) -> None:
@@ -57,10 +60,10 @@ def _check(config: SplitCommand, data: Path, out: Path) -> None:
 def _list_takes(config: SplitCommand, path: Path, out: Path) -> None:
     """Write the list of takes, and raise ValueError if a subject is in two sets."""
     is_list = path.suffix.lower() == LIST and path.is_file()
-    takes = list_takes(path, {} if is_list else config.shares, seed=config.seed)
-    write_atomic(out, as_table(takes, out.parent))
-    readable = [take for take in takes if take.readable]
-    for take in takes:
+    found = takes(path, **({} if is_list else _shares(config)), seed=config.seed)
+    write_atomic(out, as_table(found, out.parent))
+    readable = [take for take in found if take.readable]
+    for take in found:
         if not take.readable:
             print(take.notes)
     for name in sorted({take.listed.set for take in readable}):
@@ -68,7 +71,7 @@ def _list_takes(config: SplitCommand, path: Path, out: Path) -> None:
         people = len({take.listed.subject for take in part})
         minutes = sum(take.seconds for take in part) / 60
         print(f"{out}: set {name}: {len(part)} takes of {people} subjects, {minutes:.1f} minutes")
-    print(f"{out}: {len(readable)} takes, {len(takes) - len(readable)} left out")
+    print(f"{out}: {len(readable)} takes, {len(found) - len(readable)} left out")
     leaks = find_subject_leaks(take.listed for take in takes)
     if leaks:
         raise ValueError(f"{path}: {len(leaks)} leaks; {leaks[0]}")

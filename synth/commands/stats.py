@@ -2,10 +2,9 @@
 
 from pathlib import Path
 
-from dmae.parallel import running_on
 from dmae.reporting.tables import counted
 from synth.commands.config import StatsCommand
-from synth.datasets.statistics import PAGE, PICTURE, describe
+from synth.datasets.statistics import PAGE, PICTURE, stats
 
 
 def default_out(config: StatsCommand) -> Path:
@@ -13,8 +12,6 @@ def default_out(config: StatsCommand) -> Path:
 
 
 def run(config: StatsCommand, out: Path) -> None:
-    data = [Path(path) for path in (config.data, *config.extra_data)]
-    with running_on(config.backend):
-        found = describe(data, out, workers=config.workers)
-    print(f"{out / PAGE}: {counted(found.counts['clips'], 'clip')}, {counted(found.counts['frames'], 'frame')}")
+    counts = stats(config.data, out, extra_data=config.extra_data, workers=config.workers)["counts"]
+    print(f"{out / PAGE}: {counted(counts['clips'], 'clip')}, {counted(counts['frames'], 'frame')}")
     print(out / PICTURE)

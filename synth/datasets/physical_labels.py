@@ -22,7 +22,7 @@ from synth.labels.physical_labels import (
     KINDS,
     PhysicalLabels,
     check_kinds,
-    load_physical_labels,
+    physical_labels,
     save_physical_labels,
 )
 from synth.labels.surfaces import NAMES, surface_labels, surface_points
@@ -31,16 +31,36 @@ from synth.scene.build import build_scene
 from synth.scene.spec import SceneSpec
 
 
-def add_labels(data: Path, kinds: Sequence[str] = KINDS, *, workers: int = 1) -> int:
-    """Add labels to the clips of a data set, or to one clip, in place. Return the number of clips that lacked any.
+def label(data: str | Path, labels: Sequence[str] = KINDS, *, workers: int = 1) -> int:
+    """Add labels from physics to existing clips, in place. Nothing is simulated again.
 
     A clip gets the file `physics.safetensors`. Its other files do not change. Checksums are updated.
 
+    Args:
+        data: Data set that `generate` made, or one clip of it.
+        labels: `contacts` (the touching parts, their places and forces), `forces` (ground reaction of each foot,
+            residual at the pelvis), `surface` (512 named points on each person, their visibility, and what they touch).
+            Existing labels of a clip are kept.
+        workers: Processes; -1 for one per core.
+
+    Returns:
+        The number of clips that lacked any of these labels.
+
     Raises:
-        FileNotFoundError: there is no clip, or it contains no body states.
-        ValueError: a kind is unknown, a clip is damaged, or its frames are too far apart.
+        FileNotFoundError: there is no clip, or it contains no body state.
+        ValueError: a label is unknown, a clip is damaged, or its frames are too far apart.
+
+    Examples:
+        >>> for clip in synth.generate(clips=1, seconds=1, persons=[1, 1], out="walks"): pass
+        >>> synth.label("walks", ["forces"])
+        1
+        >>> forces = synth.physical_labels("walks/000000").forces
+        >>> forces.ground_reaction.shape
+        (25, 1, 2, 3)
+        >>> synth.verify("walks")
+        []
     """
-    data, kinds = Path(data), check_kinds(kinds)
+    data, kinds = Path(data), check_kinds(labels)
     check_workers(workers)
     folders = clip_folders(data)
     for folder in folders:
@@ -69,7 +89,7 @@ def _label(folder: Path, kinds: tuple[str, ...]) -> bool:
     if damage:
         raise ValueError(f"{folder}: {damage[0]}; make the clip again")
     try:
-        before = load_physical_labels(folder)
+        before = physical_labels(folder)
     except (FileNotFoundError, ValueError):
         before = PhysicalLabels()
     sums = read_checksums(folder)

@@ -46,15 +46,34 @@ class Take:
         return self.seconds > 0
 
 
-def list_takes(path: Path, shares: Mapping[str, float], *, seed: int = 0) -> list[Take]:
-    """Read all takes at a path: a folder, a file or a list. A folder's are divided into sets that share no subject.
+def takes(
+    path: str | Path, *, train: float = 0.0, validation: float = 0.0, test: float = 0.0, seed: int = 0
+) -> list[Take]:
+    """List takes of recorded motion, and divide them so that no subject is in two sets.
 
-    `shares` of the total duration are by name of set; empty for no sets. Subjects and sets of a list are kept. Raises
-    as `synth.takes`.
+    Args:
+        path: A folder of takes, or a list (TSV) of takes. Subjects and sets of a list are kept.
+        train: Share of the total duration. If all three shares are 0, no sets are made.
+        validation: Share of the total duration.
+        test: Share of the total duration.
+        seed: Seed of the order in which subjects are drawn.
+
+    Returns:
+        The takes: `listed` (file, subject, set), `seconds`, `fps`, `readable`, and `notes`, which give the reason if a
+        take cannot be read.
+
+    Raises:
+        FileNotFoundError: there is no take.
+        ValueError: the shares do not add up to 1, or there are fewer subjects than sets.
+
+    Examples:
+        >>> from synth.motion.readers.npz import write_npz
+        >>> from synth.motion.source import MotionConfig, load_motion
+        >>> write_npz(Path("2_1.npz"), load_motion(MotionConfig(), seconds=2, fps=30, rng=np.random.default_rng(0)))
+        >>> [(take.listed.subject, take.seconds) for take in synth.takes("2_1.npz")]
+        [('2', 2.0)]
     """
-    wanted = {name: share for name, share in shares.items() if share > 0}
-    if wanted and abs(sum(wanted.values()) - 1) > 1e-6:
-        raise ValueError(f"expected shares from 0 to 1 that add up to 1, got {dict(shares)}")
+    path, wanted = Path(path), _wanted(train, validation, test) if train or validation or test else {}
     if path.suffix.lower() == LIST and path.is_file():
         lines = read_take_list(path)
         if wanted:
@@ -65,6 +84,15 @@ def list_takes(path: Path, shares: Mapping[str, float], *, seed: int = 0) -> lis
         lines = [ListedTake(file, subject(file)) for file in find_takes(path)]
     found = [_read(line) for line in progress(lines, "reading takes")]
     return _divided(found, wanted, seed=seed) if wanted else found
+
+
+def _wanted(train: float, validation: float, test: float) -> dict[str, float]:
+    """Return the shares above 0, by name. Raise ValueError if they are no shares of one whole."""
+    shares = {"train": train, "validation": validation, "test": test}
+    if min(shares.values()) < 0 or abs(sum(shares.values()) - 1) > 1e-6:
+        listed = ", ".join(f"{name}={share:g}" for name, share in shares.items())
+        raise ValueError(f"expected shares from 0 to 1 that add up to 1, got {listed}")
+    return {name: share for name, share in shares.items() if share > 0}
 
 
 def _read(line: ListedTake) -> Take:
@@ -179,29 +207,56 @@ def _digest(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()[:16]
 
 
-def split(data: Path, shares: dict[str, float], by: SplitBy = SplitBy.person, *, seed: int = 0) -> dict[str, list[str]]:
-    """Divide the clips of a data set so that clips that share something are in the same split.
+def split(
+    path: str | Path,
+    by: str = "person",
+    *,
+    train: float = 0.8,
+    validation: float = 0.1,
+    test: float = 0.1,
+    seed: int = 0,
+    out: str | Path | None = None,
+) -> dict[str, list[str]]:
+    """Divide the clips of a data set so that no person, motion or rig is in two splits.
 
-    Returns the names of clips by split, in the order of the data set.
+    Args:
+        path: The data set.
+        by: `person`, `motion`, `subject` or `rig`.
+        train: Share of the clips.
+        validation: Share of the clips; 0 for no such split.
+        test: Share of the clips; 0 for no such split.
+        seed: Seed of the order in which clips are drawn.
+        out: JSON file to write, an input of `export`; by default none is written.
+
+    Returns:
+        The names of the clips of each split, by its name.
 
     Raises:
-        ValueError: the shares do not add up to 1, or there are fewer groups than splits.
+        ValueError: the shares do not add up to 1, or clips share too much for this number of splits.
+
+    Examples:
+        >>> for clip in synth.generate(seconds=1, clips=2, seed=7, out="walks"): pass
+        >>> parts = synth.split("walks", train=0.5, validation=0.5, test=0, out="splits.json")
+        >>> [len(names) for names in parts.values()]
+        [1, 1]
     """
-    wanted = {name: share for name, share in shares.items() if share > 0}
-    if min(shares.values()) < 0 or abs(sum(shares.values()) - 1) > 1e-6:
-        listed = ", ".join(f"{name}={share:g}" for name, share in shares.items())
-        raise ValueError(f"expected shares from 0 to 1 that add up to 1, got {listed}")
-    folders = clip_folders(Path(data))
-    groups = _groups({folder.name: identities(folder, by) for folder in progress(folders, "reading clips")})
+    if by not in SplitBy.__members__:
+        raise ValueError(f"by={by!r}: expected one of {', '.join(SplitBy.__members__)}")
+    wanted, folders = _wanted(train, validation, test), clip_folders(Path(path))
+    found = {folder.name: identities(folder, SplitBy[by]) for folder in progress(folders, "reading clips")}
+    groups = _groups(found)
     if len(groups) < len(wanted):
         raise ValueError(
-            f"{data}: by={by.name} its {len(folders)} clips are {len(groups)} groups that share nothing, too few for "
+            f"{path}: by={by} its {len(folders)} clips are {len(groups)} groups that share nothing, too few for "
             f"{len(wanted)} splits; split by something else, or fewer ways"
         )
     made: dict[str, list[str]] = {name: [] for name in wanted}
     for group, name in zip(groups, _dealt([len(group) for group in groups], wanted, seed=seed), strict=True):
         made[name] += group
-    return {name: sorted(names) for name, names in made.items()}
+    made = {name: sorted(names) for name, names in made.items()}
+    if out is not None:
+        write_splits(Path(out), made, SplitBy[by], seed)
+    return made
 
 
 def _groups(found: dict[str, set[str]]) -> list[list[str]]:

@@ -362,14 +362,28 @@ _OCCLUDERS = 12
 """Greatest number of listed occluders."""
 
 
-def describe(data: Path | list[Path], out: Path, *, workers: int = 1) -> Statistics:
-    """Write the page of data sets or clips, its figure, and the numbers of both, to a folder.
+def stats(path: str | Path, out: str | Path, *, extra_data: Sequence[str | Path] = (), workers: int = 1) -> dict:
+    """Describe a data set: occlusion by joint and cause, contacts, people, distances, angles, motion.
+
+    Args:
+        path: The data set, or a clip.
+        out: Folder of the page, `README.md`, its figure, and the numbers of both.
+        extra_data: More data sets that the same page describes.
+        workers: Processes; -1 for one per core.
+
+    Returns:
+        The numbers, as in `statistics.json`.
 
     Raises:
         FileNotFoundError: there is neither a clip nor a data set.
-        ValueError: the folder contains something other than an earlier page, or a clip is damaged.
+        ValueError: `out` contains something other than an earlier page, or a clip is damaged.
+
+    Examples:
+        >>> for clip in synth.generate(seconds=1, clips=2, seed=7, out="walks"): pass
+        >>> synth.stats("walks", "card")["counts"]["frames"]
+        50
     """
-    data, out = [Path(path) for path in (data if isinstance(data, list) else [data])], Path(out)
+    data, out = [Path(each) for each in (path, *extra_data)], Path(out)
     check_workers(workers)
     if out.is_dir() and any(out.iterdir()) and not (out / NUMBERS).is_file():
         raise ValueError(
@@ -380,8 +394,9 @@ def describe(data: Path | list[Path], out: Path, *, workers: int = 1) -> Statist
     failed = sum(line["status"] != "ok" for line in lines)
     write_atomic(out / PICTURE, draw(found))
     write_atomic(out / PAGE, page(found, ", ".join(path.resolve().name for path in data), failed))
-    write_atomic(out / NUMBERS, json.dumps(numbers(found, failed), indent=1))
-    return found
+    made = numbers(found, failed)
+    write_atomic(out / NUMBERS, json.dumps(made, indent=1))
+    return made
 
 
 def numbers(found: Statistics, failed: int) -> dict:

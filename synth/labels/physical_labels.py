@@ -69,16 +69,27 @@ def save_physical_labels(labels: PhysicalLabels, folder: Path) -> None:
     write_atomic(Path(folder) / FILE, save(arrays, {"physics": json.dumps(words)}))
 
 
-def load_physical_labels(folder: Path) -> PhysicalLabels:
-    """Read the labels of a clip from its folder.
+def physical_labels(clip: str | Path) -> PhysicalLabels:
+    """Read the labels that `label` added to a clip: `contacts`, `forces`, `surface`. Missing ones are None.
+
+    Args:
+        clip: Folder of the clip.
 
     Raises:
         FileNotFoundError: the clip has no such labels.
         ValueError: the file is malformed, or of another format version.
+
+    Examples:
+        >>> for clip in synth.generate(clips=1, seconds=0.2, persons=[1, 1], out="walks"): pass
+        >>> synth.label("walks", ["surface"])
+        1
+        >>> points = synth.physical_labels("walks/000000").surface
+        >>> points.names[0], points.xyz.shape
+        ('pelvis.1.front', (5, 1, 512, 3))
     """
-    path = Path(folder) / FILE
+    path = Path(clip) / FILE
     if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file; `synth label data={folder}` makes it from the state of bodies")
+        raise FileNotFoundError(f"{path}: no such file; `synth label data={clip}` makes it from the state of bodies")
     try:
         with safe_open(path, "np") as file:
             words = parse_json((file.metadata() or {}).get("physics", "{}"))

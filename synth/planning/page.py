@@ -10,14 +10,15 @@ import yaml
 from matplotlib.figure import Figure
 
 from dmae.data.json_values import json_text
-from dmae.files.contents import write_atomic
+from dmae.files.contents import check_vacant, whole_folder, write_atomic
 from dmae.formats.pose2sim import write_cameras
 from dmae.reporting.page import CaptionedFigure, Section, write_report
 from dmae.reporting.tables import Table
 from dmae.viewing.config import LayersConfig
 from dmae.viewing.overlay import chosen_layers
 from dmae.viewing.sheet import write_sheet
-from synth.planning.plan import FIGURES, CameraPlan, Expected, PlannedRig, check_numbers
+from synth.planning.config import PlanConfig
+from synth.planning.plan import FIGURES, CameraPlan, Expected, PlannedRig, check_numbers, make_plan
 from synth.planning.search import Rehearsal, rehearse
 from synth.rigs.config import listed_rig
 from synth.viewing.rooms import draw_rooms
@@ -231,6 +232,17 @@ def worth_table(planned: PlannedRig) -> Table:
         for name, worth in zip(planned.rig.names, planned.worth, strict=True)
     ]
     return Table("gain from each camera", header, rows)
+
+
+def write_plan(config: PlanConfig, out: Path) -> CameraPlan:
+    """Plan cameras, and write the page, the rigs and the lists to a folder, which is whole or does not appear. Raises
+    as `make_plan`, and ValueError if the folder is not empty."""
+    check_vacant(out, "the plan")
+    plan = make_plan(config)
+    with whole_folder(out) as partial:
+        write_files(plan, partial)
+        write_page(plan, partial / PAGE)
+    return plan
 
 
 def write_page(plan: CameraPlan, path: Path) -> None:

@@ -120,7 +120,7 @@ def test_keys_of_splits_and_statistics_are_those_of_the_page(tmp_path):
     write_splits(tmp_path / "splits.json", {"train": ["0"]}, SplitBy.rig, 0)
     assert set(json.loads((tmp_path / "splits.json").read_text())) <= set(names(section("files", "`splits.json`")))
     data = pictured_set(tmp_path / "set", clips=1)
-    statistics.describe(data, tmp_path / "card")
+    statistics.stats(data, tmp_path / "card")
     content = json.loads((tmp_path / "card/statistics.json").read_text())
     documented = set(names(section("files", "`statistics/`")))
     assert set(content) <= documented

@@ -29,7 +29,7 @@ from dmae.formats.registry import reader as recording_reader
 from dmae.formats.trc import read_trc, write_trc
 from synth.cli import SYNTH
 from synth.datasets.verify import verify
-from synth.labels.physical_labels import load_physical_labels
+from synth.labels.physical_labels import physical_labels
 from synth.motion.readers import reader as motion_reader
 from synth.motion.readers.dialects import read_mapping
 from synth.motion.readers.takes import read_take_list
@@ -126,7 +126,7 @@ def _read_motion(kind: str, folder: Path):
 
 
 def _read_physics(folder: Path):
-    found = load_physical_labels(folder)
+    found = physical_labels(folder)
     return found.contacts.persons, found.forces.residual, found.surface.visibility
 
 

@@ -32,7 +32,7 @@ from tests.support.completers import SMALL
 from tests.support.marker_files import c3d
 from tests.support.marker_files import t_pose as marker_t_pose
 from tests.support.motion_files import amc, bvh
-from tests.support.physical_labels import physical_labels
+from tests.support.physical_labels import made_labels
 from tests.support.recordings import recording, write_frames, write_openpose_recording
 from tests.support.tracked_recordings import write_caliscope, write_freemocap, write_mediapipe, write_mmpose
 
@@ -125,7 +125,7 @@ def write_decisions(folder: Path) -> None:
 
 
 def write_physics(folder: Path) -> None:
-    save_physical_labels(physical_labels(frames=2, views=2, persons=1), folder)
+    save_physical_labels(made_labels(frames=2, views=2, persons=1), folder)
 
 
 @cache

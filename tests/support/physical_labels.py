@@ -7,7 +7,7 @@ from synth.labels.physical_labels import PhysicalLabels
 from synth.labels.surfaces import NAMES, SurfaceLabels
 
 
-def physical_labels(frames: int, views: int, persons: int) -> PhysicalLabels:
+def made_labels(frames: int, views: int, persons: int) -> PhysicalLabels:
     """Labels of people who stand on the right foot; in each frame the first touches the floor."""
     rng = np.random.default_rng(0)
     names = ("floor", *(f"person{p}/{part}" for p in range(persons) for part in ("l_foot", "r_foot")))

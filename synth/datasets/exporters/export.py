@@ -28,28 +28,52 @@ ONE_SPLIT = "train"
 
 
 def export(
-    data: Path,
-    out: Path,
+    path: str | Path,
+    out: str | Path,
     format: str = "coco",
     *,
-    splits: Path | None = None,
+    splits: str | Path | None = None,
     skeleton: str | None = None,
     every: int = 1,
-    pictures: PictureFormat = PictureFormat.jpg,
+    pictures: str = "jpg",
     workers: int = 1,
     damaged: bool = False,
     robot: str | None = None,
     about: AboutConfig | None = None,
 ) -> dict:
-    """Write a data set in the layout of another program, completely or not at all, as `synth.export`.
+    """Write a data set in the layout of another program: images and annotations, with Croissant metadata.
+
+    Args:
+        path: The data set, or a clip.
+        out: Folder to write, whole or not at all; it must be empty or not exist.
+        format: `coco`, `yolo`, `webdataset`, `huggingface`, `panoptic`, `npz`, `g1`, `lerobot`, `glb` or `usd`.
+            The last six need no images.
+        splits: File that `split` wrote; by default all clips are in the split `train`.
+        skeleton: Skeleton of the joints; by default coco17, for panoptic always panoptic19.
+        every: Number of frames from one image to the next; 2 for every other frame.
+        pictures: `jpg` or `png`.
+        workers: Processes; -1 for one per core.
+        damaged: Whether to export even if files are missing or have changed.
+        robot: MJCF of the Unitree G1, for `g1` and `lerobot`; by default that of an installed mjlab.
+        about: Name, publisher and licence, for `croissant.json`, `DATASHEET.md` and `CITATION.cff`.
+
+    Returns:
+        A description of the export, as in `export.json`.
 
     Raises:
         FileNotFoundError: the data set or the file of splits does not exist.
-        ValueError: `out` is not empty, clips have no truth, no images or different skeletons, the splits do not match
-            the clips, or an option is invalid.
+        ValueError: `out` is not empty, clips have no truth, no images or different skeletons, files are damaged, the
+            splits do not match the clips, or an option is invalid.
+
+    Examples:
+        >>> for clip in synth.generate(seconds=1, clips=1, seed=7, out="walks"): pass
+        >>> synth.export("walks", "panoptic", "panoptic")["skeleton"]
+        'panoptic19'
     """
-    data, out = Path(data), Path(out)
+    data, out = Path(path), Path(out)
     entry = exporter.find(format)
+    if pictures not in PictureFormat.__members__:
+        raise ValueError(f"pictures={pictures!r}: expected one of {', '.join(PictureFormat.__members__)}")
     if every < 1:
         raise ValueError(f"every: expected 1 or more frames, got {every}")
     check_workers(workers)
@@ -60,7 +84,7 @@ def export(
         data = data.parent
     check_vacant(out, "the exported data set")
     names = [folder.name for folder in folders]
-    chosen = {ONE_SPLIT: names} if splits is None else read_splits(splits, names)
+    chosen = {ONE_SPLIT: names} if splits is None else read_splits(Path(splits), names)
     missing = {"train", "validation"} - set(chosen)
     if entry.validation and missing:
         raise ValueError(

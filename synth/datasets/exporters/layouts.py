@@ -23,7 +23,7 @@ from dmae.formats.panoptic import write_panoptic
 from synth.datasets.exporters import exporter
 from synth.datasets.exporters.selection import ClipTask, Selection, world_joints, write_lines
 from synth.labels.forces import ContactSource
-from synth.labels.physical_labels import FILE, PhysicalLabels, load_physical_labels
+from synth.labels.physical_labels import FILE, PhysicalLabels, physical_labels
 
 KEYS = (
     "contacts", "weight", "ground_reaction", "centre_of_pressure", "residual", "surface_keypoints",
@@ -33,7 +33,7 @@ KEYS = (
 
 
 def _physical_labels(folder: Path) -> PhysicalLabels:
-    return load_physical_labels(folder) if (folder / FILE).is_file() else PhysicalLabels()
+    return physical_labels(folder) if (folder / FILE).is_file() else PhysicalLabels()
 
 
 class PhysicalEntries:

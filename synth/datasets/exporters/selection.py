@@ -12,7 +12,6 @@ from dmae.data.store import load_clip
 from dmae.formats.labelled_images import DEPTH, PersonLabel, Picture, file_part, joint_labels, read_pictures
 from dmae.parallel import in_parallel
 from dmae.progress import progress
-from synth.datasets.config import PictureFormat
 
 PARTS = ".parts"
 """Folder of temporary files of the processes, in the folder of the export. It is removed at the end."""
@@ -91,13 +90,13 @@ class Selection:
     splits: dict[str, list[str]]  # Names of clips, by name of the split
     skeleton: Skeleton  # Skeleton to write, with J joints
     every: int = 1  # Export one frame in this number; 2 for every second frame
-    pictures: PictureFormat = PictureFormat.jpg  # File format of images
+    pictures: str = "jpg"  # Suffix of image files, `jpg` or `png`
     workers: int = 1  # Number of processes; -1 for one per core
     robot: str | None = None  # MJCF of the robot, for formats of robots; None for that of an installed package
 
     def tasks(self, out: Path) -> list[ClipTask]:
         """Return the tasks of all clips, split by split, in the order of the clips."""
-        how = self.skeleton, self.every, self.pictures.value, out, self.robot
+        how = self.skeleton, self.every, self.pictures, out, self.robot
         return [ClipTask(self.data / name, name, split, *how) for split, names in self.splits.items() for name in names]
 
     def each_clip(self, function: Callable[[ClipTask], Counter], out: Path) -> Iterator[tuple[ClipTask, Counter]]:

@@ -20,7 +20,7 @@ from dmae.datasets import FrameDataset
 from dmae.formats import panoptic
 from dmae.formats.calibrations import read_calibration
 from dmae.formats.labelled_images import joint_labels
-from synth.datasets.config import PictureFormat, SplitBy
+from synth.datasets.config import SplitBy
 from synth.datasets.exporters import layouts
 from synth.datasets.exporters.export import export
 from synth.datasets.splits import write_splits
@@ -57,7 +57,7 @@ SHOWN = {"train": 22, "validation": 11}
 
 @pytest.mark.parametrize("split", SHOWN)
 def test_masks_boxes_areas_and_files_are_what_the_images_show(exported, data, split, capsys):
-    out = exported("coco", pictures=PictureFormat.png)
+    out = exported("coco", pictures="png")
     coco = COCO(out / f"annotations/person_keypoints_{split}.json")
     assert len(coco.anns) == SHOWN[split]
     for image in coco.loadImgs(coco.getImgIds()):
@@ -166,7 +166,7 @@ def read(shards, folder):
 
 
 def test_samples_hold_picture_camera_and_persons(exported, data, tmp_path):
-    out = exported("webdataset", pictures=PictureFormat.png)
+    out = exported("webdataset", pictures="png")
     samples = read(out.glob("train-*.tar"), tmp_path / "train")
     assert len(samples) == 12 and len(read(out.glob("validation-*.tar"), tmp_path / "validation")) == 6
     for sample in samples:

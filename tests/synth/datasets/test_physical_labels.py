@@ -12,9 +12,9 @@ from synth.datasets.config import GenerateConfig
 from synth.datasets.exporters.export import export
 from synth.datasets.exporters.layouts import KEYS
 from synth.datasets.generate import generate
-from synth.datasets.physical_labels import add_labels, make_labels
+from synth.datasets.physical_labels import label, make_labels
 from synth.datasets.verify import verify
-from synth.labels.physical_labels import FILE, load_physical_labels
+from synth.labels.physical_labels import FILE, physical_labels
 from synth.labels.surfaces import NAMES
 from synth.rendering.config import ImageQuality
 from synth.rigs.config import RigConfig, RingConfig
@@ -49,18 +49,18 @@ def files(folder: Path) -> dict[str, bytes]:
 
 def test_labels_are_added_in_place_once_and_the_set_stays_sound(data):
     before = files(data)
-    assert add_labels(data, ["forces"]) == 2
-    assert load_physical_labels(data / "000000").kinds == ("forces",)
+    assert label(data, ["forces"]) == 2
+    assert physical_labels(data / "000000").kinds == ("forces",)
     assert files(data) == before
     assert verify(data).problems == []
     # Others are added to them.
-    kept = load_physical_labels(data / "000000").forces
-    assert add_labels(data / "000000", ["surface", "forces"]) == 1
-    found = load_physical_labels(data / "000000")
+    kept = physical_labels(data / "000000").forces
+    assert label(data / "000000", ["surface", "forces"]) == 1
+    found = physical_labels(data / "000000")
     assert found.kinds == ("forces", "surface")
     np.testing.assert_array_equal(found.forces.residual, kept.residual)
     assert verify(data).problems == []
-    assert add_labels(data, ["forces"]) == 0
+    assert label(data, ["forces"]) == 0
     # The data set is continued as if it had no labels.
     lines = generate(config(data, images=["rgb"]))
     assert {line["status"] for line in lines} == {"ok"}
@@ -69,29 +69,29 @@ def test_labels_are_added_in_place_once_and_the_set_stays_sound(data):
 
 
 def test_the_same_clip_has_the_same_labels(data):
-    add_labels(data, workers=2)
+    label(data, workers=2)
     there = (data / "000001" / FILE).read_bytes()
     (data / "000001" / FILE).unlink()
-    assert add_labels(data) == 1
+    assert label(data) == 1
     assert (data / "000001" / FILE).read_bytes() == there
 
 
 def test_labels_that_are_damaged_are_made_again(data):
-    add_labels(data, ["contacts"])
+    label(data, ["contacts"])
     (data / "000000" / FILE).write_bytes(b"nothing")
     assert any(problem.clip == "000000" for problem in verify(data).problems)
-    assert add_labels(data, ["contacts"]) == 1
+    assert label(data, ["contacts"]) == 1
     assert verify(data).problems == []
 
 
 def test_damaged_clips_and_clips_without_states_are_refused(data, tmp_path):
     (data / "000001/state.safetensors").unlink()
     with pytest.raises(FileNotFoundError, match="state of bodies"):
-        add_labels(data)
+        label(data)
     assert not (data / "000000" / FILE).exists()
     (data / "000000/clip.json").write_text((data / "000000/clip.json").read_text() + " ")
     with pytest.raises(ValueError, match="make the clip again"):
-        add_labels(data / "000000")
+        label(data / "000000")
 
 
 def test_frames_too_far_apart_are_refused(tmp_path):
@@ -102,8 +102,8 @@ def test_frames_too_far_apart_are_refused(tmp_path):
 
 
 def test_exports_have_the_labels(data, tmp_path):
-    add_labels(data)
-    clip, labels = load_clip(data / "000000"), load_physical_labels(data / "000000")
+    label(data)
+    clip, labels = load_clip(data / "000000"), physical_labels(data / "000000")
     for format in ("coco", "npz", "panoptic", "huggingface"):
         export(data, tmp_path / format, format)
     assert json.loads((tmp_path / "coco/export.json").read_text())["surface_points"] == list(NAMES)

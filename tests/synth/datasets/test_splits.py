@@ -72,12 +72,12 @@ def test_the_motion_of_a_name(data, name, kind, identity):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_no_person_is_in_two_splits(data, seed):
-    made = split(data, {"train": 0.5, "validation": 0.25, "test": 0.25}, seed=seed)
+    made = split(data, train=0.5, validation=0.25, test=0.25, seed=seed)
     assert sorted(chain(*made.values())) == [folder.name for folder in clip_folders(data)]
     assert find_leaks(data, made, [SplitBy.person]) == []
     people = [set().union(*(PEOPLE[int(name)] for name in names)) for names in made.values()]
     assert not people[0] & people[1] and not people[0] & people[2] and not people[1] & people[2]
-    assert split(data, {"train": 0.5, "validation": 0.25, "test": 0.25}, seed=seed) == made
+    assert split(data, train=0.5, validation=0.25, test=0.25, seed=seed) == made
 
 
 @given(st.lists(st.sets(st.integers(0, 12), min_size=1, max_size=3), min_size=1, max_size=14))

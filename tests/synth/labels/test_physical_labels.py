@@ -11,18 +11,18 @@ from synth.labels.physical_labels import (
     KINDS,
     PhysicalLabels,
     check_kinds,
-    load_physical_labels,
+    physical_labels,
     save_physical_labels,
 )
-from tests.support.physical_labels import physical_labels
+from tests.support.physical_labels import made_labels
 
 
 @pytest.mark.parametrize("kinds", [KINDS, ("forces",), ("contacts", "surface")])
 def test_labels_are_loaded_as_they_were_saved(tmp_path, kinds):
-    whole = physical_labels(3, 2, 2)
+    whole = made_labels(3, 2, 2)
     labels = PhysicalLabels(**{kind: getattr(whole, kind) for kind in kinds})
     save_physical_labels(labels, tmp_path)
-    found = load_physical_labels(tmp_path)
+    found = physical_labels(tmp_path)
     assert found.kinds == kinds
     for kind in kinds:
         for field in fields(getattr(whole, kind)):
@@ -32,7 +32,7 @@ def test_labels_are_loaded_as_they_were_saved(tmp_path, kinds):
 
 
 def test_wrenches_are_of_all_contacts_of_a_person_but_with_themselves():
-    labels = physical_labels(2, 1, 1).contacts
+    labels = made_labels(2, 1, 1).contacts
     centre = np.zeros((2, 3))
     np.testing.assert_allclose(labels.wrench(0, centre)[:, :3], [(1, 2, 700)] * 2)
     np.testing.assert_allclose(labels.wrench(0, centre)[:, 3:], np.cross(labels.point, labels.force), rtol=1e-5)
@@ -47,12 +47,12 @@ def test_wrong_kinds_files_and_shapes_are_refused(tmp_path):
         with pytest.raises(ValueError, match="expected a list of contacts, forces, surface"):
             check_kinds(wrong)
     with pytest.raises(FileNotFoundError, match="synth label data="):
-        load_physical_labels(tmp_path)
-    save_physical_labels(physical_labels(2, 1, 1), tmp_path)
+        physical_labels(tmp_path)
+    save_physical_labels(made_labels(2, 1, 1), tmp_path)
     save_file(load_file(tmp_path / FILE), tmp_path / FILE)
     with pytest.raises(ValueError, match=f"{FILE}: expected physical labels of format 2"):
-        load_physical_labels(tmp_path)
-    labels = physical_labels(2, 1, 1)
+        physical_labels(tmp_path)
+    labels = made_labels(2, 1, 1)
     with pytest.raises(ValueError, match=r"forces: expected residual of shape \(2, 1, 2, 3\)"):
         replace(labels.forces, residual=labels.forces.residual[:1])
     with pytest.raises(ValueError, match="expected between to count 3 names"):
