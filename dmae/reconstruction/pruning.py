@@ -156,9 +156,7 @@ def impossible_runs(xyz, known, wanted, fps, widest, noise, acceleration):
                 ratio = _ratio(xyz[:, path], kept, before, width, fps, noise, acceleration)
                 if ratio > 1:
                     if number == len(runs):
-                        more = np.empty((2 * number, 4))
-                        more[:number] = runs
-                        runs = more
+                        runs = np.concatenate((runs, np.empty_like(runs)))
                     runs[number, 0], runs[number, 1] = ratio, path
                     runs[number, 2], runs[number, 3] = before + 1, before + 1 + width
                     number += 1

@@ -1,7 +1,8 @@
 """Kill commands at random moments, and give them again: `python -m tests.endurance.kills --moments 20`.
 
-Generation, capture and training are each killed by SIGKILL, which leaves a process no time to tidy up; its workers live
-for another half second. The same command then has to end with the files of a command that was never killed.
+Generation, capture and training are each killed by SIGKILL, which leaves a process no time to tidy up. The workers of
+generation live for another half second. The same command then has to end with the files of a command that was never
+killed.
 """
 
 import argparse
@@ -27,7 +28,7 @@ _SHORT = ("learning.steps=6", "learning.epoch=2", "learning.batch=4")
 _MADE = ("seed=3", "clips=6", "scene.seconds=0.6", "scene.persons=[1,2]", "workers=2")
 LINES = {
     "generation": ("synth", "generate", *_MADE),
-    "capture": ("dmae", "capture", "data=../generation/out", "workers=2"),
+    "capture": ("dmae", "capture", "data=../generation/out"),
     "training": ("dmae", "train", "data=../capture/out", *_SHORT, *_SMALL),
 }
 """What is killed. Each command starts from what the one before has made."""
