@@ -440,3 +440,7 @@ def dance(style: Style, *, rng: np.random.Generator) -> Action:
         return offsets
 
     return Action(f"dance at {60 / beat:.0f} beats/min", last, pose)
+
+
+ON_THE_SPOT = {each.__name__: each for each in (stand, reach, wave, bend, crouch, lift, sit, kick, punch, dance)}
+"""The actions by name."""

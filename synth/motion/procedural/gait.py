@@ -24,11 +24,10 @@ from synth.motion.procedural.trajectory import (
     STRAIGHTEST,
     THIGH,
     TIP,
-    BodyTrajectory,
+    LowerBody,
     gesture,
     hang,
     headroom,
-    knee_directions,
     leg_length,
     random_drift,
     swing_width,
@@ -86,6 +85,11 @@ class Walk:
         (2017).
         """
         return float(2 * np.sqrt(60 * self.speed * 0.0064))
+
+    @property
+    def rate(self) -> float:
+        """Strides per second."""
+        return self.speed / self.stride
 
     @property
     def stance(self) -> float:
@@ -270,30 +274,15 @@ def rolled(pitch: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 # People who walk or stand throughout, and may gesture
 
 
-@dataclass(frozen=True)
-class _Gait:
-    """The lower body over F frames, and the trunk and arm motion that goes with it."""
-
-    name: str  # Label for reports
-    # root, pelvis, ankles, feet: as in `LowerBody`
-    root: np.ndarray
-    pelvis: np.ndarray
-    ankles: np.ndarray
-    feet: np.ndarray
-    heading: np.ndarray  # (F,) heading of the trunk, rad
-    lean: np.ndarray  # (F, 2) lean of the trunk to the front and to the right, rad
-    swing: np.ndarray  # (F,) swing of the left arm to the front and of the right arm to the back, rad
-
-
 def make_motion(config: ProceduralConfig, *, seconds: float, fps: float, rng: np.random.Generator) -> Motion:
     """Return round(seconds * fps) frames of a person of random style who walks or stands, and may reach out or wave.
 
     Soles stay in place while they bear weight, on the legs of the reference body; see `trajectory`.
     """
     times = np.arange(max(round(seconds * fps), 1)) / fps
-    gait = _stand(rng, times) if rng.uniform() < config.standing else _walk(config, rng, times)
-    name, arms = gait.name, [hang(rng, times, gait.swing * sign) for _, sign in SIDES]
-    turn = -0.3 * gait.swing
+    name, lower, lean = _stand(rng, times) if rng.uniform() < config.standing else _walk(config, rng, times)
+    arms = [hang(rng, times, lower.swing * sign) for _, sign in SIDES]
+    turn = -0.3 * lower.swing
     if rng.uniform() < config.gesture:
         arm, kind = rng.integers(2), str(rng.choice(("reach", "wave")))
         side, sign = SIDES[arm]
@@ -303,20 +292,12 @@ def make_motion(config: ProceduralConfig, *, seconds: float, fps: float, rng: np
         turn = turn - sign * np.radians(8) * share
         name += f", {kind} {side}"
     look, nod = (random_drift(rng, times, np.radians(rms), 0.3) for rms in (15, 5))
-    trajectory = BodyTrajectory(
-        root=gait.root,
-        pelvis=gait.pelvis,
-        ankles=gait.ankles,
-        feet=gait.feet,
-        knees=knee_directions(gait.pelvis, gait.feet),
-        chest=np.stack([gait.heading + turn, *gait.lean.T], axis=1),
-        head=np.stack([gait.heading + look, nod], axis=1),
-        arms=np.stack(arms, axis=1),
-    )
-    return trajectory.motion(name, fps)
+    chest, head = np.stack([lower.heading + turn, *lean.T], axis=1), np.stack([lower.heading + look, nod], axis=1)
+    return lower.with_upper_body(chest, head, np.stack(arms, axis=1)).motion(name, fps)
 
 
-def _walk(config: ProceduralConfig, rng: np.random.Generator, times: np.ndarray) -> _Gait:
+def _walk(config: ProceduralConfig, rng: np.random.Generator, times: np.ndarray) -> tuple[str, LowerBody, np.ndarray]:
+    """Draw a walk: its name for reports, the lower body, and (F, 2) lean of the trunk to the front and right, rad."""
     speed, radius = rng.uniform(*config.speed), rng.uniform(*config.radius) * rng.choice((-1, 1))
     distance = np.arange(-3, speed * times[-1] + 5, 0.01)
     way = rng.uniform()
@@ -330,24 +311,19 @@ def _walk(config: ProceduralConfig, rng: np.random.Generator, times: np.ndarray)
     path = FloorPath.bent(distance, curvature)
     walk = Walk(path, speed, width=rng.uniform(0.06, 0.13), toe_out=np.radians(rng.uniform(2, 10)))
     # The pace varies a little.
-    phase = rng.uniform() + speed / walk.stride * times + random_drift(rng, times, 0.015, 0.4)
-    root, pelvis, ankles, feet = walk.lower_body(phase)
+    phase = rng.uniform() + walk.rate * times + random_drift(rng, times, 0.015, 0.4)
     # Lean into a turn as a rigid body must for balance.
     inward = np.arctan(speed**2 * np.interp(walk.stride * phase, distance, curvature) / 9.81)
     width = swing_width(speed) * rng.uniform(0.6, 1.3)
-    return _Gait(
-        name=f"walk at {speed:.1f} m/s, {way}",
-        root=root,
-        pelvis=pelvis,
-        ankles=ankles,
-        feet=feet,
-        heading=path.heading_at(walk.stride * phase),
-        lean=np.stack([np.full(len(times), np.radians(rng.uniform(0, 7))), -inward], axis=1),
-        swing=width * np.cos(2 * np.pi * phase),
-    )
+    swing = width * np.cos(2 * np.pi * phase)
+    heading, walking = path.heading_at(walk.stride * phase), np.ones(len(times))
+    lean = np.stack([np.full(len(times), np.radians(rng.uniform(0, 7))), -inward], axis=1)
+    lower = LowerBody(*walk.lower_body(phase), heading, walking, swing)
+    return f"walk at {speed:.1f} m/s, {way}", lower, lean
 
 
-def _stand(rng: np.random.Generator, times: np.ndarray) -> _Gait:
+def _stand(rng: np.random.Generator, times: np.ndarray) -> tuple[str, LowerBody, np.ndarray]:
+    """Draw the stance of a person who sways; as `_walk`."""
     width, stagger, toe_out = rng.uniform(0.14, 0.30), rng.uniform(-0.06, 0.06), np.radians(rng.uniform(3, 15))
     frames = len(times)
     ankles = np.tile([(stagger, width / 2, ANKLE), (-stagger, -width / 2, ANKLE)], (frames, 1, 1))
@@ -362,13 +338,7 @@ def _stand(rng: np.random.Generator, times: np.ndarray) -> _Gait:
     root = np.stack([forward, left, np.zeros(frames)], axis=1)
     # The greatest height that both legs reach in all frames, slightly lowered so that the knees are not locked.
     root[:, 2] = headroom(root, pelvis, ankles).min() - rng.uniform(0.002, 0.012)
-    return _Gait(
-        name="stand",
-        root=root,
-        pelvis=pelvis,
-        ankles=ankles,
-        feet=feet,
-        heading=random_drift(rng, times, np.radians(6), 0.25),
-        lean=np.stack([np.radians(rng.uniform(-2, 5)) + random_drift(rng, times, np.radians(1), 0.3), -tilt], axis=1),
-        swing=random_drift(rng, times, np.radians(1), 0.3),
-    )
+    heading = random_drift(rng, times, np.radians(6), 0.25)
+    lean = np.stack([np.radians(rng.uniform(-2, 5)) + random_drift(rng, times, np.radians(1), 0.3), -tilt], axis=1)
+    swing = random_drift(rng, times, np.radians(1), 0.3)
+    return "stand", LowerBody(root, pelvis, ankles, feet, heading, np.zeros(frames), swing), lean

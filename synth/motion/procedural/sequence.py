@@ -10,21 +10,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from synth.motion.geometry import about, forwards, leftwards, smoothstep
 from synth.motion.motion import FloorPath, Motion
-from synth.motion.procedural.actions import (
-    Action,
-    Style,
-    bend,
-    crouch,
-    dance,
-    kick,
-    lift,
-    punch,
-    reach,
-    sit,
-    stand,
-    step_profile,
-    wave,
-)
+from synth.motion.procedural.actions import ON_THE_SPOT, Action, Style, stand, step_profile
 from synth.motion.procedural.carriage import carried, perform_on_the_spot
 from synth.motion.procedural.gait import LEGS, Walk, rolled
 from synth.motion.procedural.trajectory import (
@@ -36,7 +22,6 @@ from synth.motion.procedural.trajectory import (
     Stance,
     concatenate,
     hang,
-    knee_directions,
     random_drift,
     reachable_root,
     swing_width,
@@ -64,21 +49,16 @@ class WalkTo:
     stop: Stance
 
     @cached_property
-    def _rate(self) -> float:
-        """Strides per second."""
-        return self.walk.speed / self.walk.stride
-
-    @cached_property
     def _spans(self) -> tuple[float, float, float]:
         """Durations of the first step, of the steps at speed, and of the last step, s."""
-        swing = (1 - self.walk.stance) / self._rate
+        swing = (1 - self.walk.stance) / self.walk.rate
         # The hips speed up and slow down about evenly.
         begin, end = (
             even * float(np.linalg.norm((self._pace(phase)[0] - stance.root)[:2])) / self.walk.speed
             for even, phase, stance in ((2.6, self.first, self.start), (2.3, self.last, self.stop))
         )
-        closing = (self.walk.stance - 0.5) / self._rate + 1.15 * swing + 0.1
-        return max(begin, swing + 0.3), (self.last - self.first) / self._rate, max(end, closing)
+        closing = (self.walk.stance - 0.5) / self.walk.rate + 1.15 * swing + 0.1
+        return max(begin, swing + 0.3), (self.last - self.first) / self.walk.rate, max(end, closing)
 
     @property
     def seconds(self) -> float:
@@ -88,7 +68,7 @@ class WalkTo:
     def lower_body(self, times: np.ndarray) -> LowerBody:
         """Return the lower body at times (F,) since the start, s."""
         begin, cruise, end = self._spans
-        phase = self.first + self._rate * (times - begin)
+        phase = self.first + self.walk.rate * (times - begin)
         steady = np.clip(phase, self.first, self.last)
         root, pelvis, ankles, feet = self._lower_body(steady)
         heading = self.walk.path.heading_at(self.walk.stride * steady)
@@ -123,7 +103,7 @@ class WalkTo:
     def _pace(self, phase: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the root, (3,) m, and its velocity, (3,) m/s, at a phase of the walk."""
         before, now, after = self._lower_body(phase + _EPS * np.array((-1, 0, 1)))[0]
-        return now, (after - before) / (2 * _EPS) * self._rate
+        return now, (after - before) / (2 * _EPS) * self.walk.rate
 
     def _lower_body(self, phase: np.ndarray) -> list[np.ndarray]:
         """Return the walk's lower body at phases, with the hips as low as all of its steps need."""
@@ -151,7 +131,7 @@ class _Step:
     def setting_out(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the ankle and the orientation of a foot that steps from its stance to where its heel strikes."""
         target, velocity = self._planted(np.array((0, _EPS)))
-        length = 1.1 * (1 - self.walk.stance) / self._rate
+        length = 1.1 * (1 - self.walk.stance) / self.walk.rate
         u = np.clip((self.since - self.span) / length + 1, 0, 1)
         place = np.array((*self.foot[:2], ANKLE))
         xyz = CubicHermiteSpline((0, length), (place, target), (np.zeros(3), velocity))(u * length)
@@ -165,8 +145,8 @@ class _Step:
         """Return the ankle and the orientation of a foot that pushes off as in walking and lands next to the other."""
         stance = self.walk.stance
         leaving, velocity = self._planted(np.array((stance, stance - _EPS)))
-        off = (stance - 0.5) / self._rate
-        length = min(1.15 * (1 - stance) / self._rate, self.span - off - 0.05)
+        off = (stance - 0.5) / self.walk.rate
+        length = min(1.15 * (1 - stance) / self.walk.rate, self.span - off - 0.05)
         u = np.clip((self.since - off) / length, 0, 1)
         place = np.array((*self.foot[:2], ANKLE))
         xyz = CubicHermiteSpline((0, length), (leaving, place), (velocity, np.zeros(3)))(u * length)
@@ -177,17 +157,13 @@ class _Step:
         return self._above(xyz, pitch), self._turned(printed + smoothstep(u) * (self.foot[2] - printed), pitch)
 
     @property
-    def _rate(self) -> float:
-        return self.walk.speed / self.walk.stride
-
-    @property
     def _strides(self) -> np.ndarray:
         return np.full(len(self.own), self.stride)
 
     def _planted(self, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the ankle, (3,) m, and its velocity, (3,) m/s, at the first of two phases of a foot on the floor."""
         places = self.walk.planted(self.leg, np.full(2, self.stride), own)
-        return places[0], (places[1] - places[0]) / (own[1] - own[0]) * self._rate
+        return places[0], (places[1] - places[0]) / (own[1] - own[0]) * self.walk.rate
 
     def _above(self, xyz: np.ndarray, pitch: np.ndarray) -> np.ndarray:
         """Return the ankle raised so that heel and tip stay above the floor."""
@@ -294,7 +270,6 @@ class TurnTo:
 
 # Agendas: the time and place of each action, with turns and walks between them
 
-_ON_THE_SPOT = {each.__name__: each for each in (stand, reach, wave, bend, crouch, lift, sit, kick, punch, dance)}
 _ROOMY = {"crouch", "lift", "kick", "punch", "dance"}
 """Actions that need room around them, so that no seat may be near."""
 _ROOM = 1.3
@@ -384,7 +359,7 @@ def _gesturing(walk: AgendaItem, names: Sequence[str], style: Style, *, rng: np.
     gestures = [name for name in ("reach", "wave") if name in names]
     if not gestures or rng.uniform() > _GESTURES:
         return walk
-    action, side = _ON_THE_SPOT[str(rng.choice(gestures))](style, rng=rng), int(rng.integers(2))
+    action, side = ON_THE_SPOT[str(rng.choice(gestures))](style, rng=rng), int(rng.integers(2))
     spare = walk.doing.seconds - action.seconds
     if spare < 0:
         return walk
@@ -402,7 +377,7 @@ def _draw(
         return [_turn(stance, rng.uniform(0.6, np.pi) * rng.choice((-1, 1)), style)]
     if name == "walk":
         return _walk(stance, style, ground, rng=rng)
-    action = _ON_THE_SPOT[name](style, rng=rng)
+    action = ON_THE_SPOT[name](style, rng=rng)
     if name in _ROOMY and not ground.passes(here[None], _ROOMY_CLEARANCE):
         return None
     side = int(rng.integers(2))
@@ -526,7 +501,10 @@ def make_sequence(
                 offsets = item.gesture.offsets(since - item.late)
                 arms = arms + offsets.raised[..., None] * (offsets.arms - arms)
                 raised[frames], swing_share[frames] = offsets.raised, 1 - offsets.raised
-            trajectories.append(_upright(lower_body, arms, style))
+            # Trunk and head are upright.
+            heading, level = lower_body.heading, np.zeros(len(frames))
+            chest = np.stack([heading, style.lean * lower_body.walking, level], axis=1)
+            trajectories.append(lower_body.with_upper_body(chest, np.stack([heading, level], axis=1), arms))
             walking[frames], swing[frames] = lower_body.walking, style.swing * lower_body.swing
     trajectory = _with_sway(concatenate(trajectories), walking, swing, swing_share, times, fps, rng=rng)
     trajectory = carried(trajectory, walking, raised, times, fps, rng=rng)
@@ -534,21 +512,6 @@ def make_sequence(
         ", ".join(name for _, name in actions), fps
     )
     return replace(motion, seats=tuple(seats), actions=tuple(actions))
-
-
-def _upright(lower_body: LowerBody, arms: np.ndarray, style: Style) -> BodyTrajectory:
-    """Put an upright trunk and head on a lower body in transition."""
-    level = np.zeros(len(arms))
-    return BodyTrajectory(
-        root=lower_body.root,
-        pelvis=lower_body.pelvis,
-        ankles=lower_body.ankles,
-        feet=lower_body.feet,
-        knees=knee_directions(lower_body.pelvis, lower_body.feet),
-        chest=np.stack([lower_body.heading, style.lean * lower_body.walking, level], axis=1),
-        head=np.stack([lower_body.heading, level], axis=1),
-        arms=arms,
-    )
 
 
 def _with_sway(

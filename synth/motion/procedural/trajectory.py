@@ -194,19 +194,6 @@ _CENTRES = {
 
 
 @dataclass(frozen=True)
-class LowerBody:
-    """The lower body over F frames, world, and the heading and arm swing that go with it."""
-
-    root: np.ndarray  # (F, 3) mid hip, m
-    pelvis: np.ndarray  # (F, 3, 3) orientation
-    ankles: np.ndarray  # (F, 2, 3) left and right, m
-    feet: np.ndarray  # (F, 2, 3, 3) orientations of left and right foot
-    heading: np.ndarray  # (F,) heading of the trunk, rad
-    walking: np.ndarray  # (F,) share of walking against standing, 0 to 1
-    swing: np.ndarray  # (F,) swing of the left arm to the front and of the right arm to the back, 1 at its widest
-
-
-@dataclass(frozen=True)
 class BodyTrajectory:
     """The whole body over F frames, world; lengths in m, angles in rad."""
 
@@ -241,6 +228,24 @@ class BodyTrajectory:
         rotations = self.motion("", 1.0).rotations
         places = segment_origins(_BODY, self.root, rotations) + (rotations @ _LEVERS[..., None])[..., 0]
         return np.einsum("fsi,s->fi", places, _BODY.masses / _BODY.mass)
+
+
+@dataclass(frozen=True)
+class LowerBody:
+    """The lower body over F frames, world, and the heading and arm swing that go with it."""
+
+    root: np.ndarray  # (F, 3) mid hip, m
+    pelvis: np.ndarray  # (F, 3, 3) orientation
+    ankles: np.ndarray  # (F, 2, 3) left and right, m
+    feet: np.ndarray  # (F, 2, 3, 3) orientations of left and right foot
+    heading: np.ndarray  # (F,) heading of the trunk, rad
+    walking: np.ndarray  # (F,) share of walking against standing, 0 to 1
+    swing: np.ndarray  # (F,) swing of the left arm to the front and of the right arm to the back, 1 at its widest
+
+    def with_upper_body(self, chest: np.ndarray, head: np.ndarray, arms: np.ndarray) -> BodyTrajectory:
+        """Return the whole body, with knees that bend over the feet."""
+        knees = knee_directions(self.pelvis, self.feet)
+        return BodyTrajectory(self.root, self.pelvis, self.ankles, self.feet, knees, chest, head, arms)
 
 
 def concatenate(trajectories: list[BodyTrajectory]) -> BodyTrajectory:
