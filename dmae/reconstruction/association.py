@@ -4,7 +4,6 @@ T tracks; D detections per view, padded with NaN; n detections of all views in a
 """
 
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -17,8 +16,6 @@ NONE = -1
 _COLOUR_DIFFERENCE = 20.0  # CIELAB units; colour difference of clothes at which their affinity is 1/2
 _PARTNERS = 16
 """Largest number of detections of another view that are compared further with a detection, by highest affinity."""
-_ASSIGNED = 100
-"""Largest number of detections of a view for the Hungarian algorithm; with more, all pairs of partners are proposed."""
 
 
 @dataclass(frozen=True)
@@ -82,12 +79,13 @@ def propagate(closeness: np.ndarray, confirmed: np.ndarray) -> tuple[np.ndarray,
 def find_groups(candidates: Candidates, config: AssociationConfig) -> np.ndarray:
     """Identity matching: group detections of one person, at most one from each view.
 
-    The Hungarian algorithm proposes pairs for every two views. Groups are then joined along these pairs, best support
-    first: the affinity of the pair plus, in each other view, that of the detection which fits both. Two groups are
-    joined only if their members agree on average, so that a decision for two views is consistent with all others.
+    Groups are joined along pairs, best support first: what the affinity of the pair exceeds `min_affinity` by, plus, in
+    each other view, the same of the detection which fits both. An affinity of strangers is no evidence, so two pairs at
+    the threshold do not outweigh a good one. Two groups are joined only if their members agree on average, so that a
+    decision for two views is consistent with all others.
 
     Time and memory are bounded for many detections: only the 16 best partners of a detection in every other view are
-    used, and in views with more than 100 detections that have partners, all pairs of partners are proposed.
+    used.
 
     Args:
         candidates: n detections of V views.
@@ -100,12 +98,9 @@ def find_groups(candidates: Candidates, config: AssociationConfig) -> np.ndarray
     weight = 0 if np.isnan(candidates.colours).all() else config.colour_weight
     compared = _comparison(candidates, config, weight)
     partners, affinities = _partners(view, views, compared, config.min_affinity)
+    affinities -= np.float32(config.min_affinity)
     first, second, found = _pairs(view, partners, affinities)
-    if not len(first):
-        return np.empty((0, views), int)
-    proposed = _proposed(first, second, found, view)
-    first, second = first[proposed], second[proposed]
-    order = np.argsort(-supports(first, second, found[proposed], view, partners, affinities), kind="stable")
+    order = np.argsort(-supports(first, second, found, view, partners, affinities), kind="stable")
     members = np.full((len(view), views), NONE)
     join(first[order], second[order], *compared, np.float32(config.min_affinity), members)
     return members[(members != NONE).sum(1) > 1]
@@ -155,23 +150,6 @@ def _pairs(view: np.ndarray, partners: np.ndarray, affinities: np.ndarray) -> tu
     _, kept, lists = np.unique(low * len(view) + high, return_index=True, return_counts=True)
     kept = kept[lists == 2]
     return low[kept], high[kept], found[kept]
-
-
-def _proposed(first: np.ndarray, second: np.ndarray, found: np.ndarray, view: np.ndarray) -> np.ndarray:
-    """Return the indices of pairs (m,) that the Hungarian algorithm proposes for every two views."""
-    proposed = []
-    for a, b in combinations(np.unique(view), 2):
-        pairs = np.flatnonzero((view[first] == a) & (view[second] == b))
-        rows, row = np.unique(first[pairs], return_inverse=True)
-        columns, column = np.unique(second[pairs], return_inverse=True)
-        if max(len(rows), len(columns)) <= _ASSIGNED:
-            block = np.zeros((len(rows), len(columns)))
-            block[row, column] = found[pairs]
-            index = np.full(block.shape, NONE)
-            index[row, column] = pairs
-            pairs = index[linear_sum_assignment(block, maximize=True)]
-        proposed.append(pairs[pairs != NONE])
-    return np.concatenate(proposed)
 
 
 _PARALLEL = np.float32(1e-8)  # Squared sine of an angle; lines at smaller ones are parallel
@@ -362,15 +340,15 @@ def _insert(partners, affinities, partner, found):
 def supports(first, second, found, view, partners, affinities):
     """Return the support of pairs of partners (m,).
 
-    It is the affinity of the pair plus, in each other view, the affinity of the detection that fits both.
+    It is the evidence for the pair plus, in each other view, the evidence for the detection that fits both.
 
     Args:
         first: (m,) detections.
         second: (m,) their partners.
-        found: (m,) affinities.
+        found: (m,) affinities, less that of strangers.
         view: (n,) view of each detection.
         partners: (n, V, C) as `find_partners` writes them.
-        affinities: (n, V, C)
+        affinities: (n, V, C), less that of strangers.
     """
     support = found.copy()
     for pair in range(len(first)):
