@@ -94,13 +94,19 @@ def side_and_name(segment: str) -> tuple[str, str]:
     return (side, name) if underscore and side in SIDES else ("", segment)
 
 
+_STATURES = (0.7, 1.3)
+"""Least and greatest stature relative to the mean of boys and girls, or men and women, of the same age."""
+_GIRTHS = (0.65, 1.55)
+"""Least and greatest `Body.girth`: body mass indices of adults from 10 to 54 kg/m^2."""
+
+
 @dataclass(frozen=True)
 class Body:
     """Proportions of one person.
 
     Attributes:
         stature: Standing height, m.
-        mass: kg; relative to the stature it determines the girth of limbs and trunk.
+        mass: kg; relative to stature and age it determines the girth of limbs and trunk, 0.65 to 1.55 times the usual.
         feminine: Build of shoulders, waist and hips, from 0 masculine to 1 feminine.
         legs: Length of the legs relative to the average at this stature; the trunk makes up the difference.
         arms: Length of the arms relative to the average at this stature.
@@ -115,11 +121,19 @@ class Body:
     age: float = 30.0
 
     def __post_init__(self):
-        limits = {"stature": (0.85, 2.2), "mass": (10, 160), "feminine": (0, 1), "legs": (0.9, 1.1), "arms": (0.9, 1.1)}
-        limits["age"] = (_AGES[0], 110)
-        for name, (low, high) in limits.items():
-            if not low <= getattr(self, name) <= high:
-                raise ValueError(f"body: {name} must lie in {low}..{high}, got {getattr(self, name)}")
+        self._check("age", _AGES[0], 110)
+        usual = float(np.interp(self.age, _GROWTH[:, 0], _GROWTH[:, [1, 6]].mean(1)))
+        self._check("stature", _STATURES[0] * usual, _STATURES[1] * usual, f" m at {self.age:g} years")
+        for name, low, high in (("feminine", 0, 1), ("legs", 0.9, 1.1), ("arms", 0.9, 1.1)):
+            self._check(name, low, high)
+        if not self.mass > 0:
+            raise ValueError(f"body: mass must be above 0 kg, got {self.mass}")
+        heavy = [self.mass * (girth / self.girth) ** 2 for girth in _GIRTHS]
+        self._check("mass", *heavy, f" kg at {self.stature} m and {self.age:g} years")
+
+    def _check(self, name: str, low: float, high: float, where: str = "") -> None:
+        if not low <= getattr(self, name) <= high:
+            raise ValueError(f"body: {name} must lie in {low:.4g}..{high:.4g}{where}, got {getattr(self, name)}")
 
     @property
     def girth(self) -> float:

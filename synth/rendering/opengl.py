@@ -96,14 +96,16 @@ class OpenGLPainter:
         geom_ids: (ngeom,) uint16 id of each geom.
         rig: V pinhole cameras.
         backend: OpenGL backend from `find_backend`.
-        settings: Shadow map size, samples per pixel, slices, stacks and quads of round shapes.
-        imaging: Light of colour images. Without shadows in `settings`, there is no ambient occlusion either.
+        settings: Whether there are shadows and ambient occlusion, samples per pixel, slices, stacks and quads of round
+            shapes.
+        imaging: Light of colour images.
     """
 
     def __init__(self, model, geom_ids, rig, backend, settings, imaging: ImagingConfig):
         self._model = model
         quality = self._model.vis.quality
-        quality.shadowsize, quality.offsamples, quality.numslices, quality.numstacks, quality.numquads = settings
+        self._shaded, quality.offsamples, quality.numslices, quality.numstacks, quality.numquads = settings
+        quality.shadowsize = 0
         self._lenses, self._poses = rig.K, rig.cam_from_world
         self._moving = model.body_weldid[model.geom_bodyid] != 0
         # Each person is drawn separately; all moving objects are drawn together.
@@ -124,14 +126,12 @@ class OpenGLPainter:
         width, height = rig.size.max(0).tolist()
         self._gl = make_context(backend, width, height)
         self._scene = mujoco.MjvScene(self._model, maxgeom=10000)
-        self._lamp, self._occlusion = (imaging.lamp, imaging.ambient_occlusion) if settings[0] else (0, 0)
-        self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = settings[0] > 0 and not self._lamp
-        if self._lamp:
-            quality.shadowsize = 0
+        self._lamp, self._occlusion = imaging.lamp, imaging.ambient_occlusion
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False
         self._colouring = self._drawing()
         # Ids must not be mixed at edges. A buffer with one sample per pixel is also drawn and read faster.
-        quality.shadowsize = quality.offsamples = 0
-        if self._lamp:
+        quality.offsamples = 0
+        if self._shaded:
             frame = self._model.vis.global_
             frame.offwidth, frame.offheight = max(frame.offwidth, _MAP), max(frame.offheight, _MAP)
         self._identifying = self._drawing() if settings[1] else self._colouring
@@ -157,7 +157,7 @@ class OpenGLPainter:
             self._look(data, view)
         if "rgb" in kinds:
             rgb, _ = self._read(view, self._colouring)
-            if self._lamp or self._occlusion:
+            if self._shaded:
                 rgb = self._lit(rgb, view)
                 if "normals" in kinds:
                     self._look(data, view)
@@ -306,7 +306,7 @@ class OpenGLPainter:
         return normals / np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1)
 
     def _lit(self, rgb: np.ndarray, view: int) -> np.ndarray:
-        """Return an image with soft shadows and ambient occlusion, from one without. The scene cannot be used again.
+        """Return an image with shadows and ambient occlusion, from one without. The scene cannot be used again.
 
         A second pass paints white surfaces, with the light of the lamp that throws shadows in red and the light of all
         others in green.
@@ -317,13 +317,15 @@ class OpenGLPainter:
             diffuse, ambient = _LUMA @ light.diffuse, _LUMA @ light.ambient
             light.diffuse[:] = light.ambient[:] = light.specular[:] = 0
             light.ambient[1] = ambient
-            if light.castshadow and not light.headlight and self._lamp and diffuse > key:
+            if light.castshadow and not light.headlight and diffuse > key:
                 if lamp is not None:
                     lamp.diffuse[:] = 0, key, 0
                 lamp, key = light, diffuse
                 light.diffuse[0] = 1
             else:
                 light.diffuse[1] = diffuse
+        if lamp is None and not self._occlusion:
+            return rgb
         for geom in scene.geoms[: scene.ngeom]:
             geom.matid, geom.emission, geom.specular, geom.reflectance = -1, 0, 0, 0
             geom.rgba[:3] = 1
@@ -384,7 +386,7 @@ class OpenGLPainter:
             distance = np.float32(near * far) / (nearness * np.float32(far - near) + np.float32(near))
         distance[nearness == 0] = np.inf
         step = (limits[1] - limits[0]) / _MAP
-        size = SUN if parallel else self._lamp
+        size = SUN if parallel and self._lamp else self._lamp
         turn = pose[:3, :3]
         return ShadowMap(
             axes @ turn.T, turn @ origin + pose[:3, 3], size, parallel, limits[0] + step / 2, step,

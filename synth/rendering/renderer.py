@@ -154,14 +154,12 @@ _BLUR_STEP, _MOST = 2.0, 16
 """Distance in the image that the fastest geom moves from one picture of an exposure to the next, px, and the greatest
 number of pictures of an exposure."""
 
-# Shadow map size, samples per pixel, slices, stacks and quads of round shapes. The last number is for ray casting: the
-# side, in pixels, of the block that shares a ray. With `imaging.lamp=0`, coarse shadow maps cause jagged edges and
-# specks in shadows on upright surfaces: a size of 4096 has 40 % fewer than 2048, and makes an image a fifth more
-# expensive.
+# Whether there are shadows, samples per pixel, slices, stacks and quads of round shapes. The last number is for ray
+# casting: the side, in pixels, of the block that shares a ray.
 _SETTINGS = {
-    ImageQuality.draft: ((0, 0, 12, 8, 1), 2),
-    ImageQuality.standard: ((4096, 4, 20, 12, 2), 1),
-    ImageQuality.high: ((6144, 8, 28, 16, 4), 1),
+    ImageQuality.draft: ((False, 0, 12, 8, 1), 2),
+    ImageQuality.standard: ((True, 4, 20, 12, 2), 1),
+    ImageQuality.high: ((True, 8, 28, 16, 4), 1),
 }
 
 

@@ -313,14 +313,17 @@ def _filled(spec: mujoco.MjSpec):
         for geom in bare:
             geom.material = FLOOR
         yield f"gave the floor a material named {FLOOR!r}, which scene.randomize covers"
-    if not spec.lights:
+    head = spec.visual.headlight
+    lit = [light for light in spec.lights if light.active and (np.any(light.diffuse) or np.any(light.ambient))]
+    shone = head.active and (np.any(head.diffuse) or np.any(head.ambient))
+    if not spec.lights or not (lit or shone):
         for number, (direction, strength, shadow) in enumerate(_LIGHTS):
             spec.worldbody.add_light(
                 name=_free_name(spec.lights, f"light{number}"), type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
                 pos=[-4 * x for x in direction], dir=direction, diffuse=[strength] * 3, castshadow=shadow,
             )  # fmt: skip
-        spec.visual.headlight.ambient, spec.visual.headlight.diffuse = [0.4] * 3, [0.1] * 3
-        yield f"added {len(_LIGHTS)} lights: the file has none"
+        head.active, head.ambient, head.diffuse = 1, [0.4] * 3, [0.1] * 3
+        yield f"added {len(_LIGHTS)} lights: the file has none" + (" that shine" if spec.lights else "")
 
 
 def _remove_joints(spec: mujoco.MjSpec) -> str:

@@ -137,7 +137,8 @@ def recognise(recording: SkeletonRecording) -> tuple[Dialect, dict[str, int]]:
     """Return the dialect of a recording, and the joint index of each part (`pelvis`, `l_knuckle`, ...), in any case.
 
     Raises:
-        ValueError: the joints are of no known dialect; the message lists those found and those that are missing.
+        ValueError: the joints are of no known dialect; the message lists those found, and those that are missing from
+            the most similar dialect and from our own names.
     """
     there = {joint.casefold(): i for i, joint in enumerate(recording.joints)}
     lacking = []
@@ -150,7 +151,10 @@ def recognise(recording: SkeletonRecording) -> tuple[Dialect, dict[str, int]]:
         found = {part: joints[0] for part, joints in known.items() if joints}
         if len(found) == len(wanted):
             return dialect, found
-        lacking.append(f"{dialect.name}: {', '.join('|'.join(wanted[part]) for part in wanted if part not in found)}")
+        missing = dict.fromkeys("|".join(wanted[part]) for part in wanted if part not in found)
+        lacking.append((len(missing), f"{dialect.name}: {', '.join(missing)}"))
+    # That which lacks least, and our own names.
+    lacking = list(dict.fromkeys((min(lacking)[1], lacking[-1][1])))
     raise ValueError(
         f"{recording.path}: expected the joints of a known skeleton, found {', '.join(recording.joints)}. "
         f"What it lacks to be {'; '.join(lacking)}. "

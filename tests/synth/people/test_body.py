@@ -1,6 +1,7 @@
 """Bodies have the requested size, and joints where annotators and detectors place them."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -176,11 +177,31 @@ def test_all_looks_have_valid_surfaces(style, long):
 
 
 @pytest.mark.parametrize(
-    ("field", "value"), [("stature", 0.8), ("mass", 300), ("feminine", 2), ("legs", 1.5), ("age", 3)]
+    ("field", "given"),
+    [
+        ("stature", {"stature": 1.0}),
+        ("stature", {"stature": 1.75, "age": 4}),
+        ("mass", {"mass": 300}),
+        ("mass", {"mass": 60, "stature": 1.02, "age": 4}),
+        ("mass", {"mass": 28}),
+        ("mass", {"mass": float("nan")}),
+        ("feminine", {"feminine": 2}),
+        ("legs", {"legs": 1.5}),
+        ("age", {"age": 3}),
+        ("age", {"age": float("nan")}),
+    ],
 )
-def test_impossible_bodies_are_refused(field, value):
-    with pytest.raises(ValueError, match=f"{field} must lie in"):
-        Body(**{field: value})
+def test_impossible_bodies_are_refused_in_one_line(field, given):
+    with pytest.raises(ValueError, match=rf"^body: {field} must .*, got {given[field]}$") as error:
+        Body(**given)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("age", [4, 7, 11, 14, 17.9, 18, 60])
+def test_no_person_of_the_population_is_refused(age):
+    for feminine, stature, index in product((0, 1), (-9, 0, 9), (-9, 0, 9)):
+        body = body_at(feminine, age, stature=stature, index=index)
+        assert 0.7 < body.girth < 1.5
 
 
 def test_unknown_looks_are_refused():

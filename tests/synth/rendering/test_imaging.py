@@ -179,6 +179,35 @@ def test_a_penumbra_shows_the_visible_part_of_a_round_lamp(gl, radius):
 
 
 @pytest.mark.gl
+@pytest.mark.parametrize("lit", [True, False])
+def test_a_point_lamp_casts_sharp_shadows_and_no_ambient_occlusion_takes_its_light(gl, lit):
+    wall, edge, ambient, direct = 0.5, 0.05, 0.3, 0.5
+    xml = (
+        f'<mujoco><visual><headlight ambient="{ambient} {ambient} {ambient}" diffuse="0 0 0" specular="0 0 0"/>'
+        f'</visual><worldbody><light type="directional" dir="{-0.7 if lit else 0.7} 0 -1" castshadow="true" '
+        f'diffuse="{direct} {direct} {direct}" ambient="0 0 0" specular="0 0 0"/>'
+        '<geom type="plane" size="9 9 .1" rgba="1 1 1 1"/>'
+        f'<geom type="box" pos="-.01 0 {wall / 2}" size=".01 3 {wall / 2}" rgba="1 1 1 1"/></worldbody></mujoco>'
+    )
+    rig = aslant(2.0)
+    ray = rig.rays(np.stack([np.full(480, 319.5), np.arange(480.0)], -1)[None, None])[0, 0]
+    x = rig.centers[0, 0] - ray[:, 0] / ray[:, 2] * rig.centers[0, 2]
+    bare, dark, soft = (
+        painted(xml, rig, ImagingConfig(lamp=lamp, ambient_occlusion=reach))[:, 310:330].mean(1) / 255
+        for lamp, reach in ((0, 0), (0, 0.5), (0.2, 0.5))
+    )
+    far = 0.0 if lit else 0.7 * wall
+    inside, beyond = (x > 0.02) & (x < far - edge), x > far + edge
+    np.testing.assert_allclose(bare[inside], ambient, atol=0.01)
+    np.testing.assert_allclose(bare[beyond], ambient + direct / np.sqrt(1 + 0.7**2), atol=0.01)
+    # Ambient occlusion takes a share of the ambient light alone, at most a half of it at the foot of a wall.
+    foot = (x > 0.05) & (x < 0.1)
+    assert 0.1 * ambient < (bare - dark)[foot].max() < 0.5 * ambient
+    if lit:
+        np.testing.assert_allclose(dark[beyond], soft[beyond], atol=0.01)
+
+
+@pytest.mark.gl
 def test_ambient_light_at_the_foot_of_a_wall_is_that_of_the_open_part_of_the_sky(gl):
     radius = 0.5
     rig = aslant(2.0)

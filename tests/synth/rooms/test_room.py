@@ -45,6 +45,11 @@ def test_nothing_is_filled_into_the_rooms_that_come_with_the_package(name):
         (FLOOR.format("") + CUPBOARD, "", ["'floor', which scene.randomize covers", "added 3 lights"]),
         (FLOOR.format('contype="0" conaffinity="0"') + LIGHT, "", ["made 'ground' solid", "material named 'floor'"]),
         (FLOOR.format("") + BALL + LIGHT, KEY, ["left out 1 keys, 1 joints", "material named 'floor'"]),
+        (
+            FLOOR.format("") + LIGHT.replace("/", ' active="false"/') + LIGHT.replace("/", ' diffuse="0 0 0"/'),
+            '<visual><headlight active="0"/></visual>',
+            ["material named 'floor'", "added 3 lights: the file has none that shine"],
+        ),
         (FLOOR.format("").replace('-.1"', '-2"') + LIGHT, "", ["added a floor at z = 0", "material named 'floor'"]),
         (
             FLOOR.format('material="wood"') + LIGHT,
@@ -61,7 +66,8 @@ def test_what_a_file_lacks_is_filled_in_and_told(room, body, more, said):
     assert len(load_room(room(body, more)).filled) == len(found.filled)
     model = found.spec.compile()
     assert model.nv == model.nkey == 0
-    assert model.nlight >= 1
+    lit = model.light_diffuse[model.light_active.astype(bool)]
+    assert lit.any() or (model.vis.headlight.active and model.vis.headlight.diffuse.any())
     assert model.opt.gravity[2] == -9.81
     assert model.opt.disableflags == 0
     data = mujoco.MjData(model)
