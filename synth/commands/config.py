@@ -107,6 +107,9 @@ class RealismCommand:
     detector: PoseDetectorConfig = field(default_factory=PoseDetectorConfig)
     every: int = 1
     """Number of frames from one examined image of a camera to the next."""
+    real: str = ""
+    """A video of real people, or a folder of videos or of pictures: the silhouettes, skin and edges of both kinds of
+    people in one table. Empty for none."""
     shown: int = 36
     """Number of people in the figure, those with the worst detections."""
     workers: int = 1

@@ -7,11 +7,15 @@ import cv2
 
 from dmae.data.json_values import json_text
 from dmae.files.contents import write_atomic
+from dmae.formats.reading import Clips, DataConfig
 from dmae.reporting.tables import Table, print_tables
 from synth.commands.config import RealismCommand
 from synth.recognition.realism import HEAD, described, draw_sheet, judge, rates, worst
+from synth.recognition.silhouettes import comparison, photographed, rendered
 
 _NUMBERS, _PICTURE = "realism.json", "worst.jpg"
+_REAL_PICTURES = 12
+"""Number of pictures of each real camera that are looked at."""
 
 
 def default_out(config: RealismCommand) -> Path:
@@ -26,6 +30,12 @@ def run(config: RealismCommand, out: Path) -> None:
     rows = rates(judged)
     print_tables([Table(f"{config.detector.name} on {len(judged)} people", HEAD, [described(row) for row in rows])])
     numbers = {"detector": config.detector.name, "rows": [asdict(row) for row in rows]}
+    if config.real:
+        real = photographed(Path(config.real), _REAL_PICTURES)
+        clips = [path for folder in folders for path in Clips(DataConfig("clip", str(folder))).folders]
+        table = comparison(rendered(clips, config.every), real)
+        print_tables([table])
+        numbers["silhouettes"] = {"real": config.real, "columns": list(table.header), "rows": table.rows}
     write_atomic(out / _NUMBERS, json_text(numbers) + "\n")
     sheet = cv2.cvtColor(draw_sheet(worst(judged, config.shown)), cv2.COLOR_RGB2BGR)
     write_atomic(out / _PICTURE, cv2.imencode(".jpg", sheet, [cv2.IMWRITE_JPEG_QUALITY, 88])[1].tobytes())

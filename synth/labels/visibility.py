@@ -11,7 +11,7 @@ from dmae.data.labels import OcclusionLabels, Visibility
 from synth.people.skinning import Skin
 from synth.rooms.rays import cast_rays, opaque_model
 
-_CONTACT = 0.025
+CONTACT = 0.025
 """Distance below which a limb in front of another limb's joint is in contact with it and does not hide it, m."""
 _RAYS_AT_ONCE = 100_000
 """Number of rays that are processed together: enough for speed, and few enough for the memory."""
@@ -97,7 +97,7 @@ def _first_hits(opaque, data, qpos, centers, joints, sought, depth, limbs, geom_
     within = np.einsum("rx,rx->r", outward, rays) > 0
     depth = depth[person, joint]
     same_limb = limbs[person, joint, opaque.geom_bodyid[geom]]
-    allowed = np.where(same_limb, depth, np.minimum(depth, _CONTACT))
+    allowed = np.where(same_limb, depth, np.minimum(depth, CONTACT))
     hidden = (ids > 0) & np.where(own, distance < reach - allowed, (distance < reach) | within)
     is_object = ids >= FIRST_OBJECT_ID
     code = np.select(

@@ -129,6 +129,8 @@ _MATCHED = 0.2
 SIDES = (1.3, 1.6, 2.0)
 """Sides of the crops, relative to the longer side of the box around the joints. Wider crops are tried if the person is
 not found in narrower ones."""
+_AROUND_JOINTS = 1.15
+"""Side of the square around a body relative to that around its joints."""
 _LEAST = 40
 """Least height of a person, px. Smaller people are left out."""
 _BLACK = np.zeros((64, 64, 3), np.uint8)
@@ -206,8 +208,13 @@ def _looked_for(
     side = max(round(wide * float((high - low).max())), _LEAST)
     corner = tuple(int(x) for x in np.round((low + high) / 2 - side / 2))
     square = cut(picture, corner, side)
-    detector(_BLACK)
-    xy, score = detector(square)
+    if hasattr(detector, "in_boxes"):
+        # A model of a user is told where the person is. Otherwise BlazePose's finder would decide who is found.
+        box = [*(low + high) / 2 - corner + 0.5, _AROUND_JOINTS * (high - low).max()]
+        xy, score = detector.in_boxes(square, np.array([box]))
+    else:
+        detector(_BLACK)
+        xy, score = detector(square)
     shape = (1, 1, len(xy), len(detector.skeleton))
     found = Detections2D(detector.skeleton, np.reshape(xy, (*shape, 2)), np.reshape(score, shape))
     places = convert_detections(found, BODY25).xy[0, 0].astype(np.float64) + corner

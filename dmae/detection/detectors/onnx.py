@@ -58,21 +58,25 @@ class OnnxDetector:
         self.skeleton = _skeleton(config, joints)
 
     def __call__(self, picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        pyramid, found = pyramid_of(np.ascontiguousarray(picture)), []
-        for person in self._people(picture):
-            if person.region is None:
-                continue
-            side = 2 * person.region.radius * _BOX_MARGIN
-            box = Region(person.region.centre, side, np.array([0.0, -1.0]))
-            size = max(self._height, self._width)
-            square = box.cut(pyramid, size)
-            top, left = (size - self._height) // 2, (size - self._width) // 2
-            places, score = self._joints(square[top : top + self._height, left : left + self._width])
-            found.append((box.to_picture((places + (left, top)) / size) - 0.5, score))
+        regions = [person.region for person in self._people(picture) if person.region is not None]
+        return self.in_boxes(picture, np.array([[*each.centre, 2 * each.radius] for each in regions]).reshape(-1, 3))
+
+    def in_boxes(self, picture: np.ndarray, boxes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return xy (D, J, 2), px, and score (D, J) of the people in known boxes, which no other network searches.
+
+        Args:
+            picture: (H, W, 3) uint8 RGB.
+            boxes: (D, 3) centre from the corner of the picture and side of a square just around each body, px.
+        """
+        pyramid, size = pyramid_of(np.ascontiguousarray(picture)), max(self._height, self._width)
+        top, left = (size - self._height) // 2, (size - self._width) // 2
         joints = len(self.skeleton)
-        if not found:
-            return np.empty((0, joints, 2)), np.empty((0, joints))
-        xy, score = (np.stack(each) for each in zip(*found, strict=True))
+        xy, score = np.empty((len(boxes), joints, 2)), np.empty((len(boxes), joints))
+        for number, (x, y, side) in enumerate(boxes):
+            box = Region(np.array([x, y]), side * _BOX_MARGIN, np.array([0.0, -1.0]))
+            square = box.cut(pyramid, size)
+            places, score[number] = self._joints(square[top : top + self._height, left : left + self._width])
+            xy[number] = box.to_picture((places + (left, top)) / size) - 0.5
         return xy, np.clip(score, 0, 1)
 
     def _joints(self, picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

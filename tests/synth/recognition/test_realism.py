@@ -94,6 +94,20 @@ def test_a_detector_without_people_finds_none(clip):
     assert [each.found for each in crops(clip, sightings(clip), Blind())] == [False] * 6
 
 
+def test_a_model_of_a_user_is_told_where_each_person_is(clip):
+    class Told(Decoder):
+        def in_boxes(self, picture, boxes):
+            ((x, y, side),) = boxes
+            found, score = Decoder.__call__(self, picture)
+            assert (np.abs(found - (x, y)) < side / 2).all((1, 2)).any(), "all joints of one person are in the box"
+            return found, score
+
+        def __call__(self, picture):
+            raise AssertionError("it is not asked to search")
+
+    assert [each.found for each in crops(clip, sightings(clip), Told())] == [True] * 6
+
+
 def test_rates_and_picture(clip, tmp_path):
     judged = judge([tmp_path], PoseDetectorConfig(name=f"{__name__}:decoder"))
     rows = {(row.heading, row.group): row for row in rates(judged)}
