@@ -258,6 +258,9 @@ figures: developer
 	$(BIN)/python docs/tools/tutorials.py
 	$(BIN)/python docs/tools/pages.py
 
+# Python compiles what it imports, a part of what is installed: half of the time of an installation.
+INSTALL := $(BIN)/pip install --no-compile
+
 setup: .venv/installed
 developer: .venv/developed
 
@@ -280,13 +283,15 @@ endef
 	  echo "note: no OpenGL library, and no right to install one: images will be ray cast, which is slower"
 	$(PYTHON) -m venv .venv
 	@echo "installing the package and what it needs into .venv: some 60 packages, 2 GB, most of it torch"
-	$(BIN)/pip install -e .
+	$(INSTALL) -e .
 	@touch $@
 
-# What tests, lint and documentation need beyond the package itself.
+# What tests, lint and documentation need beyond the package itself. Of mjlab and pose2sim only the models are used, of a
+# robot and for OpenSim: the programs need a graphics card and a desktop.
 .venv/developed: .venv/installed
 	@{ command -v chromium || command -v chromium-browser || command -v google-chrome; } >/dev/null || { $(call apt,chromium); } || \
 	  echo "note: no Chromium, and no right to install one: the tests that open the report in a browser are skipped"
 	@echo "installing what tests and documentation need into .venv: some 100 packages more"
-	$(BIN)/pip install -e '.[dev]'
+	$(INSTALL) -e '.[dev]'
+	$(INSTALL) --no-deps mjlab pose2sim
 	@touch $@

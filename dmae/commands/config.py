@@ -371,7 +371,7 @@ class DemoCommand:
     shelf: str | None = None
     """Folder of the Shelf recording; with it the model is scored on real people as well."""
     workers: int = 2
-    """Processes that simulate."""
+    """Processes that simulate, capture and score."""
     out: str = "runs/demo"
     """Folder of the results; the page is `report.html` in it."""
 

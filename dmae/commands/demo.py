@@ -41,7 +41,7 @@ def run(config: DemoCommand, out: Path) -> None:
         say(f"capture the people of {out / name}", number, steps)
         captured = out / ("train_captured" if name == "train" else "captured")
         with logged(out):
-            run_step(capture, CaptureCommand(data=DataConfig(path=str(out / name))), captured)
+            run_step(capture, CaptureCommand(DataConfig(path=str(out / name)), workers=config.workers), captured)
     say("train, from the shipped model" if small else "train", 5, steps)
     learning = LearningConfig(steps=20, epoch=20, batch=16) if small else LearningConfig()
     learn = TrainConfig(
@@ -54,7 +54,8 @@ def run(config: DemoCommand, out: Path) -> None:
     with logged(out):
         run_step(complete, CompleteCommand(clip=str(out / "captured")), out / "completed")
     say("score these weights (dmae) beside those trained now (model)", 7, steps)
-    scored = [(out / "scores", EvaluateConfig(DataConfig(path=str(out / "test")), methods=methods))]
+    scoring = EvaluateConfig(DataConfig(path=str(out / "test")), methods=methods, workers=config.workers)
+    scored = [(out / "scores", scoring)]
     if config.shelf is not None:
         shelf = DataConfig(name="shelf", path=config.shelf)
         scored.append((out / "scores_shelf", EvaluateConfig(shelf, methods=methods, views=[5, 3])))

@@ -426,11 +426,11 @@ class ShowProgress(Callback):
     """The project's progress bar, by the share of the training that is done."""
 
     def on_train_start(self, trainer, learner):
-        self.ticks = progress(range(1000), "training") if trainer.is_global_zero else iter(())
+        self.ticks = progress(range(100), "training, %") if trainer.is_global_zero else iter(())
         self.shown = 0
 
     def on_train_batch_end(self, trainer, learner, *_):
-        while self.shown < int(1000 * learner.fraction()):
+        while self.shown < int(100 * learner.fraction()):
             next(self.ticks, None)
             self.shown += 1
 

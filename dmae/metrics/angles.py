@@ -13,6 +13,12 @@ from dmae.numerics.statistics import mean_known
 
 JUDGED = {"hips": "hip_flexion", "knees": "knee_angle", "ankles": "ankle_angle"}
 """The angles of the legs that are judged, left and right together."""
+SHOWN_BY = {
+    "hips": ("hip", "knee", "shoulder"),
+    "knees": ("hip", "knee", "ankle"),
+    "ankles": ("knee", "ankle", "big_toe", "heel"),
+}
+"""The joints, of its side, that show each of them."""
 _COLUMNS = [[n for n, angle in enumerate(ANGLES) if angle.name.startswith(name)] for name in JUDGED.values()]
 _LEVELS = np.arange(1, 10) / 10  # Probabilities of the intervals over which the calibration error is averaged
 LEVEL = 0.9
@@ -53,13 +59,22 @@ def calibration(error: np.ndarray, spread: np.ndarray) -> dict[str, float]:
         `held`, % of the true angles in the 90 % interval; `ece`, the expected calibration error: the mean difference,
         over intervals of 10 % to 90 %, of this share and the probability (Kuleshov et al., ICML 2018).
     """
-    # The probability of the smallest interval that contains the true angle.
-    level = 2 * ndtr(np.abs(error) / spread) - 1
+    level = _level(error, spread)
     level = level[~np.isnan(level)]
     if not len(level):
         return {"held": float("nan"), "ece": float("nan")}
     shares = (level[:, None] <= _LEVELS).mean(0)
     return {"held": float(100 * (level <= LEVEL).mean()), "ece": float(np.abs(shares - _LEVELS).mean())}
+
+
+def in_interval(error: np.ndarray, spread: np.ndarray) -> np.ndarray:
+    """Return where the true angle is within the interval of probability `LEVEL`; False where it is not known."""
+    return _level(error, spread) <= LEVEL
+
+
+def _level(error: np.ndarray, spread: np.ndarray) -> np.ndarray:
+    """Return the probability of the smallest interval that contains the true angle."""
+    return 2 * ndtr(np.abs(error) / spread) - 1
 
 
 @metric("angles", order=11)

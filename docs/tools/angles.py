@@ -36,7 +36,7 @@ from dmae.data.conversion import convert  # noqa: E402
 from dmae.data.json_values import json_text  # noqa: E402
 from dmae.data.skeleton import BODY25  # noqa: E402
 from dmae.data.store import clip_folders, load_clip  # noqa: E402
-from dmae.evaluation.benchmark.holes import AXES, holes_of_capture  # noqa: E402
+from dmae.evaluation.benchmark.holes import AXES, holes_of_capture, longest_holes  # noqa: E402
 from dmae.metrics.angles import calibration  # noqa: E402
 from dmae.metrics.comparison import match, take_matched  # noqa: E402
 from dmae.numerics import kinematics  # noqa: E402
@@ -124,7 +124,7 @@ def _people(folder: Path, data: Path, clips: int) -> dict[str, list[list[str]]]:
             captured = dmae.capture(clip)
             completed = dmae.complete(captured, clip.fps)
             true = _true_angles(path, truth)
-            hidden = _hidden(clip, captured)
+            hidden = np.stack(longest_holes(holes_of_capture(clip, captured), (each for _, each in PARTS.values())), -1)
             for joints, poses in (("true", truth), ("completed", completed)):
                 matches = match(poses.xyz, truth.xyz)
                 for by, found in _estimates(clip, poses, folder / "opensim" / path.name / joints).items():
@@ -189,21 +189,6 @@ def _true_angles(path: Path, truth: Poses3D) -> np.ndarray:
             hip = np.degrees(cardan(level @ thigh)) * (1, 1 - 2 * number, 1 - 2 * number)
             knee, ankle = -np.degrees(cardan(shin)[:, 0]), np.degrees(cardan(foot)[:, 0])
             found[:, person, :, number] = np.column_stack([hip, knee, ankle])
-    return found
-
-
-def _hidden(clip: Clip, captured: Poses3D) -> np.ndarray:
-    """Return class and cause (F, T, 5, 2, 2) of the longest gap among the joints of each angle; -1 without a gap."""
-    holes = holes_of_capture(clip, captured)
-    length = np.where(holes.hidden, holes.length, -1)
-    found = np.empty((*length.shape[:2], len(PARTS), 2, 2))
-    for number, (_, joints) in enumerate(PARTS.values()):
-        for side, letter in enumerate("rl"):
-            inside = list(captured.skeleton.index(*(f"{letter}_{joint}" for joint in joints)))
-            longest = length[..., inside].argmax(-1)[..., None]
-            found[:, :, number, side, 0] = np.take_along_axis(length[..., inside], longest, -1)[..., 0]
-            cause = np.where(holes.hidden, holes.cause, -1)[..., inside]
-            found[:, :, number, side, 1] = np.take_along_axis(cause, longest, -1)[..., 0]
     return found
 
 

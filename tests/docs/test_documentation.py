@@ -24,7 +24,7 @@ ids = {"ids": lambda path: path.stem if isinstance(path, Path) else str(path)}
 
 
 def test_readme_is_a_front_door():
-    assert len((ROOT / "README.md").read_text().splitlines()) <= 150
+    assert len((ROOT / "README.md").read_text().splitlines()) <= 100
 
 
 def test_pages_are_as_they_are_made():

@@ -3,6 +3,7 @@
 A hole is a run of frames in which a joint was not measured, or not seen. No method can change the holes.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from enum import IntEnum
 
@@ -12,7 +13,8 @@ from dmae.data.clip import Clip, Poses3D
 from dmae.data.conversion import convert
 from dmae.data.labels import OcclusionLabels, Visibility
 from dmae.data.skeleton import Skeleton
-from dmae.metrics.comparison import GAP_RATE, match, take_matched
+from dmae.metrics.angles import JUDGED, SHOWN_BY, angle_errors, in_interval
+from dmae.metrics.comparison import GAP_RATE, Comparison, match, take_matched
 from dmae.metrics.pcp import correct_limbs
 from dmae.metrics.position import GAPS, in_region
 from dmae.numerics.paths import gap_lengths, neighbours
@@ -242,6 +244,55 @@ def capture_cells(sight: Holes, poses: Poses3D) -> dict:
         "persons": int(present),
         "extra": int(present - (matches >= 0).sum()),
     }
+
+
+ANGLE_AXES = {"angle": list(JUDGED), "unmeasured": ["none", *AXES["frames"]], "by": ["none", *AXES["cause"]]}
+"""The axes of cells of joint angles: the angle, and the longest hole among the joints that show it: its length, and by
+what it was made."""
+
+
+def angle_cells(holes: Holes, true: np.ndarray, given: Poses3D, poses: Poses3D) -> dict:
+    """Return the scores of the leg angles of completed poses, for `true` angles by `dmae.metrics.angles.leg_angles`.
+
+    JSON-able flat lists over the cells in the order of `ANGLE_AXES`: `angles`, true angles of captured persons;
+    `determined`, those that the poses determine; `degrees`, the sum of their absolute errors; `held`, how many of them
+    are within the 90 % interval.
+    """
+    comparison = Comparison(poses, given, holes.truth, (), holes.matches, angles=true)
+    error, spread = angle_errors(comparison)
+    counted = ~np.isnan(true) & (holes.matches >= 0)[..., None, None]
+    determined = counted & ~np.isnan(error)
+    length, cause = longest_holes(holes, SHOWN_BY.values())
+    index = np.broadcast_arrays(np.arange(len(JUDGED))[:, None], length + 1, cause + 1)
+    shape = tuple(len(classes) for classes in ANGLE_AXES.values())
+    cell = np.ravel_multi_index(index, shape)
+
+    def sums(which: np.ndarray, value: np.ndarray | None = None) -> list:
+        weights = None if value is None else value[which]
+        return np.bincount(cell[which], weights, minlength=np.prod(shape)).round(3).tolist()
+
+    return {
+        "angles": sums(counted),
+        "determined": sums(determined),
+        "degrees": sums(determined, np.abs(error)),
+        "held": sums(determined & in_interval(error, spread)),
+    }
+
+
+def longest_holes(holes: Holes, shown_by: Iterable[tuple[str, ...]]) -> tuple[np.ndarray, np.ndarray]:
+    """Return length class and cause (F, T, A, 2) of the longest hole among the joints that show each of A angles.
+
+    `shown_by` names the joints of each angle without their side; right sides are first, and -1 stands for no hole.
+    """
+    classes = [np.where(holes.hidden, each, -1) for each in (holes.length, holes.cause)]
+    joints, found = holes.truth.skeleton.joints, []
+    for names in shown_by:
+        for side in "rl":
+            inside = [joints.index(f"{side}_{name}") for name in names if f"{side}_{name}" in joints]
+            longest = classes[0][..., inside].argmax(-1)[..., None]
+            found.append([np.take_along_axis(each[..., inside], longest, -1)[..., 0] for each in classes])
+    length, cause = np.moveaxis(np.array(found), 0, -1).reshape(2, *holes.hidden.shape[:2], -1, 2)
+    return length, cause
 
 
 def _cell(holes: Holes) -> np.ndarray:

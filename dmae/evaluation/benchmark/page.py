@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from dmae.evaluation.benchmark.clips import FrozenMatch
-from dmae.evaluation.benchmark.holes import AXES, SHAPE
+from dmae.evaluation.benchmark.holes import ANGLE_AXES, AXES, SHAPE
 from dmae.files.contents import write_atomic
 from dmae.reporting.figures import PERSONS
 from dmae.reporting.page import CaptionedFigure, Section, write_report
@@ -31,7 +31,7 @@ def benchmark_tables(scores: dict) -> dict[str, Table]:
     """Return the tables of a benchmark by name: `difficulty`, `levels`, `cause`, `frames`, `part`, `cells` and more."""
     tables = {"difficulty": _difficulty(scores)}
     if scores["completion"]:
-        tables |= _completion_tables(scores)
+        tables |= _completion_tables(scores) | _angle_tables(scores)
     if scores["capture"]:
         tables["captures"] = _captures(scores)
     if scores.get("differences"):
@@ -92,10 +92,8 @@ def _completion_tables(scores: dict) -> dict[str, Table]:
         if each["mm"] is None:
             rows.append((name, NOT_MEASURED, *[""] * (len(header) - 3), number_text(each["seen"])))
             continue
-        low, high = each["mm"]["low"], each["mm"]["high"]
-        interval = "-" if low is None else f"{low:.1f} to {high:.1f}"
         figures = map(number_text, (*each["levels"], each["filled"], each["seen"]))
-        rows.append((name, number_text(each["mm"]["value"]), interval, *figures))
+        rows.append((name, number_text(each["mm"]["value"]), _interval(each["mm"]), *figures))
     tables = {"levels": Table("Mean error of holes, mm: mean over levels, and by level", header, rows)}
     holes = np.reshape(scores["holes"], SHAPE)
     for number, (axis, title) in enumerate(_TITLES.items()):
@@ -124,6 +122,34 @@ def _completion_tables(scores: dict) -> dict[str, Table]:
     return tables
 
 
+def _angle_tables(scores: dict) -> dict[str, Table]:
+    """Return the tables of joint angles, by level and by hole; none if they are not scored."""
+    summaries = {name: entry["summary"] for name, entry in scores["completion"].items()}
+    turned = {name: each["angles"] for name, each in summaries.items() if "angles" in each}
+    if not turned:
+        return {}
+    levels = [level["name"] for level in scores["levels"]]
+    rows = []
+    for name, each in turned.items():
+        figures = (*each["levels"], *each["angle"].values(), each["determined"], each["held"])
+        rows.append(
+            (name, number_text(each["degrees"]["value"]), _interval(each["degrees"]), *map(number_text, figures))
+        )
+    caption = "Mean error of joint angles of the legs, degrees: mean over levels, by level, and by joint"
+    header = ("method", "°", "95 % interval", *levels, *ANGLE_AXES["angle"], "determined %", "in 90 % interval")
+    (_, *lengths), (_, *causes) = ANGLE_AXES["unmeasured"], ANGLE_AXES["by"]
+    by_hole = [
+        (name, *(number_text(each["unmeasured"][one]) for one in ("none", *lengths)),
+         *(number_text(each["by"][one]) for one in causes))
+        for name, each in turned.items()
+    ]  # fmt: skip
+    title = "Mean error of joint angles of the legs, degrees, by the longest hole among the joints that show them"
+    return {
+        "angles": Table(caption, header, rows),
+        "angle_holes": Table(title, ("method", "no hole", *lengths, *causes), by_hole),
+    }
+
+
 def _captures(scores: dict) -> Table:
     keys = {
         "pcp": "PCP %", "seen_near": "seen %", "seen_mm": "seen mm", "near": "unseen %", "mm": "unseen mm",
@@ -139,6 +165,10 @@ def _captures(scores: dict) -> Table:
         "more saw (seen) and that fewer saw (unseen); the share of the unseen that were given a place"
     )
     return Table(caption, ("capture", *keys.values()), rows)
+
+
+def _interval(score: dict) -> str:
+    return "-" if score["low"] is None else f"{score['low']:.1f} to {score['high']:.1f}"
 
 
 def _unmeasured(columns: Collection[str]) -> list[str]:

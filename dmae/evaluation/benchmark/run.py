@@ -16,11 +16,20 @@ import pandas as pd
 from dmae.completion.methods import completion_method, find_method
 from dmae.data.clip import Clip, Poses3D
 from dmae.evaluation.benchmark.clips import clip_of, find_definition, given_clip, make_clips
-from dmae.evaluation.benchmark.holes import AXES, capture_cells, completion_cells, holes_of_capture, holes_of_sight
+from dmae.evaluation.benchmark.holes import (
+    ANGLE_AXES,
+    AXES,
+    angle_cells,
+    capture_cells,
+    completion_cells,
+    holes_of_capture,
+    holes_of_sight,
+)
 from dmae.evaluation.config import OURS, BenchmarkConfig, BenchmarkSize
 from dmae.evaluation.predictions import fitting
 from dmae.evaluation.scores import read_scores
 from dmae.formats.poses import pose_paths, read_poses
+from dmae.metrics.angles import leg_angles
 from dmae.metrics.table import Score, ratios, score_of
 from dmae.parallel import in_parallel, running_on
 from dmae.plugins import load_function
@@ -140,11 +149,14 @@ def completion_summary(levels: dict[str, int], cells: dict[str, dict]) -> dict:
         JSON-able; None stands for "not measured". `mm`, the mean error of holes, is the mean over levels with its 95 %
         interval over clips; `levels`, `cause`, `frames`, `part` and `cells` (flat, in the order of `AXES`) split it.
         `filled`, % of the holes that were filled. `held`, % of the filled holes with a covariance that are within their
-        90 % region, and `held_cause`, `held_frames`. `seen`, mm, the error of measured joints.
+        90 % region, and `held_cause`, `held_frames`. `seen`, mm, the error of measured joints. `angles`, if they are
+        scored, see `angle_summary`.
     """
+    turned = {name: each["angles"] for name, each in cells.items() if "angles" in each}
+    angles = {"angles": angle_summary(levels, turned)} if turned else {}
     if not _total(cells, "filled"):
         none = dict.fromkeys(("mm", "levels", "cause", "frames", "part", "cells", "held", "held_cause", "held_frames"))
-        return none | {"filled": 0.0, "seen": _ratio(cells, "seen_mm", "seen")}
+        return none | {"filled": 0.0, "seen": _ratio(cells, "seen_mm", "seen")} | angles
     table = cell_table(levels, cells)
     return {
         "mm": score_json(_mean_error(table)),
@@ -156,6 +168,24 @@ def completion_summary(levels: dict[str, int], cells: dict[str, dict]) -> dict:
         "held_cause": _ratios(table, "cause", value="held", count="stated", scale=100),
         "held_frames": _ratios(table, "frames", value="held", count="stated", scale=100),
         "seen": _ratio(cells, "seen_mm", "seen"),
+        **angles,
+    }
+
+
+def angle_summary(levels: dict[str, int], cells: dict[str, dict]) -> dict:
+    """Return the scores of joint angles, from the level of each clip and its `angle_cells`, by id.
+
+    Returns:
+        JSON-able. `degrees`, the mean absolute error, as `mm` of `completion_summary`; `levels` and each of
+        `ANGLE_AXES` split it. `determined`, % of the true angles; `held`, % of these that are in the 90 % interval.
+    """
+    table = cell_table(levels, cells, ANGLE_AXES)
+    return {
+        "degrees": score_json(_mean_error(table, "degrees", "determined")),
+        "levels": [*_ratios(table, "level", value="degrees", count="determined").values()],
+        **{axis: _ratios(table, axis, value="degrees", count="determined") for axis in ANGLE_AXES},
+        "determined": _ratio(cells, "determined", "angles", 100),
+        "held": _ratio(cells, "held", "determined", 100),
     }
 
 
@@ -186,9 +216,9 @@ def capture_summary(levels: dict[str, int], cells: dict[str, dict]) -> dict:
     }
 
 
-def cell_table(levels: dict[str, int], cells: dict[str, dict]) -> pd.DataFrame:
-    """Return the score table of clips: the columns `level`, `clip`, `AXES`, and a column for each sum over a cell."""
-    classes = pd.MultiIndex.from_product(AXES.values(), names=AXES).to_frame(index=False)
+def cell_table(levels: dict[str, int], cells: dict[str, dict], axes: dict[str, list[str]] = AXES) -> pd.DataFrame:
+    """Return the score table of clips: the columns `level`, `clip`, the axes, and a column for each sum over a cell."""
+    classes = pd.MultiIndex.from_product(axes.values(), names=axes).to_frame(index=False)
     names = sorted(cells, key=lambda name: levels[name])
     parts = [
         classes.assign(level=levels[name], clip=name, **{k: v for k, v in cells[name].items() if isinstance(v, list)})
@@ -197,9 +227,9 @@ def cell_table(levels: dict[str, int], cells: dict[str, dict]) -> pd.DataFrame:
     return pd.concat(parts)
 
 
-def _mean_error(table: pd.DataFrame) -> Score:
+def _mean_error(table: pd.DataFrame, value: str = "mm", count: str = "holes") -> Score:
     """Return the error of holes, mm: the mean over levels. Clips of a level are drawn for its interval."""
-    return score_of(table, "level", within="level", draw="clip", value="mm", count="holes")
+    return score_of(table, "level", within="level", draw="clip", value=value, count=count)
 
 
 def score_json(score: Score) -> dict:
@@ -311,7 +341,7 @@ def benchmark(config: BenchmarkConfig, methods: Sequence[Callable] = (), capture
     with running_on(config.backend):
         agreement = make_clips(definition, config.size, data, config.workers)
     level_of = {name: each.level for each in sets for name in each.ids}
-    tasks = [(data, name, hand_ins) for name in ids]
+    tasks = [(data, name, hand_ins, config.angles) for name in ids]
     with running_on(config.backend):
         scored = list(progress(in_parallel(score_clip, tasks, config.workers), "scoring clips", len(ids)))
     scores = {
@@ -342,8 +372,8 @@ def benchmark(config: BenchmarkConfig, methods: Sequence[Callable] = (), capture
     return scores
 
 
-def score_clip(data: Path, name: str, hand_ins: list[HandIn]) -> dict:
-    """Return the scores of all hand-ins on one clip.
+def score_clip(data: Path, name: str, hand_ins: list[HandIn], angles: bool = False) -> dict:
+    """Return the scores of all hand-ins on one clip, `angles` of completed poses as well if they are asked for.
 
     JSON-able. `id`, `frames`, `persons`, `cameras`; `joints`, the number of true joints; `uncaptured`, the number of
     joints of persons that capture missed; `hidden`, the number of joints of other persons that capture did not measure;
@@ -354,12 +384,15 @@ def score_clip(data: Path, name: str, hand_ins: list[HandIn]) -> dict:
     clip, given = clip_of(data, name), given_clip(data, name)
     holes, sight = holes_of_capture(clip, given.poses), holes_of_sight(clip, given.poses.skeleton)
     linear = find_method("linear").function(given.poses, given.fps)
+    true = leg_angles(holes.truth)[0] if angles else None
     found: dict[str, dict] = {task.value: {} for task in Task}
     for hand_in in hand_ins:
         # Read the clip again for each method, so that no method gets data that another has changed.
         poses = hand_in.poses(name, given_clip(data, name))
         if hand_in.task == Task.completion:
-            found[Task.completion][hand_in.name] = completion_cells(holes, given.poses, linear, poses)
+            cells = completion_cells(holes, given.poses, linear, poses)
+            turned = {} if true is None else {"angles": angle_cells(holes, true, given.poses, poses)}
+            found[Task.completion][hand_in.name] = cells | turned
             found[Task.capture][f"{OURS} + {hand_in.name}"] = capture_cells(sight, poses)
         else:
             found[Task.capture][hand_in.name] = capture_cells(sight, poses)

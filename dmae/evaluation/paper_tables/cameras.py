@@ -3,6 +3,7 @@
 Published figures by number of cameras are on CMU Panoptic, whose recordings are not here; simulated people have truth.
 """
 
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
@@ -11,9 +12,9 @@ import numpy as np
 from dmae.evaluation.config import TableConfig
 from dmae.evaluation.evaluate import load_methods
 from dmae.evaluation.paper_tables.clips import check_truth, load_sets
-from dmae.evaluation.paper_tables.recording import AGAINST, METHODS, tally_trials
+from dmae.evaluation.paper_tables.recording import AGAINST, METHODS, angle_columns, scored_run, tally_trials
 from dmae.evaluation.paper_tables.table import NOISE_NOTE, MeasuredRow, TableColumn, paper_table
-from dmae.evaluation.scores import figure_score, run_table, score, summary
+from dmae.evaluation.scores import figure_score, run_table, summary
 from dmae.progress import progress
 
 _MOST_SUBSETS = 5  # Subsets of a size for each clip, evenly spread over all of them
@@ -49,15 +50,17 @@ def counts_table(config: TableConfig, out: Path) -> dict:
             for subset in (subsets[index] for index in chosen):
                 ((trial, filled, _),) = tally_trials([clip.select(views=list(subset))], config, methods, [])
                 for name, poses in filled.items():
-                    scores = score(poses, trial.given, trial.truth, trial.actors, fps=clip.fps)
-                    runs.setdefault((name, count), []).append({"clip": clip.id, "cameras": subset} | scores)
+                    run = scored_run(trial, poses, config) | {"cameras": subset}
+                    runs.setdefault((name, count), []).append(run)
     columns, rows = [], {name: MeasuredRow(name, {}) for name in methods}
     for count in range(2, cameras + 1):
         columns.append(TableColumn(f"mpjpe_{count}", f"MPJPE, {count} cameras", "mm", lead=count == cameras))
         columns.append(TableColumn(f"recall_{count}", f"recall, {count}"))
+        columns += [replace(each, key=f"angles_{count}", heading=f"angles, {count}") for each in angle_columns(config)]
         for name, row in rows.items():
             found = runs[name, count]
-            row.cells[f"mpjpe_{count}"] = figure_score(run_table(found), "mpjpe")
+            table = run_table(found)
+            row.cells.update({f"{figure}_{count}": figure_score(table, figure) for figure in ("mpjpe", "angles")})
             row.cells[f"recall_{count}"] = summary(found)["mean"]["pck"]["recall"]
     return paper_table(
         config, columns, list(rows.values()), against=AGAINST, comparable=None,

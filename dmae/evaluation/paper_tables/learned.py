@@ -30,14 +30,16 @@ from dmae.evaluation.paper_tables.recording import (
     PROTOCOL_NOTE,
     SHELF_NOTE,
     actor_table,
+    angle_columns,
     annotated_frames,
     camera_table,
     remark_on_system,
+    scored_run,
     system_scores,
     tally_trials,
 )
 from dmae.evaluation.paper_tables.table import NOISE_NOTE, MeasuredRow, TableColumn, limb_table, mean_score, paper_table
-from dmae.evaluation.scores import figure_score, run_table, score, summary
+from dmae.evaluation.scores import figure_score, run_table, summary
 from dmae.metrics.pcp import better_limbs, correct_limbs, limb_names
 from dmae.metrics.registry import protocol
 
@@ -86,20 +88,22 @@ def interaction_table(config: TableConfig, out: Path) -> dict:
     for trial, filled, found in tally_trials(scored, config, methods, []):
         frames += sum(annotated_frames(trial))
         for name, poses in filled.items():
-            scores = score(poses, trial.given, trial.truth, trial.actors, fps=trial.clip.fps)
-            runs[name].append({"clip": trial.clip.id, "cameras": trial.cameras} | scores)
+            runs[name].append(scored_run(trial, poses, config))
             limbs[name].append(found[name])
     rows = [_row(name, runs[name], pd.concat(limbs[name])) for name in methods]
     rows += [_row(name, *found) for name, found in system_scores(scored, config, []).items()]
     return paper_table(
-        config, _TRANSFER_COLUMNS, rows, against=AGAINST, comparable=None, recording=f"{len(scored)} simulated clips",
+        config, [*_TRANSFER_COLUMNS, *angle_columns(config)], rows, against=AGAINST, comparable=None,
+        recording=f"{len(scored)} simulated clips",
         frames={"persons times frames": frames}, footnotes=[*_TRANSFER_NOTES, PROTOCOL_NOTE, NOISE_NOTE],
     )  # fmt: skip
 
 
 def _row(name: str, runs: list[dict], limbs: pd.DataFrame) -> MeasuredRow:
     mean, table = summary(runs)["mean"], run_table(runs)
-    cells = {"pcp": mean_score(limbs), "mpjpe": figure_score(table, "mpjpe"), "hidden": figure_score(table, "hidden")}
+    cells = {"pcp": mean_score(limbs)} | {
+        figure: figure_score(table, figure) for figure in ("mpjpe", "hidden", "angles")
+    }
     cells |= {"recall": mean["pck"]["recall"], "precision": mean["pck"]["precision"]}
     return MeasuredRow(name, cells | {"hidden_recall": figure_score(table, "recall")}, **remark_on_system(name))
 
@@ -158,9 +162,8 @@ def fusion_table(config: TableConfig, out: Path) -> dict:
     truth, frames = trial.truth.xyz, annotated_frames(trial)
     errors = {}
     for name, poses in filled.items():
-        scores = score(poses, trial.given, trial.truth, trial.actors, fps=trial.clip.fps)
-        run = {"clip": trial.clip.id, "cameras": trial.cameras} | scores
-        errors[name] = {"mpjpe": figure_score(run_table([run]), "mpjpe")}
+        table = run_table([scored_run(trial, poses, config)])
+        errors[name] = {figure: figure_score(table, figure) for figure in ("mpjpe", "angles")}
     if TUNED in filled:
         limbs = better_limbs(rules, filled[AGAINST].xyz, filled[TUNED].xyz, truth, SHELF14)
         tables[BETTER] = limb_table(trial, *limbs, correct_limbs(truth, truth, SHELF14)[1])
@@ -169,7 +172,7 @@ def fusion_table(config: TableConfig, out: Path) -> dict:
         columns.append(TableColumn(group, group))
         kinds[group] = [limb_names(SHELF14).index(limb)]
     columns.append(TableColumn("average", f"average ({'+'.join(map(str, frames))} frames)", lead=True))
-    columns.append(TableColumn("mpjpe", "MPJPE", "mm", lead=True))
+    columns += [TableColumn("mpjpe", "MPJPE", "mm", lead=True), *angle_columns(config)]
     kinds["average"] = [*range(len(limb_names(SHELF14)))]
     rows = []
     for name, table in tables.items():

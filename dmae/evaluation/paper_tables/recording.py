@@ -30,6 +30,7 @@ from dmae.evaluation.paper_tables.table import (
     paper_table,
 )
 from dmae.evaluation.scores import score
+from dmae.metrics.angles import leg_angles
 from dmae.metrics.pcp import correct_limbs, count_limbs
 from dmae.metrics.registry import protocol
 from dmae.reconstruction.config import CaptureConfig, capture_method
@@ -164,6 +165,18 @@ def tally_trials(
         )
 
 
+def scored_run(trial: Trial, poses: Poses3D, config: TableConfig) -> dict:
+    """Return the scores of poses of a trial, as a run of `dmae.evaluation.scores.run_table`."""
+    angles = leg_angles(trial.truth)[0] if config.angles else None
+    scores = score(poses, trial.given, trial.truth, trial.actors, fps=trial.clip.fps, angles=angles)
+    return {"clip": trial.clip.id, "cameras": trial.cameras} | scores
+
+
+def angle_columns(config: TableConfig) -> list[TableColumn]:
+    """Return the column of errors of joint angles, if they are scored."""
+    return [TableColumn("angles", "hips, knees, ankles", "°")] if config.angles else []
+
+
 def system_scores(
     clips: Sequence[Clip], config: TableConfig, views: list[int]
 ) -> dict[str, tuple[list[dict], pd.DataFrame]]:
@@ -173,8 +186,7 @@ def system_scores(
     for name in default if config.systems is None else config.systems:
         chosen, runs, tables = replace(config, capture=CaptureConfig(method=name)), [], []
         for trial, filled, limbs in tally_trials(clips, chosen, load_methods([_MEASURED]), views):
-            scores = score(filled[_MEASURED], trial.given, trial.truth, trial.actors, fps=trial.clip.fps)
-            runs.append({"clip": trial.clip.id, "cameras": trial.cameras} | scores)
+            runs.append(scored_run(trial, filled[_MEASURED], config))
             tables.append(limbs[_MEASURED].assign(views=len(trial.cameras)))
         found[name] = runs, pd.concat(tables)
     return found

@@ -159,14 +159,16 @@ def _sources(findings: Sequence[Findings]) -> list[str]:
     total = sum(counts.values())
     if not total:
         return []
-    measured = counts[Source.MEASURED] + counts[Source.DENOISED]
-    said = [f"Of {total:,} joints of captured people, cameras measured {share(measured, total)}."]
+    denoised = counts[Source.DENOISED]
+    measured = counts[Source.MEASURED] + denoised
+    some = "" if denoised == measured else f"{share(denoised, total)} "
+    then = f" ({some}smoothed or denoised afterwards)" if denoised else ""
+    said = [f"Of {total:,} joints of captured people, cameras measured {share(measured, total)}{then}."]
     if not counts[Source.COMPLETED]:
         said.append("No joint is completed.")
     for source, words in (
         (Source.COMPLETED, "are completed: no two cameras measured them"),
         (Source.ABSENT, "are missing"),
-        (Source.DENOISED, "were measured, then smoothed or denoised"),
     ):
         if counts[source]:
             said.append(f"{share(counts[source], total).capitalize()} {words}.")

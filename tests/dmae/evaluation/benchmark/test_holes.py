@@ -13,10 +13,12 @@ from dmae.data.labels import OcclusionLabels, Visibility
 from dmae.data.labels import Visibility as V
 from dmae.data.skeleton import BODY25, SKELETONS
 from dmae.evaluation.benchmark.holes import (
+    ANGLE_AXES,
     AXES,
     PARTS,
     SHAPE,
     Cause,
+    angle_cells,
     capture_cells,
     causes,
     completion_cells,
@@ -24,6 +26,7 @@ from dmae.evaluation.benchmark.holes import (
     holes_of_sight,
     part_of,
 )
+from dmae.metrics.angles import leg_angles
 from tests.support.clips import full_clip
 
 
@@ -100,6 +103,30 @@ def without(poses: Poses3D, frames, person, joints) -> Poses3D:
 def scored(clip, given: Poses3D, poses: Poses3D) -> dict:
     linear = find_method("linear").function(given, clip.fps)
     return completion_cells(holes_of_capture(clip, given), given, linear, poses)
+
+
+def test_errors_of_angles_are_told_by_the_hole_among_the_joints_that_show_them():
+    clip, truth = seen_clip()
+    knee, ankle = BODY25.index("r_knee", "r_ankle")
+    given = without(truth, slice(10, 30), 0, knee)
+    holes, true = holes_of_capture(clip, given), leg_angles(truth)[0]
+    exact = _angles(angle_cells(holes, true, given, truth))
+    # The hip, the knee and the ankle on this side are shown by the knee.
+    np.testing.assert_array_equal(exact["angles"][:, 3, 1 + Cause.burst], [20, 20, 20])
+    assert exact["angles"].sum() == true.size and exact["degrees"].sum() < 1e-3 * true.size
+    turned = truth.xyz.copy()
+    turned[10:30, 0, ankle, 0] += 0.05  # m
+    bent = _angles(angle_cells(holes, true, given, replace(truth, xyz=turned)))
+    degrees, burst = bent["degrees"][1], (3, 1 + Cause.burst)
+    assert degrees[burst] > 1.5 * bent["determined"][1][burst] and degrees[0, 0] < bent["determined"][1][0, 0]
+    assert degrees.sum() == degrees[burst] + degrees[0, 0]
+    lacking = _angles(angle_cells(holes, true, given, given))
+    assert lacking["angles"].sum() == true.size and lacking["determined"][:, 3].sum() == 0
+
+
+def _angles(cells: dict) -> dict[str, np.ndarray]:
+    """By angle, length class (0 for none) and cause (0 for none)."""
+    return {name: np.reshape(each, [len(classes) for classes in ANGLE_AXES.values()]) for name, each in cells.items()}
 
 
 def test_holes_are_what_capture_lacks_with_length_cause_and_part():

@@ -220,7 +220,8 @@ def test_the_truth_scores_0_files_as_functions_and_nothing_is_not_measured(
         lambda name, given: given.poses.without(np.ones(given.poses.source.shape, bool)),
     )
     function = "dmae.completion.fillings:fill_pchip_body"
-    scores = run(tiny, made, tmp_path, methods=[truth, files, function, "pchip_body", nothing], captures=["capture"])
+    methods = [truth, files, function, "pchip_body", nothing]
+    scores = run(tiny, made, tmp_path, methods=methods, captures=["capture"], angles=True)
     completion = scores["completion"]
     assert completion[truth]["summary"]["mm"]["value"] == 0 and completion[truth]["summary"]["filled"] == 100
     assert completion[files] == completion[function] == completion["pchip_body"]
@@ -228,6 +229,9 @@ def test_the_truth_scores_0_files_as_functions_and_nothing_is_not_measured(
     assert completion[nothing]["summary"]["mm"] is None and completion[nothing]["summary"]["seen"] is None
     assert scores["capture"][f"capture + {nothing}"]["summary"]["pcp"] is None
     assert scores["capture"][f"capture + {truth}"]["summary"]["pcp"] > scores["capture"]["capture"]["summary"]["pcp"]
+    turned = {name: completion[name]["summary"]["angles"] for name in methods}
+    assert turned[truth]["degrees"]["value"] < 0.5 < turned[files]["degrees"]["value"] < 20
+    assert turned[truth]["determined"] == 100 and turned[nothing]["degrees"]["value"] is None
     text = [" ".join(row) for table in benchmark_tables(scores).values() for row in table.rows]
     assert any(row.startswith(f"{nothing} not measured") for row in text)
     json.dumps(scores, allow_nan=False)

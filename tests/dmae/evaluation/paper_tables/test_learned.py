@@ -51,20 +51,21 @@ def rows_of(made: dict) -> dict[str, dict]:
 
 
 def test_error_and_recall_by_number_of_cameras(clips, tmp_path):
-    made = table(tmp_path, 6, clips)
+    made = table(tmp_path, 6, clips, angles=True)
     assert rows_of(made).keys() == {"measured", "linear", "dmae"}
     cells = {key: cell["value"] for key, cell in rows_of(made)["dmae"]["cells"].items()}
     counts = sorted(int(key.rpartition("_")[2]) for key in cells if key.startswith("mpjpe"))
     assert counts == list(range(2, counts[-1] + 1))
     assert 0 < cells[f"mpjpe_{counts[-1]}"] < cells["mpjpe_2"] < 200
     assert cells[f"recall_{counts[-1]}"] > 95
+    assert 0 < cells[f"angles_{counts[-1]}"] < 20
     published = next(row for row in made["rows"] if row["origin"] == "published")
     assert published["cells"]["mpjpe_3"]["value"] == 47.3
 
 
 def test_interactions_have_a_row_for_transfer_and_one_without(clips, tmp_path, monkeypatch):
     monkeypatch.setitem(learned._TRANSFER_STEPS, TableSize.small, (2, 2))
-    made = table(tmp_path, 3, clips)
+    made = table(tmp_path, 3, clips, angles=True)
     rows = rows_of(made)
     assert list(rows) == ["measured", "linear", "dmae", learned.TUNED_HERE, learned.ALONE]
     assert made["recording"] == "2 simulated clips"
@@ -72,6 +73,8 @@ def test_interactions_have_a_row_for_transfer_and_one_without(clips, tmp_path, m
         assert row["origin"] == "measured here"
         assert all(row["cells"][key]["value"] is not None for key in ("pcp", "recall", "mpjpe", "hidden_recall"))
         assert (row["differences"] == {}) == (name == "dmae")
+    assert all(0 < row["cells"]["angles"]["value"] < 20 for row in rows.values())
+    assert "hips, knees, ankles, °" in markdown(made)
     assert rows["measured"]["cells"]["hidden"]["value"] is None
     assert rows["measured"]["cells"]["hidden_recall"]["value"] == 0
     assert all(row["differences"] == {} for row in made["rows"] if row["origin"] == "published")

@@ -158,6 +158,15 @@ def test_the_summary_is_true_of_each_state(clip, found):
     assert "(measured joints 0\N{NO-BREAK SPACE}mm, completed joints 100\N{NO-BREAK SPACE}mm)" in " ".join(
         summary([found])
     )
+    # No share is told twice.
+    for smoothed, then in (
+        (slice(None), "100.0\N{NO-BREAK SPACE}% ("),
+        (slice(15), "100.0\N{NO-BREAK SPACE}% (50.0\N{NO-BREAK SPACE}% "),
+    ):
+        source = measured.poses.source.copy()
+        source[smoothed] = Source.DENOISED
+        said = " ".join(summary([examine(replace(measured, poses=replace(measured.poses, source=source)))]))
+        assert f"cameras measured {then}smoothed or denoised afterwards). No joint is completed." in said
     uncaptured = examine(replace(clip, poses=None))
     assert "It is not captured yet: run dmae capture." in summary([uncaptured])[0]
     assert "2 clips: 60 frames" in summary([found, uncaptured])[0]
