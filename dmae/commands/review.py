@@ -21,6 +21,7 @@ from dmae.evaluation.review import (
     save_decisions,
 )
 from dmae.files.contents import write_atomic
+from dmae.formats.poses import SOURCE_WORDS
 
 _SHOWN = 20
 _COLUMNS = ("entry", "person", "joint", "first", "last", "worst", "doubt_mm", "reason", "source", "views")
@@ -72,6 +73,6 @@ def _table(ranking: Sequence[Doubt]) -> str:
     for entry, doubt in enumerate(ranking, 1):
         writer.writerow(
             (entry, person_name(doubt.person), doubt.joint, doubt.first, doubt.last, doubt.worst,
-             f"{1000 * doubt.doubt:.0f}", doubt.reason, doubt.source.name.lower(), doubt.views)
+             f"{1000 * doubt.doubt:.0f}", doubt.reason, SOURCE_WORDS[doubt.source], doubt.views)
         )  # fmt: skip
     return text.getvalue()

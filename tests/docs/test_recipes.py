@@ -1,4 +1,4 @@
-"""The code in the how-to page that adds something: it runs, and what it adds works."""
+"""The code of the front page and of the how-to page that adds something: it runs, and what it adds works."""
 
 import importlib
 import json
@@ -43,6 +43,15 @@ def recipe(tmp_path: Path, monkeypatch):
         return importlib.import_module(name)
 
     return load
+
+
+@pytest.mark.slow
+def test_the_front_page(tmp_path: Path, monkeypatch, capsys):
+    (code,) = re.findall(r"```python\n(.*?)```", (PAGES.parents[1] / "README.md").read_text(), re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    exec(code, {})
+    assert float(capsys.readouterr().out) > 80
+    assert (tmp_path / "frame.png").is_file() and list(tmp_path.glob("poses*.trc"))
 
 
 def test_a_format(recipe, small_clip, tmp_path: Path):

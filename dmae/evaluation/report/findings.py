@@ -11,6 +11,7 @@ from dmae.data.clip import Clip, Source, person_name
 from dmae.data.labels import Visibility
 from dmae.evaluation.report.joints import Groups, JointGroup, Joints, Reprojection, joints_of, reprojection, tally
 from dmae.evaluation.review import Doubt, checksum, rank_doubts
+from dmae.formats.poses import SOURCE_WORDS
 from dmae.metrics.position import GAPS
 from dmae.numerics.paths import runs
 from dmae.numerics.statistics import likely_error, mean_known
@@ -215,7 +216,7 @@ def worst_moments(clip: Clip, joints: Joints, reprojected: Reprojection) -> list
         largest = np.take_along_axis(error, joint[..., None], -1)[..., 0]
         for frame, number in peaks(largest, _OF_A_KIND, apart):
             at, size = joint[frame, number], float(largest[frame, number])
-            what = f"{joints.skeleton.joints[at]}, {Source(joints.source[frame, number, at]).name.lower()}"
+            what = f"{joints.skeleton.joints[at]}, {SOURCE_WORDS[Source(joints.source[frame, number, at])]}"
             found.append(WorstMoment(frame, int(joints.person[frame, number]), "error", what, size, f"{size:.0f} mm"))
         missed = joints.counted.any(-1) & (joints.person < 0)
         people = range(missed.shape[1])

@@ -22,6 +22,7 @@ from dmae.evaluation.report.findings import (
 from dmae.evaluation.report.joints import JointGroup, added, added_groups, residual_tables
 from dmae.evaluation.review import DECISIONS, FORMAT, ReviewVerdict
 from dmae.files.structured import read_json
+from dmae.formats.poses import SOURCE_WORDS
 from dmae.metrics.score_tables import score_tables
 from dmae.progress import progress
 from dmae.reporting.figures import COMPLETED, PERSONS, gaps_figure
@@ -168,7 +169,7 @@ def _sources(findings: Sequence[Findings]) -> list[str]:
         said.append("No joint is completed.")
     for source, words in (
         (Source.COMPLETED, "are completed: no two cameras measured them"),
-        (Source.ABSENT, "are missing"),
+        (Source.ABSENT, "are absent: neither measured nor completed"),
     ):
         if counts[source]:
             said.append(f"{share(counts[source], total).capitalize()} {words}.")
@@ -265,7 +266,7 @@ def clips_section(findings: Sequence[Findings], played: Collection[str]) -> list
                 number_text(residual and residual.mean),
             )
         )
-    header = ("clip", "state", "frames", "people", "measured %", "completed %", "missing %", "error mm",
+    header = ("clip", "state", "frames", "people", "measured %", "completed %", "absent %", "error mm",
               "completed mm", "reprojection px")  # fmt: skip
     moments = [Moment(each.id, 0) if each.id in played else None for each in findings]
     caption = (
@@ -306,8 +307,9 @@ def doubts_section(findings: Sequence[Findings], played: dict[str, range]) -> li
     for found in (each for each in findings if each.id in played and each.doubts):
         rows, places, choices = [], [], []
         for entry, doubt in enumerate(found.doubts, 1):
-            size, source = f"{1000 * doubt.doubt:.0f}", doubt.source.name.lower()
-            cells = (entry, doubt.person, doubt.joint, doubt.worst, size, doubt.reason, source, doubt.views)
+            size, source = f"{1000 * doubt.doubt:.0f}", SOURCE_WORDS[doubt.source]
+            person = person_name(doubt.person)
+            cells = (entry, person, doubt.joint, doubt.worst, size, doubt.reason, source, doubt.views)
             rows.append(tuple(map(str, cells)))
             inside = doubt.worst in played[found.id]
             places.append(Moment(found.id, doubt.worst, doubt.person) if inside else None)
@@ -398,7 +400,7 @@ def _breakdown_table(name: str, groups: dict[str, JointGroup], known: bool) -> T
     if any(each.completed for each in counted):
         columns["completed %"] = [number_text(100 * each.completed / each.joints) for each in counted]
     if any(each.missing for each in counted):
-        columns["not found %" if known else "missing %"] = [
+        columns["not found %" if known else "absent %"] = [
             number_text(100 * each.missing / each.joints) for each in counted
         ]
     return Table(f"By {name}", list(columns), list(zip(*columns.values(), strict=True)), bars=(2,))

@@ -9,6 +9,7 @@ import dmae
 from dmae.data.images import Images
 from dmae.evaluation.report import page as report_page
 from dmae.evaluation.report.page import write_clips_report
+from dmae.formats.poses import SOURCE_WORDS
 from tests.support.clips import full_clip
 from tests.support.reported_clips import completed_clip
 
@@ -40,6 +41,13 @@ def test_of_many_clips_the_worst_are_in_the_player_and_all_in_the_table(tmp_path
     assert "<h1>Five</h1>" in text and "The player contains 2 of them" in text
     assert all(each.id in text for each in clips)
     assert "5 clips: 150 frames" in text and "1 clip is not captured yet" in text
+
+
+def test_people_and_sources_have_the_names_of_files(tmp_path):
+    write_clips_report(tmp_path / "report.html", [completed_clip()])
+    text = (tmp_path / "report.html").read_text()
+    rows = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in text.split("Doubtful joints of")[1].split("<tr")[2:6]]
+    assert all(row[1] in ("P1", "P2") and row[6] in SOURCE_WORDS.values() for row in rows)
 
 
 def test_pictures_that_are_gone_are_said_to_be(tmp_path):
