@@ -23,24 +23,28 @@ def progress(items: Iterable, description: str, total: int | None = None) -> Ite
         return
     if total is None and hasattr(items, "__len__"):
         total = len(items)
-    start = last = first = time.monotonic()
+    start = last = time.monotonic()
+    first = (0, 0.0)
     for done, item in enumerate(items):
         now = time.monotonic()
         if done == 1:
-            first = now
+            first = (1, now - start)
         if done and now - last >= LINE_EVERY:
-            print(progress_line(description, done, total, now - start, first - start), file=sys.stderr, flush=True)
+            print(progress_line(description, done, total, now - start, first), file=sys.stderr, flush=True)
             last = now
         yield item
 
 
-def progress_line(description: str, done: int, total: int | None, seconds: float, first: float | None = None) -> str:
+def progress_line(
+    description: str, done: int, total: int | None, seconds: float, first: tuple[int, float] = (0, 0.0)
+) -> str:
     """Return a line such as "capturing: 12 of 40, 3.0 min, about 7.0 min left".
 
-    `first` is how long the first item took, s; the forecast leaves it out, as it loads and compiles for all.
+    `first` says how many items were done first, and after how many seconds; the forecast leaves them out, as the first
+    ones load and compile for all.
     """
     line = f"{description}: {done}{f' of {total}' if total else ''}, {seconds / 60:.1f} min"
-    parts, spent = (done, seconds) if first is None else (done - 1, seconds - first)
+    parts, spent = done - first[0], seconds - first[1]
     return line + (f", about {spent / parts * (total - done) / 60:.1f} min left" if total and parts else "")
 
 
@@ -66,10 +70,14 @@ def counted_progress(items: Iterable, description: str, count: Callable[[], tupl
                 bar.update(task, completed=done, total=total)
 
     def print_lines() -> None:
-        while not over.wait(LINE_EVERY):
-            done, total = count()
-            if done:
-                print(progress_line(description, done, total, time.monotonic() - start), file=sys.stderr, flush=True)
+        first, lines = (0, 0.0), 0
+        while not over.wait(LINE_EVERY / 120):
+            (done, total), seconds = count(), time.monotonic() - start
+            if not first[0]:
+                first = (done, seconds)
+            if done and seconds >= (lines + 1) * LINE_EVERY:
+                print(progress_line(description, done, total, seconds, first), file=sys.stderr, flush=True)
+                lines = seconds // LINE_EVERY
 
     watcher = threading.Thread(target=show_bar if console.is_terminal else print_lines, daemon=True)
     watcher.start()

@@ -31,7 +31,7 @@ def run(config: DemoCommand, out: Path) -> None:
     methods = ["measured", "linear", "dmae", model]
     say("simulate people to learn from", 1, steps)
     length = {"seconds": 2} if small else {}
-    synth.generate(clips=3 if small else 40, seed=1, **length, workers=config.workers, out=out / "train")
+    synth.generate(clips=3 if small else 32, seed=1, **length, workers=config.workers, out=out / "train")
     say("simulate others, and render them", 2, steps)
     three = {"rig": synth.preset("rig", "ring", ring=synth.RingConfig(views=3)), "persons": [3, 3]} if small else {}
     pictures = {"images": ["rgb"], "quality": "draft"}

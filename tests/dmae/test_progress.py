@@ -1,9 +1,10 @@
 import itertools
+from types import SimpleNamespace
 
 import pytest
 
 from dmae import progress as module
-from dmae.progress import progress, progress_line
+from dmae.progress import counted_progress, progress, progress_line
 
 
 def test_items_pass_unchanged():
@@ -18,6 +19,21 @@ def test_a_line_a_minute_without_a_terminal_forecasts_without_the_first_item(mon
     assert lines == [
         "capturing: 1 of 5, 1.3 min",
         "capturing: 3 of 5, 2.7 min, about 1.3 min left",
+    ]
+
+
+def test_parts_counted_elsewhere_are_forecast_without_the_first_ones(monkeypatch, capsys):
+    """As pictures are, of which the first comes after the simulation: 1 of 750 after 2 minutes forecast 25 hours."""
+    clock, waits, counts = itertools.count(0, 30), iter([False] * 4 + [True]), itertools.count()
+    event = SimpleNamespace(wait=lambda seconds: next(waits), set=lambda: None)
+    monkeypatch.setattr(module.time, "monotonic", lambda: float(next(clock)))
+    monkeypatch.setattr(module.threading, "Event", lambda: event)
+    watcher = SimpleNamespace(start=lambda: None)
+    monkeypatch.setattr(module.threading, "Thread", lambda target, daemon: setattr(watcher, "join", target) or watcher)
+    list(counted_progress([], "rendering", lambda: (next(counts), 750)))
+    assert capsys.readouterr().err.splitlines() == [
+        "rendering: 1 of 750, 1.0 min",
+        "rendering: 3 of 750, 2.0 min, about 373.5 min left",
     ]
 
 

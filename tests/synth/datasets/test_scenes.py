@@ -178,3 +178,16 @@ def test_usd_cameras_see_joints_where_the_labels_say(data, clip, tmp_path):
         seen = (x / w + 1) / 2 * width - 0.5, (1 - y / w) / 2 * height - 0.5
         expected = rig.undistorted[view : view + 1].project(joint[None])[0].ravel()
         np.testing.assert_allclose(seen, expected, atol=1e-3)
+
+
+@pytest.mark.parametrize("format", ["glb", "usd"])
+def test_a_single_frame_is_a_scene(data, clip, tmp_path, format):
+    assert export(data, tmp_path / "out", format, every=len(clip))["splits"]["train"]["persons"] == 2
+    if format == "glb":
+        scene = pytest.importorskip("trimesh").load(tmp_path / "out/train/000000.glb")
+        found = scene.graph.get("person1: l_wrist")[0][:3, 3]
+        np.testing.assert_allclose(found, _Y_UP @ convert(clip.truth, BODY25).xyz[0, 1, _WRIST], atol=1e-6)
+    else:
+        pxr = pytest.importorskip("pxr", reason="usd-core, of the extra `usd`, is not installed")
+        stage = pxr.Usd.Stage.Open(str(tmp_path / "out/train/000000.usdc"))
+        assert stage.GetEndTimeCode() == stage.GetStartTimeCode() == 0
