@@ -70,6 +70,26 @@ _DISC, _RAYS = _patterns()
 
 
 @compiled()
+def smoothed(share, depth):
+    """Return the mean of shares (H, W) over 4 x 4 pixels of the same surface."""
+    height, width = share.shape
+    mean = share.copy()
+    for row in range(height):
+        for column in range(width):
+            z = depth[row, column]
+            if not z > 0:
+                continue
+            total, count = 0.0, 0
+            for r in range(max(row - 2, 0), min(row + 2, height)):
+                for c in range(max(column - 2, 0), min(column + 2, width)):
+                    if abs(depth[r, c] - z) < 0.03 * z:
+                        total += share[r, c]
+                        count += 1
+            mean[row, column] = total / count
+    return mean
+
+
+@compiled()
 def light_reaching(depth, K, facing, key, other, lamp, radius):
     """Return the share of its light that reaches each pixel, (H, W) float32.
 
@@ -90,23 +110,49 @@ def light_reaching(depth, K, facing, key, other, lamp, radius):
     """
     height, width = depth.shape
     fx, fy, cx, cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
+    # First every other pixel of every other row. What is between them on one surface is interpolated, but for the edges
+    # of shadows.
+    coarse = depth[::2, ::2].copy()
+    rows, columns = coarse.shape
+    sun, sky = np.full((rows, columns), np.float32(-1)), np.ones((rows, columns), np.float32)
+    for r in range(rows):
+        for c in range(columns):
+            row, column, z = 2 * r, 2 * c, coarse[r, c]
+            if not z > 0:
+                continue
+            x, y = (column - cx) / fx * z, (row - cy) / fy * z
+            number = 4 * (r & 3) + (c & 3)
+            if len(lamp.depth) and facing[row, column] > 0:
+                sun[r, c] = _lit(x, y, z, facing[row, column] / 255.0, _DISC[number], lamp)
+            if radius > 0:
+                sky[r, c] = _open(depth, fx, fy, cx, cy, row, column, x, y, z, _RAYS[number], radius)
+    sky = smoothed(sky, coarse)
     share = np.ones((height, width), np.float32)
     for row in range(height):
         for column in range(width):
             z = depth[row, column]
-            if not z > 0:
-                continue
-            x, y = (column - cx) / fx * z, (row - cy) / fy * z
-            number = 4 * (row & 3) + (column & 3)
             direct, ambient = key * facing[row, column], float(other[row, column])
-            if direct + ambient <= 0:
+            if not z > 0 or direct + ambient <= 0:
                 continue
-            sunlit, open_sky = 1.0, 1.0
-            if len(lamp.depth) and facing[row, column] > 0:
-                sunlit = _lit(x, y, z, facing[row, column] / 255.0, _DISC[number], lamp)
-            if radius > 0:
-                open_sky = _open(depth, fx, fy, cx, cy, row, column, x, y, z, _RAYS[number], radius)
-            share[row, column] = (direct * sunlit + ambient * open_sky) / (direct + ambient)
+            least, most, open_sky, count = 1.0, 0.0, 0.0, 0
+            for r in range(row >> 1, min((row + 1 >> 1) + 1, rows)):
+                for c in range(column >> 1, min((column + 1 >> 1) + 1, columns)):
+                    if abs(coarse[r, c] - z) < 0.02 * z:
+                        least, most = min(least, sun[r, c]), max(most, sun[r, c])
+                        open_sky += sky[r, c]
+                        count += 1
+            sunlit = least
+            if count == 0 or least < 0 or most - least > 0.02:
+                number = 4 * (row & 3) + (column & 3)
+                x, y = (column - cx) / fx * z, (row - cy) / fy * z
+                sunlit = 1.0
+                if len(lamp.depth) and facing[row, column] > 0:
+                    sunlit = _lit(x, y, z, facing[row, column] / 255.0, _DISC[number], lamp)
+                if count == 0:
+                    open_sky = 1.0
+                    if radius > 0:
+                        open_sky = _open(depth, fx, fy, cx, cy, row, column, x, y, z, _RAYS[number], radius)
+            share[row, column] = (direct * sunlit + ambient * open_sky / max(count, 1)) / (direct + ambient)
     return share
 
 
@@ -198,23 +244,3 @@ def _open(depth, fx, fy, cx, cy, row, column, x, y, z, rays, radius):
                     highest = max(highest, rise * rise / square * (1 - square / (radius * radius)))
         hidden += highest
     return 1 - hidden / _DIRECTIONS
-
-
-@compiled()
-def smoothed(share, depth):
-    """Return the mean of shares (H, W) over 4 x 4 pixels of the same surface."""
-    height, width = share.shape
-    mean = share.copy()
-    for row in range(height):
-        for column in range(width):
-            z = depth[row, column]
-            if not z > 0:
-                continue
-            total, count = 0.0, 0
-            for r in range(max(row - 2, 0), min(row + 2, height)):
-                for c in range(max(column - 2, 0), min(column + 2, width)):
-                    if abs(depth[r, c] - z) < 0.03 * z:
-                        total += share[r, c]
-                        count += 1
-            mean[row, column] = total / count
-    return mean
