@@ -27,6 +27,7 @@ from dmae.files.contents import write_atomic
 from dmae.formats.glb import GltfFile
 from synth.datasets.exporters import exporter
 from synth.datasets.exporters.selection import ClipTask, Selection
+from synth.people.body import PARENTS, SEGMENTS
 from synth.people.skinning import BONE_NAMES, MOST_BONES, Skin, SkinOfPerson
 from synth.physics.body_state import load_state
 from synth.scene.build import build_scene
@@ -242,6 +243,21 @@ _LIGHT_LUX, _LIGHT_CANDELA = 3.0, 60.0
 """Brightness of a white light."""
 
 
+_BONE_PARENTS = (*PARENTS, *(SEGMENTS.index(bone.partition(" ")[0]) for bone in BONE_NAMES[len(PARENTS) :]))
+"""For each bone, the one that it is attached to: a segment, or -1 for the pelvis. Parents come first."""
+
+
+def _within_parents(places: np.ndarray, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return places (F, B, 3) and turns (F, B, 4) of bones relative to their parents, from those in the world."""
+    own, of_parent = places.copy(), turns.copy()
+    for bone, parent in enumerate(_BONE_PARENTS):
+        if parent >= 0:
+            back = Rotation.from_quat(turns[:, parent]).inv()
+            own[:, bone] = back.apply(places[:, bone] - places[:, parent])
+            of_parent[:, bone] = (back * Rotation.from_quat(turns[:, bone])).as_quat()
+    return own, _continuous(of_parent)
+
+
 def _write_glb(task: ClipTask) -> Counter:
     scene = _scene(task)
     file = GltfFile(scene.seconds)
@@ -277,14 +293,19 @@ def _write_glb(task: ClipTask) -> Counter:
         mesh = file.add("meshes", name=piece.name, primitives=[primitive])
         bodies[piece.body].append(file.add("nodes", name=f"{piece.name} mesh", mesh=mesh))
     for skin in scene.skins:
-        bones = [
-            file.add("nodes", name=f"{skin.name}/{bone}", translation=place.tolist(), rotation=turn.tolist())
-            for bone, place, turn in zip(BONE_NAMES, skin.places[0], skin.turns[0], strict=True)
-        ]
-        for number, node in enumerate(bones):
-            file.animate(node, "translation", skin.places[:, number])
-            file.animate(node, "rotation", skin.turns[:, number])
-        children.append(file.add("nodes", name=f"{skin.name} bones", children=bones))
+        bones, places, turns = [], *_within_parents(skin.places, skin.turns)
+        for bone, parent in enumerate(_BONE_PARENTS):
+            node = file.add(
+                "nodes", name=f"{skin.name}/{BONE_NAMES[bone]}",
+                translation=places[0, bone].tolist(), rotation=turns[0, bone].tolist(),
+            )  # fmt: skip
+            file.animate(node, "translation", places[:, bone])
+            file.animate(node, "rotation", turns[:, bone])
+            if parent < 0:
+                children.append(node)
+            else:
+                file.json["nodes"][bones[parent]].setdefault("children", []).append(node)
+            bones.append(node)
         weights = skin.weights[:, :_INFLUENCES] / skin.weights[:, :_INFLUENCES].sum(1, keepdims=True)
         # The place of a mesh with a skin is that of its bones alone, so its points are already y up.
         attributes = {

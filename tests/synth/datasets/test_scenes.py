@@ -84,10 +84,23 @@ def test_skins_of_glb_are_the_surfaces_of_pictures(data, clip, drawn, tmp_path):
     }
     (node,) = (node for node in content.nodes if node.name == "person1")
     skin, mesh = content.skins[node.skin], content.meshes[node.mesh]
-    moves = np.tile(np.eye(4), (len(skin.joints), 1, 1))
+    above = {child: number for number, node in enumerate(content.nodes) for child in node.children or ()}
+    turned = np.eye(4)
+    turned[:3, :3] = _Y_UP
+    moves = np.tile(turned, (len(skin.joints), 1, 1))
     for bone, joint in enumerate(skin.joints):
-        moves[bone, :3, :3] = _Y_UP @ Rotation.from_quat(last[joint, "rotation"]).as_matrix()
-        moves[bone, :3, 3] = _Y_UP @ last[joint, "translation"]
+        chain = [joint]
+        while (chain[-1], "rotation") in last:
+            chain.append(above[chain[-1]])
+        assert content.nodes[chain[-2]].name == "person1/pelvis"
+        for each in chain[-2::-1]:
+            step = np.eye(4)
+            step[:3, :3] = Rotation.from_quat(last[each, "rotation"]).as_matrix()
+            step[:3, 3] = last[each, "translation"]
+            moves[bone] = moves[bone] @ step
+    names = [content.nodes[joint].name.removeprefix("person1/") for joint in skin.joints]
+    of_hand = content.nodes[above[skin.joints[names.index("l_hand")]]].name
+    assert of_hand == "person1/l_forearm", "bones are attached to each other"
     moves = moves @ values(skin.inverseBindMatrices).reshape(-1, 4, 4).swapaxes(1, 2)
     attributes = mesh.primitives[0].attributes
     assert {primitive.attributes.POSITION for primitive in mesh.primitives} == {attributes.POSITION}
