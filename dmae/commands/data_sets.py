@@ -157,9 +157,10 @@ def describe_joints(poses: Poses3D) -> str:
         return "no person captured"
     known = poses.source[present]
     completed, absent = (known == Source.COMPLETED).mean(), (known == Source.ABSENT).mean()
-    smoothed = (known == Source.DENOISED).mean()
-    moved = f" ({smoothed:.1%} measured, smoothed)" if smoothed else ""
-    shares = f"joints {1 - completed - absent:.1%} measured{moved}, {completed:.1%} completed, {absent:.1%} absent"
+    measured, smoothed = 1 - completed - absent, (known == Source.DENOISED).mean()
+    some = f"{smoothed:.1%} of all " if (known == Source.MEASURED).any() else ""
+    moved = f" ({some}smoothed)" if smoothed else ""
+    shares = f"joints {measured:.1%} measured{moved}, {completed:.1%} completed, {absent:.1%} absent"
     away = int((~present).sum())
     if not away:
         return shares

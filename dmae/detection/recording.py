@@ -129,7 +129,7 @@ def _calibrated(
     notes = [note] if note else []
     cameras, rig = [cameras[i] for i in np.argsort(index)], rig[sorted(index)]
     fittings = [_fitting(camera, rig[[view]]) for view, camera in enumerate(cameras)]
-    notes += [f"{camera.name}: {each.note}" for camera, each in zip(cameras, fittings, strict=True) if not each.is_same]
+    notes += [f"{name}: {each.note}" for name, each in zip(rig.names, fittings, strict=True) if not each.is_same]
     return cameras, rig, fittings, notes
 
 

@@ -40,6 +40,12 @@ def test_absent_joints_and_absent_people_are_counted_separately():
         "joints are NaN"
     )
     assert "person-frames" not in describe_joints(walkers())
+    # No share is told twice.
+    smoothed = np.full((12, 2, 25), Source.DENOISED)
+    assert describe_joints(Poses3D(BODY25, walkers().xyz, smoothed)).startswith("joints 100.0% measured (smoothed), ")
+    smoothed[:3] = Source.MEASURED
+    said = describe_joints(Poses3D(BODY25, walkers().xyz, smoothed))
+    assert said.startswith("joints 100.0% measured (75.0% of all smoothed), ")
     assert describe_joints(walkers().without(np.ones((12, 2, 25), bool))) == "no person captured"
 
 

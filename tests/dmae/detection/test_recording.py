@@ -1,5 +1,6 @@
 """Videos that belong together: sizes, rates, offsets, damaged ones."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -112,6 +113,17 @@ def test_half_the_size_and_turned():
     np.testing.assert_allclose(found.to_calibration(np.array([0.0, 0.0])), (0.5, 0.5))
     with pytest.raises(ValueError, match="turn them"):
         fit_pictures("cam", (1080, 1920), (1920, 1080), np.full((1, 1920, 1080, 3), 90, np.uint8))
+
+
+def test_cameras_are_called_as_in_the_calibration(tmp_path: Path):
+    rig = replace(looking_at_origin(2), names=("cam_01", "cam_02"))
+    width, height = (int(side) // 2 for side in rig.size[0])
+    for name in ("cam01", "cam02"):
+        write_video(tmp_path / f"{name}.mp4", shades(3, (width, height)), 10)
+    assert [note.partition(" times")[0] for note in open_recording(tmp_path, rig).notes if "times" in note] == [
+        "cam_01: pictures are 0.5000",
+        "cam_02: pictures are 0.5000",
+    ]
 
 
 def test_a_video_without_a_calibration_and_one_camera_less(tmp_path: Path):
