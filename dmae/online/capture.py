@@ -14,10 +14,11 @@ from dmae.data.conversion import resized_poses, resized_rig
 from dmae.data.skeleton import Skeleton
 from dmae.online.completion import TURN, FinishedFrame, OnlineCompleter, split_frames
 from dmae.reconstruction.body_size import resized_config
+from dmae.reconstruction.chance import resting_ghosts
 from dmae.reconstruction.config import ADAPTIVE, CaptureConfig, SubjectConfig
 from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.noise import DetectionNoise
-from dmae.reconstruction.people import false_positives, inside_volume, merge, same_person, well_measured
+from dmae.reconstruction.people import false_positives, inside_volume, known_joints, merge, same_person, well_measured
 from dmae.reconstruction.pipeline import MeasuredJoints, measure
 from dmae.reconstruction.pruning import LONGEST_JUMP
 from dmae.reconstruction.reassignment import LONGEST_GAP
@@ -28,6 +29,9 @@ if TYPE_CHECKING:
 
 BATCH = 0.08
 """s of frames that are finished together. Their joints are measured with one frame, their rays with the next."""
+_JUDGED_AFTER, _JUDGED_EVERY = 2.0, 0.5
+"""s; time for which people are measured before it is examined which of them are ghosts that rest in the images, and
+time after which that is examined again. A second or less says too little of people who stand."""
 _MIN_MEMORY = 2.0  # s of frames that are remembered at least: bone lengths are measured over them
 
 
@@ -37,7 +41,8 @@ class OnlineCapture:
     The steps are the same; each looks ahead by no more than the delay. The result differs from the offline one where
     that needs to know more: a re-entry is recognised by the bone lengths of its first frames; a duplicate that was
     taken for a person before it came near is not withdrawn; paths are interpolated and joints pruned by what is known
-    within the delay; bone lengths are measured over the last seconds; clothes are not compared, as there are no images.
+    within the delay; bone lengths are measured, and ghosts that rest are recognised, over the last seconds; clothes are
+    not compared, as there are no images.
 
     With `complete`, frames are completed as well (`dmae.online.completion.OnlineCompleter`), which adds to the delay.
 
@@ -90,7 +95,7 @@ class OnlineCapture:
             rig, config = resized_rig(rig, 1 / skeleton.scale), resized_config(config, 1 / skeleton.scale)
         self._rig, self._skeleton, self._fps, self._config = rig, skeleton, fps, config
         self._tracker = Tracker(skeleton, fps, config)
-        self._noise = noise
+        self._noise = noise or DetectionNoise.prior(config.noise, len(rig), len(skeleton))
         self._batch = max(round(BATCH * fps), 1)
         self._jump = ceil(LONGEST_JUMP * fps) if config.prune else 0
         gap = LONGEST_GAP if config.reassignment.distance_m > 0 else 0
@@ -108,10 +113,12 @@ class OnlineCapture:
         self._memory = ceil(max(_MIN_MEMORY, 2 * config.tracking.reentry_s) * fps)
         self._tracked: list[TrackedFrame] = []
         self._measured: list[tuple[np.ndarray, np.ndarray]] = []
-        self._waiting: list[Detections2D] = []
-        self._number = self._seen = 0
+        self._detected: list[Detections2D] = []
+        self._number = self._seen = self._waiting = 0
         self._person_of: dict[int, int] = {}
         self._frames_of: dict[int, int] = {}
+        self._ghosts: set[int] = set()
+        self._judged = 0
 
     def push(self, detections: Detections2D) -> list[FinishedFrame]:
         """Take the next frame, of shape (1, V, D, J, ...) with any D; return the frames that it finishes, in order.
@@ -124,10 +131,11 @@ class OnlineCapture:
                 f"expected one frame of {self._skeleton.name}, found {len(detections.xy)} of {detections.skeleton.name}"
             )
         self._tracked.append(self._tracker.step(self._evidence([detections], self._config.th_p), 0))
-        self._waiting.append(detections)
+        self._detected.append(detections)
+        self._waiting += 1
         self._seen += 1
         captured = self._finish()
-        if len(self._waiting) > self._ahead:
+        if self._waiting > self._ahead:
             self._measure(self._batch)
             if self._batch == 1:
                 captured = self._finish()
@@ -137,12 +145,12 @@ class OnlineCapture:
         """Return the frames that still wait, at the end of the recording."""
         captured = self._finish()
         if self._waiting:
-            self._measure(len(self._waiting))
+            self._measure(self._waiting)
             captured += self._finish()
         return self._completing.push(captured) + self._completing.flush() if self._completing else captured
 
-    def _evidence(self, frames: list[Detections2D], th_p: float) -> Evidence:
-        """Return the evidence of frames with different numbers of detections."""
+    def _clip(self, frames: list[Detections2D]) -> Clip:
+        """Return frames with different numbers of detections together."""
         # Tracks also continue in frames in which no camera detects anyone.
         most = max(1, *(frame.xy.shape[2] for frame in frames))
         xy = np.full((len(frames), len(self._rig), most, len(self._skeleton), 2), np.nan)
@@ -151,17 +159,19 @@ class OnlineCapture:
             if frame.xy.shape[1] != len(self._rig):
                 raise ValueError(f"{len(self._rig)} cameras but detections in {frame.xy.shape[1]} views")
             xy[i, :, : frame.xy.shape[2]], score[i, :, : frame.xy.shape[2]] = frame.xy[0], frame.score[0]
-        clip = Clip("", self._fps, self._rig, Detections2D(self._skeleton, xy, score))
-        return Evidence.of(clip, th_p, self._config, noise=self._noise)
+        return Clip("", self._fps, self._rig, Detections2D(self._skeleton, xy, score))
+
+    def _evidence(self, frames: list[Detections2D], th_p: float) -> Evidence:
+        return Evidence.of(self._clip(frames), th_p, self._config, noise=self._noise)
 
     def _measure(self, count: int) -> None:
         """Measure the joints of the first `count` waiting frames, as `capture` would with all that are remembered."""
-        past = len(self._tracked) - len(self._waiting)
+        past = len(self._tracked) - self._waiting
         persons, tracks = self._persons(slice(past, past + count))
-        ahead = min(count + self._jump, len(self._waiting))
+        ahead = min(count + self._jump, self._waiting)
         reassignment = self._config.reassignment
         th_p = reassignment.th_p if reassignment.distance_m > 0 else self._config.th_p
-        evidence = self._evidence(self._waiting[:ahead], th_p)
+        evidence = self._evidence(self._detected[past : past + ahead], th_p)
         before = np.full((past, *tracks.xyz.shape[1:]), np.nan)
         if past:
             known, xyz = (np.concatenate(part) for part in zip(*self._measured, strict=True))
@@ -172,9 +182,10 @@ class OnlineCapture:
         joints = measure(evidence, tracks, window, before, self._skeleton, self._fps)
         self._measuring = joints, persons, count
         self._measured += [(persons, xyz) for xyz in joints.points.xyz[:count]]
-        del self._waiting[:count]
-        self._tracked = self._tracked[-self._memory - len(self._waiting) :]
-        self._measured = self._measured[len(self._measured) - (len(self._tracked) - len(self._waiting)) :]
+        self._waiting -= count
+        kept = self._memory + self._waiting
+        self._tracked, self._detected = self._tracked[-kept:], self._detected[-kept:]
+        self._measured = self._measured[len(self._measured) - (len(self._tracked) - self._waiting) :]
 
     def _finish(self) -> list[FinishedFrame]:
         """Return the frames whose joints were measured last, unless they were returned already."""
@@ -222,4 +233,12 @@ class OnlineCapture:
         kept = ~false_positives(tracks, earlier + measured.sum(0), frames, fps, config)
         for p, more in zip(number.tolist(), measured[: window.stop - window.start].sum(0).tolist(), strict=True):
             self._frames_of[p] = self._frames_of.get(p, 0) + more
+        number, tracks = number[kept], tracks.select(kept)
+        if self._seen >= self._judged + _JUDGED_EVERY * fps:
+            lasting = (known_joints(tracks.xyz) > 0).sum(0) >= _JUDGED_AFTER * fps
+            judged = tracks.select(lasting)
+            found = resting_ghosts(self._clip(self._detected), judged.assigned, judged.xyz, config, self._noise)
+            self._ghosts = set(number[lasting][found].tolist())
+            self._judged = self._seen
+        kept = np.array([p not in self._ghosts for p in number.tolist()], bool)
         return number[kept], tracks.select(kept)

@@ -201,8 +201,8 @@ def fit(found: Residuals, prior: DetectionNoise, start: DetectionNoise, skeleton
         knots = np.unique(np.append(min(0.0, middles[0]), middles))
     bin_ = np.where(told, np.abs(found.score[:, None] - knots).argmin(1), len(knots))
     usual_shape = prior.shape(prior.trusted(np.broadcast_to(knots, (views, 1, len(knots))))[0, 0])
-    if told.any() and np.median(found.score[told]) > 1:
-        usual_shape = np.ones(len(knots))  # scores in another unit than 0 to 1: what they mean is unknown
+    if told.any() and (np.median(found.score[told]) > 1 or _inverted(found, told)):
+        usual_shape = np.ones(len(knots))  # what scores in another unit than 0 to 1, or inverted ones, mean is unknown
     shape_prior2 = np.append(np.clip(usual_shape, 0.4, 2.5), 1.0) ** 2
     of = kind[found.joint]
     # Variances that start too small change slowly.
@@ -255,6 +255,13 @@ def fit(found: Residuals, prior: DetectionNoise, start: DetectionNoise, skeleton
         usual_px=float(np.median(sigma)),
         usual_m=float(np.median(sigma / found.scale)),
     )
+
+
+def _inverted(found: Residuals, told: np.ndarray) -> bool:
+    """Return whether residuals grow with the scores, beyond three standard errors of their rank correlation."""
+    size = found.square[told] / (found.freedom[told] * found.scale[told] ** 2)
+    ranks = [values.argsort().argsort() for values in (found.score[told], size)]
+    return np.corrcoef(ranks)[0, 1] * np.sqrt(told.sum()) > 3
 
 
 def _constant(score: np.ndarray) -> bool:

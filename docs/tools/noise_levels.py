@@ -67,11 +67,16 @@ def true_clip(seed: int) -> Clip:
     return _exact(f"walk{seed}", clips=1, seconds=2.4, persons=[3, 4], rig=ring, seed=201 + seed)
 
 
-def _exact(name: str, **options) -> Clip:
-    """Return a generated clip with exact detections, of person p at index p; it is kept for the next time."""
+def _kept(name: str, **options) -> Clip:
+    """Return a generated clip, which is kept for the next time."""
     if not (KEPT / name / "clip.json").is_file():
-        dmae.save(next(iter(synth.generate(detector="clean", **options))), KEPT / name)
-    clip = dmae.load(KEPT / name)
+        dmae.save(next(iter(synth.generate(**options))), KEPT / name)
+    return dmae.load(KEPT / name)
+
+
+def _exact(name: str, **options) -> Clip:
+    """Return a generated clip with exact detections, of person p at index p."""
+    clip = _kept(name, detector="clean", **options)
     frame, view, detection = np.nonzero(clip.detection_labels.person >= 0)
     person = clip.detection_labels.person[frame, view, detection]
     shape = *clip.detections.score.shape[:2], clip.truth.xyz.shape[1], len(BODY25)
@@ -353,7 +358,25 @@ def ghosts() -> dict:
         "ghosts a view", "12 frames, random", "12 frames, fixed", "60 frames, random", "60 frames, fixed",
         "60 frames, fixed, people stand",
     ]  # fmt: skip
-    return {"ghosts": (columns, rows)}
+    return {"ghosts": (columns, rows)} | _generated_ghosts()
+
+
+def _generated_ghosts() -> dict:
+    """Return the table of two generated people, with ghosts of the simulated detector."""
+    rows = []
+    for count in (0, 20, 50, 150, 500):
+        cells = []
+        for seconds in (0.8, 2.4):
+            number = 6 if count < 150 else 4 if count < 500 else 1
+            detector = synth.preset("detector", "shelf_openpose")
+            detector = replace(detector, ghosts=replace(detector.ghosts, count=float(count)))
+            made = {"clips": 1, "seconds": seconds, "persons": [2, 2], "detector": detector}
+            clips = [_kept(f"ghosts{seed}_{seconds}_{count}", seed=seed, **made) for seed in range(500, 500 + number)]
+            found = Counter(capture(clip, CONFIG).xyz.shape[1] for clip in clips)
+            cells.append(", ".join(f"{people}: {times} of {number}" for people, times in sorted(found.items())))
+            print(count, seconds, cells[-1], flush=True)
+        rows.append([str(count), *cells])
+    return {"generated_ghosts": (["ghosts a view", "20 frames", "60 frames"], rows)}
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ from dmae.reconstruction.noise import DetectionNoise
 from dmae.reconstruction.pipeline import capture, learn_noise
 from tests.support.clips import looking_at_origin
 from tests.support.detected_people import FPS, FRAMES, crossing, detected_clip, rows_of, walk
+from tests.support.ghosts import haunted_clip, two_people
 
 DEFAULT = CaptureConfig()
 
@@ -77,6 +78,14 @@ def test_a_track_of_a_moment_is_no_person():
     people = np.stack([walk((-1, 0), (1, 0)), walk((0, 1.2), (0, 1.2))], 1)
     people[:50, 1], people[54:, 1] = np.nan, np.nan
     assert together(feed(detected_clip(people))).shape[1] == 1
+
+
+def test_figures_that_stay_in_the_images_are_soon_no_people():
+    """Two people who stand, among figures that agree by chance in every frame."""
+    standing = np.repeat(two_people(20)[10:11], 80, 0)
+    numbers = [len(frame.people) for frame in feed(haunted_clip(20, 80, True, 3000, standing))]
+    assert max(numbers) > 2
+    assert numbers[-20:] == [2] * 20
 
 
 def test_the_delay_is_the_time_that_steps_look_ahead():

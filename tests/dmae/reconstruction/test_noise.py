@@ -98,6 +98,15 @@ def test_scores_that_are_equal_everywhere_are_said_not_to_be_used(value):
     assert capture(strange, LEARNED, noise).xyz.shape[1] == crossing().shape[1]
 
 
+def test_what_scores_say_is_learned_whichever_way_they_go():
+    """Two cameras share each residual; errors at u = 0.3 are 1.73 times those at 0.9."""
+    u = np.array([0.3, 0.9])
+    for confidence in (lambda u: u, lambda u: 1.1 - u):
+        noise = learn_noise(seen(4.0, confidence, views=2), LEARNED)
+        sigma = noise.shape(noise.trusted(np.tile(confidence(u), (2, 1, 1)))[0, 0])
+        assert 1.6 < sigma[0] / sigma[1] < 2.1
+
+
 def test_scores_that_have_nothing_to_do_with_errors_are_not_used():
     clip, rng = seen(4.0), np.random.default_rng(2)
     score = np.where(clip.detections.observed, rng.uniform(0.6, 0.95, clip.detections.score.shape), np.nan)
