@@ -3,7 +3,6 @@
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import nullcontext
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -11,15 +10,7 @@ import numpy as np
 
 from dmae.calibration.world import Floor, find_floor, place_clip, upright_world
 from dmae.commands.config import CaptureCommand
-from dmae.commands.data_sets import (
-    ClipSet,
-    describe_joints,
-    describe_sides,
-    finished,
-    forecast,
-    save_alone,
-    settings_of,
-)
+from dmae.commands.data_sets import ClipSet, describe_joints, describe_sides, finished, forecast, settings_of
 from dmae.completion.methods import METHODS
 from dmae.data.clip import Clip
 from dmae.data.rng import Stream, generator
@@ -51,30 +42,27 @@ def run(config: CaptureCommand, out: Path) -> None:
     frames, start, persons = 0, time.perf_counter(), 0
     measured: Groups = {}
     completed: Groups = {}
-    made = ClipSet(out, settings_of("dmae capture", config, Path(config.data.path))) if clips.data_set else None
-    whole = {folder.name for folder in part.folders} & made.whole if made else set()
+    made = ClipSet(out, settings_of("dmae capture", config, Path(config.data.path)) if clips.data_set else None)
+    whole = {folder.name for folder in part.folders} & made.whole
     if whole:
         print(f"{out}: {len(whole)} of {len(part)} clips are done already")
     numbered = zip(part.numbers, part.folders, strict=True)
     tasks = ((config, part.part(range(n, n + 1))) for n, folder in numbered if folder.name not in whole)
-    with running_on(config.backend), made or nullcontext():
+    with running_on(config.backend), made:
         done = in_parallel(_capture, tasks, config.workers)
         for folder in progress(part.folders, "capturing", len(part)):
             if folder.name in whole:
                 captured, exchanges = load_clip(out / folder.name), []
             else:
                 captured, exchanges = next(done)
+                made.write(captured, folder.name, persons=captured.poses.xyz.shape[1])
+                frames += len(captured)
             for note in [*captured.provenance.get("notes", ()), *exchanges]:
                 print(f"{captured.id}: {note}")
-            frames += len(captured) * (folder.name not in whole)
             poses = captured.poses
-            if made is None:
-                save_alone(captured, out)
-            elif folder.name not in whole:
-                made.write(captured, folder.name, persons=poses.xyz.shape[1])
             size = f"{counted(len(captured), 'frame')}, {counted(poses.xyz.shape[1], 'person', 'people')}"
             print(f"{captured.id}: {size}, {describe_joints(poses)}")
-            if made is None:
+            if made.alone:
                 print(f"{captured.id}: {captured.provenance['noise']['found']}")
                 print(f"{captured.id}: {_world(captured)}")
             persons += poses.xyz.shape[1]

@@ -1,6 +1,5 @@
 """`dmae convert`: a recording to another format, or to a clip."""
 
-from contextlib import nullcontext
 from pathlib import Path
 
 from dmae.commands.config import ConvertCommand
@@ -11,13 +10,11 @@ from dmae.reporting.tables import counted
 
 
 def run(config: ConvertCommand, out: Path) -> None:
-    several = Clips(config.data).data_set and config.format == "clip"
-    made = ClipSet(out, settings_of("dmae convert", config, Path(config.data.path))) if several else None
-    with made or nullcontext():
+    own = config.format == "clip"
+    several = own and Clips(config.data).data_set
+    with ClipSet(out, settings_of("dmae convert", config, Path(config.data.path)) if several else None) as made:
         for clip, name, folder in each_clip(config.data, out, "converting"):
-            if made:
-                made.write(clip, name)
-            lacking = None if made else write_recording(clip, folder, config.format)
+            lacking = made.write(clip, name) if own else write_recording(clip, folder, config.format)
             size = f"{counted(len(clip), 'frame')}, {counted(len(clip.rig), 'camera')}"
             print(f"{folder}: {size}, {clip.detections.skeleton.name}")
             for note in clip.provenance.get("notes", ()):

@@ -54,18 +54,23 @@ def each_clip(data: DataConfig, out: Path, doing: str) -> Iterator[tuple[Clip, s
 
 
 class ClipSet:
-    """The data set that a command writes: clip folders, `settings.json`, a manifest and checksums.
+    """Where a command writes: one clip; or a data set of clip folders, with `settings.json`, manifest and checksums.
 
-    Each clip gets its final name when it is whole, and a whole clip is never made again, so the same command continues
-    an interrupted run, and several machines can fill one folder with `first=` and `clips=`. Manifest and checksums are
-    written on leaving, after errors as well: what is whole is a data set.
+    Each clip of a data set gets its final name when it is whole, and a whole clip is never made again, so the same
+    command continues an interrupted run, and several machines can fill one folder with `first=` and `clips=`. Manifest
+    and checksums are written on leaving, after errors as well: what is whole is a data set.
 
-    Clips depend on settings (`settings_of`). Raises ValueError if the folder holds clips of others, or another
-    command's.
+    Clips depend on settings (`settings_of`); None for a single clip. Raises ValueError if the folder holds clips of
+    other settings or of another command, or a data set where a single clip is to be written.
     """
 
-    def __init__(self, out: Path, settings: dict):
-        self.out, self.lines = Path(out), {}
+    def __init__(self, out: Path, settings: dict | None):
+        self.out, self.lines, self.alone, self.whole = Path(out), {}, settings is None, set()
+        """`whole`: names of the clips that are done."""
+        if self.alone:
+            if (self.out / MANIFEST).is_file():
+                raise ValueError(f"out={out}: expected a folder for one clip, found a data set; choose another folder")
+            return
         if (self.out / "clip.json").is_file():
             raise ValueError(f"out={out}: expected a folder for a data set, found a clip; choose another folder")
         if not (self.out / SETTINGS).is_file() and any(self.out.glob("*/clip.json")):
@@ -73,14 +78,17 @@ class ClipSet:
         claim_folder(self.out / SETTINGS, settings, "clips")
         sealed = sorted(path.parent for path in self.out.glob(f"[!.]*/{CHECKSUMS}"))
         self.whole = {folder.name for folder in sealed if not find_damage(folder)}
-        """Names of the clips that are done."""
 
     def __enter__(self) -> "ClipSet":
-        begin_data_set(self.out)
+        if not self.alone:
+            begin_data_set(self.out)
         return self
 
     def write(self, clip: Clip, name: str, **facts) -> None:
         """Write a clip, with what the manifest says of it."""
+        if self.alone:
+            save_clip(clip, self.out)
+            return
         folder = self.out / name
         shutil.rmtree(folder, ignore_errors=True)
         with whole_folder(folder) as partial:
@@ -92,6 +100,8 @@ class ClipSet:
             interruption.running.check()
 
     def __exit__(self, *_) -> None:
+        if self.alone:
+            return
         # Another machine may have written clips, and the manifest, meanwhile.
         whole = {path.parent.name for path in self.out.glob(f"[!.]*/{CHECKSUMS}")}
         earlier = {line["id"]: line for line in read_manifest(self.out)} if (self.out / MANIFEST).is_file() else {}
@@ -117,13 +127,6 @@ def settings_of(command: str, config, data: Path) -> dict:
     if "data" in options:
         options["data"] = options["data"] | {"path": None}  # machines may have the data set in different places
     return {"command": command, "options": options, "data": content}
-
-
-def save_alone(clip: Clip, out: Path) -> None:
-    """Write a single clip to `out`, over an earlier one; ValueError if a data set is there."""
-    if (out / MANIFEST).is_file():
-        raise ValueError(f"out={out}: expected a folder for one clip, found a data set; choose another folder")
-    save_clip(clip, out)
 
 
 def finished(out: Path) -> str:

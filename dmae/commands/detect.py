@@ -1,12 +1,11 @@
 """`dmae detect`: videos of cameras, a clip with images, or photographs, to 2D detections."""
 
 import shutil
-from contextlib import nullcontext
 from dataclasses import asdict, replace
 from pathlib import Path
 
 from dmae.commands.config import DetectCommand
-from dmae.commands.data_sets import ClipSet, finished, save_alone, settings_of
+from dmae.commands.data_sets import ClipSet, finished, settings_of
 from dmae.data.clip import Detections2D
 from dmae.data.resume import claim_folder
 from dmae.data.store import clip_folders, load_clip, save_clip
@@ -89,19 +88,16 @@ def _detect_clips(config: DetectCommand, out: Path) -> None:
     several = folders != [Path(config.clip)]
     if out.resolve() == Path(config.clip).resolve():
         raise ValueError(f"out={out}: expected another folder than that of the clip, which keeps its own detections")
-    made = ClipSet(out, settings_of("dmae detect", config, Path(config.clip))) if several else None
-    if made is None:
+    made = ClipSet(out, settings_of("dmae detect", config, Path(config.clip)) if several else None)
+    if made.alone:
         claim_folder(out / _CLAIM, _settings(config) | {"clip": str(config.clip)}, "detections")
-    with made or nullcontext():
+    with made:
         for folder in folders:
-            if made and folder.name in made.whole:
+            if folder.name in made.whole:
                 continue
-            pieces = out / f".{folder.name}.{_PIECES}" if made else out / _PIECES
+            pieces = out / (_PIECES if made.alone else f".{folder.name}.{_PIECES}")
             detected = detect_clip(load_clip(folder), config.detector, pieces, config.output.skeleton, config.workers)
-            if made is None:
-                save_alone(detected, out)
-            else:
-                made.write(detected, folder.name)
+            made.write(detected, folder.name)
             shutil.rmtree(pieces, ignore_errors=True)
             _print(detected.id, detected.detections)
     print(out)
