@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import tomlkit
-from scipy.spatial.transform import Rotation
 
 from dmae.data.cameras import CameraRig
 from dmae.data.skeleton import BLAZEPOSE33, COCO17, HALPE26, Skeleton
 from dmae.files.checks import MOST_PIXELS, check_numbers
 from dmae.files.contents import read_text, write_atomic
 from dmae.files.structured import read_toml
-from dmae.formats.calibrations import CameraTable, ParsedCamera, calibration_format, make_rig, orthonormal, require
+from dmae.formats.calibrations import CameraTable, calibration_format, make_rig, orthonormal, require
+from dmae.formats.pose2sim import toml_camera
 from dmae.formats.recordings import NumberedDetections, csv_rows
 from dmae.formats.registry import reader
 
@@ -37,20 +37,6 @@ def _tables(content: dict) -> dict[str, dict]:
 
 def _matches(content: dict) -> bool:
     return any(isinstance(table, dict) and "matrix" in table for table in _tables(content).values())
-
-
-def _camera(entry: CameraTable) -> ParsedCamera:
-    dist, fisheye = entry.lens("distortions")
-    rotation = entry.numbers("rotation", 3, 9)
-    return ParsedCamera(
-        entry.camera,
-        entry.intrinsics("matrix"),
-        dist,
-        Rotation.from_rotvec(rotation).as_matrix() if rotation.size == 3 else entry.rotation("rotation"),
-        entry.numbers("translation", 3),
-        entry.size("size"),
-        fisheye,
-    )
 
 
 def write_cameras(rig: CameraRig, path: Path) -> None:
@@ -85,7 +71,7 @@ def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
     matrices or Rodrigues vectors.
     """
     entries = (CameraTable(path, name, table) for name, table in _tables(read_toml(path)).items())
-    return make_rig(path, (_camera(entry) for entry in entries if entry.values.get("ignore") is not True), size)
+    return make_rig(path, (toml_camera(entry) for entry in entries if entry.values.get("ignore") is not True), size)
 
 
 _TRACKERS = {"HALPE26": HALPE26, "COCO_WHOLEBODY": COCO17, "HOLISTIC": BLAZEPOSE33, "POSE": BLAZEPOSE33}

@@ -12,7 +12,7 @@ from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import BODY25, Skeleton
 from dmae.files.checks import MOST_PIXELS, check_numbers, child, numbers_of
 from dmae.files.contents import read_text, write_atomic
-from dmae.files.structured import parse_yaml, read_json
+from dmae.files.structured import parse_yaml
 from dmae.formats.calibrations import (
     CameraTable,
     ParsedCamera,
@@ -23,7 +23,7 @@ from dmae.formats.calibrations import (
     write_calibration,
 )
 from dmae.formats.openpose import OF_25_JOINTS
-from dmae.formats.recordings import Confidences, NumberedDetections, by_name, frame_number
+from dmae.formats.recordings import Confidences, NumberedDetections, by_name, json_frames
 from dmae.formats.registry import reader, recording_writer
 from dmae.formats.skeletons import guess_skeleton
 from dmae.progress import progress
@@ -166,21 +166,11 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
     unreadable: dict[str, list[str]] = {}
     sizes: dict[str, tuple[int, int]] = {}
     confidences = Confidences()
-    todo = [(name, file) for name, folder in folders.items() for file in sorted(folder.glob("*.json"))]
-    for name, file in progress(todo, "reading detections"):
-        number = frame_number(file, file.stem)
-        if number in views[name]:
-            raise ValueError(f"{file}: expected frame {number} of camera {name!r} once, found it twice")
-        try:
-            content = read_json(file)
-        except ValueError as error:
-            unreadable.setdefault(name, []).append(str(error))
-            continue
+    files = {name: sorted(folder.glob("*.json")) for name, folder in folders.items()}
+    for name, number, file, content in json_frames(path, files, unreadable):
         size, views[name][number] = _size(file, content), _people(file, content, skeleton or BODY25, confidences)
         if size and sizes.setdefault(name, size) != size:
             raise ValueError(f"{file}: expected images of {sizes[name]} px as before of camera {name!r}, found {size}")
-    if not any(views.values()):
-        raise ValueError(f"{path}: not one file could be read; {next(iter(unreadable.values()))[0]}")
     notes = confidences.notes
     if skeleton is None:
         skeleton, guessed = guess_skeleton(

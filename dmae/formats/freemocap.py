@@ -5,14 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
-from dmae.data.clip import Clip
 from dmae.data.skeleton import BLAZEPOSE33, Skeleton
 from dmae.files.arrays import read_npy
 from dmae.files.checks import MOST_PIXELS, check_numbers
 from dmae.formats.calibrations import FOUND, CalibrationSource
 from dmae.formats.config import LengthUnit, UpDirection
 from dmae.formats.footage import video_rate
-from dmae.formats.recordings import NumberedDetections, known_rate, to_clip
+from dmae.formats.recordings import NumberedDetections
 from dmae.formats.registry import reader
 
 _POINTS = "*2dData_numCams_numFrames_numTrackedPoints_pixelXY.npy"
@@ -20,15 +19,18 @@ _FOLDERS = ("", "output_data/raw_data", "output_data")
 _VIDEOS = "synchronized_videos"
 
 
-@reader("freemocap", signs=[["output_data/raw_data/*2dData_numCams*.npy"], ["output_data/*2dData_numCams*.npy"]])
+@reader(
+    "freemocap",
+    signs=[["output_data/raw_data/*2dData_numCams*.npy"], ["output_data/*2dData_numCams*.npy"]],
+    cameras=False,
+)
 def read_freemocap(
     path: Path,
     *,
     calibration: CalibrationSource = FOUND,
     detections: Path | None = None,
-    fps: float | None = None,
     skeleton: Skeleton | None = None,
-) -> Clip:
+) -> NumberedDetections:
     """A FreeMoCap recording: <name>_camera_calibration.toml and output_data/raw_data/*2dData*_pixelXY.npy.
 
     Lengths in its calibration are in mm, and its world axes are those of the first camera, y down, unless `unit` and
@@ -38,8 +40,7 @@ def read_freemocap(
     unit, up = calibration.unit or LengthUnit.mm, calibration.up or UpDirection.minus_y
     rig = replace(calibration, unit=unit, up=up).read(path)
     found = read_detections(detections or path, rig.names, skeleton or BLAZEPOSE33)
-    found = replace(found, fps=video_rate(path / _VIDEOS))
-    return to_clip(found, rig, known_rate(fps, found, path), path)
+    return replace(found, fps=video_rate(path / _VIDEOS), rig=rig)
 
 
 def read_detections(path: Path, cameras: tuple[str, ...], skeleton: Skeleton = BLAZEPOSE33) -> NumberedDetections:

@@ -1,16 +1,16 @@
 """MediaPipe: pose landmarks, saved as one JSON file per camera."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from dmae.data.cameras import CameraRig
-from dmae.data.clip import Clip
 from dmae.data.skeleton import BLAZEPOSE33, Skeleton
 from dmae.files.checks import MOST_SCORE, check_numbers
 from dmae.files.structured import read_json
 from dmae.formats.calibrations import FOUND, CalibrationSource
-from dmae.formats.recordings import Confidences, NumberedDetections, by_name, known_rate, match_cameras, to_clip
+from dmae.formats.recordings import Confidences, NumberedDetections, by_name, listed_frames, match_cameras
 from dmae.formats.registry import reader
 
 _FOLDER = "mediapipe"
@@ -20,15 +20,14 @@ _MOST_IMAGE_SIZES = 100.0
 """Largest absolute x and y of a landmark, as a multiple of the image size: landmarks can be outside the image."""
 
 
-@reader("mediapipe", signs=[["mediapipe/*.json"]])
+@reader("mediapipe", signs=[["mediapipe/*.json"]], cameras=False)
 def read_mediapipe(
     path: Path,
     *,
     calibration: CalibrationSource = FOUND,
     detections: Path | None = None,
-    fps: float | None = None,
     skeleton: Skeleton | None = None,
-) -> Clip:
+) -> NumberedDetections:
     """Pose landmarks of MediaPipe, mediapipe/<camera>.json of all frames, with a calibration of any format.
 
     The files do not state the frame rate, and the skeleton can only be that of the 33 landmarks.
@@ -36,8 +35,7 @@ def read_mediapipe(
     if skeleton not in (None, BLAZEPOSE33):
         raise ValueError(f"{path}: MediaPipe's landmarks are {BLAZEPOSE33.name}, not {skeleton.name}")
     rig = calibration.read(path)
-    found = read_detections(detections or path / _FOLDER, rig)
-    return to_clip(found, rig, known_rate(fps, found, path), path)
+    return replace(read_detections(detections or path / _FOLDER, rig), rig=rig)
 
 
 def read_detections(path: Path, rig: CameraRig) -> NumberedDetections:
@@ -57,30 +55,15 @@ def read_detections(path: Path, rig: CameraRig) -> NumberedDetections:
     confidences, views = Confidences(), {}
     index, _ = match_cameras([file.stem for file in files], rig, path)
     for file, view in zip(files, index, strict=True):
+        content = read_json(file)
+        content = content["frames"] if isinstance(content, dict) and "frames" in content else content
         views[file.stem] = {
             number: np.array([_person(place, person, rig.size[view], confidences) for person in people]).reshape(
                 -1, len(BLAZEPOSE33), 3
             )
-            for number, (place, people) in _frames(file).items()
+            for number, place, people in listed_frames(file, content, _NUMBERS, _people)
         }
     return NumberedDetections(BLAZEPOSE33, views, notes=confidences.notes)
-
-
-def _frames(file: Path) -> dict[int, tuple[str, list]]:
-    """Return the frames by number: the position of each frame in the file, for messages, and its people."""
-    content = read_json(file)
-    content = content["frames"] if isinstance(content, dict) and "frames" in content else content
-    if not isinstance(content, list):
-        raise ValueError(f"{file}: expected a list of frames, found {content!r:.60}")
-    frames: dict[int, tuple[str, list]] = {}
-    for position, frame in enumerate(content):
-        place, number = f"{file}: [{position}]", position
-        if isinstance(frame, dict):
-            number = next((frame[name] for name in _NUMBERS if name in frame), position)
-        if not isinstance(number, int) or isinstance(number, bool) or number in frames:
-            raise ValueError(f"{place}: expected a frame number, each once, found {number!r:.20}")
-        frames[number] = place, _people(_inner(frame))
-    return frames
 
 
 def _inner(found: object) -> object:
@@ -91,8 +74,9 @@ def _inner(found: object) -> object:
     return found
 
 
-def _people(found: object) -> list:
+def _people(_: str, frame: object) -> list:
     """Return the people of a frame, which is a list of people or only one person."""
+    found = _inner(frame)
     if not found:
         return []
     if isinstance(found, list) and isinstance(_inner(found[0]), list):

@@ -13,7 +13,7 @@ from dmae.files.contents import read_bytes
 from dmae.files.pickles import pickled_values
 from dmae.files.structured import read_json
 from dmae.formats.openpose import BY_COUNT
-from dmae.formats.recordings import Confidences, NumberedDetections, by_name
+from dmae.formats.recordings import Confidences, NumberedDetections, by_name, listed_frames
 from dmae.formats.registry import reader
 
 _PICKLES = (".pkl", ".pickle")
@@ -42,7 +42,7 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
     views: dict[str, dict[int, np.ndarray]] = {}
     for file in files:
         views[file.stem] = {}
-        for number, (place, people) in _frames(file).items():
+        for number, place, people in listed_frames(file, _content(file), ("frame_id", "frame_index"), _people):
             found = [_person(f"{place}[{i}]", person, confidences) for i, person in enumerate(people)]
             for person in found:
                 joints = joints or len(person)
@@ -90,8 +90,8 @@ def _files(path: Path) -> list[Path]:
     )
 
 
-def _frames(file: Path) -> dict[int, tuple[str, list]]:
-    """Return the frames by number: the position of each frame in the file, for messages, and its people."""
+def _content(file: Path):
+    """Return the frames of a file."""
     if file.suffix in _PICKLES:
         try:
             content = pickled_values(read_bytes(file))
@@ -103,25 +103,21 @@ def _frames(file: Path) -> dict[int, tuple[str, list]]:
         if isinstance(content, dict) and name in content:
             content = content[name]
     if isinstance(content, dict):
-        content = [{"frame_id": key, "instances": people} for key, people in content.items()]
-    if not isinstance(content, list):
-        raise ValueError(f"{file}: expected a list of frames, found {content!r:.60}")
-    frames: dict[int, tuple[str, list]] = {}
-    for position, frame in enumerate(content):
-        place, number, people = f"{file}: [{position}]", position, frame
-        if isinstance(frame, dict):
-            number = frame.get("frame_id", frame.get("frame_index", position))
-            people = next((frame[name] for name in ("instances", "predictions", "people") if name in frame), None)
-        # The result of MMPose's inferencer is a list of images, each of which is a list of people.
-        if isinstance(people, list) and len(people) == 1 and isinstance(people[0], list):
-            people = people[0]
-        number = int(number) if isinstance(number, str) and number.isdecimal() and len(number) < 12 else number
-        if not isinstance(number, int | np.integer) or isinstance(number, bool) or not isinstance(people, list):
-            raise ValueError(f"{place}: expected a list of people, or one as instances, found {frame!r:.60}")
-        if int(number) in frames:
-            raise ValueError(f"{place}: expected frame {number} once, found it twice")
-        frames[int(number)] = place, people
-    return frames
+        return [{"frame_id": key, "instances": people} for key, people in content.items()]
+    return content
+
+
+def _people(place: str, frame: object) -> list:
+    """Return the people of a frame."""
+    people = frame
+    if isinstance(frame, dict):
+        people = next((frame[name] for name in ("instances", "predictions", "people") if name in frame), None)
+    # The result of MMPose's inferencer is a list of images, each of which is a list of people.
+    if isinstance(people, list) and len(people) == 1 and isinstance(people[0], list):
+        people = people[0]
+    if not isinstance(people, list):
+        raise ValueError(f"{place}: expected a list of people, or one as instances, found {frame!r:.60}")
+    return people
 
 
 def _person(place: str, person, confidences: Confidences) -> np.ndarray:

@@ -21,10 +21,9 @@ from dmae.data.skeleton import (
 )
 from dmae.files.checks import MOST_PIXELS, check_numbers, child, numbers_of
 from dmae.files.contents import write_atomic
-from dmae.files.structured import read_json
 from dmae.formats.calibrations import write_calibration
 from dmae.formats.poses import covariance_entry, pixel_covariances
-from dmae.formats.recordings import Confidences, NumberedDetections, by_name, frame_number
+from dmae.formats.recordings import Confidences, NumberedDetections, by_name, json_frames
 from dmae.formats.registry import pose_writer, reader, recording_writer
 from dmae.formats.skeletons import guess_skeleton
 from dmae.progress import progress
@@ -63,18 +62,12 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
             than the skeleton, no file could be read, or there are too few people to determine the skeleton.
     """
     folders = camera_folders(Path(path))
-    frames = {name: _frame_files(folder) for name, folder in folders.items()}
-    views: dict[str, dict[int, list]] = {name: {} for name in frames}
+    files = {name: sorted(filter(_is_frame, folder.glob("*.json"))) for name, folder in folders.items()}
+    views: dict[str, dict[int, list]] = {name: {} for name in files}
     unreadable: dict[str, list[str]] = {}
     confidences = Confidences()
     joints: tuple[int, Path] | None = None if skeleton is None else (len(skeleton), Path("data.skeleton"))
-    todo = [(name, number, file) for name, files in frames.items() for number, file in files.items()]
-    for name, number, file in progress(todo, "reading detections"):
-        try:
-            content = read_json(file)
-        except ValueError as error:
-            unreadable.setdefault(name, []).append(str(error))
-            continue
+    for name, number, file, content in json_frames(path, files, unreadable):
         people = _people(file, content, confidences)
         for found in people:
             joints = joints or (len(found), file)
@@ -84,8 +77,6 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
                     "give data.skeleton=..., or keep recordings apart"
                 )
         views[name][number] = people
-    if not any(views.values()):
-        raise ValueError(f"{path}: not one file could be read; {next(iter(unreadable.values()))[0]}")
     if joints is None:
         joints = (len(BODY25), Path(path))
     empty = np.empty((0, joints[0], 3))
@@ -124,16 +115,6 @@ def _bare(name: str) -> str:
     for suffix in _SUFFIXES:
         name = name.removesuffix(suffix)
     return name
-
-
-def _frame_files(folder: Path) -> dict[int, Path]:
-    files: dict[int, Path] = {}
-    for file in sorted(filter(_is_frame, folder.glob("*.json"))):
-        number = frame_number(file, _bare(file.stem))
-        if number in files:
-            raise ValueError(f"{file}: expected frame {number} once, found it in {files[number].name} too")
-        files[number] = file
-    return files
 
 
 def _people(file: Path, content, confidences: Confidences) -> list[np.ndarray]:

@@ -26,7 +26,7 @@ from dmae.formats.calibrations import (
 )
 from dmae.formats.config import Convention, LengthUnit, UpDirection
 from dmae.formats.poses import PoseFile
-from dmae.formats.recordings import NumberedDetections, frame_number, known_rate, to_clip, with_cameras
+from dmae.formats.recordings import NumberedDetections, json_frames
 from dmae.formats.registry import pose_reader, pose_writer, reader
 from dmae.progress import progress
 
@@ -101,15 +101,18 @@ _VALUES = 10  # Number of values per joint: x, y, z, source, and six entries of 
 _UPPER = np.triu_indices(3)
 
 
-@reader("panoptic", signs=[["hdPose3d_stage1_coco19"], ["calibration_*.json", "hdVideos"], ["*/body3DScene_*.json"]])
+@reader(
+    "panoptic",
+    signs=[["hdPose3d_stage1_coco19"], ["calibration_*.json", "hdVideos"], ["*/body3DScene_*.json"]],
+    cameras=False,
+)
 def read_panoptic(
     path: Path,
     *,
     calibration: CalibrationSource = FOUND,
     detections: Path | None = None,
-    fps: float | None = None,
     skeleton: Skeleton | None = None,
-) -> Clip:
+) -> NumberedDetections:
     """A CMU Panoptic sequence: calibration_<sequence>.json, poses as truth, and OpenPose's JSON of the cameras in use.
 
     Panoptic publishes cameras and poses. The detections have to be made with OpenPose. If there are none, as in an
@@ -121,29 +124,23 @@ def read_panoptic(
     except FileNotFoundError:
         if detections is not None:
             raise
-        return _without_detections(path, calibration, fps, skeleton or BODY25)
-    try:
-        poses = read_poses(path, replace(calibration, inverse=None).convention(CONVENTION))
-    except FileNotFoundError:
-        return with_cameras(found, path, calibration, fps)
-    found = replace(found, fps=poses.fps, notes=(*found.notes, *poses.notes))
-    return with_cameras(found, path, calibration, fps, poses.xyz, PANOPTIC19)
-
-
-def _without_detections(path: Path, calibration: CalibrationSource, fps: float | None, skeleton: Skeleton) -> Clip:
+        found = None
     try:
         poses = read_poses(path, replace(calibration, inverse=None).convention(CONVENTION))
     except FileNotFoundError as error:
+        if found is not None:
+            return found
         raise FileNotFoundError(
             f"{error}; expected these, or a folder for each camera that holds <name>_<frame number>_keypoints.json; "
             "name the folder of detections by data.detections=..."
         ) from None
-    rig = calibration.read(path)
-    nothing = np.empty((0, len(skeleton), 3))
-    notes = (*poses.notes, "there are no detections: the recording has its cameras and its truth alone")
-    views = {name: dict.fromkeys(poses.xyz, nothing) for name in rig.names}
-    found = NumberedDetections(skeleton, views, poses.fps, notes=notes)
-    return to_clip(found, rig, known_rate(fps, found, path), path, poses.xyz, PANOPTIC19)
+    if found is None:
+        skeleton, rig = skeleton or BODY25, calibration.read(path)
+        views = {name: dict.fromkeys(poses.xyz, np.empty((0, len(skeleton), 3))) for name in rig.names}
+        note = "there are no detections: the recording has its cameras and its truth alone"
+        found = NumberedDetections(skeleton, views, rig=rig, notes=(note,))
+    notes = (*found.notes, *poses.notes)
+    return replace(found, fps=poses.fps, notes=notes, truth=poses.xyz, truth_skeleton=PANOPTIC19)
 
 
 @pose_reader("panoptic", signs=["hdPose3d_stage1_coco19", "body3DScene_*.json"])
@@ -192,23 +189,13 @@ def read_poses(path: Path, convention: Convention = CONVENTION, *, completed: bo
     """
     frames: dict[int, dict[int, np.ndarray]] = {}
     rates: dict[float, Path] = {}
-    unreadable = []
+    unreadable: dict[str, list[str]] = {}
     files = sorted(_pose_folder(Path(path)).glob(f"{_SCENE}*.json"))
-    for file in progress(files, "reading poses"):
-        try:
-            content = read_json(file)
-        except ValueError as error:
-            unreadable.append(str(error))
-            continue
-        number = frame_number(file, file.stem)
-        if number in frames:
-            raise ValueError(f"{file}: expected frame {number} once, found it twice")
+    for _, number, file, content in json_frames(path, {"poses": files}, unreadable):
         frames[number] = _bodies(file, content, completed)
         rate = re.fullmatch(r"[a-z]+_(\d+)(?:_(\d+))?", str(content.get("fpsType")))
         if rate:
             rates.setdefault(float(f"{rate[1]}.{rate[2] or 0}"), file)
-    if not frames:
-        raise ValueError(f"{path}: not one file could be read; {unreadable[0]}")
     if len(rates) > 1:
         raise ValueError(f"{path}: expected one fpsType, found {' and '.join(f'{r} in {f}' for r, f in rates.items())}")
     ids = sorted({body for bodies in frames.values() for body in bodies})
@@ -221,9 +208,8 @@ def read_poses(path: Path, convention: Convention = CONVENTION, *, completed: bo
     source = {number: np.nan_to_num(row[..., 3]).astype(np.uint8) for number, row in rows.items()}
     turn = convention.points(np.eye(3))
     cov = {number: turn.T @ _matrices(row[..., 4:]) @ turn for number, row in rows.items()}
-    notes = []
-    if unreadable:
-        notes.append(f"{len(unreadable)} files of poses could not be read and are absent, first {unreadable[0]}")
+    lost = unreadable.get("poses", [])
+    notes = [f"{len(lost)} files of poses could not be read and are absent, first {lost[0]}"] if lost else []
     if ids != list(range(len(ids))):
         notes.append(f"persons 0 to {len(ids) - 1} of the truth are the bodies of ids {ids}")
     return PanopticPoses(xyz, source, cov, next(iter(rates), None), tuple(notes))

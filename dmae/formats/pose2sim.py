@@ -8,15 +8,12 @@ import tomlkit
 from scipy.spatial.transform import Rotation
 
 from dmae.data.cameras import CameraRig
-from dmae.data.clip import Clip
 from dmae.data.skeleton import BODY25, BODY25B, COCO17, COCO18, HALPE26, Skeleton
 from dmae.files.checks import check_rate
 from dmae.files.contents import write_atomic
 from dmae.files.structured import read_toml
 from dmae.formats import openpose
 from dmae.formats.calibrations import (
-    FOUND,
-    CalibrationSource,
     CameraTable,
     ParsedCamera,
     calibration_format,
@@ -25,20 +22,25 @@ from dmae.formats.calibrations import (
     require,
 )
 from dmae.formats.footage import video_rate
-from dmae.formats.recordings import NumberedDetections, with_cameras
+from dmae.formats.recordings import NumberedDetections
 from dmae.formats.registry import reader
 from dmae.formats.trc import trc_rate
 
 _METADATA = "metadata"
 
 
-def _camera(entry: CameraTable) -> ParsedCamera:
+def toml_camera(entry: CameraTable) -> ParsedCamera:
+    """Return the camera of a table as Pose2Sim, anipose and Caliscope write it; the last writes rotations as matrices.
+
+    Raises ValueError, with file, camera and key, if it is malformed.
+    """
     dist, fisheye = entry.lens("distortions")
+    turned = entry.numbers("rotation", 3, 9)
     return ParsedCamera(
         str(entry.values.get("name", entry.camera)),
         entry.intrinsics("matrix"),
         dist,
-        entry.rodrigues("rotation"),
+        entry.rodrigues("rotation") if turned.size == 3 else entry.rotation("rotation"),
         entry.numbers("translation", 3),
         entry.size("size") if "size" in entry.values else None,
         fisheye,
@@ -93,7 +95,7 @@ def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
     `fisheye = true` k1 k2 k3 k4. `[metadata]` is not read.
     """
     tables = {name: table for name, table in read_toml(path).items() if name != _METADATA}
-    return make_rig(path, (_camera(CameraTable(path, name, table)) for name, table in tables.items()), size)
+    return make_rig(path, (toml_camera(CameraTable(path, name, table)) for name, table in tables.items()), size)
 
 
 _LEVELS = 3
@@ -105,28 +107,16 @@ _MODELS = {
 }  # fmt: skip
 
 
-@reader("pose2sim", signs=[["pose"], ["pose-sync"]])
-def read_pose2sim(
-    path: Path,
-    *,
-    calibration: CalibrationSource = FOUND,
-    detections: Path | None = None,
-    fps: float | None = None,
-    skeleton: Skeleton | None = None,
-) -> Clip:
+@reader("pose2sim", signs=[["pose"], ["pose-sync"]], cameras=False)
+def read_detections(
+    path: Path, *, detections: Path | None = None, skeleton: Skeleton | None = None
+) -> NumberedDetections:
     """A trial of a Pose2Sim session, with the Config.toml files and the calibration of the session.
 
-    By default detections are in `pose-sync` or `pose` of the trial, and rate and skeleton are the session's.
-    """
-    return with_cameras(read_detections(path, detections, skeleton), path, calibration, fps)
-
-
-def read_detections(path: Path, detections: Path | None = None, skeleton: Skeleton | None = None) -> NumberedDetections:
-    """Read the detections of a trial, in `pose-sync/` or else `pose/`.
-
-    Pose2Sim's associated detections are not read, because capture associates persons itself. A setting is read from the
-    nearest Config.toml that contains it: `pose.pose_model` is the skeleton, `project.frame_rate` the frame rate. If no
-    file states the frame rate, it is the rate of `videos/*`, or else of `pose-3d/*.trc` in the trial.
+    By default detections are in `pose-sync/` or else `pose/` of the trial; Pose2Sim's associated detections are not
+    read, because capture associates persons itself. A setting is read from the nearest Config.toml that contains it:
+    `pose.pose_model` is the skeleton, `project.frame_rate` the frame rate. If no file states the frame rate, it is the
+    rate of `videos/*`, or else of `pose-3d/*.trc` in the trial.
 
     Raises FileNotFoundError, which lists trials, if the folder is none, and ValueError if a file is malformed.
     """

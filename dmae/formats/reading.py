@@ -18,7 +18,7 @@ from dmae.files.checks import PICTURES, VIDEOS
 from dmae.formats.calibrations import CalibrationSource, convention_of
 from dmae.formats.config import Convention, DataConfig
 from dmae.formats.footage import with_pictures, with_videos
-from dmae.formats.recordings import with_cameras
+from dmae.formats.recordings import to_clip
 from dmae.formats.registry import RecordingReader, reader
 
 _OPTIONS = {
@@ -73,8 +73,7 @@ class Clips(Sequence):
             if self.reader.cameras:
                 clip = self.reader.function(folder, **arguments)
             else:
-                detections = self.reader.function(arguments["detections"] or folder, skeleton=arguments["skeleton"])
-                clip = with_cameras(detections, folder, arguments["calibration"], arguments["fps"])
+                clip = self._with_cameras(folder, **arguments)
             clip.check_numbers()
             if config.videos is not None:
                 clip = with_videos(clip, Path(config.videos))
@@ -90,6 +89,17 @@ class Clips(Sequence):
                 raise
             raise FileNotFoundError(f"{folder}: no such file or folder. {error}") from None
         return select_views(select_frames(shift_views(clip, offsets), config.frames), config.cameras)
+
+    def _with_cameras(self, folder: Path, calibration: CalibrationSource, fps: float | None, **others) -> Clip:
+        """Return the clip of a reader that returns `NumberedDetections`: add the cameras and the frame rate."""
+        given = {"calibration": calibration, **others}
+        path = folder if "detections" in self.reader.options else others["detections"] or folder
+        found = self.reader.function(path, **{option: given[option] for option in self.reader.options})
+        rig = calibration.read(folder, found.size) if found.rig is None else found.rig
+        fps = found.fps if fps is None else fps
+        if fps is None:
+            raise ValueError(f"{folder}: no file states the frame rate; give data.fps=...")
+        return to_clip(found, rig, fps, folder)
 
 
 def written_convention(config: DataConfig) -> Convention | None:

@@ -1,10 +1,10 @@
 """What readers of recordings share: detections by camera and frame, their cameras, and their confidences.
 
-A reader returns `NumberedDetections`. `with_cameras` adds the calibration and makes a clip.
+A reader returns `NumberedDetections`. `dmae.formats.reading` adds the calibration and makes a clip.
 """
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,7 +13,8 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.skeleton import Skeleton
-from dmae.formats.calibrations import CalibrationSource
+from dmae.files.structured import read_json
+from dmae.progress import progress
 
 _OPTIONS = "data.calibration=... or data.detections=..."
 
@@ -87,6 +88,51 @@ def frame_number(path: Path, stem: str) -> int:
     return number
 
 
+def json_frames(path: Path, cameras: Mapping[str, Iterable[Path]], unreadable: dict[str, list[str]]) -> Iterator[tuple]:
+    """Yield camera, frame number, path and content of JSON files that hold a frame each, by camera.
+
+    A file that is not valid JSON, for example because it is cut short, is left out, and its error is added to
+    `unreadable`. Raises ValueError, with the path of the recording, if a frame occurs twice or no file can be read.
+    """
+    numbered: dict[tuple[str, int], Path] = {}
+    for camera, files in cameras.items():
+        for file in files:
+            number = frame_number(file, file.stem)
+            if (first := numbered.setdefault((camera, number), file)) != file:
+                raise ValueError(f"{file}: expected frame {number} once, found it in {first.name} too")
+    for (camera, number), file in progress(numbered.items(), "reading frames"):
+        try:
+            content = read_json(file)
+        except ValueError as error:
+            unreadable.setdefault(camera, []).append(str(error))
+            continue
+        yield camera, number, file, content
+    if sum(map(len, unreadable.values())) == len(numbered):
+        raise ValueError(f"{path}: not one file could be read; {next(iter(unreadable.values()))[0]}")
+
+
+def listed_frames(
+    file: Path, content: object, numbers: Sequence[str], people: Callable[[str, object], list]
+) -> Iterator[tuple[int, str, list]]:
+    """Yield number, place for messages, and `people(place, frame)` of each frame in a file that is a list of frames.
+
+    A frame is numbered by one of the keys `numbers`, or else by its position. Raises ValueError if the content is no
+    list, or a number is none or occurs twice.
+    """
+    if not isinstance(content, list):
+        raise ValueError(f"{file}: expected a list of frames, found {content!r:.60}")
+    found = set()
+    for position, frame in enumerate(content):
+        place, number = f"{file}: [{position}]", position
+        if isinstance(frame, dict):
+            number = next((frame[name] for name in numbers if name in frame), position)
+        number = int(number) if isinstance(number, str) and number.isdecimal() and len(number) < 12 else number
+        if not isinstance(number, int | np.integer) or isinstance(number, bool) or number in found:
+            raise ValueError(f"{place}: expected a frame number, each once, found {number!r:.20}")
+        found.add(number)
+        yield int(number), place, people(place, frame)
+
+
 @dataclass
 class Confidences:
     """Makes joints without a positive confidence absent, and counts joints with an impossible confidence."""
@@ -139,6 +185,10 @@ class NumberedDetections:
     notes: tuple[str, ...] = ()  # Decisions of the reader that can be wrong
     # By camera, image width and height, px, if the files state them
     sizes: dict[str, tuple[int, int]] = field(default_factory=dict)
+    rig: CameraRig | None = None  # The cameras, if the reader needs them to read the detections
+    # By frame number, true positions (P, K, 3) m on `truth_skeleton`, P the same in all frames; None without truth
+    truth: dict[int, np.ndarray] | None = None
+    truth_skeleton: Skeleton | None = None
 
     @property
     def size(self) -> tuple[int, int] | None:
@@ -147,14 +197,7 @@ class NumberedDetections:
         return sizes.pop() if len(sizes) == 1 and set(self.sizes) == set(self.views) else None
 
 
-def to_clip(
-    found: NumberedDetections,
-    rig: CameraRig,
-    fps: float,
-    path: Path,
-    truth: dict[int, np.ndarray] | None = None,
-    truth_skeleton: Skeleton | None = None,
-) -> Clip:
+def to_clip(found: NumberedDetections, rig: CameraRig, fps: float, path: Path) -> Clip:
     """Return detections and cameras as a clip, from the first to the last frame that any camera has.
 
     Frames are aligned by number. If a camera lacks a frame, its detections in that frame are absent.
@@ -165,7 +208,6 @@ def to_clip(
         rig: The cameras. Cameras without detections are left out.
         fps: Frames per second.
         path: Path of the recording, for the id of the clip and for messages.
-        truth: By frame number, (P, K, 3) m on `truth_skeleton`; P is the same in all frames.
 
     Raises ValueError if cameras do not match, nothing could be read, or numbers in file names are not frame numbers.
     """
@@ -200,34 +242,9 @@ def to_clip(
         fps=fps,
         rig=rig[sorted(index)],
         detections=Detections2D(found.skeleton, values[..., :2], values[..., 2]),
-        truth=None if truth is None else _truth(truth, truth_skeleton, first, frames),
+        truth=None if found.truth is None else _truth(found.truth, found.truth_skeleton, first, frames),
         provenance={"path": str(path), "first_frame": first, "notes": notes},
     )
-
-
-def with_cameras(
-    found: NumberedDetections,
-    path: Path,
-    calibration: CalibrationSource,
-    fps: float | None,
-    truth: dict[int, np.ndarray] | None = None,
-    truth_skeleton: Skeleton | None = None,
-) -> Clip:
-    """Return the clip of a recording, from its detections and the calibration that this function reads.
-
-    Without `fps`, the files state the frame rate. Truth is as in `to_clip`. Raises FileNotFoundError if there is no
-    calibration, and ValueError as `to_clip`, or if it is malformed or the frame rate is unknown.
-    """
-    rig = calibration.read(path, found.size)
-    return to_clip(found, rig, known_rate(fps, found, path), path, truth, truth_skeleton)
-
-
-def known_rate(fps: float | None, found: NumberedDetections, path: Path) -> float:
-    """Return the given frame rate, or else the rate that the files state; raise ValueError if both are unknown."""
-    fps = found.fps if fps is None else fps
-    if fps is None:
-        raise ValueError(f"{path}: no file states the frame rate; give data.fps=...")
-    return fps
 
 
 def _stack(views: list[dict[int, np.ndarray]], first: int, frames: int, joints: int) -> np.ndarray:

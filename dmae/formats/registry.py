@@ -15,9 +15,9 @@ class RecordingReader(Entry):
 
     Options are `calibration` (a `CalibrationSource`: its path, and values that its file does not state), `detections`
     (their folder or file, if not found in the path), `fps` (if not stated by the files) and `skeleton`, of detections.
-    The reader of files that state no cameras takes the path of the detections, and returns `NumberedDetections`:
-    `dmae.formats.reading` adds calibration and frame rate. Readers raise FileNotFoundError if files are missing, and
-    ValueError if they are malformed or do not fit together.
+    A reader that is not of `cameras` returns `NumberedDetections`: `dmae.formats.reading` adds calibration and frame
+    rate, and gives it the path of the detections if it takes no `detections`. Readers raise FileNotFoundError if files
+    are missing, and ValueError if they are malformed or do not fit together.
     """
 
     # Lists of file patterns. A folder is recognised if it contains a match of every pattern of one list.

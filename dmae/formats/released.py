@@ -3,6 +3,7 @@
 They are pickles, which can run any code when loaded. `dmae.files.pickles` reads them without running code.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -41,7 +42,7 @@ def read_released(path: Path, *, fps: float | None = None) -> Clip:
         raise FileNotFoundError(f"{path}: expected {DETECTIONS}, found none")
     found, truth = _detections(file, rig), _one(path, TRUTH)
     annotated = None if truth is None else _truth(truth, sorted(next(iter(found.views.values()))))
-    return to_clip(found, rig, fps or FPS, path, annotated, SHELF14)
+    return to_clip(replace(found, truth=annotated, truth_skeleton=SHELF14), rig, fps or FPS, path)
 
 
 def _one(folder: Path, pattern: str) -> Path | None:

@@ -327,16 +327,18 @@ MALFORMED = {
         "pose2sim", "calib.toml", lambda t: t + t[t.index("[cam_1]") :].replace("cam_1", "cam_2"),
         ["different names", "'left' twice"],
     ),
-    "TOML: a matrix for a Rodrigues vector": (
-        "pose2sim", "calib.toml", lambda t: t.replace("[1.2, -0.7, 0.4]", str(np.eye(3).tolist())),
-        ["camera 'cam_1'", "expected rotation of 3 numbers", r"found \[\[1\.0"],
+    "TOML: a matrix that is no rotation": (
+        "pose2sim", "calib.toml", lambda t: t.replace("[1.2, -0.7, 0.4]", str((2 * np.eye(3)).tolist())),
+        ["camera 'cam_1'", "expected rotation to be a right-handed rotation", r"determinant \+8"],
     ),
     "TOML: three coefficients": (
         "pose2sim", "calib.toml", lambda t: t.replace(", -0.02]", "]"),
         ["camera 'cam_1'", "expected distortions of 4 or 5 or 8 numbers"],
     ),
     "TOML: not finite": ("pose2sim", "calib.toml", lambda t: t.replace("1.2", "nan"), ["rotation of finite numbers"]),
-    "TOML: text for numbers": ("pose2sim", "calib.toml", lambda t: t.replace("1.2", '"a"'), ["rotation of 3 numbers"]),
+    "TOML: text for numbers": (
+        "pose2sim", "calib.toml", lambda t: t.replace("1.2", '"a"'), ["rotation of 3 or 9 numbers"],
+    ),
     "TOML: half a pixel": ("pose2sim", "calib.toml", lambda t: t.replace("600.0", "600.5"), ["size to be a .* whole"]),
     "TOML: fisheye says maybe": ("pose2sim", "calib.toml", lambda t: t.replace("false", "1"), ["fisheye to be true"]),
     "TOML: negative focal length": (

@@ -99,7 +99,7 @@ def test_malformed_files_are_named_with_the_place(content, message, recording):
 
 def test_frames_twice_none_at_all_and_none_readable(recording, tmp_path):
     (recording / "annots/1/7.json").write_text(json.dumps(frame()))
-    with pytest.raises(ValueError, match=r"expected frame 7 of camera '1' once"):
+    with pytest.raises(ValueError, match=r"annots/1/7\.json: expected frame 7 once, found it in 000007\.json too"):
         read_detections(recording)
     (recording / "annots/1/7.json").unlink()
     for file in recording.rglob("*.json"):

@@ -77,7 +77,10 @@ def test_a_pickle_that_asks_for_code_runs_none(tmp_path):
         ("[5]", "expected a list of people"),
         ('[[{"keypoints": [[1, 2]]}]]', "expected keypoints, x, y and confidence"),
         ('[[{"keypoints": [[1, 2, 0.5]]}]]', "expected people of 17 joints as before, found 1|which is no skeleton"),
-        ('[{"frame_id": 1, "instances": []}, {"frame_id": 1, "instances": []}]', "expected frame 1 once"),
+        (
+            '[{"frame_id": 1, "instances": []}, {"frame_id": 1, "instances": []}]',
+            "expected a frame number, each once, found 1",
+        ),
     ],
 )
 def test_malformed_predictions_are_refused_by_name(tmp_path, content, message):

@@ -90,14 +90,9 @@ def test_the_rig_is_in_the_order_of_the_calibration_and_the_detections_with_it()
 
 def test_truth_is_aligned_with_the_detections():
     truth = {n: np.full((1, 19, 3), n) for n in (4, 6, 9)}
-    clip = to_clip(
-        NumberedDetections(BODY25, {"a": {5: person(1)}, "b": {7: person(1)}}),
-        rig("a", "b"),
-        25.0,
-        HERE,
-        truth,
-        PANOPTIC19,
-    )
+    views = {"a": {5: person(1)}, "b": {7: person(1)}}
+    found = NumberedDetections(BODY25, views, truth=truth, truth_skeleton=PANOPTIC19)
+    clip = to_clip(found, rig("a", "b"), 25.0, HERE)
     np.testing.assert_array_equal(clip.truth.xyz[:, 0, 0, 0], [np.nan, 6, np.nan])
 
 
