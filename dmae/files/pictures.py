@@ -1,7 +1,7 @@
 """Pictures and videos, their size checked before memory is allocated. Videos that refer to others are not decoded."""
 
 import os
-import struct
+import warnings
 from bisect import bisect_right
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,46 +16,17 @@ from dmae.files.contents import check_file
 
 MOST_PIXELS = 1 << 26
 """Largest number of pixels of a picture; phones take pictures of 50 million."""
-_UPRIGHT_FORMATS = ("PNG", "JPEG", "BMP", "WEBP", "TIFF")
+_DECODED, _UPRIGHT = ("PNG", "JPEG", "BMP"), ("PNG", "JPEG", "BMP", "WebP", "TIFF")
 _ORIENTATION = 0x0112  # EXIF tag; from 5 on, the picture is rotated by a quarter turn
-_PNG = b"\x89PNG\r\n\x1a\n"
-_FRAMES = {0xC0, 0xC1, 0xC2, 0xC3, 0xC5, 0xC6, 0xC7, 0xC9, 0xCA, 0xCB, 0xCD, 0xCE, 0xCF}
-"""JPEG's markers of a frame; the size of the picture is in its header."""
 
 
 def check_picture(path: Path) -> tuple[int, int]:
-    """Return width and height of a PNG, JPEG or BMP file, px.
+    """Return width and height of a PNG, JPEG or BMP file, px, from its header.
 
     Raises FileNotFoundError, or ValueError if it is none of these, or has more than `MOST_PIXELS` pixels.
     """
-    check_file(path)
-    with Path(path).open("rb") as file:
-        start = file.read(32)
-        try:
-            if start.startswith(_PNG) and start[12:16] == b"IHDR":
-                width, height = struct.unpack(">II", start[16:24])
-            elif start.startswith(b"BM"):
-                width, height = map(abs, struct.unpack("<ii", start[18:26]))
-            elif start.startswith(b"\xff\xd8"):
-                width, height = _jpeg_size(file)
-            else:
-                raise ValueError("it does not begin like any of them")
-        except (ValueError, struct.error) as error:
-            raise ValueError(f"{path}: expected a PNG, JPEG or BMP picture, {error}") from None
-    if not 0 < width * height <= MOST_PIXELS:
-        raise ValueError(f"{path}: expected a picture of at most {MOST_PIXELS} pixels, found {width} x {height}")
-    return width, height
-
-
-def _jpeg_size(file) -> tuple[int, int]:
-    file.seek(2)
-    while (head := file.read(4)) and len(head) == 4 and head[0] == 0xFF:
-        length = struct.unpack(">H", head[2:])[0]
-        if head[1] in _FRAMES:
-            _, height, width = struct.unpack(">BHH", file.read(5))
-            return width, height
-        file.seek(max(length - 2, 0), 1)
-    raise ValueError("it has no frame")
+    with _opened(path, _DECODED) as image:
+        return image.size
 
 
 def read_picture(path: Path, channels: tuple[int, ...]) -> np.ndarray:
@@ -74,7 +45,7 @@ def read_picture(path: Path, channels: tuple[int, ...]) -> np.ndarray:
 
 def upright_size(path: Path) -> tuple[int, int]:
     """Return width and height of a PNG, JPEG, BMP, WebP or TIFF file, px, as shown; errors as in `read_upright`."""
-    with _opened(path) as image:
+    with _opened(path, _UPRIGHT) as image:
         width, height = image.size
         turned = _has_exif(image) and image.getexif().get(_ORIENTATION, 1) >= 5
         return (height, width) if turned else (width, height)
@@ -85,7 +56,7 @@ def read_upright(path: Path) -> np.ndarray:
 
     Raises FileNotFoundError, or ValueError if it is damaged, of another format, or has more than `MOST_PIXELS` pixels.
     """
-    with _opened(path) as image:
+    with _opened(path, _UPRIGHT) as image:
         upright = ImageOps.exif_transpose(image) if _has_exif(image) else image
         if upright.mode.startswith("I"):
             grey = np.clip(np.asarray(upright).astype(np.int64) >> 8, 0, 255).astype(np.uint8)
@@ -99,18 +70,19 @@ def _has_exif(image: Image.Image) -> bool:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Image.Image]:
-    """Open a picture with Pillow; its errors become ValueErrors that name the file."""
+def _opened(path: Path, formats: tuple[str, ...]) -> Iterator[Image.Image]:
+    """Open a picture with Pillow, which reads its header; its errors become ValueErrors that name the file."""
     check_file(path)
     try:
-        with Image.open(path, formats=_UPRIGHT_FORMATS) as image:
+        # Pillow warns of pictures that are refused here.
+        with warnings.catch_warnings(action="ignore"), Image.open(path, formats=[*map(str.upper, formats)]) as image:
             if not 0 < image.size[0] * image.size[1] <= MOST_PIXELS:
                 raise ValueError(
                     f"expected a picture of at most {MOST_PIXELS} pixels, found {image.size[0]} x {image.size[1]}"
                 )
             yield image
     except UnidentifiedImageError:
-        raise ValueError(f"{path}: expected a PNG, JPEG, BMP, WebP or TIFF picture") from None
+        raise ValueError(f"{path}: expected a {', '.join(formats[:-1])} or {formats[-1]} picture") from None
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         raise ValueError(f"{path}: this picture cannot be used, {error}") from None
 
