@@ -12,7 +12,7 @@ from itertools import combinations
 
 import numpy as np
 
-from dmae.calibration.adjustment_problem import coarse_skeleton
+from dmae.calibration.bundle_adjustment import coarse_skeleton
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import Skeleton
@@ -98,7 +98,7 @@ class ViewSample:
     def rays(self, view: np.ndarray, frame: np.ndarray, index: np.ndarray) -> np.ndarray:
         """Return unit directions (m, J, 3), world, of detections given by view, frame and index, all (m,)."""
         xy = self.xy[view, frame, index]
-        world_from_pixel = np.linalg.inv(self.rig.K @ self.rig.cam_from_world[:, :3, :3])[view]
+        world_from_pixel = self.rig.world_from_pixel[view]
         rays = xy @ world_from_pixel[:, :, :2].swapaxes(-1, -2) + world_from_pixel[:, None, :, 2]
         return rays / np.linalg.norm(rays, axis=-1, keepdims=True)
 

@@ -240,6 +240,11 @@ class Clip:
         return len(self.detections.xy)
 
     @property
+    def actual_rig(self) -> CameraRig:
+        """The cameras that filmed: `true_rig` where `rig` is a calibration with errors, otherwise `rig`."""
+        return self.true_rig or self.rig
+
+    @property
     def has_pictures(self) -> bool:
         """Whether `images` has colour images."""
         return self.images is not None and "rgb" in self.images.kinds

@@ -110,6 +110,8 @@ def write_episodes(folder: Path, given: Sequence[Episode], fps: float) -> None:
     Raises:
         ValueError: pyarrow is not installed.
     """
+    import pandas as pd
+
     try:
         import pyarrow as pa
         from pyarrow import parquet
@@ -131,14 +133,13 @@ def write_episodes(folder: Path, given: Sequence[Episode], fps: float) -> None:
         [(name, pa.list_(pa.float32(), len(names))) for name, names in vectors.items()]
         + [(name, pa.type_for_alias(dtype.replace("float32", "float"))) for name, dtype in numbers.items()]
     )
-    for part in ("meta/episodes/chunk-000", "data/chunk-000"):
-        (folder / part).mkdir(parents=True)
-    rows, pending, columns, start = [], [], [], 0
+    starts = np.cumsum([0, *(len(each.qpos) for each in given)]).tolist()
+    files = [start // _FILE_FRAMES for start in starts[:-1]]
+    columns = []
     for number, each in enumerate(given):
-        count = len(each.qpos)
+        count, angles = len(each.qpos), each.qpos[:, 7:]
         quaternion = continuous(each.qpos[:, [4, 5, 6, 3]])
-        angles = each.qpos[:, 7:]
-        values = {
+        columns.append({
             "observation.state": np.concatenate([each.qpos[:, :3], quaternion, angles], 1).astype(np.float32),
             "action": np.concatenate([angles[1:], angles[-1:]]).astype(np.float32),
             "observation.contact": each.flags.astype(np.float32),
@@ -146,53 +147,43 @@ def write_episodes(folder: Path, given: Sequence[Episode], fps: float) -> None:
             "timestamp": (np.arange(count) / fps).astype(np.float32),
             "frame_index": np.arange(count),
             "episode_index": np.full(count, number),
-            "index": np.arange(start, start + count),
+            "index": np.arange(starts[number], starts[number + 1]),
             "task_index": np.full(count, tasks.index(each.task)),
+        })  # fmt: skip
+    rows = [
+        {
+            "episode_index": number,
+            "tasks": [each.task],
+            "length": len(each.qpos),
+            "data/chunk_index": 0,
+            "data/file_index": files[number],
+            "dataset_from_index": starts[number],
+            "dataset_to_index": starts[number + 1],
+            "meta/episodes/chunk_index": 0,
+            "meta/episodes/file_index": 0,
+            **pd.json_normalize({"stats": _stats(columns[number])}, sep="/").iloc[0],
         }
-        columns.append(values)
-        file = start // _FILE_FRAMES
-        rows.append(
-            {
-                "episode_index": number,
-                "tasks": [each.task],
-                "length": count,
-                "data/chunk_index": 0,
-                "data/file_index": file,
-                "dataset_from_index": start,
-                "dataset_to_index": start + count,
-                "meta/episodes/chunk_index": 0,
-                "meta/episodes/file_index": 0,
-                **{
-                    f"stats/{name}/{key}": value
-                    for name, stats in _stats(values).items()
-                    for key, value in stats.items()
-                },
-            }
-        )
-        pending.append(
-            pa.table(
-                [
-                    pa.FixedSizeListArray.from_arrays(value.ravel(), value.shape[1])
-                    if value.ndim == 2
-                    else pa.array(value)
-                    for value in values.values()
-                ],
-                schema=schema,
-            )
-        )
-        start += count
-        if number + 1 == len(given) or start // _FILE_FRAMES > file:
-            parquet.write_table(pa.concat_tables(pending), folder / f"data/chunk-000/file-{file:03d}.parquet")
-            pending = []
+        for number, each in enumerate(given)
+    ]
+    for part in ("meta/episodes/chunk-000", "data/chunk-000"):
+        (folder / part).mkdir(parents=True)
+    for file in set(files):
+        own = [each for each, place in zip(columns, files, strict=True) if place == file]
+        arrays = [
+            pa.FixedSizeListArray.from_arrays(value.ravel(), value.shape[1]) if value.ndim == 2 else pa.array(value)
+            for value in _joined(own).values()
+        ]
+        parquet.write_table(pa.table(arrays, schema=schema), folder / f"data/chunk-000/file-{file:03d}.parquet")
     parquet.write_table(pa.Table.from_pylist(rows), folder / "meta/episodes/chunk-000/file-000.parquet")
-    _write_tasks(folder / "meta/tasks.parquet", tasks)
-    everything = {name: np.concatenate([each[name] for each in columns]) for name in features}
-    write_atomic(folder / "meta/stats.json", json.dumps(_stats(everything), indent=1))
+    # The index of the table of tasks is the text.
+    index = pd.Index(tasks, name="task")
+    pd.DataFrame({"task_index": range(len(tasks))}, index).to_parquet(folder / "meta/tasks.parquet")
+    write_atomic(folder / "meta/stats.json", json.dumps(_stats(_joined(columns)), indent=1))
     info = {
         "codebase_version": VERSION,
         "robot_type": "unitree_g1",
         "total_episodes": len(given),
-        "total_frames": start,
+        "total_frames": starts[-1],
         "total_tasks": len(tasks),
         "chunks_size": 1000,
         "data_files_size_in_mb": 100,
@@ -206,11 +197,9 @@ def write_episodes(folder: Path, given: Sequence[Episode], fps: float) -> None:
     write_atomic(folder / "meta/info.json", json.dumps(info, indent=1))
 
 
-def _write_tasks(path: Path, tasks: list[str]) -> None:
-    """Write the table of tasks, whose index is the text."""
-    import pandas as pd
-
-    pd.DataFrame({"task_index": range(len(tasks))}, index=pd.Index(tasks, name="task")).to_parquet(path)
+def _joined(columns: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """Return the features of several episodes, one after the other."""
+    return {name: np.concatenate([each[name] for each in columns]) for name in columns[0]}
 
 
 def _stats(values: dict[str, np.ndarray]) -> dict[str, dict[str, list]]:

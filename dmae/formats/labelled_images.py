@@ -44,7 +44,7 @@ def joint_labels(clip: Clip, poses: Poses3D, skeleton: Skeleton) -> JointLabels:
     the occluder of the least visible of them.
     """
     true = poses is clip.truth
-    rig = clip.true_rig if true and clip.true_rig is not None else clip.rig
+    rig = clip.actual_rig if true else clip.rig
     converted = convert(poses, skeleton)
     xy, _ = rig.project(converted.xyz)
     inside = rig.inside(xy)

@@ -55,21 +55,10 @@ def write_poses(
     keep_mm: float | None = None,
     robot: str | None = None,
 ) -> Written:
-    """Write the captured or completed poses of a clip, or its truth if it has no poses.
+    """Write the captured or completed poses of a clip, or its truth if it has no poses; options as in `dmae.export`.
 
-    Args:
-        clip: A clip with poses or truth.
-        path: File to write, see `export_path`. Some formats write a folder, which must be empty or not exist.
-        format: Name of a pose writer, or `package.module:function`.
-        skeleton: Skeleton to write; by default the skeleton of the poses. If that is fused from several, it is the
-            first of them, unless the format writes all of them.
-        unit: Unit of lengths, for formats with a choice of units.
-        keep_mm: mm; leave out joints with a likely error above this, by their covariances, see
-            `dmae.numerics.statistics.without_unlikely`. By default all joints are written.
-        robot: MJCF of the robot, for formats of robots; by default that of an installed package.
-
-    Returns:
-        The poses on the skeleton that was written, and the files.
+    `path` is completed by `export_path`. By default the skeleton is that of the poses; if it is fused from several, the
+    first of them, unless the format writes all of them.
 
     Raises:
         ValueError: the clip has neither poses nor truth, or nobody in them for a format of people; the format is
@@ -122,19 +111,10 @@ def write_poses(
 
 
 def write_recording(clip: Clip, path: Path, format: str = "clip") -> str:
-    """Write the detections and cameras of a clip. The format `clip` writes everything in the clip.
+    """Write the detections and cameras of a clip, as `dmae.convert`. The format `clip` writes everything in the clip.
 
-    Args:
-        clip: Any clip.
-        path: Folder to write. It must be empty or not exist, except for the format `clip`.
-        format: Name of a recording writer, or `package.module:function`.
-
-    Returns:
-        The options of `DataConfig` that the format cannot store and that the user has to give when the recording is
-        read, as command-line arguments. The text is empty if there are none.
-
-    Raises:
-        ValueError: the format is unknown, the folder is not empty, or the format cannot store the cameras.
+    Returns the options, as on a command line, that the format cannot store and that its reader needs; empty if none.
+    Raises ValueError if the format is unknown, the folder is not empty, or the format cannot store the cameras.
     """
     writer, path = recording_writer.find(format), Path(path)
     if writer.name != "clip":

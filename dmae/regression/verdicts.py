@@ -108,16 +108,9 @@ def text(measure: str, value: float) -> str:
 
 
 def check(solver: Callable, skip: Sequence[str] = (), seconds: float = SECONDS) -> list[Verdict]:
-    """Check a solver against every case of the pack, except those to skip, by name.
+    """Check a solver, as `dmae.regress` describes it, against every case of the pack, except those to skip, by name.
 
-    Args:
-        solver: Takes keywords `K` (V, 3, 3), `dist` (V, 5) or (V, 8), `cam_from_world` (V, 4, 4) m, `size` (V, 2) px,
-            `xy` (n, V, 2) px, distorted, NaN where absent, and `confidence` (n, V), NaN where a view does not count;
-            returns (n, 3) m, NaN where it refuses. Cameras are OpenCV's, none a fisheye; pixel (0, 0) is the centre of
-            the first pixel.
-        seconds: Time limit for one case.
-
-    Raises ValueError if `skip` has a name that no case has.
+    `seconds` is the time limit for one case. Raises ValueError if `skip` has a name that no case has.
     """
     names = [case.name for case in cases()]
     unknown = [name for name in skip if name not in names]

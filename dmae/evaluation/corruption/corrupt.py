@@ -66,7 +66,7 @@ def people_of(clip: Clip, config: CaptureConfig) -> Poses3D:
 
 def pixels_of_people(clip: Clip) -> np.ndarray:
     """Return the pixels (F, V, P, J, 2) of `clip.poses` in the true cameras."""
-    return (clip.true_rig or clip.rig).project(clip.poses.xyz)[0]
+    return clip.actual_rig.project(clip.poses.xyz)[0]
 
 
 def detections_of_people(clip: Clip) -> np.ndarray:

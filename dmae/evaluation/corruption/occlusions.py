@@ -44,7 +44,7 @@ def objects(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
     Six round pillars from floor to ceiling stand between cameras and people, where people leave most room. All are as
     thick as it takes to hide that share of the joints. What a pillar hides is not detected.
     """
-    centres, people = (clip.true_rig or clip.rig).centers[:, :2], clip.poses.xyz[..., :2].astype(np.float64)
+    centres, people = clip.actual_rig.centers[:, :2], clip.poses.xyz[..., :2].astype(np.float64)
     known = people[~np.isnan(people).any(-1)]
     if not len(known):
         return clip
@@ -74,7 +74,7 @@ def persons(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
     angle = 2 * np.pi * (rng.random(count) + np.arange(len(clip))[:, None] / (clip.fps * _TURN))
     around = [companion(people, person, _AROUND, angle[:, person], 0) for person in range(count)]
     everyone = np.concatenate([people, *(body[:, None] for body in around)], 1)
-    margin = clearance_of_others((clip.true_rig or clip.rig).centers, everyone, skeleton)[:, :, :count]
+    margin = clearance_of_others(clip.actual_rig.centers, everyone, skeleton)[:, :, :count]
     return undetected_nearest(clip, by_detection(clip, margin), level)
 
 
@@ -85,7 +85,7 @@ def own_body(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
     Limbs and trunk are as thick as it takes to hide that share of the joints. What they hide is not detected. Nothing
     is drawn at random.
     """
-    centres, people = (clip.true_rig or clip.rig).centers, clip.poses.xyz.astype(np.float64)
+    centres, people = clip.actual_rig.centers, clip.poses.xyz.astype(np.float64)
     return undetected_nearest(clip, by_detection(clip, clearance_of_self(centres, people, clip.poses.skeleton)), level)
 
 
@@ -145,7 +145,7 @@ def _with_people(clip: Clip, distance: np.ndarray, angle: np.ndarray, delay: np.
     time: with the same error, in proportion to the height in the image, and the same confidence, or not at all. Joints
     behind any other body or outside the image are not detected.
     """
-    rig, skeleton, found = clip.true_rig or clip.rig, clip.poses.skeleton, clip.detections
+    rig, skeleton, found = clip.actual_rig, clip.poses.skeleton, clip.detections
     people, count = clip.poses.xyz.astype(np.float64), clip.poses.xyz.shape[1]
     if not count:
         return clip

@@ -55,4 +55,4 @@ def calibration(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
     turned = clip.rig.cam_from_world.copy()
     for view, vector in enumerate(axis * np.radians(level)):
         turned[view, :3] = cv2.Rodrigues(vector)[0] @ turned[view, :3]
-    return replace(clip, rig=replace(clip.rig, cam_from_world=turned), true_rig=clip.true_rig or clip.rig)
+    return replace(clip, rig=replace(clip.rig, cam_from_world=turned), true_rig=clip.actual_rig)
