@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import ttest_rel
 
-from dmae.calibration.adjustment_problem import (
+from dmae.calibration.bundle_adjustment import (
     CENTRE,
     FOCAL,
     K1,
@@ -20,8 +20,8 @@ from dmae.calibration.adjustment_problem import (
     Freedom,
     ImageTracks,
     Observations,
+    adjust,
 )
-from dmae.calibration.bundle_adjustment import adjust
 from dmae.calibration.epipolar import (
     CHECKED_FRAMES,
     SOUND,

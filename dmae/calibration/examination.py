@@ -12,19 +12,20 @@ import numpy as np
 from scipy.stats import t as student_t
 from scipy.stats import ttest_1samp
 
-from dmae.calibration.adjustment_problem import (
+from dmae.calibration.bundle_adjustment import (
     CENTRE,
     FOCAL,
     K1,
     OFFSET,
     ROTATION,
+    Adjusted,
     Calibration,
     Freedom,
     ImageTracks,
     Observations,
     Q,
+    adjust,
 )
-from dmae.calibration.bundle_adjustment import Adjusted, adjust
 
 BODIES = 200
 """Largest number of bodies that are compared."""

@@ -13,8 +13,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
-from dmae.calibration.adjustment_problem import Calibration, Freedom, ImageTracks, Observations, coarse_skeleton
-from dmae.calibration.bundle_adjustment import adjust
+from dmae.calibration.bundle_adjustment import Calibration, Freedom, ImageTracks, Observations, adjust, coarse_skeleton
 from dmae.calibration.world import relative_size
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip

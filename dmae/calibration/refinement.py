@@ -6,18 +6,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dmae.calibration.adjustment_problem import (
+from dmae.calibration.bundle_adjustment import (
     CENTRE,
     FOCAL,
     K1,
     OFFSET,
     ROTATION,
+    Adjusted,
     Calibration,
     Freedom,
     Observations,
     Q,
+    adjust,
+    covariance_of_cameras,
 )
-from dmae.calibration.bundle_adjustment import Adjusted, adjust, covariance_of_cameras
 from dmae.calibration.config import ALL, AUTO, RefineConfig
 from dmae.calibration.examination import SHORTEST_S, Examination, examine
 from dmae.calibration.matching import initial_rig, match_tracks
@@ -60,7 +62,7 @@ class Refined:
     # offset, drift: (V,) s and s/s, as in `Calibration`
     offset: np.ndarray
     drift: np.ndarray
-    # (V, Q, Q) of the parameters of each camera (`dmae.calibration.adjustment_problem`). It assumes the usual errors of
+    # (V, Q, Q) of the parameters of each camera (`dmae.calibration.bundle_adjustment`). It assumes the usual errors of
     # detectors: correlated over some tenths of a second, with a constant part at each joint of a person in a view. 0
     # for parameters that were not refined.
     covariance: np.ndarray

@@ -31,12 +31,12 @@ from planted_recordings import (
 from scipy.stats import chi2, norm
 
 import dmae
-from dmae.calibration.adjustment_problem import CENTRE, OFFSET, ROTATION, Calibration
+from dmae.calibration.bundle_adjustment import CENTRE, OFFSET, ROTATION, Calibration
 from dmae.calibration.config import RefineConfig
 from dmae.calibration.faults import Fault
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
-from dmae.evaluation.report.joints import reprojection
+from dmae.evaluation.report.findings import reprojection
 
 DISPLACED, LATE = "displaced", "late"
 _FRAMES_LATE = 3

@@ -19,7 +19,7 @@ import provenance
 
 import dmae
 import synth
-from dmae.calibration.adjustment_problem import CENTRE, FOCAL, K1, ROTATION, Calibration, Q
+from dmae.calibration.bundle_adjustment import CENTRE, FOCAL, K1, ROTATION, Calibration, Q
 from dmae.calibration.faults import Fault
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.json_values import json_text

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import pdist
 
-from dmae.calibration.adjustment_problem import (
+from dmae.calibration.bundle_adjustment import (
     CENTRE,
     FOCAL,
     K1,
@@ -16,8 +16,8 @@ from dmae.calibration.adjustment_problem import (
     Freedom,
     Observations,
     Q,
+    adjust,
 )
-from dmae.calibration.bundle_adjustment import adjust
 from dmae.calibration.config import RefineConfig
 from dmae.calibration.examination import Kind, examine
 from dmae.calibration.matching import initial_rig, match_tracks

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from dmae.calibration.adjustment_problem import ROTATION, Calibration, Q
+from dmae.calibration.bundle_adjustment import ROTATION, Calibration, Q
 from dmae.calibration.doctor import Diagnosis, Finding, _confirmed, diagnose, examined
 from dmae.calibration.epipolar import Hypothesis, pairs_to_compare
 from dmae.calibration.faults import Correction, Fault, rescale

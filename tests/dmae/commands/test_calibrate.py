@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dmae.calibration.adjustment_problem import CENTRE, Calibration, Q
+from dmae.calibration.bundle_adjustment import CENTRE, Calibration, Q
 from dmae.calibration.config import RefineConfig
 from dmae.commands import calibrate as command
 from dmae.commands.config import CalibrateCommand
