@@ -1,38 +1,235 @@
-"""The stress matrix: corrupt clips, capture them, complete them with each contender, and score the results.
+"""The stress matrix: its plan, its computation, and the curves that come out.
 
-`prepare` plans the cells of clips and looks for results that exist already, `compute` runs the others and returns the
-curves. Each result is stored as soon as it is computed.
+The plan has axes, pairs of axes, the cells that they need, and the methods that contend. `prepare` plans the cells of
+clips and looks for results that exist already, `compute` runs the others and returns the curves. Each result is stored
+as soon as it is computed.
 """
 
 import hashlib
 import json
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from functools import cache
 from importlib import metadata
+from importlib.util import find_spec
+from itertools import product
 from pathlib import Path
 
 import numpy as np
+import yaml
 
 from dmae.completion.features import noisiness, smooth_by_noise
 from dmae.completion.methods import completion_method, find_method
+from dmae.completion.weights import PAPER as PAPER_WEIGHTS
+from dmae.completion.weights import weights_folder
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.conversion import convert
-from dmae.evaluation.config import StressConfig
+from dmae.data.json_values import decode
+from dmae.data.resources import resource_folder
+from dmae.evaluation.config import PAPER, StressConfig, StressSize
 from dmae.evaluation.corruption.corrupt import corrupt, people_of
-from dmae.evaluation.scores import json_numbers, measured_by_all, score, scored_actors, truth_of
-from dmae.evaluation.stress.curves import curves
-from dmae.evaluation.stress.plan import Cell, Contender, Plan, allowed, contenders, plan, settings_of, source_hash
+from dmae.evaluation.corruption.registry import corruptions, find_corruption
+from dmae.evaluation.scores import (
+    figure_score,
+    json_numbers,
+    measured_by_all,
+    run_table,
+    score,
+    scored_actors,
+    truth_of,
+)
 from dmae.files.contents import write_atomic
 from dmae.formats.config import clip_range
 from dmae.formats.reading import Clips
 from dmae.metrics.angles import leg_angles
+from dmae.metrics.table import Score
+from dmae.numerics.statistics import mean_known
 from dmae.parallel import in_parallel, one_thread, process_count, running_on
 from dmae.progress import progress
-from dmae.reconstruction.config import CaptureConfig
+from dmae.reconstruction.config import CaptureConfig, capture_method
 from dmae.reconstruction.pipeline import capture
 from dmae.reporting.tables import counted
+
+_PAIRS = {
+    StressSize.small: ("cameras+objects",),
+    StressSize.full: ("cameras+objects", "calibration+cameras", "crowd+misses", "jitter+bursts"),
+}
+_SEEDS = {StressSize.small: 1, StressSize.full: 3}
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One corruption of a clip, to be captured once."""
+
+    levels: tuple[tuple[str, float], ...]  # Name and level of each corruption with a level above 0
+    seed: int  # Seed of the random numbers
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One corruption, or two at the same time."""
+
+    names: tuple[str, ...]  # Names of the corruptions
+    # Tuples with a level above 0 for each corruption. The levels of a single corruption increase.
+    levels: tuple[tuple[float, ...], ...]
+    # Whether the user named the axis. If clips do not allow it, that is then an error; otherwise the axis is left out.
+    asked: bool = False
+    given: bool = False  # Whether the user gave the levels. A level that clips do not allow is then an error.
+
+    @property
+    def name(self) -> str:
+        return "+".join(self.names)
+
+    def active(self, level: tuple[float, ...]) -> tuple[tuple[str, float], ...]:
+        """Return name and value of the corruptions that are above 0 at a level."""
+        return tuple((name, value) for name, value in zip(self.names, level, strict=True) if value)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Axes, pairs and seeds of a matrix, and notes on what was left out."""
+
+    axes: tuple[Axis, ...]
+    pairs: tuple[Axis, ...]
+    seeds: tuple[int, ...]
+    notes: tuple[str, ...] = ()
+
+    def cells(self) -> list[Cell]:
+        """Return every cell once. The first one is the cell of the uncorrupted clip."""
+        levels = [axis.active(level) for axis in (*self.axes, *self.pairs) for level in axis.levels]
+        return [*dict.fromkeys([Cell((), 0), *(Cell(level, seed) for level in levels for seed in self.seeds)])]
+
+
+def plan(config: StressConfig) -> Plan:
+    """Return the plan of a configuration for clips that allow all axes.
+
+    Raises ValueError if an axis or level does not exist, a pair is not two different axes, or an axis with levels is
+    unused.
+    """
+    names = config.axes or [entry.name for entry in corruptions()]
+    axes = [_axis((name,), config, bool(config.axes)) for name in dict.fromkeys(names)]
+    pairs = []
+    for pair in _PAIRS[StressSize(config.size)] if config.pairs is None else config.pairs:
+        first, plus, second = pair.partition("+")
+        if not (plus and first and second) or first == second:
+            raise ValueError(f"pairs={pair}: expected two different axes, as in pairs=[cameras+objects]")
+        if config.pairs is not None or {first, second} <= set(names):
+            pairs.append(_axis((first, second), config, config.pairs is not None))
+    used = {name for axis in (*axes, *pairs) for name in axis.names}
+    if unused := set(config.levels) - used:
+        raise ValueError(f"levels of {', '.join(sorted(unused))}: no such axis is used; there are {', '.join(used)}")
+    seeds = tuple(range(config.seed, config.seed + _SEEDS[StressSize(config.size)]))
+    return Plan(tuple(axes), tuple(pairs), seeds)
+
+
+def allowed(plan: Plan, clip: Clip) -> Plan:
+    """Return the plan without axes and levels that a clip forbids, each with a note; ValueError if requested."""
+    notes = list(plan.notes)
+
+    def keep(axis: Axis) -> Iterator[Axis]:
+        fits, refused = [], None
+        for level in axis.levels:
+            try:
+                for name, value in zip(axis.names, level, strict=True):
+                    find_corruption(name).check(value, clip)
+                fits.append(level)
+            except ValueError as reason:
+                if axis.given:
+                    raise
+                refused = refused or reason
+                notes.append(f"Left out {reason}.")
+        if fits:
+            yield replace(axis, levels=tuple(fits))
+        elif axis.asked:
+            raise refused
+
+    axes, pairs = (tuple(kept for axis in part for kept in keep(axis)) for part in (plan.axes, plan.pairs))
+    return Plan(axes, pairs, plan.seeds, tuple(dict.fromkeys(notes)))
+
+
+def _axis(names: tuple[str, ...], config: StressConfig, asked: bool) -> Axis:
+    levels = []
+    for name in names:
+        entry = find_corruption(name)
+        given = config.levels.get(name)
+        chosen = given or (entry.small if len(names) > 1 or config.size == StressSize.small else entry.levels)
+        for level in chosen:
+            entry.check(level)
+        levels.append(sorted({float(level) for level in chosen if level}))
+        if not levels[-1]:
+            raise ValueError(f"levels of {name}: expected one or more above 0, found {given}")
+    return Axis(names, tuple(product(*levels)), asked, any(name in config.levels for name in names))
+
+
+_SHIPPED = Path(__file__).parents[2] / "models"
+
+
+@dataclass(frozen=True)
+class Contender:
+    """A capture, and the completion method that fills the joints that it did not measure."""
+
+    name: str  # Name in the results
+    about: str  # Description in words
+    capture: CaptureConfig  # Configuration of the capture
+    method: str  # Completion method, or `module:function`
+    weights: str | None  # Folder of the weights of a learned method; None for those that come with the package
+
+    @property
+    def fill(self) -> Callable[[Poses3D, float], Poses3D]:
+        """The function that fills poses. Its arguments are the poses and the frames per second."""
+        return _filling(self.method, self.weights)
+
+
+def contenders(config: StressConfig) -> list[Contender]:
+    """Return the contenders; ValueError if a method does not exist, FileNotFoundError if weights do not."""
+    found = []
+    for name in dict.fromkeys(config.methods):
+        if name == PAPER:
+            options = yaml.safe_load((resource_folder("dmae", "configs") / "capture/paper.yaml").read_text())
+            weights = config.paper_weights or PAPER_WEIGHTS
+            about = f"Captured with the paper's thresholds, completed by its network, weights={weights}."
+            found.append(Contender(PAPER, about, decode(CaptureConfig, options), "dmae", weights))
+        elif name in capture_method:
+            own = CaptureConfig(method=name)
+            found.append(Contender(name, f"{capture_method[name].help} As measured.", own, "measured", None))
+        else:
+            method = find_method(name)
+            weights = config.weights if method.learned else None
+            found.append(Contender(name, method.help, config.capture, name, weights))
+    for each in found:
+        if each.weights and not (weights_folder(each.weights) / "model.json").is_file():
+            raise FileNotFoundError(f"{each.weights}: expected a folder that `dmae train` wrote, holding model.json")
+    return found
+
+
+def source_hash(name: str) -> str | None:
+    """Return a hash of the module of `module:function`; None for the project's own methods."""
+    module, colon, _ = name.partition(":")
+    spec = find_spec(module) if colon else None
+    return hashlib.sha256(Path(spec.origin).read_bytes()).hexdigest() if spec and spec.origin else None
+
+
+@cache
+def _filling(method: str, weights: str | None) -> Callable[[Poses3D, float], Poses3D]:
+    return find_method(method).load(Path(weights) if weights else None)
+
+
+@cache
+def settings_of(contender: Contender) -> dict:
+    """Return all settings on which the results of a contender depend, JSON-able."""
+    method = contender.method
+    files = [source_hash(name) for name in (method, contender.capture.method)]
+    settings = {"capture": asdict(contender.capture), "method": method, "files": files}
+    if find_method(method).learned:
+        # The descriptions of weights contain their checksums.
+        folder = contender.weights
+        files = [weights_folder(folder) / "model.json"] if folder else sorted(_SHIPPED.glob("*/model.json"))
+        settings["weights"] = hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
+    return settings
+
+
+# The matrix: corrupt clips, capture them, complete them with each contender, and score the results
 
 SMOOTHING = 0.1
 """s; smoothing after every method, except methods that smooth by themselves, as in `dmae evaluate`."""
@@ -249,7 +446,7 @@ def prepare(clips: Sequence[Clip], config: StressConfig, cache: Path | None = No
 
 
 def compute(matrix: Matrix) -> dict:
-    """Compute the missing cells, and return the content of `stress.json` (`dmae.evaluation.stress.curves`).
+    """Compute the missing cells, and return the content of `stress.json` (`dmae.evaluation.stress.matrix`).
 
     Each cell is stored as soon as it is computed, so that a run can be interrupted at any time and continued.
     """
@@ -300,3 +497,166 @@ def _tasks(matrix: Matrix, missing: dict[tuple[int, Cell], list[Contender]]) -> 
 
 def _run(subject, clip: int, cell: Cell, left: list[Contender]) -> tuple[int, Cell, dict[str, dict]]:
     return clip, cell, run_cell(subject, cell, left)
+
+
+# Degradation curves with their intervals, breaking points, and differences between methods
+
+PCP_DROP = 10.0
+"""A method is broken if its PCP is this number of points below its PCP at level 0."""
+HIDDEN_ERROR = 100.0
+"""mm; a method is broken if its mean error of hidden joints is above this."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """Scores of one method at one level of a corruption, over all clips and seeds."""
+
+    pcp: Score  # Strict PCP, %
+    hidden: Score  # Error of hidden joints, mm
+    angles: Score | None  # Error of the angles of the legs, degrees; None if they are not scored
+    means: dict[str, float]  # Scores without an interval by name, %
+
+    @property
+    def json(self) -> dict:
+        intervals = {"pcp": self.pcp, "hidden": self.hidden} | ({"angles": self.angles} if self.angles else {})
+        rounded = {name: [_number(value) for value in (each.value, *each.interval)] for name, each in intervals.items()}
+        return rounded | {name: _number(value) for name, value in self.means.items()}
+
+
+def curves(plan: Plan, contenders: Sequence[Contender], runs: list[dict], clips: Sequence[str], reference: str) -> dict:
+    """Return all curves of a matrix, JSON-able. None stands for values that were not measured.
+
+    `runs` are the scores of each method in each cell of each clip, with `method`, `levels` and `seed` of the cell,
+    `clip` and `cameras`; `reference` is "truth" or "capture".
+
+    Returns:
+        `clips`, their ids; `reference`; `seeds`; `methods`, their descriptions by name; `notes`.
+
+        `axes`, each with `name`, `about`, `unit` and `methods`: name to `points` and `breaks`. A point has `level`,
+        `pcp` % and `hidden` mm, each [value, low, high] with the 95 % interval over blocks of time, `recall` and
+        `precision` of joints, `idf1` and `absent` %; and `angles`, degrees, as `pcp`, if they are scored. `breaks`
+        contains, for `pcp` and for `hidden`, the level at which the method breaks, with its interval: [level, low,
+        high]. An entry is None if it is beyond the range of levels; both ends of the interval are None if the clips
+        are too short for an interval; the whole list is None if nothing was measured. `best` is the method of highest
+        PCP at the greatest level. `level_with` are the other methods from which it differs by no more than noise;
+        None if the clips are too short to decide.
+
+        `pairs`, each with `names`, `units` and `points` of two `levels`, by method.
+    """
+    groups: dict[tuple, list[dict]] = {}
+    for run in runs:
+        groups.setdefault((run["method"], run["levels"]), []).append(run)
+    points = {key: _point(group) for key, group in groups.items()}
+    return {
+        "clips": list(clips),
+        "reference": reference,
+        "seeds": list(plan.seeds),
+        "methods": {each.name: each.about for each in contenders},
+        "notes": list(plan.notes),
+        "axes": [_along(axis, contenders, points) for axis in plan.axes],
+        "pairs": [
+            {
+                "names": list(axis.names),
+                "units": [find_corruption(name).unit for name in axis.names],
+                "points": [
+                    {
+                        "levels": list(level),
+                        "methods": {each.name: points[each.name, axis.active(level)].json for each in contenders},
+                    }
+                    for level in axis.levels
+                ],
+            }
+            for axis in plan.pairs
+        ],
+    }
+
+
+def breaking_point(levels: np.ndarray, values: np.ndarray, broken: np.ndarray) -> np.ndarray:
+    """Return the level (N,) at which each curve first breaks; infinite for a curve that does not break.
+
+    Curves are straight lines between levels. Levels without a measurement are skipped.
+
+    Args:
+        levels: (L,) increasing levels, the first is 0.
+        values: (N, L) distance of each curve above its bound, negative below it; NaN without a measurement.
+        broken: (N, L) True where a curve is below its bound.
+    """
+    found = np.full(len(values), np.inf)
+    for curve in np.flatnonzero(broken.any(1)):
+        first = int(broken[curve].argmax())
+        before = np.flatnonzero(~np.isnan(values[curve, :first]))
+        if not len(before):
+            found[curve] = levels[first]
+            continue
+        (start, end), (above, below) = levels[[before[-1], first]], values[curve, [before[-1], first]]
+        found[curve] = start + (end - start) * above / (above - below)
+    return found
+
+
+def _point(runs: list[dict]) -> Point:
+    table = run_table(runs, "seed")
+    singles = {
+        "recall": [run["pck"]["recall"] for run in runs],
+        "precision": [run["pck"]["precision"] for run in runs],
+        "idf1": [run["idf1"] for run in runs],
+        "absent": [run["shares"]["absent"] for run in runs],
+    }
+    return Point(
+        figure_score(table, "pcp", "seed"),
+        figure_score(table, "hidden", "seed"),
+        figure_score(table, "angles", "seed") if (table["figure"] == "angles").any() else None,
+        {name: mean_known(np.array(values, float)) for name, values in singles.items()},
+    )
+
+
+def _along(axis: Axis, contenders: Sequence[Contender], points: dict[tuple, Point]) -> dict:
+    entry = find_corruption(axis.name)
+    levels = [(0.0,), *axis.levels]
+    found_of = {each.name: [points[each.name, axis.active(level)] for level in levels] for each in contenders}
+    methods = {
+        name: {
+            "points": [{"level": level} | point.json for (level,), point in zip(levels, found, strict=True)],
+            "breaks": _breaks(np.array(levels)[:, 0], found),
+        }
+        for name, found in found_of.items()
+    }
+    last = {name: found[-1].pcp for name, found in found_of.items()}
+    return {"name": axis.name, "about": entry.help, "unit": entry.unit, "methods": methods} | _best(last)
+
+
+def _breaks(levels: np.ndarray, points: list[Point]) -> dict:
+    """Return the levels at which a method breaks, by PCP and by the error of hidden joints, see `curves`."""
+    # If the clips are too short for an interval of a score, values derived from it have no interval either.
+    certain = np.isfinite(points[0].pcp.interval[0])
+
+    def curves_of(scores: list[Score]) -> np.ndarray:
+        """Return (1 + draws, L): the scores at each level, then those of each draw."""
+        return np.stack([np.append(each.value, each.drawn) for each in scores], 1)
+
+    pcp, hidden = curves_of([each.pcp for each in points]), curves_of([each.hidden for each in points])
+    breaks = {}
+    for figure, margin in (("pcp", pcp - pcp[:, :1] + PCP_DROP), ("hidden", HIDDEN_ERROR - hidden)):
+        if np.isnan(margin[0]).all():
+            breaks[figure] = None
+            continue
+        found = breaking_point(levels, margin, margin < 0)
+        low, high = np.quantile(found[1:], [0.025, 0.975], method="inverted_cdf") if certain else (np.nan, np.nan)
+        breaks[figure] = [_number(each, 2) for each in (found[0], low, high)]
+    return breaks
+
+
+def _best(scores: dict[str, Score]) -> dict:
+    """Return the method of highest PCP, and the others that it exceeds by no more than noise; None if unknown."""
+    known = {name: each for name, each in scores.items() if not np.isnan(each.value)}
+    if not known:
+        return {"best": None, "level_with": []}
+    best = max(known, key=lambda name: known[name].value)
+    differences = {name: known[best] - each for name, each in known.items() if name != best}
+    if any(np.isnan(each.interval[0]) for each in differences.values()):
+        return {"best": best, "level_with": None}
+    return {"best": best, "level_with": [name for name, each in differences.items() if not each.excludes_zero]}
+
+
+def _number(value: float, digits: int = 1) -> float | None:
+    """Return a rounded number; None for one that is not finite."""
+    return round(float(value), digits) if np.isfinite(value) else None

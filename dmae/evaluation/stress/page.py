@@ -11,7 +11,7 @@ from scipy.optimize import isotonic_regression
 
 from dmae.data.json_values import json_text
 from dmae.evaluation.corruption.registry import find_corruption
-from dmae.evaluation.stress.curves import HIDDEN_ERROR, PCP_DROP
+from dmae.evaluation.stress.matrix import HIDDEN_ERROR, PCP_DROP
 from dmae.files.contents import write_atomic
 from dmae.reporting.page import CaptionedFigure, Section, write_report
 from dmae.reporting.tables import Table, counted

@@ -7,9 +7,8 @@ from itertools import product
 import numpy as np
 import pytest
 
-from dmae.evaluation.stress.curves import breaking_point, curves
+from dmae.evaluation.stress.matrix import Axis, Cell, Contender, Plan, breaking_point, curves
 from dmae.evaluation.stress.page import breaking_sentence, breaking_tables, summary, write_result
-from dmae.evaluation.stress.plan import Axis, Cell, Contender, Plan
 from dmae.reconstruction.config import CaptureConfig
 
 LEVELS = np.array([0.0, 10.0, 20.0, 40.0])
