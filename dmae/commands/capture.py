@@ -15,7 +15,14 @@ from dmae.completion.methods import METHODS
 from dmae.data.clip import Clip
 from dmae.data.rng import Stream, generator
 from dmae.data.store import load_clip
-from dmae.evaluation.report.joints import Groups, JointGroup, Reprojection, added_groups, reprojection, residual_tables
+from dmae.evaluation.report.findings import (
+    Groups,
+    JointGroup,
+    Reprojection,
+    added_groups,
+    reprojection,
+    residual_tables,
+)
 from dmae.files.mapped import by_frames
 from dmae.formats.config import clip_range
 from dmae.formats.reading import Clips

@@ -8,18 +8,8 @@ from pathlib import Path
 from dmae.commands.config import ReviewCommand
 from dmae.data.clip import person_name
 from dmae.data.store import load_clip
-from dmae.evaluation.review import (
-    DECISIONS,
-    FIRST,
-    OFF,
-    Decision,
-    Doubt,
-    ReviewVerdict,
-    check_ranking,
-    load_decisions,
-    rank_doubts,
-    save_decisions,
-)
+from dmae.evaluation.report.findings import FIRST, OFF, Doubt, check_ranking, rank_doubts
+from dmae.evaluation.review import DECISIONS, Decision, ReviewVerdict, load_decisions, save_decisions
 from dmae.files.contents import write_atomic
 from dmae.formats.poses import SOURCE_WORDS
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from dmae.evaluation.gates import Gate
-    from dmae.evaluation.review import Doubt
+    from dmae.evaluation.report.findings import Doubt
     from dmae.regression.verdicts import Verdict
     from dmae.viewing.config import LayersConfig
 
@@ -292,7 +292,7 @@ def review(clip: Clip, decisions: Sequence[Decision] = ()) -> list[Doubt]:
         >>> len(dmae.review(clip, [first.decision("accept")])) == len(others)
         True
     """
-    from dmae.evaluation.review import rank_doubts
+    from dmae.evaluation.report.findings import rank_doubts
 
     return rank_doubts(clip, decisions)
 
@@ -363,7 +363,7 @@ def stress(clips: Sequence[Clip], out: str | Path | None = None, config: StressC
 
     Returns:
         The content of `stress.json`: scores of each method along each axis, and where it breaks
-        (`dmae.evaluation.stress.curves.curves`).
+        (`dmae.evaluation.stress.matrix.curves`).
 
     Raises:
         ValueError: clips do not allow a requested axis.

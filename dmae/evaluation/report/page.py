@@ -16,10 +16,13 @@ from dmae.evaluation.report.findings import (
     BY_SEEING,
     PROBABILITIES,
     Findings,
+    JointGroup,
     State,
+    added,
+    added_groups,
     examine,
+    residual_tables,
 )
-from dmae.evaluation.report.joints import JointGroup, added, added_groups, residual_tables
 from dmae.evaluation.review import DECISIONS, FORMAT, ReviewVerdict
 from dmae.files.structured import read_json
 from dmae.formats.poses import SOURCE_WORDS

@@ -8,21 +8,14 @@ import pytest
 
 import dmae
 from dmae.data.clip import Source
+from dmae.evaluation.report.findings import BONE, JUMP, RESIDUAL, STATED, UNSTATED, check_ranking, rank_doubts, signs
 from dmae.evaluation.review import (
-    BONE,
     DECISIONS,
-    JUMP,
-    RESIDUAL,
-    STATED,
-    UNSTATED,
     Decision,
     ReviewVerdict,
-    check_ranking,
     decided,
     load_decisions,
-    rank_doubts,
     save_decisions,
-    signs,
     with_decisions,
 )
 from tests.support.clips import full_clip, walkers

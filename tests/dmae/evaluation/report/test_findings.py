@@ -15,10 +15,12 @@ from dmae.evaluation.report.findings import (
     BY_SEEING,
     PROBABILITIES,
     State,
+    added,
+    added_groups,
     examine,
     peaks,
+    tally,
 )
-from dmae.evaluation.report.joints import added, added_groups, tally
 from dmae.evaluation.report.page import share, summary
 from dmae.numerics.paths import runs
 from tests.support.clips import walkers

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from dmae.data.cameras import CameraRig
+from dmae.evaluation.report.findings import rank_doubts
 from dmae.evaluation.report.page import write_clips_report
-from dmae.evaluation.review import DECISIONS, load_decisions, rank_doubts
+from dmae.evaluation.review import DECISIONS, load_decisions
 from tests.support.browser import opened
 from tests.support.reported_clips import completed_clip, grey_of, with_pictures
 
