@@ -39,7 +39,7 @@ from dmae.numerics.filling import STILLS, are_stills
 from dmae.parallel import in_parallel
 from dmae.progress import progress
 from dmae.reporting.tables import counted
-from dmae.viewing.canvas import Mark, draw_line, draw_mark, person_colour
+from dmae.viewing.overlay import Mark, draw_line, draw_mark, person_colour
 
 _SAMPLED = 5  # Number of images of a camera, evenly spread, in which black borders are searched
 _LISTED = 8

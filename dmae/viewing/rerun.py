@@ -10,8 +10,17 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D, Source, person_name
 from dmae.data.labels import Visibility
 from dmae.progress import progress
-from dmae.viewing.canvas import RED, person_colour
-from dmae.viewing.overlay import COLOURS, DETECTED, TRUE, Layers, Overlay, first_joints, occluder_name
+from dmae.viewing.overlay import (
+    COLOURS,
+    DETECTED,
+    RED,
+    TRUE,
+    Layers,
+    Overlay,
+    first_joints,
+    occluder_name,
+    person_colour,
+)
 from dmae.viewing.sheet import pictures_of, written_whole
 
 _JPEG_QUALITY = 80
@@ -22,20 +31,19 @@ def write_recording(clip: Clip, path: Path, layers: Layers) -> None:
 
     If the occluders are known, the colour and label of a true joint show its occluder.
     """
-    true_rig = clip.rig if clip.true_rig is None else clip.true_rig
     frames = np.arange(len(clip))
     # Leaving the context of the stream flushes the file.
     with written_whole(path) as part, rr.RecordingStream("dmae", recording_id=clip.id) as recording:
         recording.save(str(part))
         recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        _log_cameras(recording, true_rig)
+        _log_cameras(recording, clip.actual_rig)
         for frame, images in zip(progress(frames, "recording", len(frames)), pictures_of(clip, frames), strict=True):
             recording.set_time("frame", sequence=int(frame))
             recording.set_time("time", duration=frame / clip.fps)
             if clip.has_pictures:
                 _log_images(recording, clip.rig.names, images)
             if layers.truth:
-                _log_truth(recording, clip, true_rig, frame, layers)
+                _log_truth(recording, clip, clip.actual_rig, frame, layers)
             if layers.poses:
                 _log_poses(recording, clip, frame, layers)
             if layers.detections:

@@ -14,8 +14,24 @@ from dmae.data.images import write_video
 from dmae.files.contents import write_atomic
 from dmae.progress import progress
 from dmae.reporting.tables import counted
-from dmae.viewing.canvas import FAINT, INK, PAPER, RED, RGB, Mark, draw_mark, font, person_colour
-from dmae.viewing.overlay import COLOURS, DETECTED, MEANINGS, TRUE, Layers, Overlay, first_joints
+from dmae.viewing.overlay import (
+    COLOURS,
+    DETECTED,
+    FAINT,
+    INK,
+    MEANINGS,
+    PAPER,
+    RED,
+    RGB,
+    TRUE,
+    Layers,
+    Mark,
+    Overlay,
+    draw_mark,
+    first_joints,
+    font,
+    person_colour,
+)
 
 _GAP = 6  # px; space between views
 _MAX_WIDTH = 2560  # px; greatest width of a sheet or video. With many cameras, views are drawn smaller.

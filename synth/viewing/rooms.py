@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from dmae.data.clip import Clip
-from dmae.viewing.canvas import PAPER
+from dmae.viewing.overlay import PAPER
 from synth.rendering.raycasting import RayPainter
 from synth.scene.build import build_scene
 from synth.scene.spec import SceneSpec

@@ -9,18 +9,19 @@ import pytest
 from dmae.data.clip import Source
 from dmae.data.labels import Visibility
 from dmae.data.skeleton import BODY25
-from dmae.viewing.canvas import RED, person_colour
 from dmae.viewing.config import LayersConfig
 from dmae.viewing.overlay import (
     COLOURS,
     DETECTED,
     MEANINGS,
+    RED,
     TRUE,
     Overlay,
     chosen_layers,
     first_joints,
     occluder_name,
     occlusion_summary,
+    person_colour,
 )
 from dmae.viewing.sheet import header, write_sheet
 from tests.support.shown_clips import captured_clip, near, occluded_clip

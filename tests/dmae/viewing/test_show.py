@@ -15,9 +15,8 @@ import dmae as verbs
 from dmae.data.clip import Clip, Source
 from dmae.data.labels import Visibility
 from dmae.data.store import save_clip, write_manifest
-from dmae.viewing.canvas import RED, person_colour
 from dmae.viewing.config import LayersConfig
-from dmae.viewing.overlay import COLOURS, DETECTED, Layers, Overlay, chosen_layers
+from dmae.viewing.overlay import COLOURS, DETECTED, RED, Layers, Overlay, chosen_layers, person_colour
 from dmae.viewing.sheet import header, write_overlay_video, write_sheet, written_whole
 from tests.support.commands import dmae, synth
 from tests.support.shown_clips import captured_clip, near, occluded_clip, with_images
