@@ -8,12 +8,13 @@
 
 Names, help and settings of the functions in a registry's packages are read from the source, so that commands list them
 without importing them; a function is imported on first use. Functions elsewhere are registered when their module is
-imported, and an option takes any as `package.module:function`.
+imported, and an option takes any as `package.module:function` (`load_function`).
 """
 
 import ast
 import importlib.util
 import inspect
+import sys
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -21,8 +22,6 @@ from functools import cache, cached_property
 from importlib import import_module
 from pathlib import Path
 from typing import Generic, TypeVar
-
-from dmae.plugins import load_function
 
 E = TypeVar("E", bound="Entry")
 
@@ -164,3 +163,35 @@ def _decorated(package: str) -> list[tuple[str, ast.FunctionDef, ast.Call]]:
 
 def _home(function: Callable) -> str:
     return f"{function.__module__}:{getattr(function, '__qualname__', '')}"
+
+
+def load_function(option: str, name: str, example: str = "my_module:my_function") -> Callable:
+    """Import a function, `package.module:function`, from the current folder or from the installed packages.
+
+    Raises ValueError, with the option and an example of it, if there is none, or its module cannot be imported.
+    """
+    module_name, _, function_name = name.partition(":")
+    if not module_name or not function_name:
+        raise ValueError(f"{option}={name}: expected package.module:function, as in {option}={example}")
+    if str(Path.cwd()) not in sys.path:
+        sys.path.insert(0, str(Path.cwd()))
+    try:
+        module = import_module(module_name)
+    # Any error that the import of the module raises, SystemExit included, is reported in one line.
+    except (Exception, SystemExit) as error:
+        raise ValueError(
+            f"{option}={name}: cannot import {module_name}: {type(error).__name__}: {error} (looked in {Path.cwd()} "
+            "and among the installed packages; expected package.module:function)"
+        ) from error
+    function = getattr(module, function_name, None)
+    if not callable(function):
+        functions = {key: value for key, value in vars(module).items() if inspect.isfunction(value)}
+        # List functions that the module imports as well, except those of the standard library.
+        foreign = sys.stdlib_module_names - {module_name}
+        known = [
+            key
+            for key, value in functions.items()
+            if not key.startswith("_") and value.__module__.partition(".")[0] not in foreign
+        ]
+        raise ValueError(f"{option}={name}: {module_name} has no function {function_name!r}; it has {known}")
+    return function

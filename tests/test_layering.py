@@ -16,7 +16,6 @@ LAYERS = (
         "dmae.files",
         "dmae.numerics",
         "dmae.parallel",
-        "dmae.plugins",
         "dmae.progress",
         "dmae.registry",
     ),

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from dmae.commands.config import RegressCommand
-from dmae.plugins import load_function
+from dmae.registry import load_function
 from dmae.regression.pack import cases
 from dmae.regression.verdicts import PURPOSES, REASONS, Verdict, check, text
 from dmae.reporting.tables import Table, print_tables

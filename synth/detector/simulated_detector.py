@@ -11,7 +11,7 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import Detections2D, Poses3D
 from dmae.data.labels import DetectionLabels, JointError, OcclusionLabels
 from dmae.data.skeleton import BODY25
-from dmae.plugins import load_function
+from dmae.registry import load_function
 from synth.detector.config import DetectorConfig
 from synth.detector.parts import by_joint, kind_of
 from synth.detector.view import ErrorStream, View, box

@@ -20,7 +20,7 @@ from dmae.evaluation.benchmark.clips import find_definition
 from dmae.files.checksums import find_damage, find_data_set_damage, refuse_damaged, write_checksums
 from dmae.files.contents import read_text
 from dmae.online.json_lines import read_frame
-from dmae.plugins import load_function
+from dmae.registry import load_function
 from tests.fuzz.reader import Reader
 from tests.support.clips import full_clip
 

@@ -32,10 +32,10 @@ from dmae.formats.poses import pose_paths, read_poses
 from dmae.metrics.angles import leg_angles
 from dmae.metrics.table import Score, ratios, score_of
 from dmae.parallel import in_parallel, running_on
-from dmae.plugins import load_function
 from dmae.progress import progress
 from dmae.reconstruction.config import CaptureConfig, capture_method
 from dmae.reconstruction.pipeline import capture
+from dmae.registry import load_function
 
 
 class Task(StrEnum):
