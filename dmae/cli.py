@@ -1,11 +1,14 @@
-"""The `dmae` command, and how `synth` and it are run. No other module knows Hydra, which is imported to run alone."""
+"""The `dmae` command, and how `synth` and it are run. Hydra runs commands here, and is imported for that alone.
+
+`dmae/command_line/spelling.py` reads values with Hydra's parser; no other module knows Hydra.
+"""
 
 import os
 import shutil
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from importlib import metadata
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,17 +18,7 @@ from dmae.command_line import interruption
 from dmae.command_line.help import command_help, program_help
 from dmae.command_line.options import Command, Group, Option, Program, presets_of
 from dmae.command_line.outputs import check_out, locked, record
-from dmae.command_line.spelling import (
-    PRESET_FLAGS,
-    check,
-    expand_data,
-    expand_lists,
-    expand_names,
-    flag_values,
-    split_flags,
-    suggestion,
-    without_flags,
-)
+from dmae.command_line.spelling import checked, choices, split_flags, sweeps
 from dmae.commands import COMMANDS
 from dmae.data.resources import resource_folder
 from dmae.formats.registry import reader
@@ -71,7 +64,7 @@ def _run_program(program: Program) -> None:
         print(program_help(program))
         return
     if name not in program.commands:
-        sys.exit(f"{program.name}: no command {name!r}; {_commands_like(name, program)}")
+        sys.exit(f"{program.name}: no command {name!r}; {choices(name, program.commands)}")
     command = program.commands[name]
     with interruption.one_line(str(command)) as interrupted:
         try:
@@ -84,11 +77,6 @@ def _run_program(program: Program) -> None:
             sys.exit(f"{command}: error: {_in_one_line(error)}")
 
 
-def _commands_like(name: str, program: Program) -> str:
-    near = suggestion(name, program.commands)
-    return near if near.startswith("there are") else f"{near} There are {', '.join(program.commands)}"
-
-
 def _run_command(command: Command, arguments: list[str], interrupted: interruption.Interruption) -> None:
     if asked := [argument for argument in arguments if argument in _HELP[:2]]:
         topics = [
@@ -96,31 +84,20 @@ def _run_command(command: Command, arguments: list[str], interrupted: interrupti
         ]
         print(command_help(command, command.options(), topics[0] if topics else ""))
         return
-    flags, overrides = split_flags(arguments)
-    folders = list(map(Path, flag_values(flags, *PRESET_FLAGS)))
+    flags, folders, overrides = split_flags(arguments)
     with TemporaryDirectory() as copy:
         if folders:
-            _copy_presets(command, folders, Path(copy))
-            flags = [*without_flags(flags, *PRESET_FLAGS), f"--config-dir={copy}"]
+            from dmae.command_line.presets import copy_presets  # it loads NumPy, which `--help` does not need
+
+            for folder in folders:
+                copy_presets(command.options(), folder, Path(copy))
+            flags.append(f"--config-dir={copy}")
         options = command.options((Path(copy),) if folders else ())
-        overrides = expand_names(options, expand_data(options, overrides))
-        check(options, overrides, flags)
-        overrides = expand_lists(options, overrides)
+        overrides = checked(options, overrides, flags, presets=bool(folders))
         for override in overrides:
-            key, _, out = override.partition("=")
-            if key == "out" and "$" not in out:
-                check_out(out, "folder" if {"-m", "--multirun"} & set(flags) else command.writes)
+            if override.startswith("out=") and "$" not in override:
+                check_out(override.removeprefix("out="), "folder" if sweeps(flags) else command.writes)
         _run_hydra(command, [*flags, *overrides], interrupted)
-
-
-def _copy_presets(command: Command, folders: list[Path], copy: Path) -> None:
-    """Check and copy the presets of users, so that Hydra reads only the copies."""
-    from dmae.command_line.presets import copy_presets  # it loads NumPy, which `--help` does not need
-
-    for folder in folders:
-        if not folder.is_dir():
-            raise ValueError(f"--config-dir {folder}: no such folder")
-        copy_presets(command.options(), folder, copy)
 
 
 def _run_hydra(command: Command, arguments: list[str], interrupted: interruption.Interruption) -> None:
@@ -174,32 +151,31 @@ def _apply(command: Command, module: ModuleType, config, interrupted: interrupti
     missing = sorted(OmegaConf.missing_keys(config))
     if missing:
         raise ValueError(f"expected {', '.join(f'{key}=...' for key in missing)}")
-    values = OmegaConf.to_object(config)
+    values, out = OmegaConf.to_object(config), None
     interrupted.check()
-    if "out" not in config:
-        describe = getattr(module, "interrupted", None)
-        interrupted.describe = lambda: describe(values, None) if describe else "nothing is left behind"
-        with running_on(getattr(values, "backend", Backend.loky)):
-            module.run(values, None)
-        return
-    given = config.out
-    if given is not None and HydraConfig.get().mode == RunMode.MULTIRUN:
-        given = HydraConfig.get().runtime.output_dir
-    out = module.default_out(values) if given is None else Path(given)
-    check_out(out, command.writes)
-    describe = getattr(module, "interrupted", None)
-    interrupted.describe = lambda: describe(values, out) if describe else f"nothing was written to {out}; run it again"
-    with locked(out, getattr(values, "first", None)), running_on(getattr(values, "backend", Backend.loky)):
+    if "out" in config:
+        given = config.out
+        if given is not None and HydraConfig.get().mode == RunMode.MULTIRUN:
+            given = HydraConfig.get().runtime.output_dir
+        out = module.default_out(values) if given is None else Path(given)
+        check_out(out, command.writes)
+    usual = "nothing is left behind" if out is None else f"nothing was written to {out}; run it again"
+    describe = getattr(module, "interrupted", lambda *_: usual)
+    interrupted.describe = lambda: describe(values, out)
+    lock = locked(out, getattr(values, "first", None)) if out else nullcontext()
+    with lock, running_on(getattr(values, "backend", Backend.loky)):
+        verdict = None
         try:
             module.run(values, out)
-        except SystemExit:
+        except SystemExit as exit:
             if interrupted.signal:
                 raise
             # A command that exits with a verdict has finished its work, whatever the verdict is.
+            verdict = exit
+        if out and not getattr(values, "dry_run", False):
             record(OmegaConf.to_yaml(config, resolve=True), out)
-            raise
-        if not getattr(values, "dry_run", False):
-            record(OmegaConf.to_yaml(config, resolve=True), out)
+        if verdict:
+            raise verdict
 
 
 def compose(command: Command, overrides: Sequence[str]) -> object:
@@ -210,10 +186,7 @@ def compose(command: Command, overrides: Sequence[str]) -> object:
     from omegaconf import OmegaConf
     from omegaconf.errors import OmegaConfBaseException
 
-    options = command.options()
-    overrides = expand_names(options, expand_data(options, list(overrides)))
-    check(options, overrides, [])
-    overrides = expand_lists(options, overrides)
+    overrides = checked(command.options(), overrides)
     _store(command)
     # Hydra allows one user at a time: a command, as `dmae demo`, may call a verb that composes another configuration.
     running = GlobalHydra.instance().hydra

@@ -95,7 +95,7 @@ def test_synth_knows_no_learning():
 
 def test_only_the_command_lines_know_hydra():
     knowing = {name for name, path in modules().items() if imported_packages(path) & {"hydra", "omegaconf"}}
-    assert knowing <= {"dmae.cli", "synth.cli"}
+    assert knowing <= {"dmae.cli", "dmae.command_line.spelling"}
 
 
 def loaded_by(statement: str) -> set[str]:

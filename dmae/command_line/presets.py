@@ -20,10 +20,13 @@ _MOST_BYTES, _MOST_FILES = 1 << 20, 1000
 def copy_presets(options: Group, folder: Path, copy: Path) -> None:
     """Copy the presets of a command's groups from `folder/<group>/<name>.yaml` to the same place in `copy`.
 
-    Raises ValueError if a file is no preset; the message names it and the option, and says what a preset can hold.
+    Raises ValueError if there is no such folder, or a file is no preset; the message names it and the option, and says
+    what a preset can hold.
     """
     import yaml
 
+    if not folder.is_dir():
+        raise ValueError(f"--config-dir {folder}: no such folder")
     for group in options.members:
         if not (isinstance(group, Group) and group.presets):
             continue

@@ -1,34 +1,48 @@
 """Overrides held against the options of a command before anything heavy is imported; each mistake is one line.
 
-The line names what the user probably meant: the nearest command, option, preset or choice.
+The line names what the user probably meant: the nearest command, option, preset or choice. Values are read with Hydra's
+own parser.
 """
+
+from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable
 from difflib import SequenceMatcher, get_close_matches
-from itertools import pairwise
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from dmae.command_line.options import REQUIRED, Group, Option
 
+if TYPE_CHECKING:
+    from hydra.core.override_parser.types import Override
+
 _CONFUSED = {"clip": "data", "data": "clip"}
 """Options that one command has under the first name, and another command under the second."""
+FUNCTION = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
+"""`package.module:function`, which registries accept in addition to their own names."""
+_FLAGS = {
+    "--cfg": True, "-c": True, "--package": True, "-p": True, "--config-dir": True, "-cd": True, "--resolve": False,
+    "--run": False, "-r": False, "--multirun": False, "-m": False, "--info": False, "-i": False,
+    "--shell-completion": False, "-sc": False, "--hydra-help": False,
+}  # fmt: skip
+"""Hydra's flags that are taken, and whether a value follows."""
+_LOOKING = {"--cfg", "-c", "--info", "-i", "--shell-completion", "-sc", "--hydra-help"}
+"""Flags with which nothing is run, so that nothing need be given."""
 
 
 def nearest(word: str, words: Iterable[str]) -> str | None:
     """Return the most similar of some words; None if none is similar."""
-    found = get_close_matches(word, list(words), 1, 0.6)
-    return found[0] if found else None
+    return next(iter(get_close_matches(word, list(words), 1)), None)
 
 
-def suggestion(word: str, words: Iterable[str], what: str = "there are") -> str:
-    """Return the text for an unknown word: the nearest known words, or all of them if none is near."""
-    words = list(words)
+def suggestion(word: str, words: Collection[str]) -> str:
+    """Return the text for an unknown word: the nearest one, or all of them if none is near."""
     near = nearest(word, words)
-    return f"did you mean {near}?" if near else f"{what} {', '.join(words)}"
+    return f"did you mean {near}?" if near else f"there are {', '.join(words)}"
 
 
-def choices(value: str, known: Iterable[str]) -> str:
+def choices(value: str, known: Collection[str]) -> str:
     """Return the text for an unknown choice: the nearest one, and all of them."""
     near = nearest(value, known)
     return f"did you mean {near}? There are {', '.join(known)}" if near else f"there are {', '.join(known)}"
@@ -67,71 +81,48 @@ def meant(options: Group, word: str, required: Iterable[str] = ()) -> str:
     return f", as in {value_of}={word}" if value_of else ""
 
 
-_OVERRIDE = re.compile(
-    r"(?P<prefix>\+\+|\+|~)?(?P<key>[^=@]+)(?P<package>@[^=]*)?(?P<equals>=)?(?P<value>.*)", re.DOTALL
-)
-_NUMBER = re.compile(r"[-+]?(\d[\d_]*\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(inf|nan)", re.IGNORECASE)
-_EXPECTED = {"whole number": re.compile(r"[-+]?\d[\d_]*"), "number": _NUMBER}
-FUNCTION = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
-"""`package.module:function`, which registries accept in addition to their own names."""
-_BOOLEANS = {"true", "false", "yes", "no", "on", "off", "1", "0"}
-FLAGS = (
-    "--cfg", "-c", "--resolve", "--package", "-p", "--run", "-r", "--multirun", "-m", "--info", "-i", "--config-dir",
-    "-cd", "--shell-completion", "-sc", "--hydra-help",
-)  # fmt: skip
-_WITH_VALUE = ("--cfg", "-c", "--package", "-p", "--config-dir", "-cd")
-PRESET_FLAGS = ("--config-dir", "-cd")
-_LOOKING = ("--cfg", "-c", "--info", "-i", "--shell-completion", "-sc", "--hydra-help")
-"""Flags with which nothing is run, so that nothing need be given."""
+def split_flags(arguments: Iterable[str]) -> tuple[list[str], list[Path], list[str]]:
+    """Return Hydra's flags, with their values; the folders of `--config-dir`; and the overrides.
 
-
-def split_flags(arguments: list[str]) -> tuple[list[str], list[str]]:
-    """Hydra's flags, with their values, and the overrides; ValueError if there is no such flag."""
-    flags, overrides, rest = [], [], iter(arguments)
+    Raises ValueError if there is no such flag.
+    """
+    flags, folders, overrides, rest = [], [], [], iter(arguments)
     for argument in rest:
+        name, equals, value = argument.partition("=")
         if not argument.startswith("-"):
             overrides.append(argument)
             continue
-        name, equals, _ = argument.partition("=")
-        if name not in FLAGS:
-            near = nearest(name, ("--help", *FLAGS))
+        if name not in _FLAGS:
+            near = nearest(name, ("--help", *_FLAGS))
             usual = "options are given as key=value, and the usual flags are --help, -m, --config-dir and --cfg"
             raise ValueError(f"{name}: no such flag; {f'did you mean {near}?' if near else usual}")
-        flags.append(argument)
-        if name in _WITH_VALUE and not equals:
-            value = next(rest, None)
-            if value is None:
-                raise ValueError(f"{name}: expected a value after it")
-            flags.append(value)
-    return flags, overrides
+        if _FLAGS[name] and not equals and not (value := next(rest, "")):
+            raise ValueError(f"{name}: expected a value after it")
+        if name in ("--config-dir", "-cd"):
+            folders.append(Path(value))
+        else:
+            flags += [name, value] if value else [name]
+    return flags, folders, overrides
 
 
-def flag_values(flags: list[str], *names: str) -> list[str]:
-    """The values that flags of these names were given."""
-    found = [flag.partition("=")[2] for flag in flags if flag.partition("=")[0] in names and "=" in flag]
-    return found + [value for flag, value in pairwise(flags) if flag in names]
+def sweeps(flags: Collection[str]) -> bool:
+    """Return whether flags make Hydra try several values in turn."""
+    return not {"-m", "--multirun"}.isdisjoint(flags)
 
 
-def without_flags(flags: list[str], *names: str) -> list[str]:
-    """Return the flags without those of these names, and without their values."""
-    kept, skip = [], False
-    for flag in flags:
-        if not skip and flag.partition("=")[0] not in names:
-            kept.append(flag)
-        skip = not skip and flag in names
-    return kept
+def checked(options: Group, overrides: Iterable[str], flags: Collection[str] = (), presets: bool = False) -> list[str]:
+    """Return overrides as Hydra takes them: what is short for something is written out.
 
-
-def check(options: Group, overrides: list[str], flags: list[str]) -> None:
-    """Raise ValueError for a mistyped option, preset, choice or type, or a missing option, with the nearest."""
-    sweep = "-m" in flags or "--multirun" in flags
-    given = [_check(options, override, sweep) for override in overrides]
-    looking = any(flag.partition("=")[0] in _LOOKING for flag in flags)
-    if looking or flag_values(flags, *PRESET_FLAGS):
-        return
-    if missing := required(options, set(given)):
+    Raises ValueError, with the nearest, for a mistyped option, preset, choice or value; and for an option that has to
+    be given and is not, unless nothing is run or `presets` of the user may give it.
+    """
+    overrides = [each for override in overrides for each in _expanded(options, override)]
+    taken = [_checked(options, override, sweeps(flags)) for override in overrides]
+    missing = required(options, {override.lstrip("+").partition("=")[0] for override in overrides})
+    if missing and not presets and _LOOKING.isdisjoint(flags):
         texts = (f"{key}=... ({options.find(key).meaning.partition('. ')[0].strip(' .')})" for key in missing)
         raise ValueError(f"expected {', '.join(texts)}; --help lists all options")
+    return taken
 
 
 def required(options: Group, given: Collection[str] = ()) -> list[str]:
@@ -147,78 +138,119 @@ def required(options: Group, given: Collection[str] = ()) -> list[str]:
     return missing
 
 
-def _check(options: Group, override: str, sweep: bool) -> str:
-    """Check one override; the key that it gives."""
-    match = _OVERRIDE.fullmatch(override)
-    key, value, prefix = match["key"].strip(), match["value"], match["prefix"]
-    if key.split(".")[0].split("/")[0] == "hydra":
-        return key
-    if not match["equals"] and prefix != "~":
-        raise ValueError(f"{override}: expected key=value{meant(options, key, required(options))}")
+def _read(override: str) -> Override:
+    """Read an override as Hydra does."""
+    from hydra.core.override_parser.overrides_parser import OverridesParser
+    from hydra.errors import HydraException
+
+    try:
+        return OverridesParser.create().parse_override(override)
+    except HydraException:
+        raise ValueError(f"{override}: cannot be read; look at its quotes and brackets") from None
+
+
+def _values(override: Override) -> list[tuple[str, object]]:
+    """Return the values that are tried in turn, as typed and as read; none where they need Hydra's configuration."""
+    if not override.is_sweep_override():
+        return [(override.input_line.partition("=")[2], override.value())]
+    each = override.sweep_string_iterator() if override.is_choice_sweep() else ()
+    return [(text, _read(f"{override.key_or_group}={text}").value()) for text in each]
+
+
+def _expanded(options: Group, override: str) -> list[str]:
+    """`detector=onnx` is short for `detector.name=onnx`, `data=<folder>` for what is in a folder, of any format.
+
+    Raises ValueError, which lists the formats, if data is neither a format nor a folder.
+    """
+    key, _, value = override.partition("=")
+    group = options.find(key)
+    if not isinstance(group, Group) or not value:
+        return [override]
+    if not group.presets and isinstance(options.find(f"{key}.name"), Option):
+        return [f"{key}.name={value}"]
+    values = [str(each) for _, each in _values(_read(override))]
+    if key != "data" or set(values) <= group.presets.keys():
+        return [override]
+    if FUNCTION.fullmatch(values[0]):
+        return ["data=clip", f"data.name={value}"]
+    for folder in values:
+        if not (Path(folder).exists() or "${" in folder):
+            raise ValueError(f"data={folder}: neither a folder nor a format; {choices(folder, group.presets)}")
+    return ["data=clip", "data.name=null", f"data.path={value}"]
+
+
+def _checked(options: Group, override: str, sweep: bool) -> str:
+    """Check one override. Return it; `images=rgb`, if the option is a list of choices, as `images=[rgb]`."""
+    from hydra.core.override_parser.types import OverrideType
+
+    if "=" not in override and not override.startswith("~"):
+        raise ValueError(f"{override}: expected key=value{meant(options, override.lstrip('+'), required(options))}")
+    read = _read(override)
+    key = read.key_or_group
+    if re.split("[./]", key)[0] == "hydra":
+        return override
     found = options.find(key)
     if found is None:
         parent = options.find(key.rpartition(".")[0])
         if isinstance(parent, Option) and parent.keyed:
-            return key  # an entry of a dictionary
+            return override  # an entry of a dictionary
         raise ValueError(f"{key}: no such option; {like(options, key)}")
-    if prefix == "+":
+    if read.type == OverrideType.ADD:
         raise ValueError(f"{override}: there is an option {key}; leave out the +")
-    if prefix == "~":
+    if read.type == OverrideType.DEL:
         raise ValueError(f"{override}: options cannot be removed; give {key} another value")
-    values = _elements(value)
-    if len(values) > 1 and not sweep:
+    if read.is_sweep_override() and not sweep:
         raise ValueError(
             f"{override}: several values are tried in turn with -m; a list is written as {key}=[a,b], a text "
             f"with commas in quotes within quotes, as \"{key}='a,b'\""
         )
-    for each in values:
-        if any(sign in each for sign in "$("):
-            continue  # an interpolation, or Hydra's syntax of a sweep
+    values = _values(read)
+    for text, value in values:
+        if isinstance(value, str) and "${" in value:
+            return override  # an interpolation
         if isinstance(found, Group):
-            _check_preset(found, each)
+            _check_preset(found, text, str(value))
         else:
-            _check_value(found, each)
-    return key
+            _check_value(found, text, value)
+    one = isinstance(found, Option) and found.many and found.choices
+    if one and values and not any(value is None or isinstance(value, list) for _, value in values):
+        return f"{key}={','.join(f'[{text}]' for text, _ in values)}"
+    return override
 
 
-def _check_preset(group: Group, value: str) -> None:
+def _check_preset(group: Group, text: str, value: str) -> None:
     if not group.presets:
         names = ", ".join(member.key for member in group.members)
-        raise ValueError(f"{group.key}={value}: expected one of its options: {names}")
-    if value.strip("'\"") not in group.presets:
+        raise ValueError(f"{group.key}={text}: expected one of its options: {names}")
+    if value not in group.presets:
         by_path = f"{group.key}.path"
-        file = f"; a file is {by_path}={value}" if Path(value).suffix and group.find(by_path) else ""
-        raise ValueError(f"{group.key}={value}: no such choice; {choices(value, group.presets)}{file}")
+        file = f"; a file is {by_path}={text}" if Path(value).suffix and group.find(by_path) else ""
+        raise ValueError(f"{group.key}={text}: no such choice; {choices(value, group.presets)}{file}")
 
 
-def _check_value(option: Option, value: str) -> None:
-    value = value.strip()
-    if option.keyed:
+def _check_value(option: Option, text: str, value: object) -> None:
+    from omegaconf import BooleanNode, FloatNode, IntegerNode
+    from omegaconf.errors import ValidationError
+
+    if option.keyed or (value is None and option.optional):
         return
-    if value == "null":
-        if not option.optional:
-            raise ValueError(f"{option.key}=null: expected {_expected(option)}")
-        return
-    bracketed = value.startswith("[") and value.endswith("]")
-    # One choice is short for a list of it: see `expand_lists`.
-    if option.many != bracketed and not (option.many and option.choices):
-        raise ValueError(f"{option.key}={value}: expected {_expected(option)}")
-    for each in _elements(value[1:-1]) if bracketed else [value]:
-        plain = each.strip().strip("'\"")
-        if option.kind == "text" and ":" in plain:
-            continue  # module:function of a user
+    listed, wrong = isinstance(value, list), ValueError(f"{option.key}={text}: expected {_expected(option)}")
+    # One choice is short for a list of it.
+    if value is None or isinstance(value, dict) or (option.many != listed and not (option.many and option.choices)):
+        raise wrong
+    node = {"whole number": IntegerNode, "number": FloatNode, "true or false": BooleanNode}.get(option.kind)
+    for each in value if listed else [value]:
         # A user's module:function is checked when it is imported.
-        if option.choices and plain not in option.choices and ":" not in plain:
-            raise ValueError(f"{option.key}={value}: {_no(option, plain, bracketed)}; {choices(plain, option.choices)}")
-        pattern = _EXPECTED.get(option.kind)
-        wrong_number = pattern and not pattern.fullmatch(plain)
-        if wrong_number or (option.kind == "true or false" and plain.lower() not in _BOOLEANS):
-            raise ValueError(f"{option.key}={value}: expected {_expected(option)}")
-
-
-def _no(option: Option, value: str, listed: bool) -> str:
-    name = option.key.rpartition(".")[2]
-    return f"no {'axis' if name == 'axes' else name.removesuffix('s')} {value!r}" if listed else "no such choice"
+        if option.choices and str(each) not in option.choices and ":" not in str(each):
+            name = option.key.rpartition(".")[2]
+            one = "axis" if name == "axes" else name.removesuffix("s")
+            no = f"no {one} {each!r}" if listed else "no such choice"
+            raise ValueError(f"{option.key}={text}: {no}; {choices(str(each), option.choices)}")
+        try:
+            if node:
+                node(each)
+        except ValidationError:
+            raise wrong from None
 
 
 def _expected(option: Option) -> str:
@@ -228,64 +260,3 @@ def _expected(option: Option) -> str:
     if option.many:
         return f"a list{f' of {option.kind}s' if 'number' in option.kind else ''}, as {option.key}=[...]"
     return option.kind if option.kind in ("true or false", "text") else f"a {option.kind}"
-
-
-def _elements(text: str) -> list[str]:
-    """Parts of a text between commas that are in no bracket or quotes."""
-    parts, depth, quote = [""], 0, ""
-    for sign in text:
-        if quote:
-            quote = "" if sign == quote else quote
-        elif sign in "'\"":
-            quote = sign
-        depth += (sign in "[({") - (sign in "])}")
-        if sign == "," and not depth and not quote:
-            parts.append("")
-        else:
-            parts[-1] += sign
-    return [part for part in parts if part.strip()]
-
-
-def expand_lists(options: Group, overrides: list[str]) -> list[str]:
-    """`images=rgb` is short for `images=[rgb]`, where the option is a list of choices."""
-    expanded = []
-    for override in overrides:
-        key, _, value = override.partition("=")
-        option, values = options.find(key), _elements(value)
-        listed = (
-            isinstance(option, Option) and option.many and option.choices and not any("[" in each for each in values)
-        )
-        expanded.append(f"{key}={','.join(f'[{each}]' for each in values)}" if listed and values else override)
-    return expanded
-
-
-def expand_data(options: Group, overrides: list[str]) -> list[str]:
-    """`data=<folder>` is short for `data=<its format> data.path=<folder>`.
-
-    Raises ValueError, which lists the formats, if it is neither a format nor a folder.
-    """
-    data = options.find("data")
-    if not isinstance(data, Group) or not data.presets:
-        return overrides
-    expanded = []
-    for override in overrides:
-        key, _, value = override.partition("=")
-        if key != "data" or not value or set(value.split(",")) <= data.presets.keys():
-            expanded.append(override)
-            continue
-        folders = [each.strip().strip("'\"") for each in _elements(value)]
-        if len(folders) == 1 and FUNCTION.fullmatch(folders[0]):
-            expanded += ["data=clip", f"data.name={value}"]
-            continue
-        for folder in folders:
-            if not (Path(folder).exists() or "$" in folder or "(" in folder):
-                raise ValueError(f"data={folder}: neither a folder nor a format; {choices(folder, data.presets)}")
-        expanded += ["data=clip", "data.name=null", f"data.path={value}"]
-    return expanded
-
-
-def expand_names(options: Group, overrides: list[str]) -> list[str]:
-    """`detector=onnx` is short for `detector.name=onnx`, where the group has a name and no presets."""
-    groups = {each.key for each in options.walk() if isinstance(each, Group) and not each.presets}
-    named = {key for key in groups if isinstance(options.find(f"{key}.name"), Option)}
-    return [re.sub("=", ".name=", each, count=1) if each.partition("=")[0] in named else each for each in overrides]

@@ -76,7 +76,7 @@ def test_the_version_is_printed(tmp_path, program):
 
 
 def test_every_example_is_a_valid_command_line():
-    from dmae.command_line.spelling import check, expand_data, split_flags
+    from dmae.command_line.spelling import checked, split_flags
 
     by_name = {str(command): command for command in COMMANDS}
     for command in COMMANDS:
@@ -85,7 +85,7 @@ def test_every_example_is_a_valid_command_line():
                 continue
             program, name, *arguments = example.replace('"', "").split(" ")
             options = by_name[f"{program} {name}"].options()
-            flags, overrides = split_flags([each for each in arguments if "=" in each or each.startswith("-")])
+            flags, _, overrides = split_flags([each for each in arguments if "=" in each or each.startswith("-")])
             given = None
             if options.find("data.path"):
                 # The folder of an example does not exist.
@@ -93,7 +93,7 @@ def test_every_example_is_a_valid_command_line():
                 overrides = [each for each in overrides if each not in named]
                 overrides += [f"data.path={each.split('=')[1]}" for each in named]
                 given = "data=clip" if named else None
-            check(options, expand_data(options, [*filter(None, [given]), *overrides]), flags)
+            checked(options, [*filter(None, [given]), *overrides], flags)
 
 
 @pytest.mark.parametrize("arguments", [("dmae", "--help"), ("synth", "generate", "--help"), ("dmae", "train", "-h")])
