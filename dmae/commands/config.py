@@ -41,34 +41,42 @@ class DemoSize(StrEnum):
 
 
 @dataclass(frozen=True)
-class RunCommand:
-    """Turn videos of calibrated cameras into people in 3D: detect, capture, complete, report, export.
-
-    The same command continues an interrupted run.
-    """
+class FilmedConfig:
+    """What `dmae detect` and `dmae run` detect people in."""
 
     videos: str | None = None
     """Folder of a video, or a folder of pictures, for each camera, named as in the calibration."""
     calibration: str | None = None
-    """Calibration file, or folder of them."""
+    """Calibration file, or folder of them; without one, `dmae detect` writes files of 2D keypoints."""
     clip: str | None = None
-    """Instead of videos: folder of a clip with colour images, or of a data set of them."""
+    """Instead of videos: folder of a clip with colour images, or of a data set of them; truth and labels are kept."""
     photos: str | None = None
     """Instead of videos: folder of photographs that the cameras took together, in sets, in a folder for each camera or
-    for each set; each set is a still."""
+    for each set; each set is a still. Without a calibration, `dmae detect` takes photographs that do not belong
+    together, of any sizes, or one of them, writes people as files of 2D keypoints, and draws them over the
+    photographs."""
     detector: PoseDetectorConfig = field(default_factory=PoseDetectorConfig)
-    capture: CaptureConfig = field(default_factory=CaptureConfig)
-    weights: str | None = None
-    """Folder that `dmae train` wrote, or `paper`; by default the weights that come with the package."""
     fps: float | None = None
     """1/s; frame rate, by default that of the videos. Required for folders of pictures."""
     offsets: list[int] | None = None
     """Frames by which each camera started late, in the order of the calibration; by default read from the videos."""
     world: WorldConfig = field(default_factory=WorldConfig)
-    export: list[str] = field(default_factory=lambda: ["trc"], metadata={"choices": pose_writer})
-    """Formats of the poses that are written in addition to the report."""
     workers: int = 1
     """Processes that detect; -1 for one per core."""
+
+
+@dataclass(frozen=True)
+class RunCommand(FilmedConfig):
+    """Turn videos of calibrated cameras into people in 3D: detect, capture, complete, report, export.
+
+    The same command continues an interrupted run.
+    """
+
+    capture: CaptureConfig = field(default_factory=CaptureConfig)
+    weights: str | None = None
+    """Folder that `dmae train` wrote, or `paper`; by default the weights that come with the package."""
+    export: list[str] = field(default_factory=lambda: ["trc"], metadata={"choices": pose_writer})
+    """Formats of the poses that are written in addition to the report."""
     out: str = "runs/run"
     """Folder: `detected`, `captured` and `completed` clips, `report.html`, and `poses` in each format."""
 
@@ -80,31 +88,13 @@ class RunCommand:
 
 
 @dataclass(frozen=True)
-class DetectCommand:
+class DetectCommand(FilmedConfig):
     """Detect people in the videos of cameras, in the images of clips, or in photographs.
 
     The same command continues an interrupted run.
     """
 
-    videos: str | None = None
-    """Folder of a video, or a folder of pictures, for each camera, named as in the calibration."""
-    calibration: str | None = None
-    """Calibration file, or folder of them; without one, detections are written as files of 2D keypoints."""
-    clip: str | None = None
-    """Instead of videos: folder of a clip with colour images, or of a data set of them; truth and labels are kept."""
-    photos: str | None = None
-    """Instead of videos: folder of photographs that do not belong together, of any sizes, or one of them. People are
-    written as files of 2D keypoints, and drawn over the photographs. With a calibration: photographs that its cameras
-    took together, in sets, in a folder for each camera or for each set."""
-    detector: PoseDetectorConfig = field(default_factory=PoseDetectorConfig)
     output: OutputConfig = field(default_factory=OutputConfig)
-    fps: float | None = None
-    """1/s; frame rate, by default that of the videos. Required for folders of pictures."""
-    offsets: list[int] | None = None
-    """Frames by which each camera started late, in the order of the calibration; by default read from the videos."""
-    world: WorldConfig = field(default_factory=WorldConfig)
-    workers: int = 1
-    """Processes; -1 for one per core."""
     out: str = "runs/detect"
     """Folder of the clip, or of the files of keypoints; for a data set, it contains a folder for each clip."""
 

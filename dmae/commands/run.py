@@ -1,11 +1,11 @@
 """`dmae run`: from videos to completed people, a report and a file for other programs, in one go."""
 
+from dataclasses import fields
 from pathlib import Path
 
 from dmae.commands import capture, complete, detect, export, report
-from dmae.commands.config import DetectCommand, RunCommand
+from dmae.commands.config import DetectCommand, FilmedConfig, RunCommand
 from dmae.data.store import clip_folders
-from dmae.detection.registry import OutputConfig
 from dmae.formats.reading import DataConfig
 from dmae.formats.registry import pose_writer
 
@@ -16,12 +16,8 @@ def run(config: RunCommand, out: Path) -> None:
     for name in config.export:
         pose_writer.find(name)
     folders = {name: out / name for name in (_DETECTED, _CAPTURED, _COMPLETED)}
-    given = {
-        name: getattr(config, name)
-        for name in ("videos", "calibration", "clip", "photos", "detector", "fps", "offsets")
-    }
-    detecting = DetectCommand(**given, world=config.world, output=OutputConfig(), workers=config.workers)
-    detect.run(detecting, folders[_DETECTED], out.resolve().name)
+    filmed = {each.name: getattr(config, each.name) for each in fields(FilmedConfig)}
+    detect.run(DetectCommand(**filmed), folders[_DETECTED], out.resolve().name)
     data = DataConfig(name="clip", path=str(folders[_DETECTED]))
     capture.run(capture.CaptureCommand(data=data, capture=config.capture), folders[_CAPTURED])
     complete.run(complete.CompleteCommand(clip=str(folders[_CAPTURED]), weights=config.weights), folders[_COMPLETED])
