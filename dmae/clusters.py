@@ -1,15 +1,17 @@
-"""Tasks on a Ray or a Dask cluster. If a process or machine dies, its task is given to another."""
+"""Tasks on a Ray or a Dask cluster. If a process or machine dies, its task is given to another.
+
+Both libraries are wrapped alike: `cores` tasks run at a time; `submit` returns a future, `first` waits for futures and
+returns one that has ended, `result` returns or raises what its function did, and `cancel` ends a task or leaves it out.
+"""
 
 import logging
 import os
 import socket
-from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 _RETRIES = 3  # Number of times that a task is given to another process after its process died
 _AHEAD = 2  # Number of waiting tasks for each running task
@@ -17,33 +19,7 @@ _CARRIED = ("LP_NUM_THREADS", "MUJOCO_GL", "OMP_NUM_THREADS", "PYOPENGL_PLATFORM
 """Environment variables of this process that tasks run with."""
 
 
-class Cluster(ABC):
-    """The interface that both libraries offer: submit functions as futures, and wait for the first one to end.
-
-    Attributes:
-        cores: Number of tasks that the cluster runs at a time.
-    """
-
-    cores: int
-
-    @abstractmethod
-    def submit(self, function: Callable, *arguments) -> Any:
-        """Return a future, which can be hashed."""
-
-    @abstractmethod
-    def first(self, futures: list) -> Any:
-        """Wait for futures, and return the first that has ended."""
-
-    @abstractmethod
-    def result(self, future) -> Any:
-        """Return the result of a future that has ended, or raise what its function raised."""
-
-    @abstractmethod
-    def cancel(self, future) -> None:
-        """End a task, or leave it out."""
-
-
-class Ray(Cluster):
+class Ray:
     """The cluster that `RAY_ADDRESS` names, or else a local one of some processes.
 
     joblib's backend for Ray is not used: it returns results when all tasks have ended, and gives no task to another
@@ -82,7 +58,7 @@ class Ray(Cluster):
             raise RuntimeError(f"a task ended {_RETRIES + 1} processes, for lack of memory or by a crash") from error
 
 
-class Dask(Cluster):
+class Dask:
     """The cluster that `DASK_SCHEDULER_ADDRESS` names, or else a local one of some processes."""
 
     def __init__(self, processes: int):
@@ -114,6 +90,7 @@ class Dask(Cluster):
         return future.result()
 
 
+Cluster = Ray | Dask
 CLUSTERS = {"ray": Ray, "dask": Dask}
 
 
