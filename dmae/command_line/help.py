@@ -45,41 +45,31 @@ def command_help(command: Command, options: Group, topic: str = "") -> str:
         return "\n".join(_topic(command, found))
     needed = "".join(f" {key}=..." for key in required(options))
     lines = [f"usage: {command}{needed} [key=value ...]", "", *_documentation(options.meaning), ""]
-    lines += _presets_and_options(command, options, whole=topic == "all")
+    plain = [member for member in options.members if isinstance(member, Option)]
+    groups = [member for member in options.members if isinstance(member, Group)]
+    sections = {
+        "Required": [option for option in plain if option.default == REQUIRED],
+        "Options": [option for option in plain if option.default != REQUIRED],
+        "Presets (key=NAME), and the options that they set (key.option=value)": [g for g in groups if g.presets],
+        "Groups of options (key.option=value)": [group for group in groups if not group.presets],
+    }
+    for heading, members in sections.items():
+        if members:
+            lines.append(_heading(heading))
+            for member in members:
+                lines += _group_line(member) if isinstance(member, Group) else _option(member, topic == "all")
+            lines.append("")
+    if topic == "all":
+        for group in groups:
+            lines += [*_topic(command, group, deep=True), ""]
+    elif groups:
+        lines += [
+            f"More: {command} --help {groups[-1].key} prints a group in full, {command} --help all everything.",
+            "",
+        ]
     lines += [_heading("Examples"), *(f"  {example}" for example in command.examples)]
     lines += ["", _heading("Flags"), *(line for row in _FLAGS for line in _row(*row))]
     return "\n".join(lines)
-
-
-def _presets_and_options(command: Command, options: Group, whole: bool) -> Iterator[str]:
-    plain = [member for member in options.members if isinstance(member, Option)]
-    groups = [member for member in options.members if isinstance(member, Group)]
-    needed = [option for option in plain if option.default == REQUIRED]
-    others = [option for option in plain if option.default != REQUIRED]
-    preset = [group for group in groups if group.presets]
-    for heading, members in (("Required", needed), ("Options", others)):
-        if members:
-            yield _heading(heading)
-            for option in members:
-                yield from _option(option, whole)
-            yield ""
-    if preset:
-        yield _heading("Presets (key=NAME), and the options that they set (key.option=value)")
-        for group in preset:
-            yield from _group_line(group)
-        yield ""
-    if rest := [group for group in groups if not group.presets]:
-        yield _heading("Groups of options (key.option=value)")
-        for group in rest:
-            yield from _group_line(group)
-        yield ""
-    if whole:
-        for group in groups:
-            yield from _topic(command, group, deep=True)
-            yield ""
-    elif groups:
-        yield f"More: {command} --help {groups[-1].key} prints a group in full, {command} --help all everything."
-        yield ""
 
 
 def _group_line(group: Group) -> Iterator[str]:
