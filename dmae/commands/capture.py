@@ -27,7 +27,7 @@ from dmae.files.mapped import by_frames
 from dmae.formats.config import clip_range
 from dmae.formats.reading import Clips
 from dmae.numerics.filling import smooth
-from dmae.parallel import in_parallel, running_on
+from dmae.parallel import in_parallel
 from dmae.progress import progress
 from dmae.reconstruction.config import CaptureConfig, SubjectConfig
 from dmae.reconstruction.diagnosis import explain_capture
@@ -55,7 +55,7 @@ def run(config: CaptureCommand, out: Path) -> None:
         print(f"{out}: {len(whole)} of {len(part)} clips are done already")
     numbered = zip(part.numbers, part.folders, strict=True)
     tasks = ((config, part.part(range(n, n + 1))) for n, folder in numbered if folder.name not in whole)
-    with running_on(config.backend), made:
+    with made:
         done = in_parallel(_capture, tasks, config.workers)
         for folder in progress(part.folders, "capturing", len(part)):
             if folder.name in whole:

@@ -13,7 +13,7 @@ from dmae.data.store import clip_folders, load_clip
 from dmae.evaluation.review import ReviewVerdict, decided, load_decisions, with_decisions
 from dmae.files.checksums import checksum, refuse_damaged
 from dmae.online.completion import complete_online
-from dmae.parallel import in_parallel, running_on
+from dmae.parallel import in_parallel
 from dmae.progress import progress
 
 _TRIED = 200  # Frames of a clip that a forecast completes
@@ -34,7 +34,7 @@ def run(config: CompleteCommand, out: Path) -> None:
     left = [folder for folder in folders if folder.name not in made.whole]
     if len(left) < len(folders):
         print(f"{out}: {len(folders) - len(left)} of {len(folders)} clips are done already")
-    with running_on(config.backend), made:
+    with made:
         done = in_parallel(_complete, ((config, folder) for folder in left), config.workers)
         for folder in progress(left, "completing"):
             completed, notes = next(done)

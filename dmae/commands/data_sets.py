@@ -18,7 +18,7 @@ from dmae.evaluation.review import DECISIONS
 from dmae.files.checksums import begin_data_set, clip_checksum, end_data_set, find_damage, write_checksums
 from dmae.files.contents import whole_folder
 from dmae.formats.reading import Clips, DataConfig
-from dmae.parallel import process_count, running_on
+from dmae.parallel import process_count
 from dmae.progress import duration, progress
 from dmae.reconstruction.sides import exchanged_detections
 from dmae.reporting.tables import counted
@@ -40,8 +40,7 @@ def forecast(config: CaptureCommand | CompleteCommand, clips: int, tried: Iterab
         frames += len(clip)
         lengths.append(length)
     seconds, total = time.perf_counter() - start, clips * sum(lengths) / len(lengths)
-    with running_on(config.backend):
-        took = seconds / frames * total / min(process_count(config.workers), clips)
+    took = seconds / frames * total / min(process_count(config.workers), clips)
     megabytes = size / frames * total / 1e6
     return f"{counted(clips, 'clip')}, {total:.0f} frames: about {duration(took)}, {megabytes:.0f} MB"
 
