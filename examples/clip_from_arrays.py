@@ -53,6 +53,7 @@ captured = dmae.capture(clip)
 full = dmae.complete(captured, fps=clip.fps)
 for name, poses in ("captured", captured), ("completed", full):
     scores = dmae.evaluate(clip, poses)
-    print(f"{name:10} PCP {scores['pcp']:5.1f} %   absent {scores['shares']['absent']:.1f} % of the joints")
-print(f"error: measured {scores['mpjpe']['measured']:.1f} mm, completed {scores['mpjpe']['completed']:.1f} mm")
+    print(f"{name:10} PCP {scores['pcp']:5.1f} %   absent {scores['shares']['absent']:.1f} % of the joints   "
+          f"error {scores['mpjpe']['all']:.1f} mm")  # fmt: skip
+print(f"error of completed joints {scores['mpjpe']['completed']:.1f} mm")
 dmae.draw(clip, full, frame=37).savefig(out / "clip_from_arrays.png", dpi=80)

@@ -1,14 +1,19 @@
-"""Every script in `examples/` runs, prints something and draws something."""
+"""Every script in `examples/` runs, prints what its page shows, and draws something."""
 
+import json
+import re
 import runpy
 import subprocess
 import sys
 import warnings
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
+EXECUTED = EXAMPLES.parent / "docs/tutorials/executed"
+_NUMBER = re.compile(r"(?<![\w.-])-?\d+(?:\.\d+)?")
 SCRIPTS = sorted(EXAMPLES.glob("*.py"))
 NEEDS_RECORDINGS = {"pose2sim_recording"}
 SMALLER = {
@@ -39,7 +44,14 @@ def test_example_runs_and_draws(script: Path, tmp_path: Path, request, monkeypat
         warnings.simplefilter("ignore")
         warnings.simplefilter("error", UserWarning)
         runpy.run_path(str(tmp_path / script.name), run_name="__main__")
-    assert capsys.readouterr().out.strip()
+    printed = capsys.readouterr().out.strip()
+    assert printed and "nan" not in printed
+    if script.stem not in SMALLER:
+        shown = json.loads((EXECUTED / f"{script.stem}.json").read_text())["printed"].strip()
+        assert _NUMBER.sub("#", printed).split() == _NUMBER.sub("#", shown).split()
+        found, stated = (np.array(_NUMBER.findall(text), float) for text in (printed, shown))
+        # Processors round differently, which moves scores.
+        np.testing.assert_allclose(found, stated, rtol=0.2, atol=0.5)
     assert (tmp_path / f"{script.stem}.png").stat().st_size > 5_000
 
 
