@@ -1,6 +1,6 @@
 """Compare the visibility of joints with images of ids, body parts and depth: `docs/results/visibility.json`.
 
-    python docs/tools/forces.py clips=2 keep=runs/interactions
+    python docs/tools/forces.py clips=1 keep=runs/interactions
     python docs/tools/visibility.py interactions=runs/interactions      # and six rooms, which it generates
 
 Labels come from rays, images from OpenGL. At the pixel of a joint, the images say which surface is in front, and how
@@ -15,7 +15,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from provenance import provenance
+from provenance import measured
 
 import synth
 from dmae.data.clip import Clip
@@ -41,6 +41,11 @@ _MARGIN, _NEAR = 2, 0.008
 """Least distance of a joint from where the surface changes, px, and of the surface from the greatest depth, m."""
 _NOTHING = 1e6
 """Depth where there is no surface, m."""
+COMMAND = (
+    "python docs/tools/forces.py clips=1 keep=runs/interactions && "
+    "python docs/tools/visibility.py interactions=runs/interactions"
+)
+COLUMNS = ["joints that are", "compared", "agree", "wrongly hidden", "wrongly visible"]
 KINDS = ("visible", "hidden by the own body", "hidden by another person", "hidden by an object")
 
 
@@ -54,12 +59,17 @@ def main(interactions: str) -> None:
         sets = rooms | {each.name: each for each in sorted(Path(interactions).iterdir()) if each.is_dir()}
         found = {name: _compared(clip_folders(out)) for name, out in progress(sets.items(), "comparing", len(sets))}
     total = sum(found.values())
+    rows = [
+        [kind, *map(str, (each.sum(), each[code], each[0] if code else 0, each[1:].sum() if code == 0 else 0))]
+        for code, (kind, each) in enumerate(zip(KINDS, total, strict=True))
+    ]
     numbers = {
-        "command": f"python docs/tools/visibility.py interactions={interactions}", **provenance("mujoco"),
-        "kinds": KINDS, "sets": {name: each.tolist() for name, each in found.items()}, "all": total.tolist(),
-    }  # fmt: skip
-    print(np.array2string(total), f"{total.sum()} compared, {total[1:, 0].sum()} wrongly hidden")
+        "measured": measured("mujoco"),
+        "tables": {"joints": {"command": COMMAND, "columns": COLUMNS, "rows": rows}},
+        "sets": {name: each.tolist() for name, each in found.items()},
+    }
     FILE.write_text(json_text(numbers) + "\n")
+    print(np.array2string(total), f"{total.sum()} compared, {total[1:, 0].sum()} wrongly hidden")
 
 
 def _compared(folders: list[Path]) -> np.ndarray:

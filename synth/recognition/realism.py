@@ -171,21 +171,25 @@ def crops(clip: Clip, seen: Sightings, detector: PictureDetector, every: int = 1
         raise ValueError(f"clip {clip.id!r} has no colour images; make it with images=rgb")
     with np.errstate(invalid="ignore"):
         chosen = (seen.unobstructed.mean(-1) >= UNOBSTRUCTED) & (seen.height >= _LEAST)
-    shape = (1, 1, 1, len(detector.skeleton))
-    everything = Detections2D(detector.skeleton, np.zeros((*shape, 2)), np.ones(shape))
-    reported = ~np.isnan(convert_detections(everything, BODY25).score.ravel())
     for frame in range(0, len(clip), every):
         for view, name in enumerate(clip.rig.names):
             people = np.flatnonzero(chosen[frame, view])
             if len(people):
                 picture = clip.images.at("rgb", name, frame)
             for person in people:
-                visible = seen.visible[frame, view, person] & reported
-                for wide in SIDES:
-                    crop = _looked_for(picture, seen, (frame, view, int(person)), detector, visible, wide)
-                    if crop.found:
-                        break
-                yield crop
+                yield found_in(picture, seen, (frame, view, int(person)), detector)
+
+
+def found_in(picture: np.ndarray, seen: Sightings, place: tuple[int, int, int], detector: PictureDetector) -> Crop:
+    """Return the result for the person at a frame, view and person, in an image (H, W, 3) uint8 RGB of that view."""
+    shape = (1, 1, 1, len(detector.skeleton))
+    everything = Detections2D(detector.skeleton, np.zeros((*shape, 2)), np.ones(shape))
+    reported = ~np.isnan(convert_detections(everything, BODY25).score.ravel())
+    for wide in SIDES:
+        crop = _looked_for(picture, seen, place, detector, seen.visible[place] & reported, wide)
+        if crop.found:
+            break
+    return crop
 
 
 def cut(picture: np.ndarray, corner: tuple[int, int], side: int) -> np.ndarray:
@@ -361,9 +365,11 @@ def _groups(clip: Clip, seen: Sightings, crop: Crop) -> dict[str, str]:
         groups["sleeves"] = "long" if looks.top.long else "short"
         groups["trousers"] = "long" if looks.bottom.long else "short"
     well, alone = seen.visible[place].mean() >= _WELL_VISIBLE, _is_alone(seen, crop)
+    cut_off = (seen.visibility[place] == Visibility.OUTSIDE_IMAGE).any()
     groups |= {
         "visible": "80 % of the joints or more" if well else "fewer: the body hides its own",
         "company": "alone in the picture" if alone else "others in the picture",
+        "border": "some joints are outside of the picture" if cut_off else "whole in the picture",
         "direction": str(seen.direction[place]),
         "posture": str(seen.posture[of_person]),
         "distance": _range(seen.distance[place], _DISTANCES, "m"),
