@@ -116,7 +116,7 @@ class OnlineCapture:
         self._detected: list[Detections2D] = []
         self._number = self._seen = self._waiting = 0
         self._person_of: dict[int, int] = {}
-        self._frames_of: dict[int, int] = {}
+        self._frames_of: dict[int, np.ndarray] = {}
         self._ghosts: set[int] = set()
         self._judged = 0
 
@@ -227,12 +227,11 @@ class OnlineCapture:
         number = number[order]
         tracks = merge(tracks.select(order), np.searchsorted(number, number))
         number = np.unique(number)
-        measured = well_measured(tracks, config.tracking.births(len(self._skeleton)))[window.start :]
-        earlier = np.array([self._frames_of.get(p, 0) for p in number.tolist()], int)
-        frames = self._seen
-        kept = ~false_positives(tracks, earlier + measured.sum(0), frames, fps, config)
-        for p, more in zip(number.tolist(), measured[: window.stop - window.start].sum(0).tolist(), strict=True):
-            self._frames_of[p] = self._frames_of.get(p, 0) + more
+        measured = well_measured(tracks, config.tracking.births(len(self._skeleton)))[:, window.start :]
+        earlier = np.array([self._frames_of.get(p, (0, 0)) for p in number.tolist()], int).reshape(-1, 2).T
+        kept = ~false_positives(tracks, earlier + measured.sum(1), self._seen, fps, config)
+        settled = earlier + measured[:, : window.stop - window.start].sum(1)
+        self._frames_of |= dict(zip(number.tolist(), settled.T, strict=True))
         number, tracks = number[kept], tracks.select(kept)
         if self._seen >= self._judged + _JUDGED_EVERY * fps:
             lasting = (known_joints(tracks.xyz) > 0).sum(0) >= _JUDGED_AFTER * fps

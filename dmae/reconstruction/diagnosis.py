@@ -216,12 +216,12 @@ def _kept(
                 f"all people are outside capture.volume: x is {low[0]:.1f} to {high[0]:.1f} m, y {low[1]:.1f} to "
                 f"{high[1]:.1f}, z {low[2]:.1f} to {high[2]:.1f}"
             ]
-    measured = well_measured(tracks, tracking.births(len(skeleton))).sum(0)
+    measured = well_measured(tracks, tracking.births(len(skeleton))).sum(1)
     brief = too_brief(measured, len(clip), fps, tracking.min_duration_s)
     stages.append((f"of these measured for {tracking.min_duration_s:g} s or more", int((~brief).sum())))
     if brief.all():
         suggestions.append(
-            f"the longest was measured for {measured.max(initial=0) / fps:.2f} s: give a smaller "
+            f"the longest was measured for {measured[1].max(initial=0) / fps:.2f} s: give a smaller "
             "capture.tracking.min_duration_s, or check that the cameras agree with dmae doctor"
         )
         return stages, suggestions

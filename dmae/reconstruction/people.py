@@ -115,7 +115,7 @@ def false_positives(tracks: Tracks, measured: np.ndarray, frames: int, fps: floa
     """Return (P,) True for tracks without a person: too brief tracks, and tracks with views that agree by coincidence.
 
     Args:
-        measured: (P,) number of frames in which each track was measured, see `well_measured`.
+        measured: (2, P) numbers of frames in which each track was measured, and with support, see `well_measured`.
         frames: Number of frames of the recording.
     """
     return too_brief(measured, frames, fps, config.tracking.min_duration_s) | coincidental(tracks, config.th_v)
@@ -127,14 +127,24 @@ def known_joints(xyz: np.ndarray) -> np.ndarray:
 
 
 def well_measured(tracks: Tracks, joints: int) -> np.ndarray:
-    """Return (F, P) True where a person has at least this number of joints, and views do not agree by coincidence."""
-    known = known_joints(tracks.xyz)
-    return (known >= joints) & tracks.supported
+    """Return (2, F, P) True where a person has at least this number of joints, and where views support that as well."""
+    measured = known_joints(tracks.xyz) >= joints
+    return np.stack([measured, measured & tracks.supported])
+
+
+_SUPPORTED = 3
+"""Smallest number of frames of a person in which views agree better than unrelated figures would. Among many ghosts
+they do in some frames of a person, and in one or two of most ghosts."""
 
 
 def too_brief(measured: np.ndarray, frames: int, fps: float, min_duration_s: float) -> np.ndarray:
-    """Return (P,) True for tracks measured in fewer frames than the shortest duration or half the recording."""
-    return measured < min(min_duration_s * fps, frames / 2)
+    """Return (P,) True for tracks measured in fewer frames than the shortest duration or half the recording.
+
+    Args:
+        measured: (2, P) see `false_positives`.
+    """
+    least = min(min_duration_s * fps, frames / 2)
+    return (measured[0] < least) | (measured[1] < min(least, _SUPPORTED))
 
 
 def coincidental(tracks: Tracks, views: int) -> np.ndarray:

@@ -104,7 +104,7 @@ def _capture(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None) ->
         differs = partial(appearance_differs, clip, tracks.assigned)
     tracks = merge(tracks, same_person(tracks.xyz, skeleton, fps, tracking.reentry_s, differs))
     tracks = inside_volume(tracks, config.volume)
-    measured = well_measured(tracks, tracking.births(len(skeleton))).sum(0)
+    measured = well_measured(tracks, tracking.births(len(skeleton))).sum(1)
     tracks = tracks.select(~false_positives(tracks, measured, len(clip), fps, config))
     tracks = tracks.select(~resting_ghosts(clip, tracks.assigned, tracks.xyz, config, noise))
     tracks = wanted_people(tracks, clip.rig, skeleton, fps, config)
