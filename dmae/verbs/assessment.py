@@ -150,6 +150,7 @@ def benchmark(
     captures: Sequence[str | Callable] = ("capture",),
     name: str = "occlusion-v2",
     size: str = "small",
+    angles: bool = False,
     against: str | Path | None = None,
     workers: int = 1,
     out: str | Path = "runs/benchmark",
@@ -163,6 +164,7 @@ def benchmark(
             folders of poses.
         name: The benchmark, or a YAML file of your own.
         size: `small` or `full`.
+        angles: Also score joint angles of hips, knees and ankles.
         against: Earlier scores to compare with.
         workers: Processes; -1 for one per core.
         out: Folder of the clips, `scores.json` and `benchmark.html`.
@@ -193,6 +195,7 @@ def benchmark(
         BenchmarkSize(size),
         [each for each in methods if isinstance(each, str)],
         [each for each in captures if isinstance(each, str)],
+        angles=angles,
         against=None if against is None else str(against),
         workers=workers,
         out=str(out),
