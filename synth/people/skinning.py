@@ -147,16 +147,18 @@ class Skin:
             self.persons.append(SkinOfPerson(name.removesuffix("/skin"), segments, geoms, *skin))
         self.geoms = np.concatenate([np.empty(0, int), *(person.geoms for person in self.persons)])
         self.meshes = model.geom_dataid[self.geoms]
-        self._bodies = np.unique(model.geom_bodyid[self.geoms])
-        inner = (
-            Rotation.from_quat(model.body_iquat[model.geom_bodyid[self.geoms]], scalar_first=True)
-            if len(self.geoms)
-            else None
-        )
-        if inner is not None:
-            outer = Rotation.from_quat(model.geom_quat[self.geoms], scalar_first=True)
-            offset = model.geom_pos[self.geoms] - model.body_ipos[model.geom_bodyid[self.geoms]]
-            self._turns, self._offsets = (inner.inv() * outer).as_matrix(), inner.inv().apply(offset)
+        # MuJoCo tests rays against boxes of bodies, which leave out geoms without contacts.
+        bodies = np.unique(model.geom_bodyid[self.geoms])
+        self._roots, self._boxes = model.body_bvhadr[bodies], model.bvh_aabb[model.body_bvhadr[bodies]].copy()
+        meshes = model.geom_type == mujoco.mjtGeom.mjGEOM_MESH
+        self._drawn = np.flatnonzero(meshes & np.isin(model.geom_bodyid, bodies))
+        own = model.geom_bodyid[self._drawn]
+        self._within = np.searchsorted(bodies, own)
+        if len(own):
+            inner = Rotation.from_quat(model.body_iquat[own], scalar_first=True).inv()
+            outer = Rotation.from_quat(model.geom_quat[self._drawn], scalar_first=True)
+            self._turns = (inner * outer).as_matrix()
+            self._offsets = inner.apply(model.geom_pos[self._drawn] - model.body_ipos[own])
 
     def apply(self, data: mujoco.MjData) -> None:
         """Put the vertices in place for a state whose kinematics is up to date."""
@@ -176,10 +178,8 @@ class Skin:
             model.mesh_vertadr[self.meshes], model.mesh_face, model.mesh_vert, model.bvh_child, model.bvh_nodeid,
             model.bvh_aabb, model.geom_aabb, model.geom_size, model.geom_rbound,
         )  # fmt: skip
-        _refit_bodies(
-            model.body_bvhadr[self._bodies], model.body_bvhnum[self._bodies], self.geoms, self._turns, self._offsets,
-            model.bvh_child, model.bvh_nodeid, model.bvh_aabb, model.geom_aabb,
-        )  # fmt: skip
+        model.bvh_aabb[self._roots] = self._boxes
+        _enclose(self._roots[self._within], self._drawn, self._turns, self._offsets, model.geom_aabb, model.bvh_aabb)
 
 
 def mesh_triangles(model: mujoco.MjModel, geom: int) -> np.ndarray:
@@ -372,21 +372,15 @@ def _refit(
 
 
 @compiled()
-def _refit_bodies(first_node, nodes, geoms, turns, offsets, child, nodeid, aabb, geom_aabb):
-    """Fit the boxes of the trees of bodies, whose leaves are geoms, to the geoms that bend."""
-    for body in range(len(first_node)):
-        start = first_node[body]
-        for number in range(nodes[body] - 1, -1, -1):
-            node = start + number
-            if child[node, 0] >= 0:
-                _merge_boxes(aabb, node, start + child[node, 0], start + child[node, 1])
-                continue
-            for g in range(len(geoms)):
-                if geoms[g] != nodeid[node]:
-                    continue
-                for i in range(3):
-                    middle, half = offsets[g, i], 0.0
-                    for j in range(3):
-                        middle += turns[g, i, j] * geom_aabb[geoms[g], j]
-                        half += abs(turns[g, i, j]) * geom_aabb[geoms[g], 3 + j]
-                    aabb[node, i], aabb[node, 3 + i] = middle, half
+def _enclose(boxes, geoms, turns, offsets, geom_aabb, aabb):
+    """Widen the boxes of bodies, one for each geom, so that they hold the boxes of their geoms."""
+    for g in range(len(geoms)):
+        box = boxes[g]
+        for i in range(3):
+            middle, half = offsets[g, i], 0.0
+            for j in range(3):
+                middle += turns[g, i, j] * geom_aabb[geoms[g], j]
+                half += abs(turns[g, i, j]) * geom_aabb[geoms[g], 3 + j]
+            low = min(aabb[box, i] - aabb[box, 3 + i], middle - half)
+            high = max(aabb[box, i] + aabb[box, 3 + i], middle + half)
+            aabb[box, i], aabb[box, 3 + i] = (low + high) / 2, (high - low) / 2

@@ -13,6 +13,7 @@ from synth.people.body import Body
 from synth.people.clothing import HANDS, PersonLooks, sample_hands, sample_looks
 from synth.people.mjcf import add_person
 from synth.people.skinning import Skin, mesh_triangles
+from synth.rooms.rays import cast_rays
 from tests.support.surfaces import in_t_pose
 
 BODY, LOOKS = Body(), sample_looks(0.0, rng=np.random.default_rng(0))
@@ -89,3 +90,23 @@ def test_the_wrist_bends_so_that_the_palm_lies_on_a_table():
     bent, straight = (reach_with_arm(*how, straight=straight)[0, 2] for straight in (False, True))
     assert -bent[:, 2] @ down[0] > 0.999
     assert -straight[:, 2] @ down[0] < 0.9
+
+
+@pytest.mark.parametrize("hair", ["short", "long"])
+def test_rays_in_one_call_meet_what_single_rays_meet(hair):
+    """A body's box of the compiled model holds only its solid parts; clothes and hair reach beyond."""
+    rng = np.random.default_rng(0)
+    spec = mujoco.MjSpec()
+    add_person(spec, 0, Body(), replace(sample_looks(0.0, rng=rng), hair=hair), position=(0, 0, 1), rng=None)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    Skin(model, normals=False).apply(data)
+    eye, solid = np.array((3.0, 1.0, 1.5)), np.array((1, 0, 0, 0, 0, 0), np.uint8)
+    ways = rng.normal((0, 0, 1), (0.1, 0.4, 0.5), (3000, 3)) - eye
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    geoms, distances, _ = cast_rays(model, data, eye, ways)
+    met = np.zeros(1, np.int32)
+    alone = [mujoco.mj_ray(model, data, eye, way, solid, 1, -1, met) for way in ways]
+    assert (geoms >= 0).sum() > 300
+    np.testing.assert_allclose(distances, alone, atol=1e-4)
