@@ -142,7 +142,7 @@ def light_reaching(depth, K, facing, key, other, lamp, radius):
                         open_sky += sky[r, c]
                         count += 1
             sunlit = least
-            if count == 0 or least < 0 or most - least > 0.02:
+            if count == 0 or least < 0 or (least < 1 and most > 0):
                 number = 4 * (row & 3) + (column & 3)
                 x, y = (column - cx) / fx * z, (row - cy) / fy * z
                 sunlit = 1.0
