@@ -42,13 +42,13 @@ def _noise(x: np.ndarray, rng: np.random.Generator, sigma) -> np.ndarray:
 
 def _stripes(x, y, rng):
     count = int(rng.integers(3, 8))
-    return (np.sin(2 * np.pi * count * y) > rng.uniform(-0.3, 0.6)).astype(float), 0.03 * _noise(x, rng, 1)
+    return (np.sin(2 * np.pi * count * y) > rng.uniform(-0.3, 0.6)).astype(float), _cloth(x, rng)
 
 
 def _checks(x, y, rng):
     count = int(rng.integers(2, 6))
     bars = [(np.sin(2 * np.pi * count * axis) > 0.2).astype(float) for axis in (x, y)]
-    return (bars[0] + bars[1]) / 2, 0.03 * _noise(x, rng, 1)
+    return (bars[0] + bars[1]) / 2, _cloth(x, rng)
 
 
 def _planks(x, y, rng):
@@ -89,19 +89,24 @@ def _bricks(x, y, rng):
 
 def _hair(x, y, rng):
     """Return strands that run upwards, in locks."""
-    strands, locks = _noise(x, rng, (14, 0.7)), _noise(x, rng, (24, 4))
-    return np.clip(0.45 + 0.28 * strands + 0.22 * locks, 0, 1), 0.06 * _noise(x, rng, (10, 1))
+    strands, locks = _noise(x, rng, (28, 0.8)), _noise(x, rng, (48, 6))
+    return np.clip(0.45 + 0.22 * strands + 0.2 * locks, 0, 1), 0.04 * _noise(x, rng, (10, 1))
+
+
+def _cloth(x, rng):
+    """Return the relative brightness of a weave with soft folds."""
+    return 0.02 * _noise(x, rng, 0.6) + 0.03 * _noise(x, rng, (30, 10))
 
 
 _BLENDS = {
     "hair": _hair,
-    "plain": lambda x, y, rng: (np.zeros_like(x), 0.02 * _noise(x, rng, 1) + 0.03 * _noise(x, rng, 12)),
+    "plain": lambda x, y, rng: (np.zeros_like(x), _cloth(x, rng)),
     "stripes": _stripes,
     "checks": _checks,
-    "melange": lambda x, y, rng: (np.clip(0.4 + 0.3 * _noise(x, rng, (4, 0.7)), 0, 1), 0.04 * _noise(x, rng, 10)),
+    "melange": lambda x, y, rng: (np.clip(0.4 + 0.28 * _noise(x, rng, (1.4, 0.5)), 0, 1), _cloth(x, rng)),
     "camouflage": lambda x, y, rng: (
-        (_noise(x, rng, 9) > 0.2) * 0.6 + (_noise(x, rng, 7) > 0.6) * 0.4,
-        0.03 * _noise(x, rng, 1),
+        (_noise(x, rng, 18) > 0.2) * 0.6 + (_noise(x, rng, 14) > 0.6) * 0.4,
+        _cloth(x, rng),
     ),
     "planks": _planks,
     "tiles": _tiles,

@@ -96,6 +96,8 @@ _CLOTH = 0.012
 """Distance from the solid parts at which contact begins, m."""
 _ARMS = ("forearm", "hand")
 _TORSO = ("pelvis", "spine", "chest", "head", "thigh")
+_TEXELS = 256
+"""Side of textures of cloth and hair, px."""
 HIDDEN_GROUP = 3
 """Group of geoms that have contacts but are not drawn."""
 
@@ -227,7 +229,7 @@ def _add_materials(spec: mujoco.MjSpec, prefix: str, looks: PersonLooks, *, rng:
     }
     for material, colour in flat.items():
         spec.add_material(name=prefix + material, rgba=[*colour, 1], specular=0.15, shininess=0.2)
-    strands = tuple(tuple(shade * c for c in looks.hair_colour) for shade in (0.65, 1.25))
+    strands = tuple(tuple(shade * c for c in looks.hair_colour) for shade in (0.75, 1.15))
     for material, pattern, colours in (
         ("top", looks.top.pattern, looks.top.colours),
         ("bottom", looks.bottom.pattern, looks.bottom.colours),
@@ -235,7 +237,7 @@ def _add_materials(spec: mujoco.MjSpec, prefix: str, looks: PersonLooks, *, rng:
     ):
         added = spec.add_material(name=prefix + material, specular=0.05, shininess=0.05)
         if rng:
-            add_texture(spec, added, paint(pattern, colours, 128, rng=rng))
+            add_texture(spec, added, paint(pattern, colours, _TEXELS, rng=rng))
         else:
             added.rgba = [*np.mean(colours, axis=0), 1]
 

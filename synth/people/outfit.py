@@ -1,9 +1,10 @@
 """How people look: skin, clothes, shoes and hair as parts of one surface, each with a material."""
 
-from functools import lru_cache
+from functools import cache, lru_cache
 from itertools import pairwise
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 import trimesh
 from scipy.interpolate import LinearNDInterpolator
@@ -17,8 +18,10 @@ from synth.people.surface import BareBody, assets, bare_body
 
 _TILE = 0.3
 """Length of cloth that one repeat of a texture covers, m."""
-_CLOTH, _EDGE, _UNDER = 0.005, 0.004, 0.025
-"""Thickness of cloth, width of the edge of a hem, and how far skin continues under cloth, m."""
+_CLOTH, _EDGE, _UNDER, _TUCKED = 0.005, 0.004, 0.025, 0.05
+"""Thickness of cloth, width of the edge of a hem, and how far skin and cloth continue under other cloth, m."""
+_SOFT, _LOOSE = 12, 24
+"""Numbers of times that weights around shoulders, and those of clothes around hips, are averaged over neighbours."""
 
 
 class Part(NamedTuple):
@@ -31,8 +34,8 @@ class Part(NamedTuple):
         faces: (T, 3) vertex indices, counter-clockwise seen from outside.
         normals: (N, 3) unit normals. Parts of one garment share them at their seams.
         uv: (T, 3, 2) texture coordinates of the corners, 1 per repeat.
-        bones: (N, 6) bones that the vertices follow, see `synth.people.skinning`.
-        weights: (N, 6) their weights.
+        bones: (N, 4) bones that the vertices follow, see `synth.people.skinning`.
+        weights: (N, 4) their weights.
     """
 
     segment: str
@@ -70,8 +73,10 @@ def parts(body: Body, looks: PersonLooks) -> list[Part]:
     (top, thick), (bottom, wide) = _top(sheet, bare, body, looks), _bottom(sheet, body, looks)
     shoes, shod = _shoes(sheet, bare, body)
     sheets = [("skin", _kept(sheet, _UNDER - np.max([top, bottom, shod], axis=0))[0])]
-    sheets.append(("top", _worn(sheet, top, thick, None if looks.untucked else bottom)))
-    sheets.append(("bottom", _worn(sheet, bottom, wide, top if looks.untucked else None)))
+    # Around the hips cloth hangs between the thighs rather than on each.
+    cloth = sheet._replace(weights=_softened(sheet.weights, sheet.along, ("pelvis", "spine"), "thigh", _LOOSE))
+    sheets.append(("top", _worn(cloth, top, thick, None if looks.untucked else bottom)))
+    sheets.append(("bottom", _worn(cloth, bottom, wide, top if looks.untucked else None)))
     ground = bare.origins[SEGMENTS.index("l_foot"), 2] - ANKLE_HEIGHT * body.stature
     upper = shoes.points[:, 2] - ground - 0.011 * body.stature
     sheets += [("shoe", _kept(shoes, upper)[0]), ("sole", _kept(shoes, -upper)[0])]
@@ -88,7 +93,32 @@ def _bare_sheet(bare: BareBody) -> _Sheet:
         if side_and_name(segment)[1] in ("upper_arm", "forearm", "thigh", "shin"):
             bone = bare.origins[i + 1] - bare.origins[i]
             along[:, i] = (bare.vertices - bare.origins[i]) @ bone / (bone @ bone)
-    return _Sheet(bare.vertices, _normals(bare.vertices, faces), bare.weights, along, faces)
+    # MakeHuman's weights suit a skeleton with collar bones. Without them, shoulders get corners as arms are raised.
+    weights = _softened(bare.weights, along, ("chest",), "upper_arm", _SOFT)
+    return _Sheet(bare.vertices, _normals(bare.vertices, faces), weights, along, faces)
+
+
+@cache
+def _around() -> csr_matrix:
+    """Return the matrix (N, N) whose product with values at the vertices of the skin are the means over neighbours."""
+    return _mean_of_neighbours(assets().faces, len(assets().bones))
+
+
+def _mean_of_neighbours(faces: np.ndarray, count: int) -> csr_matrix:
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    around = csr_matrix((np.ones(2 * len(edges)), np.concatenate([edges, edges[:, ::-1]]).T), (count,) * 2)
+    around.data[:] = 1
+    return csr_matrix(around.multiply(1 / np.maximum(around.sum(1), 1)))
+
+
+def _softened(weights: np.ndarray, along: np.ndarray, trunk: tuple[str, ...], limb: str, times: int) -> np.ndarray:
+    """Return weights (N, 16) averaged over neighbours on some segments of the trunk and on the first third of limbs."""
+    free = weights[:, [SEGMENTS.index(segment) for segment in trunk]].sum(1)
+    for i in (SEGMENTS.index(f"{side}_{limb}") for side in SIDES):
+        free += weights[:, i] * np.interp(along[:, i], (0.3, 0.6), (1, 0))
+    for _ in range(times):
+        weights = weights + 0.5 * free[:, None] * (_around() @ weights - weights)
+    return weights
 
 
 def _normals(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -185,7 +215,7 @@ def _bottom(sheet: _Sheet, body: Body, looks: PersonLooks) -> tuple[np.ndarray, 
     """Return the field and the thickness (N,) of the trousers, m."""
     size, leg = body.stature, _chain(sheet, _LEG)
     waist = (0.045 if looks.untucked else 0.074) * size - sheet.points[:, 2]
-    cuff = np.where(leg > 0, (1.98 if looks.bottom.long else 0.93) - leg, _FAR / size) * 0.245 * size
+    cuff = np.where(leg > 0, (1.98 if looks.bottom.long else 0.86) - leg, _FAR / size) * 0.245 * size
     field = np.where(_chain(sheet, _ARM) > 0, -_FAR, np.minimum(waist, cuff))
     wide = (0.002, 0.006, 0.014, 0.016) if looks.bottom.long else (0.006, 0.014, 0.014, 0.014)
     loose = np.interp(leg, (0.3, 1, 1.6, 2), wide) * size / 1.75
@@ -195,16 +225,14 @@ def _bottom(sheet: _Sheet, body: Body, looks: PersonLooks) -> tuple[np.ndarray, 
 def _worn(sheet: _Sheet, field: np.ndarray, thickness: np.ndarray, over: np.ndarray | None = None) -> _Sheet:
     """Return a garment over the skin where a field is above 0: smoother than the skin, and never inside it.
 
-    Where another garment is worn over it, which is where the field `over` is above `_UNDER`, it is left out.
+    Where another garment is worn over it, which is where the field `over` is above `_TUCKED`, it is left out.
     """
     hidden = np.full(len(field), -_FAR) if over is None else over
+    thickness = thickness * np.interp(hidden, (0, _UNDER), (1, 0.5))
     shell, inside, thick, hidden = _kept(sheet, field, field, thickness, hidden)
     shell, (inside, thick, hidden) = _cut(shell, inside - _EDGE, inside, thick, hidden)
     thick = thick * np.clip(inside / _EDGE, 0, 1) + 0.0005
-    edges = np.concatenate([shell.faces[:, [0, 1]], shell.faces[:, [1, 2]], shell.faces[:, [2, 0]]])
-    around = csr_matrix((np.ones(2 * len(edges)), np.concatenate([edges, edges[:, ::-1]]).T), (len(thick),) * 2)
-    around.data[:] = 1
-    mean = csr_matrix(around.multiply(1 / np.maximum(around.sum(1), 1)))
+    mean = _mean_of_neighbours(shell.faces, len(thick))
     outward = shell.normals
     for _ in range(20):
         outward = outward + mean @ outward
@@ -215,7 +243,7 @@ def _worn(sheet: _Sheet, field: np.ndarray, thickness: np.ndarray, over: np.ndar
         points = np.where(free, 0.5 * points + 0.5 * (mean @ points), points)
         depth = thick - ((points - skin) * outward).sum(1)
         points = points + np.maximum(depth, 0)[:, None] * outward
-    return _kept(shell._replace(points=points, normals=_normals(points, shell.faces)), _UNDER - hidden)[0]
+    return _kept(shell._replace(points=points, normals=_normals(points, shell.faces)), _TUCKED - hidden)[0]
 
 
 def _shoes(sheet: _Sheet, bare: BareBody, body: Body) -> tuple[_Sheet, np.ndarray]:
@@ -293,18 +321,15 @@ def _hair(sheet: _Sheet, bare: BareBody, body: Body, style: str) -> list[tuple[s
         return []
     size, head = body.stature * body.head, SEGMENTS.index("head")
     eye = bare.eyes.mean((0, 1))
-    crown = sheet.points[sheet.weights[:, head] > 0.9]
-    back = crown[:, 0].min()
-    front, nape = np.array((eye[0] - 0.004 * size, eye[2] + 0.036 * size)), np.array((back, eye[2] - 0.038 * size))
-    way = front - nape
-    normal = np.array((-way[1], way[0])) / np.linalg.norm(way)
-    height = (sheet.points[:, [0, 2]] - nape) @ normal
-    # Around the ears.
-    ear = (np.abs(sheet.points[:, 1]) > 0.036 * size) & (sheet.points[:, 2] < eye[2] + 0.012 * size)
-    field = np.where(sheet.weights[:, head] > 0.8, np.where(ear, np.minimum(height, -0.001), height), -_FAR)
-    thick = {"short": 0.0075, "bun": 0.006}.get(style, 0.009) * size
-    cap = _worn(sheet, field, thick * np.clip(0.25 + field / (0.03 * size), 0, 1))
-    found = [("hair", cap)]
+    scalp = _finer(_only(sheet, (sheet.weights[:, head] > 0.8)[sheet.faces].all(1))[0])
+    back = scalp.points[:, 0].min()
+    beside, contour = (scalp.points - eye)[:, [0, 2]] / size, np.array(_HAIRLINE, np.float32)
+    field = size * np.array([cv2.pointPolygonTest(contour, point, True) for point in beside.tolist()])
+    field += 0.0015 * size * _locks(scalp, size)
+    thick = {"short": 0.0070, "bun": 0.005}.get(style, 0.0085) * size
+    cap = _worn(scalp, field, thick * np.clip(0.2 + field / (0.035 * size), 0, 1))
+    points = cap.points + (0.0012 * size * _locks(cap, size))[:, None] * cap.normals
+    found = [("hair", cap._replace(points=points, normals=_normals(points, cap.faces)))]
     if style == "bun":
         ball = trimesh.creation.icosphere(2, 0.027 * size)
         found.append(
@@ -316,6 +341,27 @@ def _hair(sheet: _Sheet, bare: BareBody, body: Body, style: str) -> list[tuple[s
                          (0.010, 0.030, 0.037, 0.0490), (0.03, 0.035, 0.035, 0.045)]) * size  # fmt: skip
         found.append(("hair", _fall(rows + (eye[2], back, 0, 0), head)))
     return found
+
+
+# From the forehead over temples, sideburns and ears to the nape, and round the crown: ahead of the eyes and above them,
+# fractions of stature.
+_HAIRLINE = ((0.05, 0.043), (0.0, 0.040), (-0.020, 0.036), (-0.028, 0.020), (-0.029, -0.003), (-0.036, -0.005),
+             (-0.041, 0.017), (-0.067, 0.021), (-0.075, -0.010), (-0.081, -0.032), (-0.2, -0.046), (-0.2, 0.2),
+             (0.05, 0.2))  # fmt: skip
+
+
+def _locks(sheet: _Sheet, size: float) -> np.ndarray:
+    """Return waves (N,) from -1 to 1 across locks that fall from the crown."""
+    x, y, z = sheet.points.T
+    around = np.arctan2(y, x - x.mean())
+    return np.sin(19 * around + 4 * np.sin(5 * around) + 60 * z / size)
+
+
+def _finer(sheet: _Sheet) -> _Sheet:
+    """Return a sheet with each triangle in four."""
+    values = {name: getattr(sheet, name) for name in ("normals", "weights", "along")}
+    points, faces, values = trimesh.remesh.subdivide(sheet.points, sheet.faces, vertex_attributes=values)
+    return _Sheet(points, faces=faces, **values)
 
 
 def _fall(rows: np.ndarray, segment: int) -> _Sheet:

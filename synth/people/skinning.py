@@ -3,7 +3,7 @@
 MuJoCo's meshes are rigid. `Skin` moves their vertices in the model itself after `mujoco.mj_kinematics`, and mends the
 boxes by which rays find triangles. Images, rays, ids and body parts then see one and the same surface.
 
-A vertex follows up to six bones. Each segment has, apart from the segment itself, a bone that turns half as far at
+A vertex follows up to four bones. Each segment has, apart from the segment itself, a bone that turns half as far at
 its joint, so that elbows and knees keep their volume. Upper arms, forearms and thighs also have bones that twist by
 none, a third and two thirds, so that a twist spreads along the limb.
 """
@@ -45,15 +45,15 @@ BONE_NAMES = (
     *(f"{SEGMENTS[i]} twist {step}" for i in _TWISTS for step in range(3)),
 )
 """Names of the B bones: segments, their halves, and the bones that twist by none, a third and two thirds."""
-MOST_BONES = 6
-"""Greatest number of bones that a vertex follows."""
+MOST_BONES = 4
+"""Greatest number of bones that a vertex follows; all readers of glTF support four."""
 _ROW = 2 * MOST_BONES + 6
 SKINNED = 1.0
 """User value of geoms whose mesh is skinned."""
 
 
 def blend(weights: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return bones (N, 6) and weights (N, 6) from the weights of segments.
+    """Return bones (N, 4) and weights (N, 4) from the weights of segments.
 
     Args:
         weights: (N, 16) weights of `SEGMENTS`, sum 1.
@@ -82,7 +82,7 @@ def pack(rotations: np.ndarray, origins: np.ndarray, rows: np.ndarray) -> np.nda
 
     Args:
         rotations, origins: (16, 3, 3) and (16, 3) m, the segments in the bind pose.
-        rows: (N, 18) six bones, their weights, place (m) and normal in the bind pose.
+        rows: (N, 14) four bones, their weights, place (m) and normal in the bind pose.
     """
     quats = Rotation.from_matrix(rotations).as_quat(scalar_first=True)
     return np.concatenate([quats.ravel(), origins.ravel(), rows.ravel()])
@@ -97,7 +97,7 @@ class SkinOfPerson:
         segments: (16,) indices of the bodies of the segments.
         geoms: Indices of the geoms that bend. The vertices of their meshes, one mesh after the other, are the N.
         bind: (B, 3, 4) rotation and origin, m, of each of `BONE_NAMES` in the bind pose.
-        which, weights: (N, 6) bones and their weights, largest first, sum 1.
+        which, weights: (N, 4) bones and their weights, largest first, sum 1.
         rest: (N, 6) place, m, and normal in the bind pose.
     """
 

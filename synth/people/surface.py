@@ -303,6 +303,8 @@ _THUMBS = {
     "fist": (30, 38, 40),
     "point": (30, 35, 40),
 }
+_SPREADS = {"relaxed": 0.3, "open": 0.4, "grip": 0.2, "fist": 0.2, "point": 0.3}
+"""Angles of the other fingers from the middle one, relative to those of the assets, which are wide."""
 
 
 def _posed_hands(shape, joints, weights, hands) -> tuple[np.ndarray, np.ndarray]:
@@ -317,7 +319,12 @@ def _posed_hands(shape, joints, weights, hands) -> tuple[np.ndarray, np.ndarray]
         posed, total = shape.copy(), np.zeros(len(shape))
         moved = np.zeros_like(shape)
         for finger in range(5):
-            way = fingers[finger, 1] - fingers[finger, 0]
+            way, turn = fingers[finger, 1] - fingers[finger, 0], np.eye(3)
+            if finger:
+                middle = fingers[2, 1] - fingers[2, 0]
+                apart = np.arctan2(np.cross(way, middle) @ down, way @ middle)
+                turn = Rotation.from_rotvec((1 - _SPREADS[curl]) * apart * down).as_matrix()
+                way = turn @ way
             axis = np.cross(way, down)
             if finger == 0:
                 # The thumb closes across the palm.
@@ -325,7 +332,7 @@ def _posed_hands(shape, joints, weights, hands) -> tuple[np.ndarray, np.ndarray]
             axis /= np.linalg.norm(axis)
             straight = _straightening(fingers[finger], axis) if finger else np.zeros(3)
             bends = np.radians(_CURLS[curl][finger - 1] if finger else _THUMBS[curl]) - straight
-            turn, base = np.eye(3), fingers[finger, 0]
+            base = fingers[finger, 0]
             for bone in range(3):
                 start = fingers[finger, bone]
                 base = base if bone == 0 else base + turn @ (start - fingers[finger, bone - 1])

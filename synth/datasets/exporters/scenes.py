@@ -5,8 +5,7 @@ joint is an empty node with its own name, `person0: l_wrist`. Distances, positio
 labels. Colours are plain: textures and clothes' patterns are not exported. A reader that ignores skins shows people
 with lowered arms at their first place.
 
-- `glb`, glTF 2.0, y up. Its cameras hold a field of view only; `K`, `dist` and `size` are in `extras` of the camera. A
-  vertex follows the four bones of the greatest weights, of up to six.
+- `glb`, glTF 2.0, y up. Its cameras hold a field of view only; `K`, `dist` and `size` are in `extras` of the camera.
 - `usd`, z up, with UsdSkel. Its cameras also hold unequal focal lengths and the principal point. Distortion is in
   custom data.
 """
@@ -61,7 +60,7 @@ class _SkinInMotion:
     name: str
     points: np.ndarray  # (N, 3) and normals (N, 3) in the bind pose
     normals: np.ndarray
-    which: np.ndarray  # (N, 6) bones and weights (N, 6), largest first
+    which: np.ndarray  # (N, 4) bones and weights (N, 4), largest first
     weights: np.ndarray
     looks: dict[str, tuple[np.ndarray, np.ndarray]]  # RGBA and faces (m, 3) of each material
     bind: np.ndarray  # (B, 4, 4) bones in the bind pose
@@ -237,8 +236,6 @@ def _pieces(model: mujoco.MjModel) -> Iterator[_Piece]:
 
 _Y_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 _BYTE, _INT, _VERTICES, _INDICES = 5121, 5125, 34962, 34963
-_INFLUENCES = 4
-"""Number of bones of a vertex that every reader of glTF supports."""
 _LIGHT_LUX, _LIGHT_CANDELA = 3.0, 60.0
 """Brightness of a white light."""
 
@@ -306,13 +303,12 @@ def _write_glb(task: ClipTask) -> Counter:
             else:
                 file.json["nodes"][bones[parent]].setdefault("children", []).append(node)
             bones.append(node)
-        weights = skin.weights[:, :_INFLUENCES] / skin.weights[:, :_INFLUENCES].sum(1, keepdims=True)
         # The place of a mesh with a skin is that of its bones alone, so its points are already y up.
         attributes = {
             "POSITION": file.accessor(skin.points @ _Y_UP.T, "VEC3", target=_VERTICES, bounds=True),
             "NORMAL": file.accessor(skin.normals @ _Y_UP.T, "VEC3", target=_VERTICES),
-            "JOINTS_0": file.accessor(skin.which[:, :_INFLUENCES], "VEC4", _BYTE, _VERTICES),
-            "WEIGHTS_0": file.accessor(weights, "VEC4", target=_VERTICES),
+            "JOINTS_0": file.accessor(skin.which, "VEC4", _BYTE, _VERTICES),
+            "WEIGHTS_0": file.accessor(skin.weights, "VEC4", target=_VERTICES),
         }
         primitives = [
             {

@@ -120,9 +120,7 @@ def test_skins_of_glb_are_the_surfaces_of_pictures(data, clip, drawn, tmp_path):
         away[name] = np.abs(points[values(primitive.indices).reshape(-1, 3)] - drawn[name] @ _Y_UP.T)
     assert away.keys() == drawn.keys()
     away = np.concatenate(list(away.values()))
-    # Few vertices follow more than four bones.
-    assert away.max() < 5e-4
-    assert np.mean(away < 1e-5) > 0.99
+    assert away.max() < 1e-5
 
 
 def test_skins_of_usd_are_the_surfaces_of_pictures(data, drawn, tmp_path):

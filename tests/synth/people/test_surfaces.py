@@ -136,7 +136,7 @@ def test_solids_fit_the_skin(body):
     ]
     parts = in_t_pose(body, BARE, naked=True)
     area = [trimesh.Trimesh(part.vertices, part.faces, process=False).area for part in parts]
-    counts = np.ceil(14000 * np.array(area) / sum(area)).astype(int)
+    counts = np.ceil(60000 * np.array(area) / sum(area)).astype(int)
     skin = np.concatenate([drawn_on(part, count, rng) for part, count in zip(parts, counts, strict=True)])
     segments, ends, radii = capsules(body)
     ends = ends + origins[segments][:, None]
