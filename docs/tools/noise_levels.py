@@ -386,13 +386,13 @@ if __name__ == "__main__":
     file = ROOT / "docs/results/noise_levels.json"
     before = json.loads(file.read_text()) if file.is_file() else {"tables": {}}
     tables = {name: (table["columns"], table["rows"]) for name, table in before["tables"].items()}
+    made = {}
     for wanted in sys.argv[1:] or makers:
-        tables |= makers[wanted]()
-    kept = [name for name in before["tables"] if sys.argv[1:] and name not in sys.argv[1:]]
+        made |= makers[wanted]()
     sys.argv[1:] = []
-    write_tables("noise_levels", tables)
+    write_tables("noise_levels", tables | made)
     # Tables that were not made now keep the commit that made them.
     content = json.loads(file.read_text())
-    for name in kept:
+    for name in before["tables"].keys() - made.keys():
         content["tables"][name]["measured"] = before["tables"][name].get("measured", before["measured"])
     file.write_text(json_text(content) + "\n")
