@@ -225,7 +225,9 @@ def origin(name: str, table: str | None = None) -> str:
         else f"{found['date']}, commit {found['commit']}, {found['versions']}"
     )
     file = f"docs/results/{name}.json"
-    return f"<sub><code>{html.escape(command)}</code><br>measured {made}; file <code>{file}</code></sub>"
+    # Two variables of a shell in one command would be read as an equation.
+    command = html.escape(command).replace("$", "&#36;")
+    return f"<sub><code>{command}</code><br>measured {made}; file <code>{file}</code></sub>"
 
 
 def _results(name: str) -> dict[tuple[str, int], dict]:
