@@ -4,6 +4,7 @@ T tracks; D detections per view, padded with NaN; n detections of all views in a
 """
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -16,6 +17,8 @@ NONE = -1
 _COLOUR_DIFFERENCE = 20.0  # CIELAB units; colour difference of clothes at which their affinity is 1/2
 _PARTNERS = 16
 """Largest number of detections of another view that are compared further with a detection, by highest affinity."""
+_ASSIGNED = 100
+"""Largest number of detections of a view for the Hungarian algorithm; with more, all pairs of partners are proposed."""
 
 
 @dataclass(frozen=True)
@@ -79,13 +82,14 @@ def propagate(closeness: np.ndarray, confirmed: np.ndarray) -> tuple[np.ndarray,
 def find_groups(candidates: Candidates, config: AssociationConfig) -> np.ndarray:
     """Identity matching: group detections of one person, at most one from each view.
 
-    Groups are joined along pairs, best support first: what the affinity of the pair exceeds `min_affinity` by, plus, in
-    each other view, the same of the detection which fits both. An affinity of strangers is no evidence, so two pairs at
-    the threshold do not outweigh a good one. Two groups are joined only if their members agree on average, so that a
-    decision for two views is consistent with all others.
+    The Hungarian algorithm proposes pairs for every two views. Groups are then joined along these pairs, best support
+    first: the evidence for the pair plus, in each other view, that of the detection which fits both. The evidence is
+    what an affinity exceeds `min_affinity` by: strangers reach that, so two pairs at the threshold do not outweigh a
+    good one. Two groups are joined only if their members agree on average, and no two by less than half of that, so
+    that a decision for two views is consistent with all others.
 
     Time and memory are bounded for many detections: only the 16 best partners of a detection in every other view are
-    used.
+    used, and in views with more than 100 detections that have partners, all pairs of partners are proposed.
 
     Args:
         candidates: n detections of V views.
@@ -100,7 +104,11 @@ def find_groups(candidates: Candidates, config: AssociationConfig) -> np.ndarray
     partners, affinities = _partners(view, views, compared, config.min_affinity)
     affinities -= np.float32(config.min_affinity)
     first, second, found = _pairs(view, partners, affinities)
-    order = np.argsort(-supports(first, second, found, view, partners, affinities), kind="stable")
+    if not len(first):
+        return np.empty((0, views), int)
+    proposed = _proposed(first, second, found, view)
+    first, second = first[proposed], second[proposed]
+    order = np.argsort(-supports(first, second, found[proposed], view, partners, affinities), kind="stable")
     members = np.full((len(view), views), NONE)
     join(first[order], second[order], *compared, np.float32(config.min_affinity), members)
     return members[(members != NONE).sum(1) > 1]
@@ -150,6 +158,23 @@ def _pairs(view: np.ndarray, partners: np.ndarray, affinities: np.ndarray) -> tu
     _, kept, lists = np.unique(low * len(view) + high, return_index=True, return_counts=True)
     kept = kept[lists == 2]
     return low[kept], high[kept], found[kept]
+
+
+def _proposed(first: np.ndarray, second: np.ndarray, found: np.ndarray, view: np.ndarray) -> np.ndarray:
+    """Return the indices of pairs (m,) that the Hungarian algorithm proposes for every two views."""
+    proposed = []
+    for a, b in combinations(np.unique(view), 2):
+        pairs = np.flatnonzero((view[first] == a) & (view[second] == b))
+        rows, row = np.unique(first[pairs], return_inverse=True)
+        columns, column = np.unique(second[pairs], return_inverse=True)
+        if max(len(rows), len(columns)) <= _ASSIGNED:
+            block = np.zeros((len(rows), len(columns)))
+            block[row, column] = found[pairs]
+            index = np.full(block.shape, NONE)
+            index[row, column] = pairs
+            pairs = index[linear_sum_assignment(block, maximize=True)]
+        proposed.append(pairs[pairs != NONE])
+    return np.concatenate(proposed)
 
 
 _PARALLEL = np.float32(1e-8)  # Squared sine of an angle; lines at smaller ones are parallel
@@ -384,13 +409,13 @@ def join(
     least,
     members,
 ):
-    """Join groups along pairs, in the order given, where their members agree on average.
+    """Join groups along pairs, in the order given, where their members agree on average and none contradict each other.
 
     Args:
         first: (m,) detections.
         second: (m,) their partners.
         view: As for `affinity`; so are the arguments that follow.
-        least: Smallest mean affinity between the members of two groups that are joined.
+        least: Smallest mean affinity between the members of two groups that are joined; half of it is that of any two.
         members: (n, V) filled with -1; each row contains the detections of a group by view, or is empty.
     """
     group = np.arange(len(view))
@@ -405,7 +430,7 @@ def join(
             overlap |= members[a, v] >= 0 and members[b, v] >= 0
         if overlap:
             continue
-        total, count = 0.0, 0
+        total, count, lowest = 0.0, 0, 1.0
         for u in range(members.shape[1]):
             for v in range(members.shape[1]):
                 i, j = members[a, u], members[b, v]
@@ -416,7 +441,8 @@ def join(
                     if found >= 0:
                         total += found
                         count += 1
-        if count and total / count >= least:
+                        lowest = min(lowest, found)
+        if count and total / count >= least and lowest >= least / 2:
             for v in range(members.shape[1]):
                 if members[b, v] >= 0:
                     group[members[b, v]] = a

@@ -81,7 +81,7 @@ class AssociationConfig:
     """Distance between two rays at which their affinity is 1/2, m."""
     colour_weight: float = 0.3
     """Weight of clothes in the affinity of two detections, 0 to 1; only for clips with images, 0 does not read them."""
-    min_affinity: float = 0.5
+    min_affinity: float = 0.45
     """Smallest affinity of detections of one person, 0 to 1."""
 
     def __post_init__(self):

@@ -32,6 +32,8 @@ _ALTERNATIONS = 3  # Number of times that people are found and their residuals m
 _EXPECTED_BY, _EXPECTED_IN_CLIPS = 2.0, 10.0
 """s; time around a window, online or in a block of a long clip, from which hidden joints in it are predicted."""
 _STILLS = 4000  # Frames of stills whose people are kept in memory
+_STILL_AFFINITY = 0.9
+"""Of `min_affinity`, what counts in stills: no other frame makes up for a person who is not matched."""
 _FEWEST_PX = 2.0  # People are larger; where no coordinate of a detected joint is, coordinates are not pixels
 
 
@@ -118,6 +120,8 @@ def _captured_stills(clip: Clip, config: CaptureConfig, noise: DetectionNoise) -
             f"subject.at={config.subject.at}: clip {clip.id!r} has {clip.fps:g} frames/s; below {STILLS:g} each frame "
             "is captured by itself, and nobody is followed from one to the next"
         )
+    least = _STILL_AFFINITY * config.association.min_affinity
+    config = replace(config, association=replace(config.association, min_affinity=least))
     blocks = [range(start, min(start + _STILLS, len(clip))) for start in range(0, len(clip), _STILLS)]
     return _joined(
         [

@@ -30,8 +30,9 @@ def affinity_of(base, ray_a, ray_b, weights=((1,), (1,)), half=0.1) -> float:
 
 def ray_distance(a, ray_a, b, ray_b) -> float:
     """Distance between rays from two places, m, from the affinity of detections of that single joint."""
+    highest = affinity_of((0, 0, 0), (0, 0, 1), (0, 0, 1))
     found = affinity_of(np.array(b) - a, ray_a, ray_b, half=1)
-    return np.sqrt(1 / (2 * found) - 1) if found < 0.5 else 0.0
+    return np.sqrt(highest / found - 1) if found < highest else 0.0
 
 
 @settings(max_examples=60, deadline=None)
