@@ -62,7 +62,7 @@ def run(config: CaptureCommand, out: Path) -> None:
                 captured, exchanges = load_clip(out / folder.name), []
             else:
                 captured, exchanges = next(done)
-                made.write(captured, folder.name, persons=captured.poses.xyz.shape[1])
+                made.write(captured, folder.name)
                 frames += len(captured)
             for note in [*captured.provenance.get("notes", ()), *exchanges]:
                 print(f"{captured.id}: {note}")

@@ -83,8 +83,8 @@ class ClipSet:
             begin_data_set(self.out)
         return self
 
-    def write(self, clip: Clip, name: str, **facts) -> None:
-        """Write a clip, with what the manifest says of it."""
+    def write(self, clip: Clip, name: str) -> None:
+        """Write a clip."""
         if self.alone:
             save_clip(clip, self.out)
             return
@@ -94,7 +94,7 @@ class ClipSet:
             save_clip(clip, partial)
             write_checksums(partial)
         self.whole.add(name)
-        self.lines[name] = {"id": name, "status": "ok", **facts}
+        self.lines[name] = {"id": name, "status": "ok"}
         if interruption.running:
             interruption.running.check()
 

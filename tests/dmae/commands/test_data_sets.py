@@ -63,9 +63,9 @@ def test_the_printed_share_is_that_of_nan_in_the_export(tmp_path):
 
 def test_what_is_whole_is_a_data_set_even_after_an_error(tmp_path):
     with pytest.raises(KeyboardInterrupt), ClipSet(tmp_path, {"command": "dmae x"}) as made:
-        made.write(full_clip(), "a", persons=2)
+        made.write(full_clip(), "a")
         raise KeyboardInterrupt
-    assert read_manifest(tmp_path) == [{"id": "a", "status": "ok", "persons": 2}]
+    assert read_manifest(tmp_path) == [{"id": "a", "status": "ok"}]
     assert find_data_set_damage(tmp_path, ["a"]) == []
     assert finished(tmp_path) == f"{tmp_path}: 1 whole clip, which can be used; the same command continues"
     with ClipSet(tmp_path / "none", {"command": "dmae x"}):
