@@ -32,6 +32,7 @@ _ALTERNATIONS = 3  # Number of times that people are found and their residuals m
 _EXPECTED_BY, _EXPECTED_IN_CLIPS = 2.0, 10.0
 """s; time around a window, online or in a block of a long clip, from which hidden joints in it are predicted."""
 _STILLS = 4000  # Frames of stills whose people are kept in memory
+_SHOWN_FPS = 25.0  # Rate at which a still is shown twice
 _STILL_AFFINITY = 0.9
 """Of `min_affinity`, what counts in stills: no other frame makes up for a person who is not matched."""
 _FEWEST_PX = 2.0  # People are larger; where no coordinate of a detected joint is, coordinates are not pixels
@@ -97,7 +98,7 @@ def capture(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None = No
 def _capture(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None) -> Poses3D:
     """Reconstruct bodies as large as people."""
     noise = noise or _learned(clip, config)
-    if are_stills(clip.fps) and len(clip) > 1:
+    if are_stills(clip.fps):
         return _captured_stills(clip, config, noise)
     skeleton, fps, tracking = clip.detections.skeleton, clip.fps, config.tracking
     tracks = track(clip, config, noise)
@@ -115,7 +116,7 @@ def _capture(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None) ->
 
 def _captured_stills(clip: Clip, config: CaptureConfig, noise: DetectionNoise) -> Poses3D:
     """Reconstruct the people of each frame by themselves."""
-    if config.subject.at is not None:
+    if config.subject.at is not None and len(clip) > 1:
         raise ValueError(
             f"subject.at={config.subject.at}: clip {clip.id!r} has {clip.fps:g} frames/s; below {STILLS:g} each frame "
             "is captured by itself, and nobody is followed from one to the next"
@@ -125,10 +126,16 @@ def _captured_stills(clip: Clip, config: CaptureConfig, noise: DetectionNoise) -
     blocks = [range(start, min(start + _STILLS, len(clip))) for start in range(0, len(clip), _STILLS)]
     return _joined(
         [
-            _joined([_capture(clip.select(frames=slice(each, each + 1)), config, noise) for each in block])
+            _joined([_captured_still(clip, each, config, noise) for each in block])
             for block in in_steps(progress(blocks, "capturing stills"))
         ]
     )
+
+
+def _captured_still(clip: Clip, frame: int, config: CaptureConfig, noise: DetectionNoise) -> Poses3D:
+    """Reconstruct the people of a frame, shown twice: those found at first then take what was left over of them."""
+    twice = replace(clip.select(frames=[frame, frame]), fps=_SHOWN_FPS)
+    return _capture(twice, config, noise).select(slice(1, 2))
 
 
 def _joined(parts: list[Poses3D]) -> Poses3D:

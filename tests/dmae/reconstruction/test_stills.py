@@ -10,7 +10,7 @@ from dmae.calibration.refinement import refine
 from dmae.completion.methods import METHODS
 from dmae.data.clip import Poses3D, Source
 from dmae.numerics.filling import smooth
-from dmae.reconstruction.config import CaptureConfig, SubjectConfig
+from dmae.reconstruction.config import CaptureConfig, NoiseModel, SubjectConfig
 from dmae.reconstruction.pipeline import capture, learn_noise
 from tests.support.completers import circling, untrained, with_holes
 from tests.support.detected_people import crossing, detected_clip, errors
@@ -73,3 +73,15 @@ def test_an_impossible_rate_is_no_still():
     for fps in (0.0, -1.0, np.nan):
         with pytest.raises(ValueError, match="fps must be positive"):
             METHODS["linear"](Poses3D(circling(0, 2).skeleton, circling(0, 2).xyz), fps)
+
+
+def test_a_view_that_was_matched_with_nobody_joins_the_person_it_shows():
+    """The third camera's joints lie 0.24 m below the person: too far to be matched, near enough to be the person's."""
+    people = crossing()[50:52, :1]
+    clip = replace(detected_clip(people, views=3, miss=0, noise=1.0), fps=RATE)
+    xy, depth = clip.detections.xy.copy(), clip.rig.project(people)[1]
+    xy[:, 2, :, :, 1] += 0.24 * clip.rig.K[2, 0, 0] / depth[:, 2]
+    shifted = replace(clip, detections=replace(clip.detections, xy=xy))
+    config = CaptureConfig(noise=NoiseModel(learn=False, sigma_sure_m=0.05))
+    for each in (shifted, shifted.select(frames=[0])):
+        assert np.median(capture(each, config).views) == 3
