@@ -22,7 +22,6 @@ from dmae.command_line.spelling import checked, choices, split_flags, sweeps
 from dmae.commands import COMMANDS
 from dmae.data.resources import resource_folder
 from dmae.formats.registry import reader
-from dmae.parallel import Backend, running_on
 
 _HELP = ("-h", "--help", "help")
 DMAE = Program(
@@ -147,6 +146,8 @@ def _apply(command: Command, module: ModuleType, config, interrupted: interrupti
     from hydra.core.hydra_config import HydraConfig
     from hydra.types import RunMode
     from omegaconf import OmegaConf
+
+    from dmae.parallel import Backend, running_on  # it loads NumPy, which `--help` does not need
 
     missing = sorted(OmegaConf.missing_keys(config))
     if missing:

@@ -72,6 +72,6 @@ def _list_takes(config: SplitCommand, path: Path, out: Path) -> None:
         minutes = sum(take.seconds for take in part) / 60
         print(f"{out}: set {name}: {len(part)} takes of {people} subjects, {minutes:.1f} minutes")
     print(f"{out}: {len(readable)} takes, {len(found) - len(readable)} left out")
-    leaks = find_subject_leaks(take.listed for take in takes)
+    leaks = find_subject_leaks(take.listed for take in found)
     if leaks:
         raise ValueError(f"{path}: {len(leaks)} leaks; {leaks[0]}")
