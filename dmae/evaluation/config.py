@@ -275,7 +275,7 @@ class TableConfig:
         for name in self.systems or ():
             capture_method.check(name)
         if self.angles and self.number not in (3, 4, 6):
-            raise ValueError(f"angles=true: table {self.number} has no errors of joints; those of 3, 4 and 6 have")
+            raise ValueError(f"angles=true: table {self.number} has no errors of joints; tables 3, 4 and 6 have them")
         if self.number == 6 and self.protocol != "strict":
             raise ValueError("table 6 counts joints, not limbs; leave out protocol")
         if self.number == 5 and (self.protocol != "strict" or self.weights):

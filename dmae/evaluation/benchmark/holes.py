@@ -254,9 +254,9 @@ what it was made."""
 def angle_cells(holes: Holes, true: np.ndarray, given: Poses3D, poses: Poses3D) -> dict:
     """Return the scores of the leg angles of completed poses, for `true` angles by `dmae.metrics.angles.leg_angles`.
 
-    JSON-able flat lists over the cells in the order of `ANGLE_AXES`: `angles`, true angles of captured persons;
-    `determined`, those that the poses determine; `degrees`, the sum of their absolute errors; `held`, how many of them
-    are within the 90 % interval.
+    JSON-able flat lists over the cells, in the order of `ANGLE_AXES`. `angles`: number of true angles of captured
+    persons. `determined`: how many of them the completed poses determine. `degrees`: the sum of their absolute errors.
+    `held`: how many of them are within the 90 % interval.
     """
     comparison = Comparison(poses, given, holes.truth, (), holes.matches, angles=true)
     error, spread = angle_errors(comparison)
