@@ -31,11 +31,11 @@ def run(config: DemoCommand, out: Path) -> None:
     methods = ["measured", "linear", "dmae", model]
     say("simulate people to learn from", 1, steps)
     length = {"seconds": 2} if small else {}
-    synth.generate(clips=3 if small else 32, seed=1, **length, workers=config.workers, out=out / "train")
+    synth.generate(clips=3 if small else 24, seed=1, **length, workers=config.workers, out=out / "train")
     say("simulate others, and render them", 2, steps)
     three = {"rig": synth.preset("rig", "ring", ring=synth.RingConfig(views=3)), "persons": [3, 3]} if small else {}
     pictures = {"images": ["rgb"], "quality": "draft"}
-    clips, seconds = (1, 2) if small else (2, 4)
+    clips, seconds = (1, 2) if small else (2, 3)
     synth.generate(clips=clips, seed=2, seconds=seconds, **three, **pictures, workers=config.workers, out=out / "test")
     for number, name in ((3, "train"), (4, "test")):
         say(f"capture the people of {out / name}", number, steps)
@@ -46,7 +46,7 @@ def run(config: DemoCommand, out: Path) -> None:
     learning = LearningConfig(steps=20, epoch=20, batch=16) if small else LearningConfig()
     learn = TrainConfig(
         data=DataConfig(path=str(out / "train_captured")), learning=learning, init="shipped" if small else None,
-        max_minutes=None if small else 2.0,
+        max_minutes=None if small else 1.0,
     )  # fmt: skip
     train.run(learn, out / "model", time.monotonic())
     record_options(learn, out / "model")
@@ -69,7 +69,7 @@ def run(config: DemoCommand, out: Path) -> None:
     page, scores = out / "report.html", [read_scores(folder / "scores.json") for folder, _ in scored]
     clips = Clips(DataConfig(name="clip", path=str(out / "completed")))
     trained = counted(read_json(out / "model/model.json")["steps"], "step")
-    about = what_to_look_at(scores[0], Path(model).name, trained if small else f"two minutes, {trained}")
+    about = what_to_look_at(scores[0], Path(model).name, trained if small else f"a minute, {trained}")
     write_clips_report(page, clips, scores, title="The demo: simulated people, captured and completed", about=about)
     print(f"Look at {page}; what the steps printed is in {out / LOG}")
 

@@ -17,12 +17,12 @@ def result(method: str, mm: float) -> dict:
 def test_marks_are_those_of_the_player_and_errors_those_of_the_scores(monkeypatch):
     monkeypatch.setattr("dmae.commands.demo.compared_error", lambda mean: mean["gaps"]["1-5"]["mpjpe"])
     scores = {"results": [result("dmae", 52.4), result("model", 68.6), result("linear", 95.2)]}
-    look, errors = what_to_look_at(scores, "model", "two minutes, 2 steps")
+    look, errors = what_to_look_at(scores, "model", "a minute, 2 steps")
     marks = {re.search(r'"(truth|completed)', line)[1]: line for line in PLAYER.read_text().splitlines()
              if "shape('<path" in line or "shape(`<path" in line if re.search(r'"(truth|completed)', line)}  # fmt: skip
     assert "M8 2 14 8 8 14 2 8z" in marks["completed"] and 'stroke="var(--red)"' in marks["completed"]
     assert "diamonds with a red outline" in look
     assert "M1 8H15" in marks["truth"] and "thin lines are the truth" in look
     for words in ("52\N{NO-BREAK SPACE}mm with these weights", "69\N{NO-BREAK SPACE}mm with the network that this demo "
-                  "trained for two minutes, 2 steps", "95\N{NO-BREAK SPACE}mm with straight"):  # fmt: skip
+                  "trained for a minute, 2 steps", "95\N{NO-BREAK SPACE}mm with straight"):  # fmt: skip
         assert words in errors
