@@ -23,7 +23,7 @@ from dmae.reconstruction.people import false_positives, inside_volume, merge, sa
 from dmae.reconstruction.pruning import prune
 from dmae.reconstruction.reassignment import expected_paths, most_confident_rays, reassign
 from dmae.reconstruction.sides import Sides, exchange, find_exchanged
-from dmae.reconstruction.tracking import Tracker, Tracks, track
+from dmae.reconstruction.tracking import MIN_JOINTS, Tracker, Tracks, track
 from dmae.reconstruction.triangulation import Points
 
 _WIDE_PX, _WIDE_M = 0.006, 0.06
@@ -34,7 +34,8 @@ _EXPECTED_BY, _EXPECTED_IN_CLIPS = 2.0, 10.0
 _STILLS = 4000  # Frames of stills whose people are kept in memory
 _SHOWN_FPS = 25.0  # Rate at which a still is shown twice
 _STILL_AFFINITY = 0.9
-"""Of `min_affinity`, what counts in stills: no other frame makes up for a person who is not matched."""
+"""Of `min_affinity`, what counts in stills: no other frame makes up for a person who is not matched. For the same
+reason `MIN_JOINTS` are enough for a new person there."""
 _FEWEST_PX = 2.0  # People are larger; where no coordinate of a detected joint is, coordinates are not pixels
 
 
@@ -122,7 +123,12 @@ def _captured_stills(clip: Clip, config: CaptureConfig, noise: DetectionNoise) -
             "is captured by itself, and nobody is followed from one to the next"
         )
     least = _STILL_AFFINITY * config.association.min_affinity
-    config = replace(config, association=replace(config.association, min_affinity=least))
+    births = min(MIN_JOINTS, config.tracking.birth_joints)
+    config = replace(
+        config,
+        association=replace(config.association, min_affinity=least),
+        tracking=replace(config.tracking, birth_joints=births),
+    )
     blocks = [range(start, min(start + _STILLS, len(clip))) for start in range(0, len(clip), _STILLS)]
     return _joined(
         [

@@ -161,8 +161,7 @@ _CONFIRMATION_S = 0.2  # s; measured time after which a track is confirmed. Conf
 MIN_JOINTS = 3
 """Smallest number of joints of a measured person, and of a detection that is compared."""
 _LONGEST_BONE = 0.8
-"""m; a person with a longer bone consists of detections of two people. In your own skeletons, bones may have the length
-of the body."""
+"""m; joints at a longer bone are not used. In your own skeletons, bones may have the length of the body."""
 _DUPLICATE_DISTANCE = 0.2  # m; a new person at a smaller median distance from a tracked one is a duplicate of it
 _REENTRY_DISTANCE, _WALKING_SPEED = 0.3, 1.5  # m and m/s: largest distance of a re-entry from the predicted place
 _ITERATIONS = 2  # Number of steps of refinement; points for assignment need not be exact
@@ -195,15 +194,16 @@ class Tracker:
         if wrong[0].any():
             evidence, frame = exchange(evidence.at(frame), 0, *wrong, self._sides), 0
         points = evidence.triangulate(frame, assigned, _ITERATIONS)
-        xyz, used = points.xyz, points.used
-        plausible = _plausible(xyz, assigned, bones, self._longest, self._fewest, config.th_v)
+        xyz, used = without_long_bones(points.xyz, bones, self._longest), points.used
+        plausible = _plausible(xyz, assigned, self._fewest, config.th_v)
         xyz[~plausible] = np.nan
         free = (owner == NONE) | ~np.append(plausible, False)[owner]
         groups = _match(evidence, frame, free, colours, self._compared)
         if len(groups):
             points = evidence.triangulate(frame, groups, _ITERATIONS)
-            plausible = _plausible(points.xyz, groups, bones, self._longest, self._birth_joints, config.th_v)
-            groups, new, used = groups[plausible], points.xyz[plausible], np.concatenate([used, points.used[plausible]])
+            new = without_long_bones(points.xyz, bones, self._longest)
+            plausible = _plausible(new, groups, self._birth_joints, config.th_v)
+            groups, new, used = groups[plausible], new[plausible], np.concatenate([used, points.used[plausible]])
         else:
             new = np.empty((0, *xyz.shape[1:]))
         supported = _supported(evidence, frame, np.concatenate([assigned, groups]), np.concatenate([xyz, new]), used)
@@ -258,7 +258,7 @@ def _compared_joints(skeleton: Skeleton, joints: ComparedJoints) -> list[int]:
 
 
 def longest_bone(skeleton: Skeleton) -> float:
-    """Return the length, m, above which a bone shows that a person consists of detections of two people."""
+    """Return the length, m, above which a bone shows that a joint at its ends is not one of the person."""
     return PERSON_M if skeleton.defined else _LONGEST_BONE
 
 
@@ -319,18 +319,24 @@ def _match(
     return np.where(shown, found[..., None], NONE)
 
 
-def _plausible(
-    xyz: np.ndarray, assigned: np.ndarray, bones: np.ndarray, longest: float, min_joints: int, views: int
-) -> np.ndarray:
+def without_long_bones(xyz: np.ndarray, bones: np.ndarray, longest: float) -> np.ndarray:
+    """Return joints (T, J, 3), m, with NaN for those at both ends of bones (B, 2) that are longer than `longest`, m."""
+    start, end = bones.T
+    person, bone = np.nonzero(np.linalg.norm(xyz[:, start] - xyz[:, end], axis=-1) > longest)
+    xyz = xyz.copy()
+    xyz[person, start[bone]] = xyz[person, end[bone]] = np.nan
+    return xyz
+
+
+def _plausible(xyz: np.ndarray, assigned: np.ndarray, min_joints: int, views: int) -> np.ndarray:
     """Return (T,) True where assigned detections (T, V, J) show one person, judging by their joints (T, J, 3).
 
     At least `min_joints` must be known, and at least half of the joints that enough views detected, because the rays of
-    two different people hardly ever meet. No bone may be longer than `longest`, m.
+    two different people hardly ever meet, and do not make bones of usual lengths.
     """
     known = (~np.isnan(xyz[..., 0])).sum(-1)
     detected = ((assigned != NONE).sum(1) >= views).sum(-1)
-    length = np.linalg.norm(xyz[:, bones[:, 0]] - xyz[:, bones[:, 1]], axis=-1)
-    return (known >= min_joints) & (2 * known >= detected) & ~(length > longest).any(-1)
+    return (known >= min_joints) & (2 * known >= detected)
 
 
 def _supported(evidence: Evidence, frame: int, assigned: np.ndarray, xyz: np.ndarray, used: np.ndarray) -> np.ndarray:

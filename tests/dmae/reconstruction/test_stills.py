@@ -8,7 +8,8 @@ import pytest
 from dmae.calibration.config import RefineConfig
 from dmae.calibration.refinement import refine
 from dmae.completion.methods import METHODS
-from dmae.data.clip import Poses3D, Source
+from dmae.data.clip import Detections2D, Poses3D, Source
+from dmae.data.skeleton import BODY25
 from dmae.numerics.filling import smooth
 from dmae.reconstruction.config import CaptureConfig, NoiseModel, SubjectConfig
 from dmae.reconstruction.pipeline import capture, learn_noise
@@ -85,3 +86,23 @@ def test_a_view_that_was_matched_with_nobody_joins_the_person_it_shows():
     config = CaptureConfig(noise=NoiseModel(learn=False, sigma_sure_m=0.05))
     for each in (shifted, shifted.select(frames=[0])):
         assert np.median(capture(each, config).views) == 3
+
+
+def test_one_impossible_bone_does_not_cost_the_person():
+    """All views show the wrist a metre beside the person, so that its rays meet."""
+    people = crossing()[50:51, :1].copy()
+    people[:, :, BODY25.index("l_wrist")[0], 0] += 1.0
+    poses = capture(replace(detected_clip(people, views=3, miss=0, noise=1.0), fps=RATE), CaptureConfig())
+    known = np.isfinite(poses.xyz[0, 0, :, 0])
+    assert known.sum() >= 23
+    assert not known[BODY25.index("l_wrist")[0]]
+
+
+@pytest.mark.parametrize(("joints", "found"), [(3, 1), (2, 0)])
+def test_three_joints_of_two_views_show_a_person(joints, found):
+    clip = replace(detected_clip(crossing()[50:51, :1], views=3, miss=0, noise=1.0), fps=RATE)
+    score = clip.detections.score.copy()
+    score[:, 1, :, joints:] = score[:, 2] = np.nan
+    xy = np.where(np.isnan(score)[..., None], np.nan, clip.detections.xy)
+    poses = capture(replace(clip, detections=Detections2D(BODY25, xy, score)), CaptureConfig())
+    assert poses.xyz.shape[1] == found
