@@ -8,13 +8,14 @@ from dmae.commands.config import CompleteCommand
 from dmae.commands.data_sets import ClipSet, describe_joints, finished, forecast, settings_of
 from dmae.completion.complete import completers
 from dmae.completion.weights import weights_folder
-from dmae.data.clip import Clip
+from dmae.data.clip import Clip, Source
 from dmae.data.store import clip_folders, load_clip
 from dmae.evaluation.review import ReviewVerdict, decided, load_decisions, with_decisions
 from dmae.files.checksums import checksum, refuse_damaged
 from dmae.online.completion import complete_online
 from dmae.parallel import in_parallel
 from dmae.progress import progress
+from dmae.reporting.tables import counted
 
 _TRIED = 200  # Frames of a clip that a forecast completes
 
@@ -71,6 +72,13 @@ def _complete(config: CompleteCommand, folder: Path, frames: int | None = None) 
         poses = complete_online(completer, clip.poses, clip.fps, config.delay)
     else:
         poses = completer(clip.poses, clip.fps)
+    same = poses.skeleton == clip.poses.skeleton
+    replaced = int((clip.poses.measured & (poses.source == Source.COMPLETED)).sum()) if same else 0
+    if replaced:
+        notes.append(
+            f"{counted(replaced, 'measured joint')} ({replaced / clip.poses.measured.sum():.1%}) contradicted the "
+            "frames around or stated a larger error than completed ones; completed instead (reject=false keeps them)"
+        )
     return replace(clip, poses=poses.without(blanked)), notes
 
 

@@ -353,6 +353,20 @@ def test_contradicted_joints_are_rejected_on_request():
     np.testing.assert_array_equal(untrained()(poses, FPS).xyz, xyz)
 
 
+@pytest.mark.parametrize("reject", [True, False])
+def test_the_command_says_how_many_measured_joints_it_replaces(tmp_path, capsys, reject):
+    poses = circling(6)
+    xyz = poses.xyz.copy()
+    xyz[30, 0, 6] += 0.4
+    poses = Poses3D(SHELF14, xyz, views=np.full(poses.source.shape, 2))
+    save_clip(replace(clip_of(poses, "walk"), poses=poses), tmp_path / "clip")
+    save_model(untrained().model, SHELF14, tmp_path / "model", {"denoises": False, "calibration": None})
+    command.run(CompleteCommand(str(tmp_path / "clip"), str(tmp_path / "model"), reject=reject), tmp_path / "out")
+    share = 1 / poses.measured.sum()
+    said = f"walk: 1 measured joint ({share:.1%}) contradicted the frames around" in capsys.readouterr().out
+    assert said == reject
+
+
 def test_poses_of_another_skeleton_are_completed_through_common_joints():
     """The weights do not have the face of COCO."""
     truth = circling_people(60, 2, rng=np.random.default_rng(0))
