@@ -5,11 +5,15 @@ from pathlib import Path
 
 from dmae.reporting.tables import counted
 from synth.datasets.config import RenderConfig
-from synth.datasets.render import render
+from synth.datasets.render import forecast_rendering, render
 
 
 def run(config: RenderConfig, out: Path) -> None:
-    lines = render(replace(config, out=str(out)))
+    config = replace(config, out=str(out))
+    if config.dry_run:
+        print(f"{out}: {forecast_rendering(config)}")
+        return
+    lines = render(config)
     print(f"{out}: {counted(len(lines), 'clip')}")
 
 

@@ -179,6 +179,8 @@ class RenderConfig:
     """Processes; -1 for one per core."""
     backend: Backend = Backend.loky
     """What runs the processes: this machine, or a cluster."""
+    dry_run: bool = False
+    """Only print the number of clips, frames and images, and a forecast of time and disk space, from a few images."""
     rig: RigConfig = field(default_factory=lambda: RigConfig(name=""))
     """Other cameras than those of the clips."""
     imaging: ImagingConfig = field(default_factory=ImagingConfig)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dmae.data.clip import Clip
 from dmae.data.store import load_clip, save_clip
 from dmae.files.checksums import clip_checksum, write_checksums
 from dmae.files.structured import read_json
@@ -17,10 +18,10 @@ from dmae.parallel import in_parallel, process_count, running_on
 from dmae.progress import duration
 from dmae.reporting.tables import counted
 from synth.datasets.clip import check, clip_id, simulate_clip
-from synth.datasets.config import GenerateConfig
+from synth.datasets.config import GenerateConfig, RenderConfig
 from synth.datasets.generate import limit_threads
 from synth.errors import until_success
-from synth.physics.body_state import save_state
+from synth.physics.body_state import BodyState, save_state
 from synth.rendering.renderer import Renderer, render_images
 from synth.rendering.sensor import Sensor
 from synth.scene.build import build_scene
@@ -111,11 +112,11 @@ def _forecast(config: GenerateConfig) -> Forecast:
             took += each.clip_seconds + frames * each.frame_seconds
             size += each.clip_bytes + frames * each.frame_bytes
         seconds.append(took)
-    took = float(_makespan(seconds, process_count(config.workers)))
+    took = float(makespan(seconds, process_count(config.workers)))
     return Forecast(len(to_make), frames * len(to_make), pictures, took, float(size) / 1e6)
 
 
-def _makespan(seconds: list[float], workers: int) -> float:
+def makespan(seconds: list[float], workers: int) -> float:
     """Return the time at which the last task ends, s, if each task is started by the first free process."""
     ends = [0.0] * max(1, workers)
     for each in seconds:
@@ -171,7 +172,8 @@ def _measure(config: GenerateConfig, indices: list[int]) -> _Cost:
         )
         if not config.kinds:
             return cost
-        return _with_images(cost, config, clip, state, Path(folder) / "images")
+        pictures = picture_cost(config, clip, state, config.scene.frames, Path(folder) / "images")
+        return _Cost(*cost[:4], *pictures)
 
 
 def _timed(config: GenerateConfig, indices: list[int], seconds: float, folder: Path) -> tuple:
@@ -184,7 +186,7 @@ def _timed(config: GenerateConfig, indices: list[int], seconds: float, folder: P
     load_clip(folder)
     write_checksums(folder)
     clip_checksum(folder)
-    return time.perf_counter() - start, _bytes_in(folder), len(clip), clip, state
+    return time.perf_counter() - start, bytes_in(folder), len(clip), clip, state
 
 
 def _first_success(config: GenerateConfig, indices: list[int], seconds: float) -> tuple:
@@ -193,36 +195,43 @@ def _first_success(config: GenerateConfig, indices: list[int], seconds: float) -
     return until_success(lambda number: simulate_clip(short, indices[number]), len(indices) - 1)
 
 
-def _with_images(cost: _Cost, config: GenerateConfig, clip, state, folder: Path) -> _Cost:
-    """Return the cost with pictures added, measured on one frame and on a few frames of all views."""
-    frames = min(_PICTURES, len(clip), max(2, config.scene.frames // _PART))
+class PictureCost(NamedTuple):
+    """The cost of the pictures of a clip: time, s, for the clip and for each frame, and size, bytes, of all frames."""
+
+    clip_seconds: float
+    frame_seconds: float
+    bytes: float
+
+
+def picture_cost(
+    config: GenerateConfig | RenderConfig, clip: Clip, state: BodyState, frames: int, folder: Path
+) -> PictureCost:
+    """Measure the cost of the pictures of `frames` frames on one frame and on a few frames of all views of a clip."""
+    few = min(_PICTURES, len(clip), max(2, frames // _PART))
     rig = clip.rig if clip.true_rig is None else clip.true_rig
     start = time.perf_counter()
     scene = build_scene(SceneSpec.of(clip), rig)
     with Renderer(scene.model, scene.geom_ids, rig, config.quality, config.imaging) as renderer:
         renderer.picture(state.qpos[0], 0, config.kinds)
         begun, took, sizes = time.perf_counter() - start, [], []
-        for count in (1, frames):
+        for count in (1, few):
             start = time.perf_counter()
             how = {"kinds": config.kinds, "rgb": config.rgb.value}
-            how["sensors"] = [Sensor(config.imaging, config.seed, 0, view) for view in range(len(rig))]
+            how["sensors"] = [Sensor(config.imaging, 0, 0, view) for view in range(len(rig))]
             images = render_images(renderer, state.qpos[:count], rig, folder / str(count), clip.fps, **how).images
             took.append(time.perf_counter() - start)
-            sizes.append({kind: _bytes_in(images.folder / kind) for kind in images.kinds})
-    between = max(1, frames - 1)
-    frame_seconds = (took[1] - took[0]) / between if frames > 1 else took[0]
-    whole = config.scene.frames
+            sizes.append({kind: bytes_in(images.folder / kind) for kind in images.kinds})
+    between = max(1, few - 1)
+    frame_seconds = (took[1] - took[0]) / between if few > 1 else took[0]
     size = 0.0
     for kind in config.kinds:
         first, each = sizes[0][kind], (sizes[1][kind] - sizes[0][kind]) / between
         # A video has one keyframe per second; the frames between store differences.
-        firsts = ceil(whole / max(1, round(clip.fps))) if images.path(kind, rig.names[0]).suffix == ".mp4" else 1
-        size += firsts * first + (whole - firsts) * max(0.0, each)
-    return cost._replace(
-        image_clip_seconds=begun + max(0.0, took[0] - frame_seconds), image_frame_seconds=frame_seconds,
-        image_bytes=size,
-    )  # fmt: skip
+        firsts = ceil(frames / max(1, round(clip.fps))) if images.path(kind, rig.names[0]).suffix == ".mp4" else 1
+        size += firsts * first + (frames - firsts) * max(0.0, each)
+    return PictureCost(begun + max(0.0, took[0] - frame_seconds), frame_seconds, size)
 
 
-def _bytes_in(folder: Path) -> int:
+def bytes_in(folder: Path) -> int:
+    """Return the size of all files in a folder."""
     return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())

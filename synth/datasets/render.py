@@ -1,6 +1,8 @@
 """Render existing clips again: as other images, at another quality, or with other cameras. Nothing is simulated."""
 
 import shutil
+import tempfile
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,10 +16,11 @@ from dmae.data.store import clip_folders, load_clip, read_manifest, save_clip
 from dmae.files.checksums import begin_data_set, find_damage, write_checksums
 from dmae.files.contents import whole_folder
 from dmae.files.structured import read_json
-from dmae.parallel import in_parallel, running_on
+from dmae.parallel import in_parallel, process_count, running_on
 from dmae.progress import counted_progress
 from synth.datasets.clip import label_clip
 from synth.datasets.config import OcclusionConfig, RenderConfig
+from synth.datasets.forecast import Forecast, bytes_in, makespan, picture_cost
 from synth.datasets.generate import CONFIG, PictureTally, as_settings, claim, limit_threads, seal
 from synth.datasets.images import add_images, check_images, missing_kinds
 from synth.detector.config import DetectorConfig
@@ -41,20 +44,8 @@ def render(config: RenderConfig) -> list[dict]:
         ValueError: `out` is the folder of the clips or contains something else, or `synth generate` did not make the
             clips.
     """
-    out, data = Path(config.out), Path(config.data)
-    folders = clip_folders(data)
-    if not folders:
-        raise FileNotFoundError(f"data={data}: no clip of it is whole")
-    if out.resolve() in (data.resolve(), folders[0].resolve().parent) or data.resolve() in out.resolve().parents:
-        raise ValueError(
-            f"out={out}: expected another folder than data={data}; `synth generate` with the options of the data set "
-            "and images=... adds images to it"
-        )
-    settings = _settings(config, folders[0])
-    clip = load_clip(folders[0])
-    load_state(folders[0])
-    rig = clip.rig if config.rig == _NO_RIG else _new_rig(config, settings, SceneSpec.of(clip))
-    check_images(config, rig)
+    out = Path(config.out)
+    folders, settings, rig = _checked(config)
     claim(out, settings)
     lines = [read_json(folder / "clip.json")["provenance"]["manifest"] for folder in folders]
     tally = PictureTally(out, range(len(folders)))
@@ -74,6 +65,50 @@ def render(config: RenderConfig) -> list[dict]:
     return read_manifest(out)
 
 
+def forecast_rendering(config: RenderConfig) -> Forecast:
+    """Forecast the time and the disk space of what `render` would make, from a few pictures of one clip.
+
+    Nothing is written to `config.out`. Raises as `render`.
+    """
+    folders, settings, _ = _checked(config)
+    left = [folder for folder in folders if not (Path(config.out) / folder.name / "clip.json").is_file()]
+    lines = [read_json(folder / "clip.json")["provenance"]["manifest"] for folder in left]
+    if not lines:
+        return Forecast(0, 0, 0, 0.0, 0.0)
+    frames = sorted(line["frames"] for line in lines)
+    start, middle = time.perf_counter(), left[len(left) // 2]
+    clip, state = load_clip(middle), load_state(middle)
+    if config.rig != _NO_RIG:
+        clip = _relabelled(config, settings, clip, state)
+    with tempfile.TemporaryDirectory() as folder:
+        save_clip(replace(clip, images=None), Path(folder) / "clip")
+        labels, label_bytes = (time.perf_counter() - start) / len(clip), bytes_in(Path(folder) / "clip")
+        cost = picture_cost(config, clip, state, len(clip), Path(folder) / "images")
+    each = [cost.clip_seconds + number * (labels + cost.frame_seconds) for number in frames]
+    took, whole = makespan(each, process_count(config.workers)), sum(frames)
+    size = (cost.bytes + label_bytes) / len(clip) * whole
+    return Forecast(len(left), whole, whole * len(clip.rig), float(took), float(size) / 1e6)
+
+
+def _checked(config: RenderConfig) -> tuple[list[Path], dict, CameraRig]:
+    """Return the folders of the clips, the settings of the new data set, and the cameras of the first clip."""
+    out, data = Path(config.out), Path(config.data)
+    folders = clip_folders(data)
+    if not folders:
+        raise FileNotFoundError(f"data={data}: no clip of it is whole")
+    if out.resolve() in (data.resolve(), folders[0].resolve().parent) or data.resolve() in out.resolve().parents:
+        raise ValueError(
+            f"out={out}: expected another folder than data={data}; `synth generate` with the options of the data set "
+            "and images=... adds images to it"
+        )
+    settings = _settings(config, folders[0])
+    clip = load_clip(folders[0])
+    load_state(folders[0])
+    rig = clip.rig if config.rig == _NO_RIG else _new_rig(config, settings, SceneSpec.of(clip))
+    check_images(config, rig)
+    return folders, settings, rig
+
+
 def _settings(config: RenderConfig, folder: Path) -> dict:
     """Return the configuration that would generate these clips, and the path of the original clips."""
     path = folder.parent / CONFIG
@@ -81,7 +116,7 @@ def _settings(config: RenderConfig, folder: Path) -> dict:
         raise FileNotFoundError(
             f"{path}: no such file; expected a data set that `synth generate` made, or a clip in it"
         )
-    settings = read_json(path) | as_settings(config, leave=("data", "out", "workers", "backend", "rig"))
+    settings = read_json(path) | as_settings(config, leave=("data", "out", "workers", "backend", "dry_run", "rig"))
     if config.rig != _NO_RIG:
         settings["rig"] = as_settings(config)["rig"]
     return settings | {"rendered_from": str(Path(config.data).resolve())}

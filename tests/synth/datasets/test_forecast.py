@@ -86,9 +86,9 @@ def test_small_data_sets_are_begun_at_once(config):
 
 
 def test_tasks_end_when_the_last_process_does():
-    assert module._makespan([3.0, 1.0, 1.0, 1.0], 2) == 3.0
-    assert module._makespan([3.0, 1.0], 1) == 4.0
-    assert module._makespan([], 4) == 0.0
+    assert module.makespan([3.0, 1.0, 1.0, 1.0], 2) == 3.0
+    assert module.makespan([3.0, 1.0], 1) == 4.0
+    assert module.makespan([], 4) == 0.0
 
 
 @pytest.mark.slow

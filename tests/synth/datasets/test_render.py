@@ -10,7 +10,7 @@ import pytest
 from dmae.data.store import load_clip, read_manifest
 from synth.datasets.config import GenerateConfig, RenderConfig, RgbFormat, image_kinds
 from synth.datasets.generate import generate
-from synth.datasets.render import render
+from synth.datasets.render import forecast_rendering, render
 from synth.datasets.verify import verify
 from synth.detector.config import DetectorConfig
 from synth.detector.errors_of_joints import Misses
@@ -234,3 +234,19 @@ def test_an_interrupted_rendering_leaves_the_labels_and_no_half_images(labels, t
     monkeypatch.setattr(Renderer, "picture", picture)
     generate(config(out, images=["rgb"]))
     assert load_clip(out / "000000").images.kinds == ("rgb",)
+
+
+@pytest.mark.parametrize("rig", [RigConfig(name=""), OTHER])
+def test_a_forecast_counts_what_is_left_and_writes_nothing(labels, tmp_path, rig):
+    config = RenderConfig(str(labels), str(tmp_path / "out"), quality=ImageQuality.draft, rig=rig)
+    found = forecast_rendering(config)
+    assert (found.clips, found.frames, found.pictures) == (1, 5, 15 if rig is OTHER else 10)
+    assert found.seconds > 0 and found.megabytes > 0
+    assert not list(tmp_path.iterdir())
+    render(config)
+    assert forecast_rendering(config).clips == 0
+
+
+def test_a_forecast_is_refused_as_the_rendering_is(labels):
+    with pytest.raises(ValueError, match="expected another folder than data="):
+        forecast_rendering(RenderConfig(str(labels), str(labels)))
