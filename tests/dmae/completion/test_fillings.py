@@ -280,6 +280,18 @@ class TestSmooth:
         # A delay of one frame would leave 0.3 pi / 25 / sqrt(2) = 27 mm in every joint alike.
         assert np.sqrt(((found.xyz - truth).mean((1, 2)) ** 2).mean()) < 0.003
 
+    @pytest.mark.parametrize(("sigma", "most"), [(0.01, 0.012), (None, 0.03), (0.3, np.inf)])
+    def test_fast_motion_keeps_its_amplitude_as_far_as_errors_allow(self, sigma, most):
+        """All joints circle three times a second: a long parabola takes 154 mm from a radius of 300."""
+        angle = 2 * np.pi * 3 * np.arange(100)[:, None, None] / FPS
+        circle = 0.3 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], -1)
+        xyz = t_pose()[None, None] + circle
+        cov = None if sigma is None else np.broadcast_to(sigma**2 * np.eye(3), (*xyz.shape, 3))
+        off = np.linalg.norm(smooth(Poses3D(BODY25, xyz, cov=cov), FPS, 0.1).xyz - xyz, axis=-1)[20:-20]
+        assert off.max() < most
+        if sigma == 0.3:
+            assert off.min() > 0.15
+
     def test_source_says_what_was_moved(self):
         source = np.full((10, 1, 25), Source.MEASURED)
         source[3], source[4] = Source.COMPLETED, Source.DENOISED
