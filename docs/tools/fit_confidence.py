@@ -62,7 +62,7 @@ def fit_confidence(clips: Iterable[Clip]) -> dict[str, dict]:
 
 def _samples(clip: Clip) -> Iterable[tuple[np.ndarray, np.ndarray]]:
     """Yield for each person features (33, 3), and (33,) whether joints are near their true places, NaN if unknown."""
-    network, rig, skeleton = Network("pose_landmark_full"), clip.true_rig or clip.rig, clip.truth.skeleton
+    network, rig, skeleton = Network("pose_landmark_full"), clip.actual_rig, clip.truth.skeleton
     known = [i for i, joint in enumerate(BLAZEPOSE33.joints) if f"body25.{joint}" in skeleton.joints]
     xy, depth = rig.project(clip.truth.xyz[:, :, skeleton.index(*(f"body25.{BLAZEPOSE33.joints[i]}" for i in known))])
     focal = rig.focal

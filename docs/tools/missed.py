@@ -61,7 +61,7 @@ def main(data: str) -> None:
 
 def _changed(clip: Clip, state: BodyState, crop: Crop) -> Iterator[tuple[str, np.ndarray]]:
     """Yield the picture of a person with each change."""
-    spec, rig = SceneSpec.of(clip), clip.rig if clip.true_rig is None else clip.true_rig
+    spec, rig = SceneSpec.of(clip), clip.actual_rig
     looks = spec.persons[crop.person].looks
     persons = list(spec.persons)
     persons[crop.person] = replace(persons[crop.person], looks=replace(looks, top=replace(looks.top, pattern="plain")))

@@ -32,7 +32,7 @@ def draw(room: str, seed: int) -> np.ndarray:
     ring = RingConfig(views=8, radius=[4.0, 4.4], height=[2.2, 2.8], focal=0.85 * width, size=[width, height])
     scene = SceneConfig(arena=room, persons=[3, 4], seconds=3.0, fps=5.0)
     clip, state = simulate_clip(GenerateConfig(seed=seed, scene=scene, rig=RigConfig(ring=ring)), 0)
-    spec, rig, qpos = SceneSpec.of(clip), clip.true_rig or clip.rig, state.qpos[len(state.qpos) // 2]
+    spec, rig, qpos = SceneSpec.of(clip), clip.actual_rig, state.qpos[len(state.qpos) // 2]
     built, persons = build_scene(spec, rig), len(spec.persons)
     with Renderer(built.model, built.geom_ids, rig, ImageQuality.draft) as renderer:
         ids = [renderer.picture(qpos, view, ("ids",)).ids for view in range(len(rig))]

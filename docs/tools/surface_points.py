@@ -41,7 +41,7 @@ def main() -> None:
         interaction=InteractionConfig(kind="hug"),
     )  # fmt: skip
     clip, state = simulate_clip(config, 0)
-    spec, rig = SceneSpec.of(clip), clip.true_rig or clip.rig
+    spec, rig = SceneSpec.of(clip), clip.actual_rig
     scene = build_scene(spec, rig)
     points = surface_points(scene, [person.body for person in spec.persons])
     labels = surface_labels(scene, points, NAMES, state.qpos, rig)

@@ -77,7 +77,7 @@ def _compared(folders: list[Path]) -> np.ndarray:
     total = np.zeros((4, 4), int)
     for folder in folders:
         clip, state = load_clip(folder), load_state(folder)
-        rig = clip.rig if clip.true_rig is None else clip.true_rig
+        rig = clip.actual_rig
         scene = build_scene(SceneSpec.of(clip), rig, painted=False)
         frames = range(0, len(clip), max(1, round(EVERY * clip.fps)))
         with Renderer(scene.model, scene.geom_ids, rig, ImageQuality.draft) as renderer:

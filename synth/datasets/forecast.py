@@ -208,7 +208,7 @@ def picture_cost(
 ) -> PictureCost:
     """Measure the cost of the pictures of `frames` frames on one frame and on a few frames of all views of a clip."""
     few = min(_PICTURES, len(clip), max(2, frames // _PART))
-    rig = clip.rig if clip.true_rig is None else clip.true_rig
+    rig = clip.actual_rig
     start = time.perf_counter()
     scene = build_scene(SceneSpec.of(clip), rig)
     with Renderer(scene.model, scene.geom_ids, rig, config.quality, config.imaging) as renderer:

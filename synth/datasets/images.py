@@ -78,7 +78,7 @@ def add_images(
     missing = missing_kinds(clip, options)
     if not missing:
         return clip
-    rig = clip.rig if clip.true_rig is None else clip.true_rig
+    rig = clip.actual_rig
     spec = SceneSpec.of(clip)
     scene = build_scene(spec, rig)
     if scene.model.nq != state.qpos.shape[1]:

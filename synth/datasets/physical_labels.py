@@ -112,7 +112,7 @@ def make_labels(folder: Path, kinds: Sequence[str] = KINDS) -> PhysicalLabels:
     """
     kinds = check_kinds(kinds)
     clip, state = load_clip(folder), load_state(folder)
-    rig = clip.rig if clip.true_rig is None else clip.true_rig
+    rig = clip.actual_rig
     spec = SceneSpec.of(clip)
     scene = build_scene(spec, rig, painted=False)
     if scene.model.nq != state.qpos.shape[1] or tuple(dict.fromkeys(scene.geom_names)) != state.contact_names:

@@ -199,7 +199,7 @@ def _add(found: Statistics, name: str, values) -> None:
 
 def _measure_people(clip: Clip, found: Statistics) -> None:
     """Add to `found` the positions of people relative to the cameras, and their motion."""
-    rig = clip.rig if clip.true_rig is None else clip.true_rig
+    rig = clip.actual_rig
     part = clip.truth.skeleton.parts[0]
     xyz = clip.truth.xyz[:, :, : len(part)].astype(np.float64)
     hips = xyz[:, :, part.index("l_hip", "r_hip")].mean(2)

@@ -203,7 +203,7 @@ def check_projection(clip: Clip) -> list[str]:
     if clip.occlusion is None:
         return []
     visibility = clip.occlusion.visibility
-    rig = clip.rig if clip.true_rig is None else clip.true_rig
+    rig = clip.actual_rig
     xy, depth = rig.project(clip.truth.xyz)
     size = rig.size[:, None, None]
     with np.errstate(invalid="ignore"):
@@ -227,7 +227,7 @@ def check_projection(clip: Clip) -> list[str]:
 
 def check_detections(clip: Clip) -> list[str]:
     """Check that detections are inside their image, and near their person."""
-    problems, rig = [], clip.rig if clip.true_rig is None else clip.true_rig
+    problems, rig = [], clip.actual_rig
     xy = clip.detections.xy
     outside = clip.detections.observed & ~clip.rig.inside(xy)
     if outside.any():

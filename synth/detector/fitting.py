@@ -283,7 +283,7 @@ class Fit:
 def redetect(clip: Clip, config: DetectorConfig, seed: int) -> Clip:
     """Return the clip with new detections, from the simulated detector `config`."""
     rng = generator(seed, int(clip.id), Stream.DETECTOR)
-    rig = clip.true_rig or clip.rig
+    rig = clip.actual_rig
     detected = detect(clip.truth, clip.occlusion, rig, clip.fps, config, rng=rng)
     return replace(clip, detections=detected.detections, detection_labels=detected.labels)
 

@@ -379,7 +379,7 @@ def _agreement(
     clip: Clip, points: np.ndarray, visibility: np.ndarray, hidden_by: np.ndarray, which: np.ndarray, margin: int
 ) -> PixelAgreement:
     """Compare the labels (F, V, P, K) of points (F, P, K, 3) with id images. Only the points `which` (K,) are used."""
-    rig = clip.rig if clip.true_rig is None else clip.true_rig
+    rig = clip.actual_rig
     xy, _ = rig.project(points)
     neighbourhood = np.ones((2 * margin + 1, 2 * margin + 1), np.uint8)
     compared, agreeing = np.zeros(4, int), np.zeros(4, int)

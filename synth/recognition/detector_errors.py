@@ -82,7 +82,7 @@ def observe(clip: Clip) -> DetectorObservations:
     """
     seen = sightings(clip)
     body = convert_detections(clip.detections, BODY25)
-    true = replace(clip, rig=clip.true_rig or clip.rig, detections=body, poses=None, detection_labels=None)
+    true = replace(clip, rig=clip.actual_rig, detections=body, poses=None, detection_labels=None)
     match = match_detections(true, convert(clip.truth, BODY25))
     # Joints that the detector's skeleton lacks, for example small toes, do not count as misses.
     reported = (~np.isnan(match.score)).any((0, 1, 2))

@@ -85,7 +85,7 @@ def sightings(clip: Clip) -> Sightings:
         raise ValueError(f"clip {clip.id!r}: expected truth and labels of visibility, as synth generate makes them")
     columns = body25_columns(clip.truth)
     xyz = convert(clip.truth, BODY25).xyz.astype(np.float64)
-    rig = clip.true_rig or clip.rig
+    rig = clip.actual_rig
     xy, depth = rig.project(xyz)
     hips = xyz[:, :, _INDEX["mid_hip"]]
     depth = np.where(depth[..., _INDEX["mid_hip"]] > 0, depth[..., _INDEX["mid_hip"]], np.nan)

@@ -24,7 +24,7 @@ def draw_rooms(clip: Clip) -> list[np.ndarray]:
     """
     if "spec" not in clip.provenance:
         raise ValueError(f"clip {clip.id!r} has no scene in its provenance")
-    rig = clip.rig if clip.true_rig is None else clip.true_rig
+    rig = clip.actual_rig
     spec = SceneSpec.of(clip)
     scene = build_scene(replace(spec, persons=()), rig)
     data = mujoco.MjData(scene.model)

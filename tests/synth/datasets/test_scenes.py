@@ -44,10 +44,6 @@ def clip(data):
     return load_clip(data / "000000")
 
 
-def true_rig(clip):
-    return clip.rig if clip.true_rig is None else clip.true_rig
-
-
 @pytest.fixture(scope="module")
 def drawn(data, clip):
     """The triangles (T, 3, 3) of the second person in the last frame, as pictures show them, for each material."""
@@ -146,7 +142,7 @@ def test_glb_has_people_things_cameras_and_lights_of_the_labels(data, clip, tmp_
     trimesh, pygltflib = pytest.importorskip("trimesh"), pytest.importorskip("pygltflib")
     export(data, tmp_path / "out", "glb")
     file = tmp_path / "out/train/000000.glb"
-    scene, rig, truth = trimesh.load(file), true_rig(clip), convert(clip.truth, BODY25).xyz
+    scene, rig, truth = trimesh.load(file), clip.actual_rig, convert(clip.truth, BODY25).xyz
     np.testing.assert_allclose(scene.graph.get("person1: l_wrist")[0][:3, 3], _Y_UP @ truth[0, 1, _WRIST], atol=1e-6)
     assert scene.bounds[0][1] == pytest.approx(0, abs=1e-3)  # feet and floor
     names = " ".join(scene.graph.nodes)
@@ -177,7 +173,7 @@ def test_usd_cameras_see_joints_where_the_labels_say(data, clip, tmp_path):
 
     export(data, tmp_path / "out", "usd")
     stage = Usd.Stage.Open(str(tmp_path / "out/train/000000.usdc"))
-    rig, frame = true_rig(clip), len(clip) - 1
+    rig, frame = clip.actual_rig, len(clip) - 1
     joint = convert(clip.truth, BODY25).xyz[frame, 1, _WRIST].astype(float)
     move = UsdGeom.XformCache(frame).GetLocalToWorldTransform(stage.GetPrimAtPath("/scene/person1__l_wrist"))
     np.testing.assert_allclose(move.ExtractTranslation(), joint, atol=1e-9)
