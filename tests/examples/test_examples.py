@@ -14,6 +14,8 @@ import pytest
 EXAMPLES = Path(__file__).parents[2] / "examples"
 EXECUTED = EXAMPLES.parent / "docs/tutorials/executed"
 _NUMBER = re.compile(r"(?<![\w.-])-?\d+(?:\.\d+)?")
+_ROUNDING = re.compile(r"(?<=far-world: worst )[\d.]+ mm")
+"""What a solver without enough digits is off by, 5400 km from the origin: 5.5 mm on one processor, 8.3 on another."""
 SCRIPTS = sorted(EXAMPLES.glob("*.py"))
 NEEDS_RECORDINGS = {"pose2sim_recording"}
 SMALLER = {
@@ -49,7 +51,7 @@ def test_example_runs_and_draws(script: Path, tmp_path: Path, request, monkeypat
     if script.stem not in SMALLER:
         shown = json.loads((EXECUTED / f"{script.stem}.json").read_text())["printed"].strip()
         assert _NUMBER.sub("#", printed).split() == _NUMBER.sub("#", shown).split()
-        found, stated = (np.array(_NUMBER.findall(text), float) for text in (printed, shown))
+        found, stated = (np.array(_NUMBER.findall(_ROUNDING.sub("", text)), float) for text in (printed, shown))
         # Processors round differently, which moves scores.
         np.testing.assert_allclose(found, stated, rtol=0.2, atol=0.5)
     assert (tmp_path / f"{script.stem}.png").stat().st_size > 5_000

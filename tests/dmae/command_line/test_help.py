@@ -105,8 +105,11 @@ def test_help_loads_nothing_heavy_and_is_quick(tmp_path, arguments):
     )
     begun = _seconds_of_children()
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
+    took = _seconds_of_children() - begun
     assert not set(done.stderr.split()) & HEAVY
-    assert _seconds_of_children() - begun < 1.5
+    # Compared with a peer in the same run, as machines differ: help takes 2.6 times as long on a quiet one.
+    subprocess.run([sys.executable, "-c", "import numpy"], cwd=tmp_path, check=True)
+    assert took < 5 * (_seconds_of_children() - begun - took)
 
 
 def _seconds_of_children() -> float:
