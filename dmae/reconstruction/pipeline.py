@@ -96,13 +96,13 @@ def capture(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None = No
     return poses
 
 
-def _capture(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None) -> Poses3D:
-    """Reconstruct bodies as large as people."""
+def _capture(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None, alone: bool = False) -> Poses3D:
+    """Reconstruct bodies as large as people. `alone` is True for a still that is shown twice, see `Tracker`."""
     noise = noise or _learned(clip, config)
     if are_stills(clip.fps):
         return _captured_stills(clip, config, noise)
     skeleton, fps, tracking = clip.detections.skeleton, clip.fps, config.tracking
-    tracks = track(clip, config, noise)
+    tracks = track(clip, config, noise, alone)
     differs = None
     if has_appearance(clip, config):
         differs = partial(appearance_differs, clip, tracks.assigned)
@@ -141,7 +141,7 @@ def _captured_stills(clip: Clip, config: CaptureConfig, noise: DetectionNoise) -
 def _captured_still(clip: Clip, frame: int, config: CaptureConfig, noise: DetectionNoise) -> Poses3D:
     """Reconstruct the people of a frame, shown twice: those found at first then take what was left over of them."""
     twice = replace(clip.select(frames=[frame, frame]), fps=_SHOWN_FPS)
-    return _capture(twice, config, noise).select(slice(1, 2))
+    return _capture(twice, config, noise, alone=True).select(slice(1, 2))
 
 
 def _joined(parts: list[Poses3D]) -> Poses3D:

@@ -161,17 +161,22 @@ _CONFIRMATION_S = 0.2  # s; measured time after which a track is confirmed. Conf
 MIN_JOINTS = 3
 """Smallest number of joints of a measured person, and of a detection that is compared."""
 _LONGEST_BONE = 0.8
-"""m; joints at a longer bone are not used. In your own skeletons, bones may have the length of the body."""
+"""m; no person has a longer bone. In your own skeletons, bones may have the length of the body."""
 _DUPLICATE_DISTANCE = 0.2  # m; a new person at a smaller median distance from a tracked one is a duplicate of it
 _REENTRY_DISTANCE, _WALKING_SPEED = 0.3, 1.5  # m and m/s: largest distance of a re-entry from the predicted place
 _ITERATIONS = 2  # Number of steps of refinement; points for assignment need not be exact
 
 
 class Tracker:
-    """Assign detections to people frame by frame, without looking ahead."""
+    """Assign detections to people frame by frame, without looking ahead.
 
-    def __init__(self, skeleton: Skeleton, fps: float, config: CaptureConfig):
-        self._config, self._dt = config, 1 / fps
+    Args:
+        alone: The frames show one still, so what is lost in it is lost. A bone longer than that of any person then
+            costs its joints; in a video it costs the person this frame, as it tells of detections of two people.
+    """
+
+    def __init__(self, skeleton: Skeleton, fps: float, config: CaptureConfig, alone: bool = False):
+        self._config, self._dt, self._alone = config, 1 / fps, alone
         self._compared = _compared_joints(skeleton, config.association.joints)
         self._sides, self._mirror = Sides.of(skeleton), list(skeleton.mirror)
         self._bones = np.array(skeleton.bones, int).reshape(-1, 2)
@@ -187,22 +192,19 @@ class Tracker:
         Args:
             colours: Returns the colours (V, D, 3) of the detections of this frame; None without images.
         """
-        config, bones = evidence.config, self._bones
-        state = self._state.predicted(self._dt)
+        config, state = evidence.config, self._state.predicted(self._dt)
         assigned, owner = _propagate(evidence, frame, state, self._sides, self._mirror)
         wrong = find_exchanged(evidence, slice(frame, frame + 1), assigned[None], state.xyz[None], self._sides)
         if wrong[0].any():
             evidence, frame = exchange(evidence.at(frame), 0, *wrong, self._sides), 0
         points = evidence.triangulate(frame, assigned, _ITERATIONS)
-        xyz, used = without_long_bones(points.xyz, bones, self._longest), points.used
-        plausible = _plausible(xyz, assigned, self._fewest, config.th_v)
-        xyz[~plausible] = np.nan
+        xyz, plausible = self._plausible(points.xyz, assigned, self._fewest)
+        used, xyz[~plausible] = points.used, np.nan
         free = (owner == NONE) | ~np.append(plausible, False)[owner]
         groups = _match(evidence, frame, free, colours, self._compared)
         if len(groups):
             points = evidence.triangulate(frame, groups, _ITERATIONS)
-            new = without_long_bones(points.xyz, bones, self._longest)
-            plausible = _plausible(new, groups, self._birth_joints, config.th_v)
+            new, plausible = self._plausible(points.xyz, groups, self._birth_joints)
             groups, new, used = groups[plausible], new[plausible], np.concatenate([used, points.used[plausible]])
         else:
             new = np.empty((0, *xyz.shape[1:]))
@@ -224,21 +226,37 @@ class Tracker:
         self._state = state[lasting & ~np.isnan(state.xyz[..., 0]).all(-1)]
         return TrackedFrame(state.track, np.where(absent[:, None, None], NONE, assigned), xyz, supported & ~absent)
 
+    def _plausible(self, xyz: np.ndarray, assigned: np.ndarray, min_joints: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return joints (T, J, 3), and (T,) True where assigned detections (T, V, J) show one person by these joints.
 
-def track(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None = None) -> Tracks:
+        At least `min_joints` must be known, and at least half of the joints that enough views detected, because the
+        rays of two different people hardly ever meet, and do not make bones of usual lengths.
+        """
+        if self._alone:
+            xyz = without_long_bones(xyz, self._bones, self._longest)
+        known = (~np.isnan(xyz[..., 0])).sum(-1)
+        detected = ((assigned != NONE).sum(1) >= self._config.th_v).sum(-1)
+        length = np.linalg.norm(xyz[:, self._bones[:, 0]] - xyz[:, self._bones[:, 1]], axis=-1)
+        return xyz, (known >= min_joints) & (2 * known >= detected) & ~(length > self._longest).any(-1)
+
+
+def track(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None = None, alone: bool = False) -> Tracks:
     """Assign the detections of a clip to people, in the order of the births of their tracks.
 
     Args:
         noise: How far detections scatter; by default as `config.noise` says.
+        alone: See `Tracker`.
     """
     frames, views, _, joints = clip.detections.score.shape
-    return Tracks.of_blocks(_tracked(clip, config, noise), frames, views, joints)
+    return Tracks.of_blocks(_tracked(clip, config, noise, alone), frames, views, joints)
 
 
-def _tracked(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None) -> Iterator[list[TrackedFrame]]:
+def _tracked(
+    clip: Clip, config: CaptureConfig, noise: DetectionNoise | None, alone: bool
+) -> Iterator[list[TrackedFrame]]:
     """Yield the tracked frames of a clip, in blocks."""
     colours = TorsoColours(clip) if has_appearance(clip, config) else None
-    tracker = Tracker(clip.detections.skeleton, clip.fps, config)
+    tracker = Tracker(clip.detections.skeleton, clip.fps, config, alone)
     numbers = iter(progress(range(len(clip)), "tracking people"))
     for part in in_steps(evidence_blocks(clip)):
         evidence = Evidence.of(clip, config.th_p, config, part, noise)
@@ -258,7 +276,7 @@ def _compared_joints(skeleton: Skeleton, joints: ComparedJoints) -> list[int]:
 
 
 def longest_bone(skeleton: Skeleton) -> float:
-    """Return the length, m, above which a bone shows that a joint at its ends is not one of the person."""
+    """Return the length, m, above which a bone joins detections of two people, or a joint that is somewhere else."""
     return PERSON_M if skeleton.defined else _LONGEST_BONE
 
 
@@ -326,17 +344,6 @@ def without_long_bones(xyz: np.ndarray, bones: np.ndarray, longest: float) -> np
     xyz = xyz.copy()
     xyz[person, start[bone]] = xyz[person, end[bone]] = np.nan
     return xyz
-
-
-def _plausible(xyz: np.ndarray, assigned: np.ndarray, min_joints: int, views: int) -> np.ndarray:
-    """Return (T,) True where assigned detections (T, V, J) show one person, judging by their joints (T, J, 3).
-
-    At least `min_joints` must be known, and at least half of the joints that enough views detected, because the rays of
-    two different people hardly ever meet, and do not make bones of usual lengths.
-    """
-    known = (~np.isnan(xyz[..., 0])).sum(-1)
-    detected = ((assigned != NONE).sum(1) >= views).sum(-1)
-    return (known >= min_joints) & (2 * known >= detected)
 
 
 def _supported(evidence: Evidence, frame: int, assigned: np.ndarray, xyz: np.ndarray, used: np.ndarray) -> np.ndarray:
