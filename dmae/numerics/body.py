@@ -19,7 +19,7 @@ Bones = Sequence[tuple[int, int]]
 def bone_lengths(xyz: np.ndarray, bones: Bones) -> np.ndarray:
     """Return the length of each of B bones (parent, child) in each frame, (F, P, B) m; NaN where an end is unknown."""
     lengths = np.empty((*xyz.shape[:2], len(bones)))
-    _lengths(np.asarray(xyz, np.float64), np.array(bones, np.int64).reshape(-1, 2), lengths)
+    _lengths(np.ascontiguousarray(xyz, np.float64), np.array(bones, np.int64).reshape(-1, 2), lengths)
     return lengths
 
 
@@ -48,24 +48,10 @@ def symmetric_bone_lengths(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
     order = {bone: i for i, bone in enumerate(bones)}
     mirror = skeleton.mirror
     partner = [order.get((mirror[a], mirror[b]), i) for i, (a, b) in enumerate(bones)]
-    return _pooled_medians(lengths, np.array(partner, np.int64))
-
-
-@compiled()
-def _pooled_medians(lengths, partner):
-    """Return medians (P, B) of known lengths (F, P, B) of bones and their mirror bones `partner` (B,); NaN for none."""
-    frames, persons, count = lengths.shape
-    medians, known = np.full((persons, count), np.nan), np.empty(2 * frames)
-    for p in range(persons):
-        for b in range(count):
-            number = 0
-            for side in (b, partner[b]):
-                for f in range(frames):
-                    if not np.isnan(lengths[f, p, side]):
-                        known[number] = lengths[f, p, side]
-                        number += 1
-            if number:
-                medians[p, b] = np.median(known[:number])
+    medians = np.empty(lengths.shape[1:])
+    for person in range(len(medians)):
+        own = np.asarray(lengths[:, person])
+        medians[person] = median_over_frames(np.concatenate([own, own[:, partner]]))
     return medians
 
 
@@ -336,9 +322,9 @@ def _onto_rays(estimate: np.ndarray, rays: np.ndarray, parent: np.ndarray, lengt
         (n, 3) m; NaN for points too far from their rays, and for points with too long or too short bones.
     """
     placed = np.full(estimate.shape, np.nan)
-    parent = np.broadcast_to(np.asarray(parent, np.float64), estimate.shape)
-    length = np.broadcast_to(np.asarray(length, np.float64), len(estimate))
-    _place_on_rays(np.asarray(estimate, np.float64), rays.astype(np.float64), parent, length, placed)
+    # Copies, as each layout of arrays would be compiled for.
+    given = estimate, rays, np.broadcast_to(parent, estimate.shape), np.broadcast_to(length, len(estimate))
+    _place_on_rays(*(np.array(array, np.float64, order="C") for array in given), placed)
     return placed
 
 

@@ -112,7 +112,8 @@ def _pchip(values, before, after):
             if low == high or low < 0 or high == frames:
                 edge = low if low >= 0 else high
                 if edge < frames:
-                    filled[frame, column] = values[edge, column]
+                    for k in range(components):
+                        filled[frame, column, k] = values[edge, column, k]
                 continue
             times[1], times[2] = low, high
             times[0] = before[low - 1, column] if low > 0 else -1
@@ -165,16 +166,16 @@ def pchip_between(times: np.ndarray, values: np.ndarray, at: np.ndarray) -> np.n
         values: (4, n, C) samples; the first and the fourth are NaN where missing.
         at: (n,) times of the values to return.
     """
-    return _pchip_between(np.ascontiguousarray(times), np.ascontiguousarray(values, np.float64), at)
+    return _pchip_between(np.ascontiguousarray(times.T), np.ascontiguousarray(values, np.float64), at)
 
 
 @compiled()
 def _pchip_between(times, values, at):
-    """Return the result of `pchip_between`, (n, C)."""
+    """Return the result of `pchip_between`, (n, C), for times (n, 4)."""
     found = np.empty(values.shape[1:])
     for i in range(found.shape[0]):
         for k in range(found.shape[1]):
-            found[i, k] = _cubic(times[:, i], values[0, i, k], values[1, i, k], values[2, i, k], values[3, i, k], at[i])
+            found[i, k] = _cubic(times[i], values[0, i, k], values[1, i, k], values[2, i, k], values[3, i, k], at[i])
     return found
 
 
@@ -224,7 +225,8 @@ def _take_frames(values, frame):
     for i in range(len(frame)):
         for column in range(values.shape[1]):
             if 0 <= frame[i, column] < len(values):
-                taken[i, column] = values[frame[i, column], column]
+                for k in range(values.shape[2]):
+                    taken[i, column, k] = values[frame[i, column], column, k]
     return taken
 
 

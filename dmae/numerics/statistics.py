@@ -1,13 +1,10 @@
 """Statistics: means and medians of known values, random processes over time, and the likely errors of joints."""
 
-from math import prod
-
 import numpy as np
 from scipy.signal import lfilter
 from scipy.special import betaincinv, ndtri
 
 from dmae.data.clip import Poses3D, Source
-from dmae.numerics.compiled import compiled
 
 
 def mean_known(values: np.ndarray, axis=0):
@@ -19,32 +16,17 @@ def mean_known(values: np.ndarray, axis=0):
 
 def median_known(values: np.ndarray) -> np.ndarray:
     """Return the median (..., C) over the known rows of values (..., N, C), known whole or not at all; NaN for none."""
-    *shape, rows, columns = values.shape
-    flat = np.ascontiguousarray(values, np.float64).reshape(prod(shape), rows, columns)
-    return _medians(flat.swapaxes(0, 1)).reshape(*shape, columns)
+    return median_over_frames(np.moveaxis(values, -2, 0))
 
 
 def median_over_frames(values: np.ndarray) -> np.ndarray:
     """Return the median (...) over frames of the values (F, ...) that are not NaN; NaN, without a warning, if none."""
-    flat = np.ascontiguousarray(values, np.float64).reshape(len(values), prod(values.shape[1:]), 1)
-    return _medians(flat).reshape(values.shape[1:])
-
-
-@compiled()
-def _medians(values):
-    """Return the medians (n, C) of the values (N, n, C) that are not NaN; NaN where no value is known."""
-    rows, count, columns = values.shape
-    medians, known = np.full((count, columns), np.nan), np.empty(rows)
-    for i in range(count):
-        for column in range(columns):
-            number = 0
-            for row in range(rows):
-                if not np.isnan(values[row, i, column]):
-                    known[number] = values[row, i, column]
-                    number += 1
-            if number:
-                medians[i, column] = np.median(known[:number])
-    return medians
+    if not len(values):
+        return np.full(values.shape[1:], np.nan)
+    # NaN is sorted to the end.
+    ordered, number = np.sort(np.asarray(values, np.float64), axis=0), (~np.isnan(values)).sum(0, keepdims=True)
+    middle = (np.take_along_axis(ordered, at, axis=0)[0] for at in (np.maximum(number - 1, 0) // 2, number // 2))
+    return sum(middle) / 2
 
 
 def ar1_filter(white: np.ndarray, coefficient: float) -> np.ndarray:

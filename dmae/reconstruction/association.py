@@ -41,7 +41,7 @@ class Candidates:
         towards[..., :joints] = np.where(absent[..., None], 0, rays).swapaxes(1, 2)
         weights[:, :joints] = np.sqrt(np.where(absent, 0, confidence))
         colours = np.full((count, 3), np.nan, np.float32)
-        return cls(np.asarray(view, np.int64), np.asarray(centers, np.float32), towards, weights, colours)
+        return cls(np.ascontiguousarray(view, np.int64), np.asarray(centers, np.float32), towards, weights, colours)
 
 
 def propagate(closeness: np.ndarray, confirmed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -145,7 +145,9 @@ def _partners(
     """Return the `most` best partners (n, V, most) of each detection in each other view, and their affinities."""
     partners = np.full((len(view), views, most), NONE, np.int32)
     affinities = np.zeros(partners.shape, np.float32)
-    find_partners(*compared, np.float32(least), partners, affinities)
+    _, _, rays, weights, *_ = compared
+    by_joint = np.ascontiguousarray(rays.transpose(1, 2, 0)), np.ascontiguousarray(weights.T)
+    find_partners(*compared, *by_joint, np.float32(least), partners, affinities)
     return partners, affinities
 
 
@@ -266,18 +268,31 @@ def affinity(i, j, view, centers, rays, weights, colours, half_distance, colour_
 
 @compiled()
 def find_partners(
-    view, centers, rays, weights, colours, half_distance, colour_difference, colour_weight, least, partners, affinities
+    view,
+    centers,
+    rays,
+    weights,
+    colours,
+    half_distance,
+    colour_difference,
+    colour_weight,
+    by_joint,
+    shown,
+    least,
+    partners,
+    affinities,
 ):
     """Write the best partners of each detection in each other view.
 
     Args:
         view: As for `affinity`, ascending; so are the arguments that follow.
+        by_joint: (3, J, n) the same rays.
+        shown: (J, n) the same weights.
         least: Smallest affinity of partners.
         partners: (n, V, C) filled with -1; indices of partners, the best first.
         affinities: (n, V, C) filled with 0; their affinities.
     """
     count, one = len(view), np.float32(1)
-    by_joint, shown = np.ascontiguousarray(rays.transpose(1, 2, 0)), np.ascontiguousarray(weights.T)
     most = np.zeros(count, np.float32)
     # Below this, the affinity is too low even with clothes of the same colour.
     by_rays = -one if colour_weight >= one else (least - colour_weight) / (one - colour_weight) - _ROUNDING

@@ -58,7 +58,7 @@ def resting_ghosts(
     xy = np.stack(means, 1)
     known = ~np.isnan(xy[..., 0])
     evidence = Evidence(rig, xy[None], np.where(known, USUAL, np.nan)[None], config.widened(noise.widening), noise)
-    own = np.where(known.swapaxes(0, 1), np.arange(len(resting))[:, None, None], NONE)
+    own = np.ascontiguousarray(np.where(known.swapaxes(0, 1), np.arange(len(resting))[:, None, None], NONE))
     for figure in own:
         _drop_misfits(evidence, figure)
     points, found = evidence.triangulate(0, own), np.zeros(len(resting), bool)
@@ -186,20 +186,27 @@ def beyond_chance(projections, focal, width, xy, assigned, xyz, used, figures, m
     persons, views, _ = assigned.shape
     depth, agrees = np.zeros((persons, views)), np.zeros((persons, views), np.bool_)
     radius2, key = np.zeros((persons, len(_SHARES))), np.zeros(persons)
-    chance, polynomial = np.zeros(views), np.zeros(views + 1)
+    chance, polynomial, order = np.zeros(views), np.zeros(views + 1), np.zeros(persons, np.int64)
     for p in range(persons):
         _measure(projections, focal, xy, assigned[p], xyz[p], used[p], depth[p], agrees[p], radius2[p])
-        key[p] = radius2[p, 0] - agrees[p].sum()
+        key[p] = radius2[p, 0]
+        for v in range(views):
+            key[p] -= agrees[p, v]
+    _ascending(key, order)
     found, explained = 0, 0.0
-    for p in np.argsort(key):
-        count, least = agrees[p].sum(), np.inf
+    for rank in range(persons):
+        p, count, total, least = order[rank], 0, 0.0, np.inf
+        for v in range(views):
+            count += agrees[p, v]
+            total += max(figures[v], 0.0)
         supported[p] = False
         if count < 2:
             continue
         for share in range(len(_SHARES)):
             shape = _SHAPES[share, 0] * np.sqrt(radius2[p, share]) ** _SHAPES[share, 1]
-            polynomial[:], place = 0.0, 0.0
-            polynomial[0] = 1.0
+            place = 0.0
+            for k in range(views + 1):
+                polynomial[k] = 1.0 if k == 0 else 0.0
             for v in range(views):
                 near = 0.0
                 if depth[p, v] > 0:
@@ -212,7 +219,7 @@ def beyond_chance(projections, focal, width, xy, assigned, xyz, used, figures, m
                     polynomial[k] += polynomial[k - 1] * chance[v]
             pairs = min(1.0, radius2[p, share] / _PAIRS[share] ** 2)
             least = min(least, polynomial[count] * pairs / place**2)
-        known = explained / max(explained + np.maximum(figures, 0.0).sum(), 1.0)
+        known = explained / max(explained + total, 1.0)
         if least <= most * (1 + known * found):
             supported[p], found, explained = True, found + 1, explained + count
             for v in range(views):
@@ -233,17 +240,23 @@ def _measure(projections, focal, xy, assigned, xyz, used, depth, agrees, radius2
     for j in range(joints):
         if not np.isnan(xyz[j, 0]):
             known += 1
-            middle += xyz[j]
-    figure, counts = np.full(views, -1), np.zeros(joints, np.int64)
+            for k in range(3):
+                middle[k] += xyz[j, k]
+    figure, counts, detected = np.zeros(views, np.int64), np.zeros(joints, np.int64), np.zeros(joints, np.int64)
     for v in range(views):
-        most = 0
         for j in range(joints):
-            same = (assigned[v] == assigned[v, j]).sum()
+            detected[j] += assigned[v, j] >= 0
+    for v in range(views):
+        figure[v], most = -1, 0
+        for j in range(joints):
+            same = 0
+            for other in range(joints):
+                same += assigned[v, other] == assigned[v, j]
             if assigned[v, j] >= 0 and same > most:
                 figure[v], most = assigned[v, j], same
         shown, fitted = 0, 0
         for j in range(joints):
-            if figure[v] >= 0 and assigned[v, j] == figure[v] and (assigned[:, j] >= 0).sum() > 1:
+            if figure[v] >= 0 and assigned[v, j] == figure[v] and detected[j] > 1:
                 shown += 1
                 fitted += used[j, v] and not np.isnan(xyz[j, 0])
         agrees[v] = fitted >= 3 and 2 * fitted >= shown
@@ -251,11 +264,15 @@ def _measure(projections, focal, xy, assigned, xyz, used, depth, agrees, radius2
             P = projections[v, 2]
             depth[v] = (P[0] * middle[0] + P[1] * middle[1] + P[2] * middle[2]) / known + P[3]
         if agrees[v]:
-            counts += assigned[v] == figure[v]
-    squares, judged = np.empty(joints), 0
-    radius2[:] = 0.0
+            for j in range(joints):
+                counts[j] += assigned[v, j] == figure[v]
+    squares, order, judged = np.empty(joints), np.empty(joints, np.int64), 0
+    for share in range(len(_SHARES)):
+        radius2[share] = 0.0
     for v in range(views):
-        detected = 0
+        number = 0
+        for j in range(joints):
+            squares[j] = np.inf
         for j in range(joints):
             d = figure[v]
             if not agrees[v] or assigned[v, j] != d or counts[j] < 2:
@@ -267,12 +284,23 @@ def _measure(projections, focal, xy, assigned, xyz, used, depth, agrees, radius2
                 y = (P[1, 0] * xyz[j, 0] + P[1, 1] * xyz[j, 1] + P[1, 2] * xyz[j, 2] + P[1, 3]) / z - xy[v, d, j, 1]
                 # There are 2 n coordinates, and the point has three degrees of freedom.
                 square = counts[j] / (2 * counts[j] - 3) * (x * x + y * y) * (z / focal[v]) ** 2
-            squares[detected] = min(square, _DISAGREEMENT**2)
-            detected += 1
-        if detected:
+            squares[number] = min(square, _DISAGREEMENT**2)
+            number += 1
+        if number:
             judged += 1
-            ordered = np.sort(squares[:detected])
+            _ascending(squares, order)
             for share in range(len(_SHARES)):
-                radius2[share] += ordered[min(int(_SHARES[share] * detected), detected - 1)]
+                radius2[share] += squares[order[min(int(_SHARES[share] * number), number - 1)]]
     for share in range(len(_SHARES)):
         radius2[share] = max(radius2[share] / judged, _LEAST_RADIUS**2) if judged else _DISAGREEMENT**2
+
+
+@compiled()
+def _ascending(values, order):
+    """Write the order of a few values to `order`; the sorting of numpy takes seconds to compile."""
+    for i in range(len(values)):
+        place = i
+        while place > 0 and values[order[place - 1]] > values[i]:
+            order[place] = order[place - 1]
+            place -= 1
+        order[place] = i

@@ -79,9 +79,10 @@ class Evidence:
             Points (..., J), with xyz NaN where fewer than `th_v` views agree.
         """
         *shape, views, joints = assigned.shape
-        frames = np.broadcast_to(np.asarray(frame)[..., 0, 0] if np.ndim(frame) else frame, shape)
+        frames = np.full(shape, np.asarray(frame)[..., 0, 0] if np.ndim(frame) else frame)
         xy, confidence = np.empty((*shape, joints, views, 2)), np.empty((*shape, joints, views))
-        gather(self.xy, self.confidence, frames.ravel(), assigned.reshape(-1, views, joints),
+        each = np.ascontiguousarray(assigned, np.int64)
+        gather(self.xy, self.confidence, frames.ravel(), each.reshape(-1, views, joints),
                xy.reshape(-1, joints, views, 2), confidence.reshape(-1, joints, views))  # fmt: skip
         sigma, floor = self.noise.sigma(confidence), self.noise.floor_px
         points = triangulate_by_sigma(self.rig, xy, sigma, floor, self.config.noise, iterations)
@@ -105,7 +106,7 @@ class Evidence:
         rig, xy = self.rig, self.xy[frames]
         scale = np.full(len(rig), np.nan) if unit == DistanceUnit.metres else 1 / np.hypot(*rig.size.T)
         distances = np.empty((len(xy), len(rig), xyz.shape[1], *xy.shape[2:4]))
-        measure_distances(rig.projections, rig.focal, scale, xy, np.asarray(xyz, np.float64), distances)
+        measure_distances(rig.projections, rig.focal, scale, xy, np.ascontiguousarray(xyz, np.float64), distances)
         return distances
 
 

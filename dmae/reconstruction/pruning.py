@@ -153,10 +153,13 @@ def impossible_runs(xyz, known, wanted, fps, widest, noise, acceleration):
             if step <= noise + acceleration / 2 * dt * least:
                 continue
             for width in range(1, min(widest, count - before - 2) + 1):
-                ratio = _ratio(xyz[:, path], kept, before, width, fps, noise, acceleration)
+                ratio = _ratio(xyz, path, kept, before, width, fps, noise, acceleration)
                 if ratio > 1:
                     if number == len(runs):
-                        runs = np.concatenate((runs, np.empty_like(runs)))
+                        fewer, runs = runs, np.empty((2 * number, 4))
+                        for run in range(number):
+                            for k in range(4):
+                                runs[run, k] = fewer[run, k]
                     runs[number, 0], runs[number, 1] = ratio, path
                     runs[number, 2], runs[number, 3] = before + 1, before + 1 + width
                     number += 1
@@ -194,13 +197,13 @@ def drop_runs(runs, known, widest):
 
 
 @compiled()
-def _ratio(xyz, kept, before, width, fps, noise, acceleration):
+def _ratio(xyz, path, kept, before, width, fps, noise, acceleration):
     """Return the smallest deviation among the samples of a run after `before`; less than 1 if the run is allowed."""
     first, last = kept[before], kept[before + width + 1]
-    a, b, ratio = xyz[first], xyz[last], np.inf
+    a, b, ratio = xyz[first, path], xyz[last, path], np.inf
     chord = np.empty(3)
     for i in range(before + 1, before + width + 1):
-        c, since, until = xyz[kept[i]], (kept[i] - first) / fps, (last - kept[i]) / fps
+        c, since, until = xyz[kept[i], path], (kept[i] - first) / fps, (last - kept[i]) / fps
         for k in range(3):
             chord[k] = a[k] + (b[k] - a[k]) * (since / (since + until))
         deviation = min(_distance(c, chord), min(_distance(c, a), _distance(c, b)))

@@ -100,9 +100,8 @@ def find_exchanged(
     detection = np.where((right != NONE) & (right != detection), NONE, detection)
     rig, found = evidence.rig, np.empty((2, *detection.shape, 2))
     focal = rig.focal
-    measure_pairs(
-        rig.projections, focal, evidence.xy[frames], np.asarray(expected, np.float64), detection, pairs, *found
-    )
+    expected, shown = np.ascontiguousarray(expected, np.float64), np.ascontiguousarray(detection, np.int64)
+    measure_pairs(rig.projections, focal, evidence.xy[frames], expected, shown, pairs, *found)
     rows, both = found.reshape(2, prod(detection.shape[:-1]), pairs.size), np.arange(pairs.size).reshape(pairs.shape)
     wrong = _is_exchanged(*rows, both, sides.groups).reshape(detection.shape)
     observing = (assigned != NONE).any(-1).sum(2)[:, :, None, None]

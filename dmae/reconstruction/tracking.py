@@ -358,7 +358,7 @@ def _supported(evidence: Evidence, frame: int, assigned: np.ndarray, xyz: np.nda
     supported = np.ones(len(assigned), bool)
     if len(assigned) and most is not None:
         figures = ((~np.isnan(evidence.confidence[frame])).sum(-1) >= fewest_joints(xyz.shape[1])).sum(-1).astype(float)
-        focal, width = rig.focal, rig.size[:, 0].astype(float)
+        focal, width, assigned = rig.focal, rig.size[:, 0].astype(float), np.ascontiguousarray(assigned)
         beyond_chance(
             rig.projections, focal, width, evidence.xy[frame], assigned, xyz, used, figures, float(most), supported
         )

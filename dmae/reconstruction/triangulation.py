@@ -164,11 +164,7 @@ def triangulate_points(
     errors, scales, kept = np.empty(views), np.empty(views), np.zeros(views, np.bool_)
     pixels = np.empty((views, 3))
     for i in range(len(xy)):
-        count = 0
-        for v in range(views):
-            if not np.isnan(sigma[i, v]):
-                seen[count] = v
-                count += 1
+        count = _observing(sigma[i], seen)
         if count < 2:
             continue
         pairs = _most_certain(seen, count, sigma[i], best)
@@ -241,6 +237,17 @@ def triangulate_points(
         residual[i] = np.sqrt(square / number)
         for k in range(count):
             used[i, seen[k]] = kept[seen[k]]
+
+
+@compiled()
+def _observing(sigma, seen):
+    """Write the views with a sigma into `seen`; return their number."""
+    count = 0
+    for v in range(len(sigma)):
+        if not np.isnan(sigma[v]):
+            seen[count] = v
+            count += 1
+    return count
 
 
 @compiled()

@@ -205,7 +205,8 @@ def test_no_pair_is_lost(least, colour_weight):
         lengths = tuple(np.array([0.1, 20, colour_weight], np.float32))
         partners = np.full((VIEWS * EACH, VIEWS, EACH), -1, np.int32)
         found = np.zeros(partners.shape, np.float32)
-        find_partners(*given, *lengths, np.float32(least), partners, found)
+        by_joint = (np.ascontiguousarray(each) for each in (given[2].transpose(1, 2, 0), given[3].T))
+        find_partners(*given, *lengths, *by_joint, np.float32(least), partners, found)
         view, expected = given[0], {}
         for i in range(len(view)):
             for j in range(len(view)):
