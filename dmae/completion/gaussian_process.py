@@ -172,21 +172,28 @@ def correct_limbs(bodies: Bodies, exact: np.ndarray, fps: float) -> None:
 
 def _correct(bodies: Bodies, joint: int, weight: np.ndarray, fps: float) -> None:
     """Move a hidden joint, by weights (F, P), towards where the process expects it."""
-    measured = ~np.isnan(bodies.xyz[..., 0])
-    hidden = ~measured[:, :, joint] & ~np.isnan(bodies.filled[:, :, joint, 0])
+    measured, placed = ~np.isnan(bodies.xyz[..., 0]), ~np.isnan(bodies.filled[..., 0])
+    turned = ~np.isnan(bodies.world_from_body[..., 0, 0])
+    hidden = ~measured[:, :, joint] & placed[:, :, joint]
     for person in np.flatnonzero((hidden & (weight > 0)).any(0)):
         filled, xyz, turn = bodies.filled[:, person], bodies.xyz[:, person], bodies.world_from_body[:, person]
         for first, end in runs(hidden[:, person]):
-            seen = measured[first:end, person].all(0)
-            anchor, inputs, origins = _inputs(bodies, joint, seen)
+            anchor, inputs, origins = _inputs(bodies, joint, seen=measured[first:end, person].all(0))
             if anchor is None or not weight[first:end, person].any():
                 continue
-            offsets = (filled[:, inputs] - filled[:, origins]) @ turn
-            wanted = np.einsum("fji,fj->fi", turn, xyz[:, joint] - xyz[:, anchor])
-            found = predict_gap(offsets, wanted, first, end, fps)
-            expected = filled[first:end, anchor] + np.einsum("fij,fj->fi", turn[first:end], found)
-            change = np.nan_to_num(expected - filled[first:end, joint])
-            filled[first:end, joint] += weight[first:end, person, None] * change
+            start = max(first - int(_REACH * fps) - 1, 0)
+            near, gap = slice(start, end + int(_REACH * fps) + 1), np.arange(first, end)
+            usable = placed[near, person][:, inputs + origins].all(1) & turned[near, person]
+            known = start + np.flatnonzero(usable & measured[near, person][:, [joint, anchor]].all(1))
+            frames = _training_frames(known, first, end, fps)
+            if len(frames) < _FEWEST or not usable[gap - start].all():
+                continue
+            at = np.concatenate([frames, gap])
+            offsets = (filled[at[:, None], inputs] - filled[at[:, None], origins]) @ turn[at]
+            wanted = np.einsum("fji,fj->fi", turn[frames], xyz[frames, joint] - xyz[frames, anchor])
+            found = predict_gap(offsets, wanted, at, fps)
+            change = filled[gap, anchor] + np.einsum("fij,fj->fi", turn[gap], found) - filled[gap, joint]
+            filled[gap, joint] += weight[gap, person, None] * change
 
 
 def _inputs(bodies: Bodies, joint: int, seen: np.ndarray) -> tuple[int | None, list[int], list[int]]:
@@ -218,42 +225,41 @@ def _inputs(bodies: Bodies, joint: int, seen: np.ndarray) -> tuple[int | None, l
     return anchor, inputs, origins
 
 
-def predict_gap(offsets: np.ndarray, wanted: np.ndarray, first: int, end: int, fps: float) -> np.ndarray:
-    """Predict the offset of a joint in a gap from offsets of others, (end - first, 3) m; NaN where too little is known.
+def _training_frames(known: np.ndarray, first: int, end: int, fps: float) -> np.ndarray:
+    """Return which of the frames `known` teach about a gap: the nearest ones, and others that are evenly spaced."""
+    away = np.maximum(first - known, known - end + 1) / fps
+    close = known[away <= _DENSE][:: max(round(fps / 25), 1)]
+    far = known[(away > _DENSE) & (away <= _REACH)]
+    count = min(len(far), max(_MOST_OF_GAP - len(close), 0))
+    return np.sort(np.concatenate([close, far[np.linspace(0, len(far) - 1, count).round().astype(int)]]))
+
+
+def predict_gap(offsets: np.ndarray, wanted: np.ndarray, frames: np.ndarray, fps: float) -> np.ndarray:
+    """Predict the offset of a joint in the G frames of a gap, (G, 3) m, from n training frames.
 
     The kernel is k = exp(-d^2 / 2) (10 + 3 m(t / 2 s)) + m(t / 0.3 s), with the Matern kernel m (nu = 5/2). In the
     distance d between poses each joint counts by its correlation with the wanted one, and the less the more it moves.
 
     Args:
-        offsets: (F, C, 3) m, in a frame that turns with the body.
-        wanted: (F, 3) m, NaN in the gap and where unknown.
-        first, end: Frames of the gap.
+        offsets: (n + G, C, 3) m, of other joints, in a frame that turns with the body.
+        wanted: (n, 3) m, of the joint in the training frames.
+        frames: (n + G,) numbers of the training frames, then of those of the gap.
     """
-    nothing = np.full((end - first, 3), np.nan)
-    usable = ~np.isnan(offsets).any((1, 2))
-    known = np.flatnonzero(usable & ~np.isnan(wanted).any(-1))
-    away = np.maximum(first - known, known - end + 1) / fps
-    close = known[away <= _DENSE][:: max(round(fps / 25), 1)]
-    far = known[(away > _DENSE) & (away <= _REACH)]
-    count = min(len(far), max(_MOST_OF_GAP - len(close), 0))
-    frames = np.sort(np.concatenate([close, far[np.linspace(0, len(far) - 1, count).round().astype(int)]]))
-    if len(frames) < _FEWEST or not usable[first:end].all():
-        return nothing
-    mean = wanted[frames].mean(0)
-    targets, others = wanted[frames] - mean, offsets[frames] - offsets[frames].mean(0)
+    n = len(wanted)
+    mean = wanted.mean(0)
+    targets, others = wanted - mean, offsets[:n] - offsets[:n].mean(0)
     spread, size = (np.sqrt((each**2).sum(-1).mean(0)) + 1e-9 for each in (others, targets))
-    correlation = np.linalg.norm(np.einsum("nci,nj->cij", others, targets), axis=(1, 2)) / (len(frames) * spread * size)
+    correlation = np.linalg.norm(np.einsum("nci,nj->cij", others, targets), axis=(1, 2)) / (n * spread * size)
     weights = _CLOSENESS * correlation / ((spread + _SPREAD) * np.sqrt(len(spread)))
     poses = (offsets * weights[:, None]).reshape(len(offsets), -1)
-    gap = np.arange(first, end)
-    factor = cho_factor(_exact_kernel(poses, frames, frames, fps) + _EXACT_NOISE * np.eye(len(frames)))
-    return mean + _exact_kernel(poses, gap, frames, fps) @ cho_solve(factor, targets)
+    seconds = np.abs(frames[:, None] - frames[:n]) / fps
+    factor = cho_factor(_exact_kernel(poses[:n], poses[:n], seconds[:n]) + _EXACT_NOISE * np.eye(n))
+    return mean + _exact_kernel(poses[n:], poses[:n], seconds[n:]) @ cho_solve(factor, targets)
 
 
-def _exact_kernel(poses: np.ndarray, some: np.ndarray, others: np.ndarray, fps: float) -> np.ndarray:
-    """Return the covariance of the poses (F, C) of some frames (n,) and others (m,), see `predict_gap`."""
-    seconds = np.abs(some[:, None] - others) / fps
-    alike = _kernel(poses[some], poses[others])
+def _exact_kernel(poses: np.ndarray, others: np.ndarray, seconds: np.ndarray) -> np.ndarray:
+    """Return the covariance (n, m) of poses (n, C) and others (m, C), seconds (n, m) apart; see `predict_gap`."""
+    alike = _kernel(poses, others)
     return alike * (_POSE + _POSE_NOW * _matern(seconds / _SECONDS)) + _NOW * _matern(seconds / _INSTANT)
 
 
