@@ -131,8 +131,8 @@ RECORDED = {
         "5 minutes",
     ),
     "realism": (
-        f"{_METER} && synth realism data={_METER_SETS[0]} extra_data=[{','.join(_METER_SETS[1:])}] shown=24",
-        "10 minutes",
+        f"{_METER} && synth realism data={_METER_SETS[0]} extra_data=[{','.join(_METER_SETS[1:])}] shown=24 workers=2",
+        "15 minutes",
     ),
     "detector_errors": (
         f"{_SEEN} && synth detector-errors data=seen/0 extra_data=[{','.join(f'seen/{n}' for n in range(1, 10))}] "

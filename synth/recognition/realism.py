@@ -125,7 +125,9 @@ body."""
 NEAR = 0.05
 """Greatest error of a joint that counts as near its true position, as a fraction of the height of the body."""
 _MATCHED = 0.2
-"""A detection belongs to the person if the median error of its visible joints is below this fraction of the height."""
+"""A detection belongs to the person that its joints are nearest to, if the median error of the visible joints is below
+this fraction of the height. Of two people side by side, one could otherwise count as found by the joints of the other.
+"""
 SIDES = (1.3, 1.6, 2.0)
 """Sides of the crops, relative to the longer side of the box around the joints. Wider crops are tried if the person is
 not found in narrower ones."""
@@ -145,6 +147,7 @@ class Crop:
     view: int
     person: int
     found: bool  # Whether the detector found the person
+    taken: bool  # Whether it did not, but found another person of the picture in the crop
     error: np.ndarray  # (25,) error of each joint, relative to the height; NaN where it was not reported
     counted: np.ndarray  # (25,) True for visible joints that the detector's skeleton has
     xy: np.ndarray  # (25, 2) detected joints, px of the whole image; NaN where not detected
@@ -169,8 +172,7 @@ def crops(clip: Clip, seen: Sightings, detector: PictureDetector, every: int = 1
     """
     if not clip.has_pictures:
         raise ValueError(f"clip {clip.id!r} has no colour images; make it with images=rgb")
-    with np.errstate(invalid="ignore"):
-        chosen = (seen.unobstructed.mean(-1) >= UNOBSTRUCTED) & (seen.height >= _LEAST)
+    chosen = in_plain_sight(seen)
     for frame in range(0, len(clip), every):
         for view, name in enumerate(clip.rig.names):
             people = np.flatnonzero(chosen[frame, view])
@@ -178,6 +180,12 @@ def crops(clip: Clip, seen: Sightings, detector: PictureDetector, every: int = 1
                 picture = clip.images.at("rgb", name, frame)
             for person in people:
                 yield found_in(picture, seen, (frame, view, int(person)), detector)
+
+
+def in_plain_sight(seen: Sightings) -> np.ndarray:
+    """Return (F, V, P) True for people in plain sight who are large enough for a detector."""
+    with np.errstate(invalid="ignore"):
+        return (seen.unobstructed.mean(-1) >= UNOBSTRUCTED) & (seen.height >= _LEAST)
 
 
 def found_in(picture: np.ndarray, seen: Sightings, place: tuple[int, int, int], detector: PictureDetector) -> Crop:
@@ -207,6 +215,7 @@ def _looked_for(
     counted: np.ndarray,
     wide: float,
 ) -> Crop:
+    frame, view, person = place
     true, height = seen.xy[place], seen.height[place]
     low, high = np.nanmin(true, 0), np.nanmax(true, 0)
     side = max(round(wide * float((high - low).max())), _LEAST)
@@ -222,21 +231,29 @@ def _looked_for(
     shape = (1, 1, len(xy), len(detector.skeleton))
     found = Detections2D(detector.skeleton, np.reshape(xy, (*shape, 2)), np.reshape(score, shape))
     places = convert_detections(found, BODY25).xy[0, 0].astype(np.float64) + corner
-    off = np.linalg.norm(places - true, axis=-1) / height
-    medians = [np.nanmedian(each[counted]) if (~np.isnan(each[counted])).any() else np.inf for each in off]
-    best = int(np.argmin(medians)) if medians else -1
-    is_found = bool(medians and medians[best] < _MATCHED)
+    off = np.linalg.norm(places[:, None] - seen.xy[frame, view], axis=-1) / height  # (detections, people, 25)
+    belongs = _median(off).argmin(-1) == person
+    medians = _median(np.where(counted, off[:, person], np.nan))
+    best = min(range(len(places)), key=lambda i: (not belongs[i], medians[i]), default=-1)
+    is_found = bool(best >= 0 and belongs[best] and medians[best] < _MATCHED)
+    others = np.delete(_median(off), person, 1)
     absent = np.full(len(BODY25), np.nan)
     return Crop(
         *place,
         found=is_found,
-        error=off[best] if is_found else absent,
+        taken=bool(not is_found and (others < _MATCHED).any()),
+        error=off[best, person] if is_found else absent,
         counted=counted,
-        xy=places[best] if medians else np.stack([absent, absent], -1),
+        xy=places[best] if best >= 0 else np.stack([absent, absent], -1),
         corner=corner,
         side=side,
         dark=_is_dark(square, true - corner, counted, low - corner, high - corner),
     )
+
+
+def _median(off: np.ndarray) -> np.ndarray:
+    """Return the medians along the last axis, without NaN; inf where all are NaN."""
+    return np.nanmedian(np.where(np.isnan(off).all(-1, keepdims=True), np.inf, off), -1)
 
 
 _BODY_DARK, _BEHIND_DARK = 70, 100
@@ -264,6 +281,7 @@ def _is_dark(square: np.ndarray, joints: np.ndarray, visible: np.ndarray, low: n
 _WELL_VISIBLE = 0.8
 _DISTANCES = (3.0, 5.0, 8.0)
 _SIZES = (120.0, 200.0, 400.0)
+_APART = (0.25, 0.5, 1.0)
 
 
 @dataclass(frozen=True)
@@ -369,6 +387,7 @@ def _groups(clip: Clip, seen: Sightings, crop: Crop) -> dict[str, str]:
     groups |= {
         "visible": "80 % of the joints or more" if well else "fewer: the body hides its own",
         "company": "alone in the picture" if alone else "others in the picture",
+        "nearest hips": _range(seen.crowding[place], _APART, "heights"),
         "border": "some joints are outside of the picture" if cut_off else "whole in the picture",
         "direction": str(seen.direction[place]),
         "posture": str(seen.posture[of_person]),
@@ -376,6 +395,8 @@ def _groups(clip: Clip, seen: Sightings, crop: Crop) -> dict[str, str]:
         "size": _range(seen.height[place], _SIZES, "px"),
         "contrast": "dark before dark" if crop.dark else "other",
     }
+    if not crop.found:
+        groups["missed"] = "another person is found instead" if crop.taken else "nobody is found there"
     return groups | ({"both": "80 % of the joints or more, alone"} if well and alone else {})
 
 

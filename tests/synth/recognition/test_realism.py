@@ -13,7 +13,7 @@ from dmae.data.labels import Visibility
 from dmae.data.skeleton import BODY25
 from dmae.data.store import save_clip
 from dmae.detection.registry import PoseDetectorConfig
-from synth.recognition.realism import crops, described, draw_sheet, judge, rates, sightings, worst
+from synth.recognition.realism import crops, described, draw_sheet, found_in, judge, rates, sightings, worst
 from tests.support.clips import full_clip, looking_at_origin, t_pose
 
 PEOPLE = 2
@@ -92,6 +92,19 @@ def test_a_detector_without_people_finds_none(clip):
             return np.empty((0, 25, 2)), np.empty((0, 25))
 
     assert [each.found for each in crops(clip, sightings(clip), Blind())] == [False] * 6
+
+
+def test_a_person_is_not_found_by_the_joints_of_the_person_at_its_side(clip):
+    seen = sightings(clip)
+    xy, aside = seen.xy.copy(), (round(0.1 * seen.height[0, 0, 0]), 0)
+    xy[:, :, 0] = xy[:, :, 0].round()
+    xy[:, :, 1] = xy[:, :, 0] + aside
+    picture = np.full((600, 960, 3), 220, np.uint8)
+    for joint, (x, y) in enumerate(xy[0, 0, 1].astype(int)):
+        picture[y, x] = colour(1, joint)
+    first, second = (found_in(picture, replace(seen, xy=xy), (0, 0, person), Decoder()) for person in (0, 1))
+    assert (first.found, first.taken, first.near) == (False, True, 0)
+    assert (second.found, second.taken, second.near) == (True, False, len(BODY25) - 1)
 
 
 def test_a_model_of_a_user_is_told_where_each_person_is(clip):
