@@ -26,6 +26,7 @@ from dmae.calibration.bundle_adjustment import (
     Q,
     adjust,
 )
+from dmae.progress import progress
 
 BODIES = 200
 """Largest number of bodies that are compared."""
@@ -124,12 +125,16 @@ def examine(tracks: ImageTracks, calibration: Calibration) -> Examination | None
     views = len(calibration.rig)
     base = adjust(observations, calibration)
     xyz = _start(observations, base)
-    gains, late = (
-        [base.cost.sum() - _fit(observations, calibration, xyz, view, kind).cost.sum() for view in range(views)]
-        for kind in (Kind.displaced, Kind.late)
-    )
-    likely = sorted(range(views), key=lambda view: -max(gains[view], late[view]))[:_EXAMINED]
-    tried = [_tried(observations, calibration, base, blocks, view, kind) for view in likely for kind in Kind]
+    gains = []
+    for view in progress(range(views), "comparing cameras"):
+        fits = (_fit(observations, calibration, xyz, view, kind) for kind in (Kind.displaced, Kind.late))
+        gains.append(base.cost.sum() - min(fit.cost.sum() for fit in fits))
+    likely = sorted(range(views), key=lambda view: -gains[view])[:_EXAMINED]
+    differences = [(view, kind) for view in likely for kind in Kind]
+    tried = [
+        _tried(observations, calibration, base, blocks, view, kind)
+        for view, kind in progress(differences, "examining cameras")
+    ]
     best = max(tried, key=lambda each: each.gain)
     without = calibration.with_step(best.view, best.step)
     everything = Freedom.of(views, rotation=True, centre=True, focal=True, k1=True, offset=True)

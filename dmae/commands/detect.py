@@ -20,6 +20,7 @@ from dmae.detection.recording import (
     open_recording,
     open_sets,
     output_skeleton,
+    recording_name,
     write_flat,
     write_images,
     write_photographs,
@@ -32,8 +33,7 @@ _CLAIM = "detect.json"
 
 
 def run(config: DetectCommand, out: Path, name: str | None = None) -> None:
-    """Detect people. The clip is called `name`, or like its folder."""
-    name = name or out.name
+    """Detect people. The clip is called `name`, or as `recording_name` calls the recording."""
     # A detector or skeleton that does not exist must not reserve the folder.
     make_detector(config.detector)
     output_skeleton(config.output.skeleton)
@@ -50,6 +50,7 @@ def run(config: DetectCommand, out: Path, name: str | None = None) -> None:
         recording = open_sets(Path(config.photos), rig, config.fps)
     else:
         recording = open_recording(Path(config.videos), rig, config.fps, config.offsets)
+    name = name or recording_name(Path(config.photos or config.videos))
     for note in recording.notes:
         print(note)
     _claim(config, recording, out)

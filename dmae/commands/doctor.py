@@ -73,7 +73,8 @@ def _print(clip: Clip, diagnosis: Diagnosis) -> None:
     for unknown in diagnosis.unknown:
         print(f"not known: {unknown}")
     if diagnosis.pairs and not diagnosis.findings:
-        print(f"{clip.id}: nothing found wrong")
+        doubt = "; what is not known is listed above" if diagnosis.unknown else ""
+        print(f"{clip.id}: nothing found wrong{doubt}")
 
 
 def _print_sides(clip: Clip) -> None:

@@ -248,6 +248,16 @@ def _read_one(
     return read(number + start, number + stop)
 
 
+_PLAIN_NAMES = {"videos", "video", "pictures", "images", "photos", "photographs", "frames", "sets"}
+
+
+def recording_name(folder: Path) -> str:
+    """Return the name of the folder of a recording's videos, or if it says only what is in it, of the one around it."""
+    folder = folder.resolve()
+    around = folder.parent.name
+    return around if around and folder.name.lower() in _PLAIN_NAMES else folder.name
+
+
 def make_clip(name: str, recording: Recording, detections: Detections2D, notes: Sequence[str], detector: str) -> Clip:
     """Return the clip of a calibrated recording, without images."""
     provenance = {"notes": [*recording.notes, *notes], "detector": detector}

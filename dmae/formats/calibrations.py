@@ -259,6 +259,8 @@ def read_calibration(
             camera and the key.
     """
     path = Path(path)
+    if not path.exists():
+        raise FileNotFoundError(f"calibration {path}: no such file; expected a calibration, or a folder with one")
     path = find_calibration(path) if path.is_dir() else path
     format = calibration_format[recognise(path)]
     return _convention(format.convention, unit, up, inverse).rig(format.function(path, size))

@@ -17,7 +17,14 @@ from dmae.data.skeleton import SKELETONS, Skeleton, encode, read_skeleton
 from dmae.files.checks import MOST_METRES, check_numbers, check_rate
 from dmae.files.contents import read_text, write_atomic, written
 from dmae.formats.config import METRES, LengthUnit
-from dmae.formats.poses import PoseFile, person_paths, read_covariance_table, read_provenance, write_covariance_table
+from dmae.formats.poses import (
+    PoseFile,
+    covariance_table,
+    person_paths,
+    read_covariance_table,
+    read_provenance,
+    write_covariance_table,
+)
 from dmae.formats.registry import pose_reader, pose_writer
 
 # Indices that reorder axes from TRC to world, and from world to TRC: TRC (x, y, z) = world (y, z, x).
@@ -197,7 +204,9 @@ def _person_files(path: Path) -> list[Path]:
 @pose_writer("trc", table=True)
 def write_trc_poses(poses: Poses3D, clip: Clip, path: Path, *, unit: LengthUnit = LengthUnit.m) -> list[Path]:
     """OpenSim's markers, a file for each person, with the covariances of joints in further files."""
-    return write_trc(poses, clip.fps, path, unit, clip.provenance.get("first_frame", 0))
+    files = write_trc(poses, clip.fps, path, unit, clip.provenance.get("first_frame", 0))
+    beside = (each(file) for each in (covariance_table, _skeleton_file) for file in files)
+    return files + [file for file in beside if file.is_file()]
 
 
 def write_trc(poses: Poses3D, fps: float, path: Path, unit: LengthUnit = LengthUnit.m, first: int = 0) -> list[Path]:

@@ -13,7 +13,7 @@ from dmae.data.clip import Clip, Poses3D
 from dmae.data.conversion import convert as convert_poses
 from dmae.data.skeleton import Skeleton, get_skeleton
 from dmae.data.store import load_clip, save_clip
-from dmae.detection.recording import detect_clip, detect_recording, make_clip, open_recording
+from dmae.detection.recording import detect_clip, detect_recording, make_clip, open_recording, recording_name
 from dmae.detection.registry import PoseDetectorConfig
 from dmae.formats import poses as pose_files
 from dmae.formats.calibrations import read_calibration
@@ -108,7 +108,7 @@ def detect(
         rig = calibration if isinstance(calibration, CameraRig) else read_calibration(Path(calibration))
         recording = open_recording(Path(source), rig, fps, offsets)
         detections, notes = detect_recording(recording, config, Path(pieces), skeleton, workers)
-        return make_clip(Path(source).name, recording, detections, notes, detector)
+        return make_clip(recording_name(Path(source)), recording, detections, notes, detector)
 
 
 def read_poses(path: str | Path) -> PoseFile:

@@ -60,7 +60,10 @@ def _check(config: SplitCommand, data: Path, out: Path) -> None:
 def _list_takes(config: SplitCommand, path: Path, out: Path) -> None:
     """Write the list of takes, and raise ValueError if a subject is in two sets."""
     is_list = path.suffix.lower() == LIST and path.is_file()
-    found = takes(path, **({} if is_list else _shares(config)), seed=config.seed)
+    try:
+        found = takes(path, **({} if is_list else _shares(config)), seed=config.seed)
+    except FileNotFoundError as error:
+        raise FileNotFoundError(f"data={path}: expected a data set ({MANIFEST}), or takes of motion; {error}") from None
     write_atomic(out, as_table(found, out.parent))
     readable = [take for take in found if take.readable]
     for take in found:

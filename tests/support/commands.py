@@ -3,9 +3,11 @@
 import contextlib
 import io
 import os
+import re
 import signal
 import subprocess
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -49,7 +51,19 @@ def run_command(folder: Path, program: str, *arguments: str) -> Done:
             if isinstance(end.code, str):
                 print(end.code, file=sys.stderr)
     assert "Traceback" not in err.getvalue(), err.getvalue()
+    if not status and "dry_run=true" not in arguments:
+        lacking = [path for path in announced(out.getvalue(), arguments) if not (folder / path).exists()]
+        assert not lacking, f"{program} {' '.join(map(str, arguments))} names {lacking}, which do not exist"
     return Done(status, out.getvalue(), err.getvalue())
+
+
+def announced(printed: str, arguments: Sequence[str]) -> list[str]:
+    """Return the paths below `out=...`, and files, that a command prints."""
+    out = next((each.removeprefix("out=") for each in map(str, arguments) if each.startswith("out=")), None)
+    if not out:
+        return []
+    words = [word.strip(".,:;()") for word in re.split(r"[\s=\[\],]+", printed)]
+    return [word for word in words if word.startswith(f"{out}/") or (word == out and Path(out).suffix)]
 
 
 def dmae(folder: Path, *arguments: str) -> Done:

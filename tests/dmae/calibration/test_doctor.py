@@ -13,7 +13,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from dmae.calibration.bundle_adjustment import ROTATION, Calibration, Q
-from dmae.calibration.doctor import Diagnosis, Finding, _confirmed, diagnose, examined
+from dmae.calibration.doctor import Diagnosis, Finding, PairFit, _confirmed, diagnose, examined
 from dmae.calibration.epipolar import Hypothesis, pairs_to_compare
 from dmae.calibration.faults import Correction, Fault, rescale
 from dmae.commands import convert as convert_command
@@ -172,7 +172,8 @@ def test_the_command_prints_and_writes_findings_and_exits_by_them(tmp_path, caps
     save_clip(sound("campus"), tmp_path / "sound")
     command.run(DoctorCommand(DataConfig(path=str(tmp_path / "sound")), max_offset=5), tmp_path / "good")
     printed = capsys.readouterr().out
-    assert "nothing found wrong" in printed
+    unknown = "not known: " in printed
+    assert f"nothing found wrong{'; what is not known is listed above' if unknown else ''}\n" in printed
     assert "0-2" in printed
     save_clip(inverse(sound("campus"), 1), tmp_path / "faulty")
     done = run_command(tmp_path, "dmae", "doctor", "data=faulty", "out=bad")
@@ -181,6 +182,17 @@ def test_the_command_prints_and_writes_findings_and_exits_by_them(tmp_path, caps
     written_json = json.loads((tmp_path / "bad/doctor.json").read_text())
     assert written_json["findings"][0]["cameras"] == ["1"]
     assert (tmp_path / "bad/doctor.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_slow_examination_says_how_far_it_is(capsys, monkeypatch):
+    monkeypatch.setattr("dmae.progress.LINE_EVERY", 0.0)
+    diagnose(sound("campus"), max_offset=5)
+    lines = capsys.readouterr().err.splitlines()
+    assert any(line.startswith("comparing cameras: 1 of 3") for line in lines)
+    assert any(line.startswith("examining cameras: 1 of 12") for line in lines)
+    doubtful = Diagnosis((PairFit(("0", "1"), 1.0, 1.0, 0.5, 9),), (), (), ("which of two cameras differs",))
+    command._print(sound("campus"), doubtful)
+    assert capsys.readouterr().out.endswith("nothing found wrong; what is not known is listed above\n")
 
 
 def test_what_length_a_correction_needs_is_said_with_the_finding(capsys):

@@ -16,6 +16,7 @@ from dmae.data.clip import Clip
 from dmae.data.images import Images, write_video
 from dmae.data.skeleton import COCO17
 from dmae.data.store import load_clip, save_clip
+from dmae.detection.recording import recording_name
 from dmae.formats.calibrations import write_calibration
 from tests.support.commands import dmae
 from tests.support.detected_people import detected_clip, walk
@@ -127,6 +128,10 @@ def test_without_a_calibration_keypoints_are_written(session: Clip, tmp_path: Pa
         (("videos=nowhere",), "nowhere: no such folder"),
         (("videos=videos",), "expected fps="),
         (("videos=videos", "fps=25", "detector=my_dots:nothing"), "it returned int"),
+        (
+            ("videos=videos", "fps=25", "calibration=cam.toml"),
+            "calibration cam.toml: no such file; expected a calibration",
+        ),
         (("videos=videos", "fps=25", "detector=blasepose"), "did you mean blazepose"),
         (("videos=videos", "fps=25", "detector=onnx"), "expected detector.path"),
         (("videos=videos", "fps=25", "detector=my_dots:dots", "output.skeleton=shelf15"), "output.skeleton=shelf15"),
@@ -199,3 +204,10 @@ def test_one_camera_is_detected_and_named_as_too_few_for_capture(session: Clip, 
     done = dmae(tmp_path, "detect", *ARGUMENTS, "out=found", "output.images=false")
     assert done.returncode == 0 and "one camera: capture needs two or more" in done.stdout, done.stderr
     assert len(load_clip(tmp_path / "found").rig) == 1
+    # Called as the session that the folder `videos` is in, not as the step that made it.
+    assert load_clip(tmp_path / "found").id == tmp_path.name
+
+
+@pytest.mark.parametrize("folder", ["walk/videos", "walk/Images", "walk"])
+def test_a_clip_has_the_name_of_its_recording(folder: str, tmp_path: Path):
+    assert recording_name(tmp_path / folder) == "walk"

@@ -24,9 +24,11 @@ from dmae.formats.labelled_images import joint_labels
 from dmae.formats.openpose import CALIBRATION
 from dmae.formats.own import read_npz
 from dmae.formats.reading import Clips, DataConfig
+from dmae.formats.registry import pose_writer
 from dmae.formats.trc import read_trc
 from tests.support.clips import full_clip, pictured_clip, walkers
 from tests.support.recordings import recording, same_detections, write_openpose_recording
+from tests.support.robots import needs_robot
 
 
 @pytest.fixture
@@ -208,3 +210,40 @@ def test_a_file_without_a_suffix_gets_that_of_its_format(captured, tmp_path, for
     export_command.run(ExportCommand(str(tmp_path / "clip"), format), tmp_path / "walk")
     assert (tmp_path / file).is_file()
     assert str(tmp_path / file) in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("format", pose_writer)
+def test_all_files_that_are_written_are_announced_and_no_others(captured, tmp_path, format, capsys):
+    if "robot" in pose_writer.find(format).options:
+        needs_robot()
+    cov = np.broadcast_to(1e-4 * np.eye(3), (*captured.poses.xyz.shape, 3))
+    clip = replace(captured, poses=replace(captured.poses, cov=cov))
+    save_clip(clip, tmp_path / "clip")
+    folder = tmp_path / "written"
+    folder.mkdir()
+    export_command.run(ExportCommand(str(tmp_path / "clip"), format), folder / "walk")
+    announced = capsys.readouterr().out.splitlines()[-1].rsplit(": ", 1)[0].split(", ")
+    assert {Path(each) for each in announced} == set(folder.iterdir())
+
+
+def test_files_of_one_clip_have_one_time_base(captured, tmp_path):
+    """From 0 s on, whatever the number of the first frame in the recording (here 7)."""
+    ezc3d, seconds = pytest.importorskip("ezc3d"), np.arange(12) / 25
+    paths = {name: export(captured, tmp_path, name, f"walk.{name}") for name in ("trc", "mot", "c3d", "bvh", "glb")}
+    table = np.loadtxt(tmp_path / "walk_P1.trc", skiprows=5, usecols=(0, 1))
+    np.testing.assert_array_equal(table[:, 0], np.arange(7, 19))
+    np.testing.assert_allclose(table[:, 1], seconds, atol=1e-6)
+    rows = (tmp_path / "walk_P1.mot").read_text().split("endheader")[1].splitlines()[2:]
+    np.testing.assert_allclose([float(row.split()[0]) for row in rows], seconds, atol=1e-6)
+    points = ezc3d.c3d(str(paths["c3d"]))["header"]["points"]
+    assert points["first_frame"] == 0 and points["last_frame"] == 11 and points["frame_rate"] == 25
+    lines = (tmp_path / "walk_P1.bvh").read_text().splitlines()
+    assert "Frames: 12" in lines and "Frame Time: 0.04" in lines
+    content = paths["glb"].read_bytes()
+    scene = json.loads(content[20 : 20 + int.from_bytes(content[12:16], "little")])
+    inputs = {sampler["input"] for each in scene["animations"] for sampler in each["samplers"]}
+    times = [scene["accessors"][each] for each in inputs]
+    assert max(each["max"][0] for each in times) == pytest.approx(seconds[-1])
+    assert min(each["min"][0] for each in times) == 0
+    ends = [line.split(",")[4:6] for line in (tmp_path / "walk.provenance.csv").read_text().splitlines()[1:]]
+    assert {"0.000000", "0.440000"} <= {cell for each in ends for cell in each}

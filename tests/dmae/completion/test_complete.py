@@ -354,17 +354,24 @@ def test_contradicted_joints_are_rejected_on_request():
 
 
 @pytest.mark.parametrize("reject", [True, False])
-def test_the_command_says_how_many_measured_joints_it_replaces(tmp_path, capsys, reject):
+@pytest.mark.parametrize("cause", ["contradicted", "large stated error"])
+def test_the_command_says_how_many_measured_joints_it_replaces(tmp_path, capsys, reject, cause):
     poses = circling(6)
     xyz = poses.xyz.copy()
-    xyz[30, 0, 6] += 0.4
-    poses = Poses3D(SHELF14, xyz, views=np.full(poses.source.shape, 2))
+    cov = np.broadcast_to(1e-4 * np.eye(3), (*xyz.shape, 3)).copy()
+    if cause == "contradicted":
+        xyz[30, 0, 6] += 0.4
+    else:
+        cov[30, 0, 6] = np.eye(3)
+    poses = Poses3D(SHELF14, xyz, cov=cov, views=np.full(poses.source.shape, 2))
     save_clip(replace(clip_of(poses, "walk"), poses=poses), tmp_path / "clip")
     save_model(untrained().model, SHELF14, tmp_path / "model", {"denoises": False, "calibration": None})
     command.run(CompleteCommand(str(tmp_path / "clip"), str(tmp_path / "model"), reject=reject), tmp_path / "out")
     share = 1 / poses.measured.sum()
-    said = f"walk: 1 measured joint ({share:.1%}) contradicted the frames around" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    said = f"walk: 1 measured joint ({share:.1%}) contradicted the frames around or stated a larger error" in printed
     assert said == reject
+    assert (load_clip(tmp_path / "out").poses.source[30, 0, 6] == Source.COMPLETED) == reject
 
 
 def test_poses_of_another_skeleton_are_completed_through_common_joints():

@@ -59,6 +59,17 @@ def test_each_frame_of_a_small_video_is_that_frame_of_the_clip(tmp_path):
     np.testing.assert_allclose(greys, [grey_of(frame) for frame in range(5, 25)], atol=3)
 
 
+@pytest.mark.parametrize(("minutes", "width"), [(0.2, 960), (0.5, 640), (1.0, 480)])
+def test_pictures_are_as_wide_as_the_length_of_the_clip_allows(tmp_path, monkeypatch, minutes, width):
+    """Of five cameras. The share of the page that a part of the clip has is that of the part."""
+    clip = with_pictures(completed_clip(), tmp_path).select(frames=slice(0, 5), views=[2])
+    share = len(clip) / clip.fps / (60 * minutes) * len(clip.rig) / 5
+    monkeypatch.setattr("dmae.reporting.player._BITS_OF_CLIP", 60_000_000 * share)
+    (video,), _ = small_videos(clip)
+    with av.open(io.BytesIO(base64.b64decode(video))) as container:
+        assert container.streams.video[0].width == width
+
+
 def test_pictures_of_five_cameras_fit_their_share_of_the_page(tmp_path, monkeypatch):
     """Even of moving noise: no more than two seconds' share for one second, as the first frame is dear."""
     monkeypatch.setattr("dmae.reporting.player._BITS_OF_CLIP", 2_000_000)  # of a minute, for the part of two seconds

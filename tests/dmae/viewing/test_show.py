@@ -85,7 +85,7 @@ def test_the_command_draws_a_captured_clip_and_reports_what_it_lacks(tmp_path: P
     assert "clip shown: no images\n" in done.stdout
     assert {"clip.mp4", "sheet.png"} <= {path.name for path in (tmp_path / "out").iterdir()}
     assert near(cv2.imread(str(tmp_path / "out/sheet.png"))[80:, :, ::-1], RED).any()
-    done = dmae(tmp_path, "show", "data=walk", "out=one", "layers.completed=false", "width=200")
+    done = dmae(tmp_path, "show", "data=walk", "out=one", "layers.completed=false", "width=200", "frames=3")
     assert [path.name for path in (tmp_path / "one").glob("*.[mp]*")] == ["sheet.png"]
     assert not near(cv2.imread(str(tmp_path / "one/sheet.png"))[80:, :, ::-1], RED).any()
 
