@@ -80,7 +80,7 @@ def main(data: str) -> None:
         real[name].append((person, _error(network, picture, person)))
     measured_by = measured("mujoco")
     changes = [_row(name, some) for name, some in errors.items()]
-    changes += [_row(f"real people, joints {name}", some) for name, some in real.items()]
+    changes += [_row(f"a real person, joints {name}", some) for name, some in real.items()]
     offsets = []
     for kind in dict.fromkeys(_KINDS):
         cells = [_offset(some, kind) for some in (errors["as drawn"], *real.values())]
