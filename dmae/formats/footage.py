@@ -49,7 +49,7 @@ def with_videos(clip: Clip, folder: Path) -> Clip:
             counts.append(stream.frames or None)
             found = [stream.width, stream.height]
         if found != size:
-            notes.append(f"camera {name}: {file.name} has pictures of {found} px, the calibration says {size}")
+            notes.append(_stretched(name, f"{file.name} has pictures of", found, size))
     first = clip.provenance.get("first_frame", 0)
     least = min((count for count in counts if count), default=first + len(clip))
     if least < first + len(clip):
@@ -82,7 +82,7 @@ def with_pictures(clip: Clip, folder: Path) -> Clip:
     for each, size, name in zip(files, clip.rig.size.tolist(), clip.rig.names, strict=True):
         found = list(check_picture(each[0]))
         if found != size:
-            notes.append(f"camera {name}: {each[0].name} has {found} px, the calibration says {size}")
+            notes.append(_stretched(name, f"{each[0].name} has", found, size))
         if len(each) < len(clip):
             parent = each[0].parent
             raise ValueError(f"{parent}: expected {len(clip)} pictures or more as of the detections, found {len(each)}")
@@ -93,6 +93,14 @@ def with_pictures(clip: Clip, folder: Path) -> Clip:
         start = first if least >= first + len(clip) else 0
         notes.append(f"the first of the {least} pictures is assumed to be frame {first - start}")
     return _with_images(clip, Path(folder), ordered, start, notes, rgb="png")
+
+
+def _stretched(camera: str, what: str, found: list[int], size: list[int]) -> str:
+    pictures, calibrated = (" x ".join(map(str, each)) for each in (found, size))
+    return (
+        f"camera {camera}: {what} {pictures} px, the calibration says {calibrated}; they are stretched, so that people "
+        "can be drawn beside where they are seen"
+    )
 
 
 def _by_camera(

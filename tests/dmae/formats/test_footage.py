@@ -38,7 +38,7 @@ def test_pictures_without_the_numbers_of_the_frames_are_noted(tmp_path):
     pictures = write_pictures(tmp_path / "pictures", range(4), size=(300, 480), name="p{}.jpg")
     clip = dmae.read(tmp_path / "rec", fps=25, images=pictures)
     assert any("the first of the 4 pictures is assumed to be frame 100" in note for note in clip.provenance["notes"])
-    assert any("has [480, 300] px, the calibration says" in note for note in clip.provenance["notes"])
+    assert any("has 480 x 300 px, the calibration says" in note for note in clip.provenance["notes"])
 
 
 def test_what_lacks_pictures_is_refused_by_name(tmp_path):
@@ -100,7 +100,7 @@ def test_videos_that_begin_with_the_clip_or_have_another_size_are_noted(tmp_path
     clip = dmae.read(tmp_path / "rec", fps=25, videos=videos)
     notes = clip.provenance["notes"]
     assert "the first frame of the videos is assumed to be frame 100, as they have 4 frames" in notes
-    assert any("has pictures of [952, 600] px, the calibration says [960, 600]" in note for note in notes)
+    assert any("has pictures of 952 x 600 px, the calibration says 960 x 600; they are" in note for note in notes)
     assert clip.images.at("rgb", "cam0", 2).mean() == pytest.approx(16, abs=3)
 
 
