@@ -18,6 +18,7 @@ from dmae.formats.reading import Clips
 from dmae.metrics.score_tables import compared_error, overview
 from dmae.reporting.tables import counted, print_tables
 
+_FEW_STEPS = 20  # A network of fewer steps fills little better than the interpolation that it starts from
 LOG = "log.txt"
 """In the folder of a command of several steps: what each step printed."""
 
@@ -68,10 +69,18 @@ def run(config: DemoCommand, out: Path) -> None:
     say("report", steps, steps)
     page, scores = out / "report.html", [read_scores(folder / "scores.json") for folder, _ in scored]
     clips = Clips(DataConfig(name="clip", path=str(out / "completed")))
-    trained = counted(read_json(out / "model/model.json")["steps"], "step")
-    about = what_to_look_at(scores[0], Path(model).name, trained if small else f"a minute, {trained}")
+    duration = training(read_json(out / "model/model.json")["steps"], small)
+    about = what_to_look_at(scores[0], Path(model).name, duration)
     write_clips_report(page, clips, scores, title="The demo: simulated people, captured and completed", about=about)
     print(f"Look at {page}; what the steps printed is in {out / LOG}")
+
+
+def training(steps: int, small: bool) -> str:
+    """Return how long the demo's network was trained. One minute of a busy machine can be a single step."""
+    trained = counted(steps, "step")
+    if small:
+        return trained
+    return f"a minute ({trained}{', too few to learn much: the machine was busy' if steps < _FEW_STEPS else ''})"
 
 
 def what_to_look_at(scores: dict, trained: str, duration: str) -> list[str]:

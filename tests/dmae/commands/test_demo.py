@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from dmae.commands.demo import what_to_look_at
+from dmae.commands.demo import training, what_to_look_at
 
 PLAYER = Path(__file__).parents[3] / "dmae/reporting/assets/player.js"
 
@@ -26,3 +26,8 @@ def test_marks_are_those_of_the_player_and_errors_those_of_the_scores(monkeypatc
     for words in ("52\N{NO-BREAK SPACE}mm with these weights", "69\N{NO-BREAK SPACE}mm with the network that this demo "
                   "trained for a minute, 2 steps", "95\N{NO-BREAK SPACE}mm with straight"):  # fmt: skip
         assert words in errors
+
+
+def test_a_network_of_few_steps_is_said_to_be_one():
+    assert training(20, small=True) == "20 steps" and training(250, small=False) == "a minute (250 steps)"
+    assert training(1, small=False) == "a minute (1 step, too few to learn much: the machine was busy)"
