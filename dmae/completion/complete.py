@@ -18,7 +18,7 @@ from dmae.completion.fillings import contradicted
 from dmae.completion.methods import Fill, completion_method
 from dmae.completion.network import DMAE
 from dmae.completion.pieces import in_pieces
-from dmae.completion.stills import likely_pose
+from dmae.completion.pose_prior import floor_height, likely_pose, stand_on_floor
 from dmae.completion.uncertainty import Factors, calibrated
 from dmae.completion.weights import find_shipped, load_model, pick_device, weights_folder
 from dmae.completion.windows import Rows, make_rows
@@ -161,8 +161,10 @@ class Completer:
       Neither are joints that are not finite, which become absent.
     - Poses at another rate than the model's are resampled, and the corrections are resampled back. At less than one
       frame a second (`dmae.numerics.filling.STILLS`) each frame is completed by itself. A single frame is completed by
-      how poses vary in the training data (`dmae.completion.stills`), not by the network, and its measured joints stay
-      where they are. Weights of two skeletons use the network here too.
+      how poses vary in the training data (`dmae.completion.pose_prior`), not by the network, and its measured joints
+      stay where they are. Weights of two skeletons use the network here too.
+    - Legs that no camera ever detected are bent so that the person stands, or sits, on the floor: where measured feet
+      are in the recording, or z = 0.
     - Poses of another skeleton are completed through the joints that it has in common with the model's
       (`dmae.data.conversion.convert`); other joints stay as they are. `notes` says where either happens.
     - Weights of two skeletons side by side (`dmae.completion.fusion`) take poses of the first, or of one that has
@@ -225,10 +227,10 @@ class Completer:
         given = poses.select(frames)
         if len(poses.xyz) == 1 and self.model.config.residual:
             likely = likely_pose(poses, *(part.cpu().numpy() for part in (self.model.rest, self.model.pose_covariance)))
-            xyz = np.where(absent[..., None], likely, given.xyz)
+            xyz = self._on_floor(np.where(absent[..., None], likely, given.xyz), poses)
             return replace(given, xyz=xyz, source=np.where(absent, Source.COMPLETED, given.source))
         predicted, scale = predict(self.model, poses, fps, frames, absent | moved)
-        xyz = np.where((absent | moved)[..., None], predicted, given.xyz)
+        xyz = self._on_floor(np.where((absent | moved)[..., None], predicted, given.xyz), poses)
         source = np.where(absent, Source.COMPLETED, np.where(moved, Source.DENOISED, given.source))
         deviation = self._deviation(poses, fps, scale, frames)
         return _with_covariances(replace(given, xyz=xyz, source=source), absent, deviation)
@@ -316,6 +318,16 @@ class Completer:
             new, old = getattr(done, name), getattr(poses, name)
             joints[name] = np.where(taken.reshape(*taken.shape, *(1,) * (new.ndim - 3)), new, old)
         return Poses3D(poses.skeleton, **joints)
+
+    def _on_floor(self, xyz: np.ndarray, poses: Poses3D) -> np.ndarray:
+        """Return completed joints (F, P, J, 3) with legs that no camera ever detected on the floor."""
+        if not self.model.config.residual:
+            return xyz
+        never = ~(poses.measured | np.isfinite(poses.rays).all((-1, -2))).any(0)
+        covariance, floor = self.model.pose_covariance.cpu().numpy(), floor_height(poses)
+        for person in np.flatnonzero(never.any(1)):
+            xyz[:, person] = stand_on_floor(xyz[:, person], never[person], floor, self.skeleton, covariance)
+        return xyz
 
     def _deviation(self, poses: Poses3D, fps: float, scale: np.ndarray, frames: slice) -> np.ndarray | None:
         """Return standard deviations along each axis, m, of joints predicted in those frames with those scales.

@@ -219,7 +219,7 @@ class DMAE(nn.Module):
         """m; mean pose of the training data, see `dmae.completion.windows.rest_pose`."""
         if residual:
             self.register_buffer("pose_covariance", torch.zeros(3 * joints, 3 * joints))
-            """m^2; covariance of poses about it, see `dmae.completion.stills.pose_covariance`."""
+            """m^2; covariance of poses about it, see `dmae.completion.pose_prior.pose_covariance`."""
         self.signal = FourierCode(3, 2 * config.codes.signal, config.codes.signal_sigma)
         self.embed = nn.Linear(2 * config.codes.signal + residual * (3 + len(_OBSERVED_NOISE)), encoder.dim)
         self.encoder_context = ContextCode(config.codes, config.frames, places, encoder.dim)

@@ -38,7 +38,7 @@ from dmae.completion.config import Loss, Precision, TrainConfig
 from dmae.completion.fusion import namesakes
 from dmae.completion.network import DMAE, Prediction
 from dmae.completion.paper import PaperBatches, PaperRows, paper_rows, paper_validation
-from dmae.completion.stills import pose_covariance
+from dmae.completion.pose_prior import pose_covariance
 from dmae.completion.training_data import (
     Examples,
     PosePair,

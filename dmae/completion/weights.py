@@ -108,7 +108,7 @@ def load_model(folder: Path) -> tuple[DMAE, Skeleton, dict]:
             tensors, options = _from_format_4(tensors, options)
         config = model_config(options)
         if config.residual:
-            # Models from before `dmae.completion.stills` have none: it gives them the rest pose.
+            # Models from before `dmae.completion.pose_prior` have none: it gives them the rest pose.
             tensors.setdefault("pose_covariance", torch.zeros(1).expand(2 * [3 * len(skeleton)]))
         _check_sizes(config, len(skeleton), tensors)
         model = DMAE(config, len(skeleton), None if config.residual else namesakes(skeleton))

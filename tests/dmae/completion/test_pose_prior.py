@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from dmae.completion.complete import load_completer
-from dmae.completion.stills import likely_pose, pose_covariance
+from dmae.completion.pose_prior import floor_height, likely_pose, pose_covariance, stand_on_floor
 from dmae.completion.weights import find_shipped
 from dmae.completion.windows import rest_pose
 from dmae.data.clip import Poses3D, Source
@@ -97,3 +97,60 @@ def test_the_shipped_weights_know_how_bodies_vary():
     rest = completer(hidden(truth, part), 0.5).xyz
     error = [np.linalg.norm(xyz - truth.xyz, axis=-1)[:, :, part].mean() for xyz in (done, rest)]
     assert error[0] < 0.9 * error[1]
+
+
+LEGS = SHELF14.index("l_knee", "l_ankle", "r_knee", "r_ankle")
+ANKLES = list(SHELF14.index("l_ankle", "r_ankle"))
+NO_LEGS = np.isin(np.arange(len(SHELF14)), LEGS)
+
+
+def sunk(depth: float) -> np.ndarray:
+    """(20, 14, 3) a person whose lower ankle is so far below the floor, m, as if one sat with straight legs."""
+    xyz = circling(0, 20).xyz[:, 0].astype(float)
+    xyz[..., 2] -= xyz[:, ANKLES, 2].min() + depth
+    return xyz
+
+
+def test_feet_that_were_never_seen_are_on_the_floor():
+    """As poses vary in the shipped weights: knees and ankles of somebody whose hips are 0.4 m lower than standing."""
+    covariance = load_completer(find_shipped(BODY25)).model.pose_covariance.numpy()
+    xyz = convert(Poses3D(SHELF14, sunk(0.4)[:, None].astype(np.float32)), BODY25).xyz[:, 0]
+    ankles = list(BODY25.index("l_ankle", "r_ankle"))
+    unknown = np.array([joint.endswith(("knee", "ankle", "toe", "heel")) for joint in BODY25.joints])
+    found = stand_on_floor(xyz, unknown, 0.0, BODY25, covariance)
+    assert np.abs(found[:, ankles, 2].min(1) - 0.07).max() < 0.03
+    np.testing.assert_array_equal(found[:, ~unknown], xyz[:, ~unknown])
+
+
+def test_the_floor_is_where_measured_feet_are():
+    poses = circling(0, 40)
+    lower = np.median(poses.xyz[:, :, ANKLES, 2].min(-1))
+    raised = replace(poses, xyz=poses.xyz + np.array((0, 0, 2.5), np.float32))
+    np.testing.assert_allclose(floor_height(raised) - floor_height(poses), 2.5, atol=1e-5)
+    np.testing.assert_allclose(floor_height(poses), lower - 0.07, atol=1e-6)
+    assert floor_height(hidden(raised, LEGS)) == 0
+
+
+def test_a_floor_moves_and_turns_with_the_world_and_far_from_it_nothing_moves():
+    xyz, angle = sunk(0.3), np.full((20, 14), 2.0)
+    expected = rotate_z(stand_on_floor(xyz, NO_LEGS, 0.0, SHELF14, COVARIANCE), angle) + (3, -40, 0.5)
+    moved = rotate_z(xyz, angle) + (3, -40, 0.5)
+    np.testing.assert_allclose(stand_on_floor(moved, NO_LEGS, 0.5, SHELF14, COVARIANCE), expected, atol=1e-6)
+    np.testing.assert_array_equal(stand_on_floor(moved, NO_LEGS, 5.0, SHELF14, COVARIANCE), moved)
+
+
+def test_legs_seen_once_or_on_a_ray_stay_as_the_network_has_them(monkeypatch):
+    """Of a person without legs in all frames but one; and of one whose ankles a single camera sees."""
+    completer = load_completer(find_shipped(BODY25))
+    truth = convert(circling(0, 20), BODY25)
+    legs = BODY25.index("l_knee", "l_ankle", "r_knee", "r_ankle", "l_heel", "r_heel", "l_big_toe", "r_big_toe")
+    lowered = replace(truth, xyz=truth.xyz - np.array((0, 0, 0.3), np.float32))
+    never = completer(hidden(lowered, legs), 25.0)
+    once = hidden(lowered, legs)
+    once.xyz[3] = lowered.xyz[3]
+    once = completer(Poses3D(BODY25, once.xyz), 25.0)
+    monkeypatch.setattr("dmae.completion.complete.stand_on_floor", lambda xyz, *_: xyz)
+    straight = completer(hidden(lowered, legs), 25.0)
+    ankles = list(BODY25.index("l_ankle", "r_ankle"))
+    assert np.nanmin(straight.xyz[..., ankles, 2]) < -0.1 < 0 < np.nanmin(never.xyz[..., ankles, 2])
+    assert np.nanmin(once.xyz[..., ankles, 2]) < -0.1
