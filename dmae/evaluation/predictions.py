@@ -8,6 +8,7 @@ import numpy as np
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.conversion import convert
 from dmae.formats.poses import pose_paths, read_poses
+from dmae.numerics.body import bone_lengths
 from dmae.numerics.statistics import mean_known
 
 _LARGER = 2.5  # If people are larger or smaller than the true people by this factor, the poses are in another unit
@@ -77,12 +78,9 @@ def fitting(poses: Poses3D, truth: Poses3D, where: str, *, tracks: bool = False)
 
 def _check_unit(poses: Poses3D, truth: Poses3D, where: str) -> None:
     """Raise ValueError if the unit differs from metres. Compare bone lengths, which do not depend on the position."""
-    bones = np.array(truth.skeleton.bones, int).reshape(-1, 2)
-    ours, true = (
-        np.linalg.norm(np.diff(p.xyz.astype(float)[:, :, bones], axis=-2)[..., 0, :], axis=-1) for p in (poses, truth)
-    )
+    ours, true = (mean_known(bone_lengths(each.xyz, truth.skeleton.bones), (0, 1)) for each in (poses, truth))
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratios = mean_known(ours, (0, 1)) / mean_known(true, (0, 1))
+        ratios = ours / true
     ratios = ratios[np.isfinite(ratios)]
     if not len(ratios):
         return

@@ -23,8 +23,9 @@ from dmae.files.mapped import in_steps
 from dmae.formats.poses import SOURCE_WORDS
 from dmae.metrics.comparison import GAP_RATE, Comparison, match, take_matched
 from dmae.metrics.position import GAPS
+from dmae.numerics.body import bone_lengths
 from dmae.numerics.paths import gap_lengths, runs
-from dmae.numerics.statistics import likely_error, mean_known
+from dmae.numerics.statistics import likely_error, mean_known, median_over_frames
 from dmae.reporting.tables import Table, number_text
 
 BINS = 2000
@@ -262,18 +263,12 @@ def signs(clip: Clip) -> dict[str, np.ndarray]:
 
 
 def _bone_deviation(poses: Poses3D) -> np.ndarray:
-    parents = np.asarray(poses.skeleton.parents)
-    children = np.flatnonzero(parents >= 0)
-    xyz = poses.xyz.astype(np.float64)
-    found = np.zeros(poses.source.shape)
-    for child in children:
-        length = np.linalg.norm(xyz[..., child, :] - xyz[..., parents[child], :], axis=-1)
-        for person in range(length.shape[1]):
-            if np.isfinite(length[:, person]).any():
-                length[:, person] -= np.nanmedian(length[:, person])
-        deviation = np.nan_to_num(np.abs(length))
-        for end in (child, parents[child]):
-            found[..., end] = np.maximum(found[..., end], deviation)
+    bones, found = poses.skeleton.bones, np.zeros(poses.source.shape)
+    lengths = bone_lengths(poses.xyz, bones)
+    deviations = np.nan_to_num(np.abs(lengths - median_over_frames(lengths)))
+    for number, bone in enumerate(bones):
+        for end in bone:
+            found[..., end] = np.maximum(found[..., end], deviations[..., number])
     return found
 
 
@@ -296,9 +291,8 @@ def _residual(clip: Clip) -> np.ndarray:
         some = poses.select(part)
         _, depth = clip.rig.project(some.xyz)
         metres = reprojection_errors(clip.select(frames=part), some) * depth / clip.rig.K[:, 0, 0, None, None]
-        # Joints without any detection have residual 0; `nanmedian` would warn of them.
-        metres = np.where(np.isnan(metres).all(1, keepdims=True), 0, metres)
-        median = np.nanmedian(metres, axis=1)
+        # Joints without any detection have residual 0.
+        median = np.nan_to_num(median_over_frames(np.moveaxis(metres, 1, 0)))
         for index, joint in enumerate(clip.poses.skeleton.joints):
             if joint in skeleton.joints:
                 found[part, :, index] = median[..., skeleton.joints.index(joint)]

@@ -11,6 +11,7 @@ from scipy.optimize import linear_sum_assignment
 
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import Skeleton
+from dmae.numerics.statistics import median_over_frames
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.evidence import Evidence, evidence_blocks
 from dmae.reconstruction.triangulation import closest_approach
@@ -83,11 +84,9 @@ def bone_lengths(clip: Clip, config: CaptureConfig) -> tuple[np.ndarray, np.ndar
         points = points[close & (met.mean(1) >= _SHARED)]
         found.append(np.where(parents >= 0, np.linalg.norm(points - points[:, parents], axis=-1), np.nan))
     lengths = np.concatenate(found)
-    known = np.isfinite(lengths).any(0)
-    mean, spread = np.full((2, len(skeleton)), np.nan)
-    mean[known] = np.nanmedian(lengths[:, known], 0)
-    spread[known] = 1.4826 * np.nanmedian(np.abs(lengths[:, known] - mean[known]), 0)
-    return mean, np.where(known, np.maximum(spread, _LEAST_SPREAD), np.nan)
+    mean = median_over_frames(lengths)
+    spread = 1.4826 * median_over_frames(np.abs(lengths - mean))
+    return mean, np.maximum(spread, _LEAST_SPREAD)
 
 
 def max_product(
