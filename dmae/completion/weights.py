@@ -26,7 +26,7 @@ from dmae.data.store import write_atomic
 from dmae.files.contents import read_bytes
 from dmae.files.structured import read_json, read_yaml
 from dmae.metrics.score_tables import score_tables
-from dmae.reporting.tables import Table, counted
+from dmae.reporting.tables import counted, markdown_table
 
 FORMAT = 5
 
@@ -275,7 +275,7 @@ def _card(folder: Path, scores: Sequence[Path], command: str) -> str:
         asked = " ".join(f"{name}={config[name]}" for name, usual in _USUAL.items() if config[name] != usual)
         lines += [f"## {found['recording']}" + (f", `{asked}`" if asked else ""), ""]
         for table in score_tables(found):
-            lines += [*_markdown(table), ""]
+            lines += [table.caption, "", markdown_table(table.header, table.rows), ""]
     return "\n".join(lines)
 
 
@@ -299,8 +299,3 @@ def _sets(clips: Sequence[str], config: dict) -> str:
 
 def _listed(facts: dict) -> str:
     return ", ".join(f"{name} {value}" for name, value in facts.items())
-
-
-def _markdown(table: Table) -> list[str]:
-    rule = ["---", *["---:"] * (len(table.header) - 1)]
-    return [table.caption, "", *(f"| {' | '.join(row)} |" for row in (table.header, rule, *table.rows))]

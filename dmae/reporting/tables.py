@@ -61,6 +61,11 @@ def print_tables(tables: Sequence[Table]) -> None:
         console.print(drawn)
 
 
+def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table in Markdown."""
+    return "\n".join(f"| {' | '.join(line)} |" for line in (header, ["---"] * len(header), *rows))
+
+
 def counted(number: int, noun: str, plural: str = "") -> str:
     """Return "1 clip" or "2 clips"; the plural of `noun` ends in s unless it is given."""
     return f"{number} {noun if number == 1 else plural or noun + 's'}"

@@ -21,7 +21,7 @@ from dmae.files.contents import write_atomic
 from dmae.numerics.body import body_heading
 from dmae.parallel import check_workers, in_parallel
 from dmae.progress import progress
-from dmae.reporting.tables import counted
+from dmae.reporting.tables import counted, markdown_table
 from synth.datasets.config import SplitBy
 from synth.datasets.splits import identities
 from synth.physics.body_state import FILE as STATE
@@ -438,7 +438,7 @@ def page(found: Statistics, name: str, failed: int) -> str:
     parts = [
         f"# {name}\n\nSimulated people who hide each other: clips of calibrated cameras with exact joints.",
         f"![Histograms]({PICTURE})",
-        _table(("", ""), rows),
+        markdown_table(("", ""), rows),
         "## Occlusion\n\n" + _occlusion(found),
         "## Contacts between people\n\n" + _contacts(found),
         "## Quantities\n\n" + _quantities(found),
@@ -451,11 +451,6 @@ def _listed_counts(counts: Counter[str], prefix: str) -> str:
     found = _by(counts, prefix)
     order = sorted(found, key=lambda key: (not key.isdigit(), int(key) if key.isdigit() else 0, key))
     return ", ".join(f"{key}: {found[key]}" for key in order) or "not known"
-
-
-def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
-    lines = [head, ("---",) * len(head), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def _occlusion(found: Statistics) -> str:
@@ -475,9 +470,9 @@ def _occlusion(found: Statistics) -> str:
     by = [(name, f"{count / max(1, hidden):.0%}") for name, count in found.occluders.most_common(_OCCLUDERS) if count]
     return (
         "Share of joints in views, of persons who are in the scene.\n\n"
-        + _table(head, rows)
+        + markdown_table(head, rows)
         + f"\n\nWhat hides the {hidden} hidden joints:\n\n"
-        + _table(("occluder", "of the hidden joints"), by)
+        + markdown_table(("occluder", "of the hidden joints"), by)
     )
 
 
@@ -487,7 +482,8 @@ def _contacts(found: Statistics) -> str:
         return "Not measured: no clip has the state of its bodies."
     return (
         "Share of frames in which a person touches another, number of touches, and greatest force in such a frame; of "
-        "clips the least, the median and the greatest.\n\n" + _table(CONTACT_HEAD, contact_rows(numbers(found, 0)))
+        "clips the least, the median and the greatest.\n\n"
+        + markdown_table(CONTACT_HEAD, contact_rows(numbers(found, 0)))
     )
 
 
@@ -513,7 +509,7 @@ def _quantities(found: Statistics) -> str:
         if counts is not None and counts.sum():
             values = [f"{value:.3g}" for value in quantiles(counts, quantity.edges)]
         rows.append((quantity.meaning, quantity.unit, *values))
-    return "Precision is the bin width of the histograms in `statistics.json`.\n\n" + _table(
+    return "Precision is the bin width of the histograms in `statistics.json`.\n\n" + markdown_table(
         ("quantity", "unit", "5 % below", "median", "95 % below"), rows
     )
 

@@ -15,7 +15,7 @@ import pandas as pd
 from dmae.evaluation.config import NUMBERS, TableConfig, TableSize
 from dmae.evaluation.evaluate import Trial
 from dmae.metrics.table import Score, block_of, score_of, tally
-from dmae.reporting.tables import Table
+from dmae.reporting.tables import Table, markdown_table
 
 _SECOND_HAND = "figures from a secondary source, not from the publication itself"
 _REQUIRED = {"table", "name", "data", "protocol", "source", "values"}
@@ -238,14 +238,10 @@ def markdown(table: dict) -> str:
         table: As for `terminal_tables`.
     """
     notes = _Notes()
-    grid = _markdown_grid(*_grid(table, notes))
-    pairs = _markdown_grid(*_pairs(table)) if table.get("pairs") else ""
+    grid = markdown_table(*_grid(table, notes))
+    pairs = markdown_table(*_pairs(table)) if table.get("pairs") else ""
     parts = [f"## {table['title']}", f"{_scored(table)}.", grid, pairs, notes.list(), *table["footnotes"]]
     return "\n\n".join(filter(None, parts)) + "\n"
-
-
-def _markdown_grid(header: list[str], rows: list[list[str]]) -> str:
-    return "\n".join(f"| {' | '.join(line)} |" for line in [header, ["---"] * len(header), *rows])
 
 
 class _Notes:

@@ -12,6 +12,7 @@ from dmae.files.checksums import refuse_damaged
 from dmae.files.contents import check_vacant, whole_folder, write_atomic
 from dmae.files.structured import read_json
 from dmae.parallel import check_workers
+from dmae.reporting.tables import markdown_table
 from synth.datasets.config import AboutConfig, PictureFormat
 from synth.datasets.exporters import Exporter, exporter
 from synth.datasets.exporters.croissant import write_metadata
@@ -151,7 +152,8 @@ def card(summary: dict) -> str:
     splits = summary["splits"]
     columns = ("clips", "pictures", "persons", "hidden", "masks", "amodal_masks")
     total = {key: sum(each.get(key, 0) for each in splits.values()) for key in columns}
-    rows = [f"| {name} | {' | '.join(str(each.get(key, 0)) for key in columns)} |" for name, each in splits.items()]
+    header = ("split", "clips", "pictures", "persons shown", "persons hidden", "masks", "amodal masks")
+    rows = [(name, *(str(each.get(key, 0)) for key in columns)) for name, each in splits.items()]
     frames = "every frame" if summary["every"] == 1 else f"one frame of {summary['every']}"
     lines = "\n".join(f"- {note}" for note in _notes(total, summary["clips_of_the_data_set"] - total["clips"]))
     return f"""# Simulated people who hide each other
@@ -159,9 +161,7 @@ def card(summary: dict) -> str:
 Exported by {summary["made_by"]} as `{summary["exporter"]}`, version {summary["format"]} of its layout
 (`docs/reference/exports.md` of the project). Skeleton `{summary["skeleton"]}`, {frames} of the clips.
 
-| split | clips | pictures | persons shown | persons hidden | masks | amodal masks |
-| --- | --- | --- | --- | --- | --- | --- |
-{chr(10).join(rows)}
+{markdown_table(header, rows)}
 
 {lines}
 
