@@ -84,9 +84,9 @@ def is_long(config: GenerateConfig) -> bool:
 def forecast(config: GenerateConfig) -> Forecast:
     """Forecast the time and the disk space of a data set, or of its missing clips and images.
 
-    Up to three short clips are made: with the median, and if there are many clips also with the least and the greatest
-    number of people. The requested number of processes is used, and a few pictures are rendered. Nothing is written to
-    `config.out`. Of a few clips it takes about a third of the time of the clips themselves. Raises as `generate`.
+    Short pieces of a clip with the median number of people are made in the requested number of processes, and a few
+    pictures rendered. Nothing is written to `config.out`. Of a few clips it takes about a third of the time of the
+    clips themselves. Raises as `generate`.
     """
     with running_on(config.backend):
         return _forecast(config)
@@ -95,25 +95,22 @@ def forecast(config: GenerateConfig) -> Forecast:
 def _forecast(config: GenerateConfig) -> Forecast:
     rig = check(config)
     to_make, to_render = _missing(config)
-    counts = {
-        index: count_people(config.scene, config.interaction, seed=config.seed, clip=index)
-        for index in sorted([*to_make, *to_render])
-    }
-    frames = config.scene.frames
-    pictures = (len(to_make) + len(to_render)) * frames * len(rig) if config.kinds else 0
-    costs = _costs(config, counts) if counts else {}
-    known = sorted(costs)
-    seconds, size = [], 0.0
-    for index, people in counts.items():
-        each = _Cost(*(np.interp(people, known, values) for values in zip(*map(costs.get, known), strict=True)))
-        took = each.image_clip_seconds + frames * each.image_frame_seconds
-        size += each.image_bytes
-        if index in to_make:
-            took += each.clip_seconds + frames * each.frame_seconds
-            size += each.clip_bytes + frames * each.frame_bytes
-        seconds.append(took)
-    took = float(makespan(seconds, process_count(config.workers)))
-    return Forecast(len(to_make), frames * len(to_make), pictures, took, float(size) / 1e6)
+    indices, frames = sorted([*to_make, *to_render]), config.scene.frames
+    if not indices:
+        return Forecast(0, 0, 0, 0.0, 0.0)
+    how = config.scene, config.interaction
+    people = {index: max(1, count_people(*how, seed=config.seed, clip=index)) for index in indices}
+    median = sorted(people.values())[len(people) // 2]
+    cost = _cost(config, [index for index in indices if people[index] == median], len(indices))
+    # Labels are in proportion to people; pictures are not.
+    labels = cost.clip_seconds + frames * cost.frame_seconds
+    images = cost.image_clip_seconds + frames * cost.image_frame_seconds
+    seconds = [images + (labels * people[index] / median if index in to_make else 0) for index in indices]
+    size = sum(people[index] for index in to_make) / median * (cost.clip_bytes + frames * cost.frame_bytes)
+    size += len(indices) * cost.image_bytes
+    pictures = len(indices) * frames * len(rig) if config.kinds else 0
+    took = makespan(seconds, process_count(config.workers))
+    return Forecast(len(to_make), frames * len(to_make), pictures, float(took), float(size) / 1e6)
 
 
 def makespan(seconds: list[float], workers: int) -> float:
@@ -138,24 +135,14 @@ def _missing(config: GenerateConfig) -> tuple[list[int], list[int]]:
     return to_make, to_render
 
 
-def _costs(config: GenerateConfig, counts: dict[int, int]) -> dict[int, _Cost]:
-    """Measure the cost of clips, by number of people."""
-    numbers = sorted(counts.values())
-    ends = {numbers[0], numbers[-1]} if len(numbers) >= 3 * _PART else set()
-    chosen = sorted({*ends, numbers[len(numbers) // 2]})
-    tasks = [(config, [index for index in counts if counts[index] == number]) for number in chosen]
+def _cost(config: GenerateConfig, usual: list[int], clips: int) -> _Cost:
+    """Measure the cost of a clip: the first of the clips `usual` that succeeds. The data set has `clips` clips."""
     limit_threads(config.workers)
     # As many processes as in the real run, because they share memory and caches. The first task of each process is not
     # measured.
-    while len(tasks) < min(process_count(config.workers), len(counts) // _PART):
-        tasks.append(tasks[len(tasks) % len(chosen)])
-    list(in_parallel(_first_success, [(config, indices, _SHORT) for _, indices in tasks], config.workers))
-    found = list(in_parallel(_measure, tasks, config.workers))
-    # Several measurements with the same number of people are averaged.
-    by_number: dict[int, list[_Cost]] = {}
-    for (_, indices), cost in zip(tasks, found, strict=True):
-        by_number.setdefault(counts[indices[0]], []).append(cost)
-    return {number: _Cost(*np.mean(measured, axis=0)) for number, measured in by_number.items()}
+    processes = max(1, min(process_count(config.workers), clips // _PART))
+    list(in_parallel(_first_success, [(config, usual, _SHORT)] * processes, config.workers))
+    return _Cost(*np.mean(list(in_parallel(_measure, [(config, usual)] * processes, config.workers)), axis=0))
 
 
 def _measure(config: GenerateConfig, indices: list[int]) -> _Cost:
