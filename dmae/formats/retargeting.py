@@ -46,13 +46,13 @@ _STAND_TIME, _STEP_TIME = 0.1, 0.2
 """s; a foot stands at least this long; from free motion to standing and back takes this long."""
 _TURN = 0.7  # rad; feet are turned at most this far from the pelvis
 _CROUCH = 0.96  # The robot's legs are longest at this share of their length, so that knees do not become singular
-_TOUCH = 0.04  # m between the surfaces of a palm and of another person's limb or trunk; nearer counts as touching
+_TOUCH = 0.05  # m between the surfaces of a palm and of another person's limb or trunk; nearer counts as touching
 _TOUCH_TIME = 0.15  # s; briefer touches, and interruptions of touches, are ignored
 _REACH_TIME = 0.3  # s; how long before and after it touches a hand is led to its place
 _RATE = 100.0  # Steps per second of the solver, at least; a frame has one or more
-_RADII = {"trunk": 0.11, "upper_arm": 0.05, "forearm": 0.04, "hand": 0.03}
+_RADII = {"trunk": 0.13, "upper_arm": 0.05, "forearm": 0.04, "hand": 0.03}
 """m; half the thickness of people's parts, at a stature of 1.7 m."""
-_TRUNK_BREADTH = 0.15  # m; the same of a trunk from side to side
+_TRUNK_BREADTH = 0.17  # m; the same of a trunk from side to side
 _WRIST = 0.8  # From this share of a forearm on, a contact is one of the hand
 _PALM_AHEAD = 0.09  # m from wrist to the middle of the palm, along the forearm, at a stature of 1.7 m
 _NEEDED = ("l_hip", "r_hip", "l_ankle", "r_ankle", "l_shoulder", "r_shoulder")
@@ -413,7 +413,12 @@ class _Touch:
     outwards: np.ndarray  # (F, 3) unit vector from the part to the palm
 
 
-_ROBOT_RADII = {"trunk": 0.09, "upper_arm": 0.035, "forearm": 0.035, "hand": 0.035}  # m; radii of the robot's capsules
+_LINKS = {
+    "trunk": ("pelvis", "torso_link"), "upper_arm": ("{}_shoulder_yaw_link", "{}_elbow_link"),
+    "forearm": ("{}_elbow_link", "{}_wrist_pitch_link", "{}_wrist_yaw_link"), "hand": ("{}_wrist_yaw_link",),
+}  # fmt: skip
+"""Links of the robot whose collision shapes are a part, by side."""
+_HAND_RADIUS = 0.035  # m; distance of palms from what they touch if the model has no collision shapes there
 
 
 def _part(person: _Person, part: str, side: int) -> tuple[np.ndarray, np.ndarray]:
@@ -483,8 +488,9 @@ _TOUCHING, _STANDING = 10.0, (80.0, 8.0)  # What is added to the cost of a palm 
 _POSTURE, _WRISTS, _MOMENTUM, _WRIST_MOMENTUM, _DAMPING = 0.03, 0.05, 0.2, 0.4, 6e-3
 _REST = {"hip_pitch": -0.1, "knee": 0.3, "ankle_pitch": -0.2, "shoulder_pitch": 0.2, "shoulder_roll": 0.2, "elbow": 1.2}
 """rad; the pose, knees a little bent, to which a joint that nothing determines returns."""
+_LEAD_SPEED = 2.0  # m/s at which a hand is led away from where the person holds it, at most
 _ADVANCES = 6  # Steps in which hands are moved until they touch
-_OFF = 1e-4  # m; greatest distance of a standing foot from its place after the first step
+_OFF, _CORRECTIONS = 1e-4, 4  # m; farthest that a standing foot may be from its place, and how often a step is solved
 _FIRST = 40  # Steps to the first pose, without limits of speed, and as many to come apart there
 _APART, _NEAR = 12.0, 0.1
 """Cost of overlap of two robots' collision shapes, and m between shapes below which it is looked for."""
@@ -603,14 +609,14 @@ def _nearest(
     return middle + s[:, None] * half, other + t[:, None] * other_half
 
 
-def _between_palms(one: _Shapes, two: _Shapes, outwards: np.ndarray) -> float:
-    """Return the distance of palms, m, at which one hand, in the direction `outwards` (3,) of the other, touches it."""
+def _touching_at(one: _Shapes, two: _Shapes, outwards: np.ndarray) -> float:
+    """Return how far, m, in the direction `outwards` (3,) from the origin of `two` that of `one` is where they touch."""
     pairs = np.indices((len(one.middle), len(two.middle))).reshape(2, -1)
     ends = np.abs(one.half @ outwards)[pairs[0]] + np.abs(two.half @ outwards)[pairs[1]]
     a, b = one.middle[pairs[0]], two.middle[pairs[1]]
     radii = one.radius[pairs[0]] + two.radius[pairs[1]]
     # From where they are apart, one moves by the distance that is left (conservative advancement).
-    gap = max(ends + radii + (b - a) @ outwards, default=2 * _ROBOT_RADII["hand"])
+    gap = max(ends + radii + (b - a) @ outwards, default=2 * _HAND_RADIUS)
     for _ in range(_ADVANCES if len(a) else 0):
         points, there = _nearest(a + gap * outwards, one.half[pairs[0]], b, two.half[pairs[1]])
         gap -= min(np.linalg.norm(points - there, axis=-1) - radii)
@@ -628,6 +634,7 @@ class _Follower:
 
     def __init__(self, model: "mujoco.MjModel", targets: _Targets, touches: list[_Touch]):
         import mink
+        import mujoco
 
         def task(name: str, costs: tuple[float, float], kind: str = "body") -> "mink.FrameTask":
             return mink.FrameTask(name, kind, *costs, lm_damping=1e-3)
@@ -651,18 +658,27 @@ class _Follower:
         self.posture.set_target(rest)
         self.configuration = mink.Configuration(model, rest)
         self.limits = [mink.ConfigurationLimit(model, min_distance_from_limits=_MARGIN)]
+        capsule, sphere = mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_SPHERE
+        self.used = np.flatnonzero(np.isin(model.geom_type, (capsule, sphere)) & (model.geom_bodyid > 0))
+        self.along = (model.geom_size[:, 1] * (model.geom_type == capsule))[self.used]
+        self.led = np.zeros((2, 3))  # m, how far palms are led from where the person holds them
+        self.moved_shapes: _Shapes | None = None  # of `shapes`, until the robot moves
+        links = model.geom_bodyid[self.used]
+        self.parts = {
+            (part, side): np.isin(links, [model.body(name.format(SIDES[side])).id for name in names])
+            for part, names in _LINKS.items()
+            for side in range(2)
+        }
 
     def shapes(self) -> _Shapes:
         """Return the collision shapes where they are now: capsules, and spheres, which have no length."""
-        import mujoco
-
-        model, data = self.configuration.model, self.configuration.data
-        capsule, sphere = mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_SPHERE
-        used = np.isin(model.geom_type, (capsule, sphere)) & (model.geom_bodyid > 0)
-        along = (model.geom_size[:, 1] * (model.geom_type == capsule))[used]
-        half = along[:, None] * data.geom_xmat[used].reshape(-1, 3, 3)[:, :, 2]
-        radius = model.geom_size[used, 0]
-        return _Shapes(model.geom_bodyid[used], data.geom_xpos[used], half, radius, radius + along)
+        if self.moved_shapes is None:
+            model, data, used = self.configuration.model, self.configuration.data, self.used
+            half = self.along[:, None] * data.geom_xmat[used].reshape(-1, 3, 3)[:, :, 2]
+            radius = model.geom_size[used, 0]
+            middle = data.geom_xpos[used]
+            self.moved_shapes = _Shapes(model.geom_bodyid[used], middle, half, radius, radius + self.along)
+        return self.moved_shapes
 
     def step(self, at: float, dt: float, robots: list["_Follower"], fastest: np.ndarray, apart: bool = True) -> None:
         """Move towards the targets at a time in frames, within `dt` s; if `apart`, not into other robots.
@@ -674,11 +690,11 @@ class _Follower:
         import qpsolvers
 
         others = [each for each in robots if apart and each is not self]
-        tasks = [*self._aim(at), *self._lead_hands(at, robots)]
+        tasks = [*self._aim(at), *self._lead_hands(at, dt, robots)]
         standing = [foot for foot, hold in zip(self.feet, _between(self.targets.hold, at), strict=True) if hold == 1]
         moved = np.zeros_like(self.moved)
-        # A step is linear. Where legs turn fast it leaves a standing foot off its place; a second one corrects that.
-        for _ in range(2):
+        # A step is linear. Where legs turn fast it leaves a standing foot off its place; further ones correct that.
+        for _ in range(_CORRECTIONS):
             self.momentum.step = self.moved - moved
             problem = mink.build_ik(self.configuration, tasks, dt, _DAMPING, self.limits)
             rows, bounds = _apart(self, others, dt)
@@ -691,6 +707,7 @@ class _Follower:
             problem.lb, problem.ub = (np.r_[sign * dt * fastest - moved, sign * np.inf + bounds] for sign in (-1, 1))
             velocity = qpsolvers.solve_problem(problem, "daqp").x[: len(moved)] / dt
             self.configuration.integrate_inplace(velocity, dt)
+            self.moved_shapes = None
             moved += dt * velocity
             if all(np.abs(foot.compute_error(self.configuration)[:3]).max() < _OFF for foot in standing):
                 break
@@ -710,7 +727,7 @@ class _Follower:
             task.cost[:] = np.repeat(np.array(_FOOT) + hold[side] * np.array(_STANDING), 3)
         return [self.pelvis, self.trunk, self.posture, self.momentum, *(task for task, _ in elbows), *self.feet]
 
-    def _lead_hands(self, at: float, robots: list["_Follower"]) -> list:
+    def _lead_hands(self, at: float, dt: float, robots: list["_Follower"]) -> list:
         """Set the targets of palms: as the person holds them or, where they touch, at places of other robots."""
         led, weights, tasks = ([], []), ([], []), []
         palms = _between(self.targets.palms, at)
@@ -722,32 +739,42 @@ class _Follower:
             outwards = _between(touch.outwards, at)
             if contact.part == "hand":
                 # Both hands go half the way from where they would be.
-                gap = _between_palms(self._hand(side), other._hand(contact.other_side), outwards)
+                there = other._shapes_of("hand", contact.other_side, other._palm(contact.other_side))
+                gap = _touching_at(self._shapes_of("hand", side, self._palm(side)), there, outwards)
                 place = (palms[side] + _between(other.targets.palms, at)[contact.other_side] + gap * outwards) / 2
             else:
                 start, end = other._ends(contact.part, contact.other_side)
-                gap = _ROBOT_RADII["hand"] + _ROBOT_RADII[contact.part]
-                place = start + _between(touch.along, at) * (end - start) + gap * outwards
+                place = start + _between(touch.along, at) * (end - start)
+                there = other._shapes_of(contact.part, contact.other_side, place)
+                place += _touching_at(self._shapes_of("hand", side, self._palm(side)), there, outwards) * outwards
             if np.isfinite(place).all():
                 led[side].append(place)
                 weights[side].append(weight)
         for side, task in enumerate(self.palms):
             place, total = palms[side], min(sum(weights[side]), 1.0)
+            away = np.zeros(3)
             if total:
                 there = np.average(led[side], 0, weights[side])
-                place = there if np.isnan(place).any() else place + total * (there - place)
+                place = there if np.isnan(place).any() else place
+                away = total * (there - place)
+            # Where contacts begin, end or change parts their places jump; a hand led that fast would drag the feet.
+            change = away - self.led[side]
+            self.led[side] += change * min(1.0, _LEAD_SPEED * dt / max(np.linalg.norm(change), 1e-9))
+            place = place + self.led[side]
             if np.isfinite(place).all():
                 _set(task, place)
                 task.cost[:3] = _PALM[0] + total * _TOUCHING
                 tasks.append(task)
         return tasks
 
-    def _hand(self, side: int) -> _Shapes:
-        """Return the collision shapes of a hand, relative to the middle of its palm."""
-        data, shapes = self.configuration.data, self.shapes()
-        hand = data.body(f"{SIDES[side]}_wrist_yaw_link").id == shapes.body
-        away = shapes.middle[hand] - data.site(f"{SIDES[side]}_hand").xpos
-        return _Shapes(shapes.body[hand], away, shapes.half[hand], shapes.radius[hand], shapes.reach[hand])
+    def _palm(self, side: int) -> np.ndarray:
+        return self.configuration.data.site(f"{SIDES[side]}_hand").xpos
+
+    def _shapes_of(self, part: str, side: int, origin: np.ndarray) -> _Shapes:
+        """Return the collision shapes of a part, relative to an origin (3,)."""
+        shapes, on = self.shapes(), self.parts[part, side]
+        away = shapes.middle[on] - origin
+        return _Shapes(shapes.body[on], away, shapes.half[on], shapes.radius[on], shapes.reach[on])
 
     def _ends(self, part: str, side: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the ends of the trunk, an upper arm or a forearm, m, world."""
