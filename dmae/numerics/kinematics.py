@@ -170,7 +170,7 @@ def can_move(skeleton: Skeleton) -> bool:
     return {f"{side}_{joint}" for side in "lr" for joint in ("hip", "shoulder")} <= set(skeleton.joints)
 
 
-def body_motion(poses: Poses3D, person: int) -> BodyMotion:
+def body_motion(poses: Poses3D, person: int, body: Body | None = None) -> BodyMotion:
     """Return the motion of one person by inverse kinematics.
 
     Segments whose joints are never known stay neutral. Absent joints have no weight.
@@ -178,6 +178,7 @@ def body_motion(poses: Poses3D, person: int) -> BodyMotion:
     Args:
         poses: Any poses of a skeleton with hips and shoulders.
         person: Index of the person.
+        body: Its sizes, as of another recording of the person with this skeleton; by default measured from the poses.
 
     Raises:
         ValueError: the skeleton has no hips or shoulders.
@@ -187,17 +188,17 @@ def body_motion(poses: Poses3D, person: int) -> BodyMotion:
     if not can_move(skeleton):
         raise ValueError(f"joint angles need hips and shoulders, and {skeleton.name} has none")
     xyz = poses.xyz[:, person].astype(np.float64)
-    body = _template(skeleton)
-    given = list(skeleton.index(*body.joints))
-    points = xyz[:, given]
-    measured = np.where(poses.measured[:, person][:, given, None], points, np.nan)
-    start = _starting_frames(points, body, person)
-    body = _scaled(body, np.where(np.isnan(measured).all(0), points, measured))
-    precision = _precision(poses, person, given)
-    some = np.unique(np.linspace(0, len(points) - 1, _FITTED).astype(int))
-    for _ in range(_REFINED):
-        motion = _solve(body, points[some], precision[some], (start[0][some], start[1][some]))
-        body = _level(_refined(motion, points[some]), motion, points[some])
+    template = _template(skeleton)
+    given = list(skeleton.index(*template.joints))
+    points, precision = xyz[:, given], _precision(poses, person, given)
+    start = _starting_frames(points, template, person)
+    if body is None:
+        measured = np.where(poses.measured[:, person][:, given, None], points, np.nan)
+        body = _scaled(template, np.where(np.isnan(measured).all(0), points, measured))
+        some = np.unique(np.linspace(0, len(points) - 1, _FITTED).astype(int))
+        for _ in range(_REFINED):
+            motion = _solve(body, points[some], precision[some], (start[0][some], start[1][some]))
+            body = _level(_refined(motion, points[some]), motion, points[some])
     return _solve(body, points, precision, start)
 
 

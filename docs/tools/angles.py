@@ -7,8 +7,10 @@ DMAE_DATA names the folder with `cmu`, `cmu_more` and `pose2sim`. OpenSim's colu
 (the latter with `--no-deps`); without them they are left out.
 
 - people: four cameras around two or three people, detected with errors, captured and completed. Their true angles are
-  those of the generator, with its pelvis level in upright standing, as for ours. Errors by the longest gap among the
-  joints of an angle, and by its cause.
+  those of the generator, with its pelvis level in upright standing, as for ours. Legs whose simulated knee bends
+  sideways or to the front as no knee does are not compared. Errors by the longest gap among the joints of an angle, and
+  by its cause.
+- bounds: what would be left of the errors of completed joints if one more thing were known.
 - trial: Pose2Sim's trial, without a truth: our angles against OpenSim's, on the same markers.
 - pelvis: how people share a lean between lumbar spine and hips: the rule by which pelvis tilt is inferred, on each
   subject of CMU, with the share of the others.
@@ -41,6 +43,7 @@ from dmae.metrics.angles import calibration  # noqa: E402
 from dmae.metrics.comparison import match, take_matched  # noqa: E402
 from dmae.numerics import kinematics  # noqa: E402
 from dmae.numerics.kinematics import ANGLES, ISB, body_motion, cardan, is_upright, joint_angles, leans  # noqa: E402
+from dmae.numerics.paths import linear  # noqa: E402
 from dmae.numerics.statistics import mean_known  # noqa: E402
 from dmae.progress import progress  # noqa: E402
 from synth.motion.readers.takes import find_takes, subject, subject_and_trial  # noqa: E402
@@ -64,6 +67,10 @@ PEOPLE_COLUMNS = [
     "without each person's bias, °", "in 90 %", "ECE",
 ]  # fmt: skip
 GAP_COLUMNS = ["joints unmeasured", "hip flexion, °", "knee, °", "ankle, °", "in 90 %", "angles"]
+BOUND_COLUMNS = [
+    "angle", "people", "ours, °", "true sizes of the body, °", "true size of each joint's errors, °",
+    "best filter in time, °", "true joints, °", "power of the error below 1 Hz, %",
+]  # fmt: skip
 TRIAL_COLUMNS = [
     "angle",
     "frames",
@@ -73,8 +80,12 @@ TRIAL_COLUMNS = [
     "our deviation, °",
 ]
 PELVIS_COLUMNS = ["subject", "seconds", "share of the others", "mean error, °", "bias, °", "in 90 %"]
+_KNEE = 10.0
+"""Degrees that a person's knee bends sideways or to the front at most. The ones of simulated bodies bend farther where
+a leg is led to where a foot stands, or hyperextended in a recording."""
 _RATE = 10
 """Frames a second at which recordings are read for the pelvis."""
+_GAINS = 4  # Frequencies on either side whose gains are averaged
 _ENOUGH = 10
 """Fewest upright frames that show the level of the pelvis."""
 
@@ -92,6 +103,7 @@ def main(part: str | None, clips: int, keep: str | None) -> None:
     command = f"python docs/tools/angles.py clips={clips}"
     columns = {
         "people": PEOPLE_COLUMNS,
+        "bounds": BOUND_COLUMNS,
         "gaps": GAP_COLUMNS,
         "causes": GAP_COLUMNS,
         "trial": TRIAL_COLUMNS,
@@ -113,6 +125,8 @@ def _people(folder: Path, data: Path, clips: int) -> dict[str, list[list[str]]]:
     motions = {"simulated": "procedural", "recorded": synth.preset("motion", "recorded", path=str(data / "cmu"))}
     errors: dict[tuple[str, str, str], list[np.ndarray]] = {}
     holes: list[np.ndarray] = []
+    ideal: dict[tuple[str, str], list[np.ndarray]] = {}
+    filtered: dict[str, list[tuple[float, np.ndarray]]] = {}
     for number, (kind, motion) in enumerate(motions.items()):
         out = folder / kind
         options = {"seconds": SECONDS, "persons": [2, 3], "rig": rig, "motion": motion}
@@ -136,9 +150,12 @@ def _people(folder: Path, data: Path, clips: int) -> dict[str, list[list[str]]]:
                     errors.setdefault((kind, joints, by), []).append(part)
                     if (joints, by) == ("completed", "ours"):
                         holes.append(np.concatenate([part, hidden], -1))
+            for by, values in _with_knowledge(completed, truth).items():
+                ideal.setdefault((kind, by), []).append((values - true + 180) % 360 - 180)
+            filtered.setdefault(kind, []).append((clip.fps, true))
     people = [_row(name, number, *key, found) for number, name in enumerate(PARTS) for key, found in errors.items()]
     flat = np.concatenate([each.reshape(-1, *each.shape[2:]) for each in holes])
-    return {"people": people} | {
+    return {"people": people, "bounds": _bounds(errors, ideal, filtered)} | {
         axis: [_gap_row(label, flat, flat[..., 3 + column] == value) for value, label in labels]
         for axis, column, labels in (
             ("gaps", 0, [(-1, "none"), *enumerate(f"{each} frames" for each in AXES["frames"])]),
@@ -187,8 +204,10 @@ def _true_angles(path: Path, truth: Poses3D) -> np.ndarray:
                 local[:, person, SEGMENTS.index(f"{side}_{part}")] for part in ("thigh", "shin", "foot")
             )
             hip = np.degrees(cardan(level @ thigh)) * (1, 1 - 2 * number, 1 - 2 * number)
-            knee, ankle = -np.degrees(cardan(shin)[:, 0]), np.degrees(cardan(foot)[:, 0])
-            found[:, person, :, number] = np.column_stack([hip, knee, ankle])
+            bend = np.degrees(cardan(shin))
+            found[:, person, :, number] = np.column_stack([hip, -bend[:, 0], np.degrees(cardan(foot)[:, 0])])
+            # Without a hinge, thigh and shin are turned about their length, and so are the angles from there on.
+            found[(np.abs(bend[:, 1]) > _KNEE) | (bend[:, 0] > _KNEE), person, 2:, number] = np.nan
     return found
 
 
@@ -202,6 +221,69 @@ def _row(name: str, number: int, kind: str, joints: str, by: str, found: list[np
         *(f"{mean_known(each, 0):.1f}" for each in (np.abs(error), error, np.abs(own))),
         *(("", "") if np.isnan(held["ece"]) else (f"{held['held']:.0f}", f"{held['ece']:.2f}")),
     ]  # fmt: skip
+
+
+def _with_knowledge(poses: Poses3D, truth: Poses3D) -> dict[str, np.ndarray]:
+    """Return angles (F, P, 5, 2) of each true person from what matches it, if one more thing about it were known."""
+    matches = match(poses.xyz, truth.xyz)
+    xyz, source, cov = (take_matched(each, matches) for each in (poses.xyz, poses.source, poses.cov))
+    sized = np.nanmean((xyz - truth.xyz) ** 2, (0, -1))
+    known = np.broadcast_to(sized[..., None, None] * np.eye(3), cov.shape).astype(cov.dtype)
+    columns = [[n for n, a in enumerate(ANGLES) if a.name.startswith(f"{name}_")] for name, _ in PARTS.values()]
+    found = {"lengths": [], "sizes": []}
+    for person in range(xyz.shape[1]):
+        body = body_motion(truth, person).body
+        found["lengths"].append(body_motion(Poses3D(BODY25, xyz, source, cov), person, body))
+        found["sizes"].append(body_motion(Poses3D(BODY25, xyz, source, known), person))
+    return {by: np.stack([joint_angles(each)[0][:, columns] for each in part], 1) for by, part in found.items()}
+
+
+def _bounds(errors: dict, ideal: dict, truth: dict) -> list[list[str]]:
+    rows = []
+    for name in ("hip flexion", "knee", "ankle"):
+        number = list(PARTS).index(name)
+        for kind in truth:
+
+            def legs(parts: list[np.ndarray], number: int = number) -> np.ndarray:
+                """Return (legs, F)."""
+                return np.concatenate([each[:, :, number].reshape(len(each), -1).T for each in parts])
+
+            ours, on_true = (
+                legs([each[..., 0] for each in errors[kind, joints, "ours"]]) for joints in ("completed", "true")
+            )
+            lengths, sizes = (legs(ideal[kind, by]) for by in ("lengths", "sizes"))
+            fps, true = truth[kind][0][0], legs([each for _, each in truth[kind]])
+            low = _low_share(ours, fps)
+            path = np.nan_to_num(linear(true.T[..., None])[..., 0].T)
+            cells = [ours, lengths, sizes, _filtered(path, ours), on_true]
+            rows.append([name, kind, *(f"{mean_known(np.abs(each), None):.1f}" for each in cells), f"{100 * low:.0f}"])
+    return rows
+
+
+def _low_share(error: np.ndarray, fps: float) -> float:
+    """Return the share below 1 Hz of the power of errors (n, F) around their mean over time, plus that of the mean."""
+    mean = mean_known(error, 1)[:, None]
+    power = (np.abs(np.fft.rfft(np.nan_to_num(error - mean))) ** 2).sum(0)
+    share = power[np.fft.rfftfreq(error.shape[1], 1 / fps) < 1].sum() / power.sum()
+    constant = mean_known(np.broadcast_to(mean, error.shape) ** 2, None) / mean_known(error**2, None)
+    return float(constant + (1 - constant) * share)
+
+
+def _filtered(true: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """Return the errors (n, F) that a filter would leave that knows the spectra of angles and errors (Wiener's).
+
+    Each leg keeps its mean. The filter is without delay, and the same for all legs.
+    """
+    found = true + np.nan_to_num(error)
+    # Mirrored in time, so that ends meet.
+    spectrum, wanted = (
+        np.fft.rfft(np.concatenate([each, each[:, ::-1]], 1) - each.mean(1, keepdims=True)) for each in (found, true)
+    )
+    gain = (spectrum.conj() * wanted).real.sum(0) / (np.abs(spectrum) ** 2).sum(0).clip(1e-9)
+    # Neighbouring frequencies have similar gains: one for each would fit the noise.
+    gain = np.convolve(np.pad(gain, _GAINS, "edge"), np.full(2 * _GAINS + 1, 1 / (2 * _GAINS + 1)), "valid")
+    best = np.fft.irfft(spectrum * gain, 2 * found.shape[1])[:, : found.shape[1]] + found.mean(1, keepdims=True)
+    return np.where(np.isnan(error), np.nan, best - true)
 
 
 def _gap_row(label: str, flat: np.ndarray, inside: np.ndarray) -> list[str]:
