@@ -47,7 +47,7 @@ _STAND_TIME, _STEP_TIME = 0.1, 0.2
 _TURN = 0.7  # rad; feet are turned at most this far from the pelvis
 _CROUCH = 0.96  # The robot's legs are longest at this share of their length, so that knees do not become singular
 _TOUCH = 0.05  # m between the surfaces of a palm and of another person's limb or trunk; nearer counts as touching
-_TOUCH_TIME = 0.15  # s; briefer touches, and interruptions of touches, are ignored
+_TOUCH_TIME = 0.15  # s; briefer touches that joints show, and interruptions of touches, are ignored
 _REACH_TIME = 0.3  # s; how long before and after it touches a hand is led to its place
 _RATE = 100.0  # Steps per second of the solver, at least; a frame has one or more
 _RADII = {"trunk": 0.13, "upper_arm": 0.05, "forearm": 0.04, "hand": 0.03}
@@ -233,7 +233,7 @@ def retarget(
     robot = _Robot.measure(model)
     scale = (robot.thigh + robot.shin) / float(np.mean([person.leg for person in people]))
     targets = [_targets(person, robot, scale, fps) for person in people]
-    contacts = near_contacts(people) if contacts is None else contacts
+    contacts = near_contacts(people, fps) if contacts is None else contacts
     touches = _touches(people, contacts, fps)
     qpos, residual = _solve(model, targets, touches, fps)
     motors = tuple(model.joint(number).name for number in range(1, model.njnt))
@@ -437,7 +437,7 @@ def _along(point: np.ndarray, start: np.ndarray, end: np.ndarray) -> tuple[np.nd
     return along, point - start - along[:, None] * bone
 
 
-def near_contacts(people: list[_Person]) -> list[Contact]:
+def near_contacts(people: list[_Person], fps: float) -> list[Contact]:
     """Return the contacts that joints show: hands whose surface is within `_TOUCH` of another person's part."""
     found = []
     for (person, one), (other, two) in permutations(enumerate(people), 2):
@@ -455,7 +455,7 @@ def near_contacts(people: list[_Person]) -> list[Contact]:
                     gaps.append(np.linalg.norm(away, axis=-1) - radius * two.size - _RADII["hand"] * one.size)
                     points.append(place - away / 2 if part == "hand" else place - _unit(away) * gaps[-1][:, None])
                 nearer = gaps[1] < gaps[0]
-                at = np.minimum(*gaps) < _TOUCH
+                at = _lasting(np.minimum(*gaps) < _TOUCH, _TOUCH_TIME * fps)
                 if at.any():
                     point = np.where(nearer[:, None], points[1], points[0])
                     found.append(Contact(person, side, other, part, other_side, np.where(at[:, None], point, np.nan)))
@@ -467,16 +467,15 @@ def _touches(people: list[_Person], contacts: Sequence[Contact], fps: float) -> 
     found = []
     for contact in contacts:
         one, two, side = people[contact.person], people[contact.other], contact.side
-        at = _lasting(np.isfinite(contact.point).all(-1), _TOUCH_TIME * fps)
+        at = np.isfinite(contact.point).all(-1)
         if not at.any():
             continue
-        known = at & np.isfinite(contact.point).all(-1)
         along, outwards = _along(contact.point, *_part(two, contact.part, contact.other_side))
-        if contact.part == "forearm" and np.median(along[known]) > _WRIST:
+        if contact.part == "forearm" and np.median(along[at]) > _WRIST:
             contact = replace(contact, part="hand")
         if contact.part == "hand":
             outwards = one.palms[:, side] - two.palms[:, contact.other_side]
-        place = linear(np.where(known[:, None], np.c_[along, _unit(outwards)], np.nan)[:, None])[:, 0]
+        place = linear(np.where(at[:, None], np.c_[along, _unit(outwards)], np.nan)[:, None])[:, 0]
         found.append(_Touch(contact, _near_in_time(at, fps, _REACH_TIME), place[:, 0], _unit(place[:, 1:])))
     return found
 

@@ -13,7 +13,7 @@ from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25, COCO17, Skeleton
 from dmae.formats.config import LengthUnit
 from dmae.formats.g1 import episodes, write_episodes, write_joint_csv
-from dmae.formats.retargeting import load_robot, retarget, speeds
+from dmae.formats.retargeting import Contact, load_robot, retarget, speeds
 from dmae.formats.writing import write_poses
 from tests.support.clips import full_clip, t_pose
 from tests.support.robots import TwoRobots, needs_robot
@@ -111,6 +111,23 @@ def test_hands_that_touch_touch_and_do_not_overlap(motion):
     assert hands[0] > 0.3
     # Nothing else of one robot is in the other, either.
     assert min(pair.gap(qpos) for qpos in motion.qpos[20:30]) > -0.01
+
+
+@pytest.mark.parametrize("height", [0.1, 0.4, 0.7])
+def test_a_hand_on_a_trunk_touches_its_surface(robot, height):
+    """The robot's trunk has no constant thickness: near the pelvis it is half as deep as at the chest."""
+    poses = shaking_hands().select(slice(16, 34))
+    xyz = poses.xyz.copy()
+    hips, neck = (xyz[:, 1, BODY25.index(joint)[0]] for joint in ("mid_hip", "neck"))
+    point = hips + height * (neck - hips) - (0.13, 0, 0)
+    reach = point - (0.09, 0, 0) - xyz[:, 0, BODY25.index("r_wrist")[0]]
+    xyz[:, 0, BODY25.index("r_wrist")[0]] += reach
+    xyz[:, 0, BODY25.index("r_elbow")[0]] += reach / 2
+    contact = Contact(0, 1, 1, "trunk", 0, point)
+    motion = retarget(replace(poses, xyz=xyz), FPS, robot, [contact])
+    pair = TwoRobots()
+    gaps = [min(pair.gap(qpos, "right_wrist_yaw", part) for part in ("torso", "pelvis")) for qpos in motion.qpos[4:]]
+    assert np.abs(gaps).max() < 0.015
 
 
 def test_the_robot_faces_and_stands_where_the_person_does(motion):
