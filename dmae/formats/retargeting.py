@@ -609,7 +609,7 @@ def _nearest(
 
 
 def _touching_at(one: _Shapes, two: _Shapes, outwards: np.ndarray) -> float:
-    """Return how far, m, in the direction `outwards` (3,) from the origin of `two` that of `one` is where they touch."""
+    """Return how far, m, in the direction `outwards` (3,) from the origin of `two` `one` is when they touch."""
     pairs = np.indices((len(one.middle), len(two.middle))).reshape(2, -1)
     ends = np.abs(one.half @ outwards)[pairs[0]] + np.abs(two.half @ outwards)[pairs[1]]
     a, b = one.middle[pairs[0]], two.middle[pairs[1]]

@@ -85,7 +85,6 @@ _KNEE = 10.0
 a leg is led to where a foot stands, or hyperextended in a recording."""
 _RATE = 10
 """Frames a second at which recordings are read for the pelvis."""
-_GAINS = 4  # Frequencies on either side whose gains are averaged
 _ENOUGH = 10
 """Fewest upright frames that show the level of the pelvis."""
 
@@ -227,7 +226,7 @@ def _with_knowledge(poses: Poses3D, truth: Poses3D) -> dict[str, np.ndarray]:
     """Return angles (F, P, 5, 2) of each true person from what matches it, if one more thing about it were known."""
     matches = match(poses.xyz, truth.xyz)
     xyz, source, cov = (take_matched(each, matches) for each in (poses.xyz, poses.source, poses.cov))
-    sized = np.nanmean((xyz - truth.xyz) ** 2, (0, -1))
+    sized = mean_known((xyz - truth.xyz) ** 2, (0, -1))
     known = np.broadcast_to(sized[..., None, None] * np.eye(3), cov.shape).astype(cov.dtype)
     columns = [[n for n, a in enumerate(ANGLES) if a.name.startswith(f"{name}_")] for name, _ in PARTS.values()]
     found = {"lengths": [], "sizes": []}
@@ -272,7 +271,8 @@ def _low_share(error: np.ndarray, fps: float) -> float:
 def _filtered(true: np.ndarray, error: np.ndarray) -> np.ndarray:
     """Return the errors (n, F) that a filter would leave that knows the spectra of angles and errors (Wiener's).
 
-    Each leg keeps its mean. The filter is without delay, and the same for all legs.
+    Each leg keeps its mean. The filter is without delay, and the same for all legs. It is fitted to these very
+    errors, so any other does less well.
     """
     found = true + np.nan_to_num(error)
     # Mirrored in time, so that ends meet.
@@ -280,8 +280,6 @@ def _filtered(true: np.ndarray, error: np.ndarray) -> np.ndarray:
         np.fft.rfft(np.concatenate([each, each[:, ::-1]], 1) - each.mean(1, keepdims=True)) for each in (found, true)
     )
     gain = (spectrum.conj() * wanted).real.sum(0) / (np.abs(spectrum) ** 2).sum(0).clip(1e-9)
-    # Neighbouring frequencies have similar gains: one for each would fit the noise.
-    gain = np.convolve(np.pad(gain, _GAINS, "edge"), np.full(2 * _GAINS + 1, 1 / (2 * _GAINS + 1)), "valid")
     best = np.fft.irfft(spectrum * gain, 2 * found.shape[1])[:, : found.shape[1]] + found.mean(1, keepdims=True)
     return np.where(np.isnan(error), np.nan, best - true)
 
