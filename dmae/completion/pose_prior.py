@@ -19,8 +19,9 @@ _ANYWHERE = 10.0
 """m along each axis; how far a person may be from where the middle of its joints suggests."""
 _ANKLE, _ANKLE_ERROR = 0.07, 0.03
 """m; height of the ankle of a foot that stands, and its error."""
-_OFF_THE_FLOOR = 1.0
-"""m; feet farther than this from the floor stand on something else, or it is not the floor."""
+_ABOVE, _BELOW = 0.3, 1.0
+"""m; feet that are higher than this above the floor rest on something else, as those of somebody who lies on a bed; if
+they are deeper below it, it is not the floor."""
 _SEEN_ON_FLOOR = 20  # Smallest number of measured feet that say where the floor is
 
 
@@ -92,7 +93,7 @@ def stand_on_floor(
     ankles = np.array(skeleton.index("l_ankle", "r_ankle"))
     below = floor + _ANKLE - xyz[:, ankles, 2].astype(np.float64)
     lower = np.arange(2) == np.nan_to_num(below, nan=-np.inf).argmax(1)[:, None]
-    bound = (lower | (below > 0)) & unknown[ankles] & (np.abs(below) < _OFF_THE_FLOOR)
+    bound = (lower | (below > 0)) & unknown[ankles] & (below > -_ABOVE) & (below < _BELOW)
     if unknown.all() or not bound.any():
         return xyz
     known, prior, moved = np.repeat(~unknown, 3), _anywhere(covariance), xyz.copy()
