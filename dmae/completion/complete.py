@@ -163,8 +163,8 @@ class Completer:
       frame a second (`dmae.numerics.filling.STILLS`) each frame is completed by itself. A single frame is completed by
       how poses vary in the training data (`dmae.completion.pose_prior`), not by the network, and its measured joints
       stay where they are. Weights of two skeletons use the network here too.
-    - Legs that no camera ever detected are bent so that the person stands, or sits, on the floor: where measured feet
-      are in the recording, or z = 0.
+    - Legs that no camera ever detected are bent so that their feet are on the floor. The floor is where measured feet
+      are in the recording, or z = 0 if there are few.
     - Poses of another skeleton are completed through the joints that it has in common with the model's
       (`dmae.data.conversion.convert`); other joints stay as they are. `notes` says where either happens.
     - Weights of two skeletons side by side (`dmae.completion.fusion`) take poses of the first, or of one that has

@@ -243,7 +243,7 @@ def predict_gap(offsets: np.ndarray, wanted: np.ndarray, frames: np.ndarray, fps
     Args:
         offsets: (n + G, C, 3) m, of other joints, in a frame that turns with the body.
         wanted: (n, 3) m, of the joint in the training frames.
-        frames: (n + G,) numbers of the training frames, then of those of the gap.
+        frames: (n + G,) frame numbers; the training frames come first, then the gap.
     """
     n = len(wanted)
     mean = wanted.mean(0)

@@ -20,8 +20,8 @@ _ANYWHERE = 10.0
 _ANKLE, _ANKLE_ERROR = 0.07, 0.03
 """m; height of the ankle of a foot that stands, and its error."""
 _ABOVE, _BELOW = 0.3, 1.0
-"""m; feet that are higher than this above the floor rest on something else, as those of somebody who lies on a bed; if
-they are deeper below it, it is not the floor."""
+"""m; feet higher above the floor than this rest on something else, such as a bed. Feet deeper below it than this show
+that the floor is elsewhere."""
 _SEEN_ON_FLOOR = 20  # Smallest number of measured feet that say where the floor is
 
 
@@ -76,15 +76,15 @@ def floor_height(poses: Poses3D) -> float:
 def stand_on_floor(
     xyz: np.ndarray, unknown: np.ndarray, floor: float, skeleton: Skeleton, covariance: np.ndarray
 ) -> np.ndarray:
-    """Return joints (F, J, 3) m, world, of a person with those changed that nothing tells of, so that it has a footing.
+    """Return joints (F, J, 3) m, world, of a person whose unknown joints were moved so that the feet are on the floor.
 
-    Legs that are never seen, as those of people at a table, are otherwise straight: feet of a person who sits are then
-    far below the floor. The lower foot stands on it, and no foot is below; the other unknown joints follow as poses
-    vary, given the joints that are known. Equation: the update of a Kalman filter by the height of an ankle.
+    The network completes legs that are never seen as straight legs. A person who sits at a table then has feet far
+    below the floor. This function puts the lower foot on the floor and lifts any foot that is below it. The other
+    unknown joints follow as poses vary, given the known joints: the update of a Kalman filter by an ankle's height.
 
     Args:
         xyz: NaN where the person is absent.
-        unknown: (J,) True for joints that nothing tells of, in no frame.
+        unknown: (J,) True for joints without a measurement and without a ray in every frame.
         floor: m, height of the floor.
         covariance: (3J, 3J) m^2, see `pose_covariance`.
     """

@@ -24,7 +24,7 @@ from dmae.reconstruction.people import (
     wanted_people,
     well_measured,
 )
-from dmae.reconstruction.tracking import MIN_JOINTS, Tracks, fewest_joints, longest_bone, track, without_long_bones
+from dmae.reconstruction.tracking import MIN_JOINTS, Tracks, fewest_joints, longest_bone, track
 
 _FRAMES = 10  # Number of frames in which detections are compared
 _PAIRS = 300_000
@@ -154,8 +154,7 @@ def _bodies(evidence: Evidence, rig: CameraRig, skeleton: Skeleton, frames: np.n
     config = evidence.config
     pairs = agreeing = bodies = joints = 0
     part = Evidence(rig, evidence.xy[frames] * zoom, evidence.confidence[frames], config, evidence.noise)
-    bones = np.array(skeleton.bones, int).reshape(-1, 2)
-    start, end = bones.T
+    start, end = np.array(skeleton.bones, int).reshape(-1, 2).T
     all_rays = rig.rays(part.xy)
     for frame in range(len(frames)):
         confidence = part.confidence[frame]
@@ -171,10 +170,10 @@ def _bodies(evidence: Evidence, rig: CameraRig, skeleton: Skeleton, frames: np.n
         groups = np.where(absent, NONE, detection[members][..., None])
         if len(groups):
             points = part.triangulate(frame, groups, 2)
-            xyz = without_long_bones(points.xyz, bones, longest_bone(skeleton))
+            xyz = points.xyz
             known = (~np.isnan(xyz[..., 0])).sum(-1)
             length = np.linalg.norm(xyz[:, start] - xyz[:, end], axis=-1)
-            whole = known >= config.tracking.births(len(skeleton))
+            whole = (known >= config.tracking.births(len(skeleton))) & ~(length > longest_bone(skeleton)).any(-1)
             # In a world that is too small, all rays meet and bones are too short.
             whole &= (length > _SHORTEST_BONE).any(-1) | (not len(start))
             bodies += int(whole.sum())

@@ -171,8 +171,8 @@ class Tracker:
     """Assign detections to people frame by frame, without looking ahead.
 
     Args:
-        alone: The frames show one still, so what is lost in it is lost. A bone longer than that of any person then
-            costs its joints; in a video it costs the person this frame, as it tells of detections of two people.
+        alone: All frames show the same still. If a bone is longer than that of any person, its two joints are dropped.
+            In a video the whole person is dropped in that frame: views of two people are mixed, and later frames help.
     """
 
     def __init__(self, skeleton: Skeleton, fps: float, config: CaptureConfig, alone: bool = False):
@@ -232,12 +232,15 @@ class Tracker:
         At least `min_joints` must be known, and at least half of the joints that enough views detected, because the
         rays of two different people hardly ever meet, and do not make bones of usual lengths.
         """
+        start, end = self._bones.T
+        impossible = np.linalg.norm(xyz[:, start] - xyz[:, end], axis=-1) > self._longest
         if self._alone:
-            xyz = without_long_bones(xyz, self._bones, self._longest)
+            person, bone = np.nonzero(impossible)
+            xyz, impossible = xyz.copy(), np.zeros_like(impossible)
+            xyz[person, start[bone]] = xyz[person, end[bone]] = np.nan
         known = (~np.isnan(xyz[..., 0])).sum(-1)
         detected = ((assigned != NONE).sum(1) >= self._config.th_v).sum(-1)
-        length = np.linalg.norm(xyz[:, self._bones[:, 0]] - xyz[:, self._bones[:, 1]], axis=-1)
-        return xyz, (known >= min_joints) & (2 * known >= detected) & ~(length > self._longest).any(-1)
+        return xyz, (known >= min_joints) & (2 * known >= detected) & ~impossible.any(-1)
 
 
 def track(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None = None, alone: bool = False) -> Tracks:
@@ -335,15 +338,6 @@ def _match(
     found = np.where(members == NONE, NONE, detection[members])
     shown = (members != NONE)[..., None] & present[np.arange(len(confidence)), found]
     return np.where(shown, found[..., None], NONE)
-
-
-def without_long_bones(xyz: np.ndarray, bones: np.ndarray, longest: float) -> np.ndarray:
-    """Return joints (T, J, 3), m, with NaN for those at both ends of bones (B, 2) that are longer than `longest`, m."""
-    start, end = bones.T
-    person, bone = np.nonzero(np.linalg.norm(xyz[:, start] - xyz[:, end], axis=-1) > longest)
-    xyz = xyz.copy()
-    xyz[person, start[bone]] = xyz[person, end[bone]] = np.nan
-    return xyz
 
 
 def _supported(evidence: Evidence, frame: int, assigned: np.ndarray, xyz: np.ndarray, used: np.ndarray) -> np.ndarray:

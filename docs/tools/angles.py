@@ -7,7 +7,7 @@ DMAE_DATA names the folder with `cmu`, `cmu_more` and `pose2sim`. OpenSim's colu
 (the latter with `--no-deps`); without them they are left out.
 
 - people: four cameras around two or three people, detected with errors, captured and completed. Their true angles are
-  those of the generator, with its pelvis level in upright standing, as for ours. Legs whose simulated knee bends
+  those of the simulated bodies; the pelvis is level in upright standing, as in ours. Legs whose simulated knee bends
   sideways or to the front as no knee does are not compared. Errors by the longest gap among the joints of an angle, and
   by its cause.
 - bounds: what would be left of the errors of completed joints if one more thing were known.
