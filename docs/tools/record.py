@@ -99,13 +99,12 @@ RECORDED = {
     },
     "table_3": (
         f"{_INTERACTIONS} && "
-        "dmae table number=3 data=interactions/0 extra_data=[interactions/1,interactions/2,interactions/3] size=small "
-        "systems=[4d_association,mvpose,pictorial_structures,plane_sweep]",
-        "10 minutes",
+        "dmae table number=3 data=interactions/0 extra_data=[interactions/1,interactions/2,interactions/3] angles=true",
+        "half an hour",
     ),
     "table_6": (
         "synth generate clips=2 seed=91 rig=ring rig.ring.views=7 scene.seconds=4 'scene.persons=[3,4]' out=seven && "
-        "dmae table number=6 data=seven size=small systems=[]",
+        "dmae table number=6 data=seven size=small systems=[] angles=true",
         "5 minutes",
     ),
     "stress_generated": (
