@@ -1,11 +1,15 @@
 """MOT, OpenSim's text format for joint angles, by our own inverse kinematics (`dmae.numerics.kinematics`).
 
 Columns have the names of the coordinates of OpenSim's models, in degrees, `pelvis_tx`, `pelvis_ty` and `pelvis_tz` in
-metres: the mid point of the hips, y up, in the axes and with the times of our TRC. `NaN` stands where the joints do not
-determine an angle.
+metres: the mid point of the hips, y up, in the axes and with the times of our TRC.
 
-`<name>.angles.csv` states how good each angle is: `<angle>_sd`, its standard deviation, and `<angle>_source`, the
-weakest source of the joints that show it, in the words of the table of provenance.
+Every cell holds a number. OpenSim 4.6 stops reading a motion at its first `NaN`, without an error: it is played, and
+inverse dynamics is solved, of the frames before. Where the joints do not determine an angle, the file has a straight
+line between the frames in which they do, and the angle of a body at rest if there is no such frame.
+
+`<name>.angles.csv` states how good each angle is: its value, empty where the joints do not determine it; `<angle>_sd`,
+its standard deviation; and `<angle>_source`, the weakest source of the joints that show it, in the words of the table
+of provenance.
 """
 
 from collections.abc import Iterator
@@ -19,7 +23,7 @@ from dmae.files.contents import write_atomic, written
 from dmae.formats.animation import Y_UP, say_left_out
 from dmae.formats.poses import SOURCE_WORDS, person_paths
 from dmae.formats.registry import pose_writer
-from dmae.numerics.kinematics import ANGLES, BodyMotion, NoBody, body_motion, defining_joints, joint_angles
+from dmae.numerics.kinematics import ANGLES, BodyMotion, NoBody, body_motion, defining_joints, estimated_angles
 
 _PLACES = ("pelvis_tx", "pelvis_ty", "pelvis_tz")
 _PELVIS = 3  # Number of angles of the pelvis, which come before its place
@@ -40,45 +44,62 @@ def write_mot(poses: Poses3D, clip: Clip, path: Path) -> list[Path]:
                 stale.unlink(missing_ok=True)
             lacking.append(error)
             continue
-        angles, spread = joint_angles(motion, Y_UP)
+        estimates, spread, known = estimated_angles(motion, Y_UP)
         place, place_sd = motion.root @ Y_UP.T, np.sqrt(np.diagonal(Y_UP @ motion.root_cov @ Y_UP.T, axis1=1, axis2=2))
         # Without any joint the body does not move, and is nowhere.
-        nowhere = np.isnan(angles[:, :_PELVIS]).all(1)
-        place, place_sd = (np.where(nowhere[:, None], np.nan, part) for part in (place, place_sd))
-        values, deviations = (
+        somewhere = np.repeat(known[:, :_PELVIS].any(1, keepdims=True), 3, 1)
+        estimates, spread, known = (
             np.concatenate([turned[:, :_PELVIS], at, turned[:, _PELVIS:]], 1)
-            for turned, at in ((angles, place), (spread, place_sd))
+            for turned, at in ((estimates, place), (spread, place_sd), (known, somewhere))
         )
+        spread = np.where(known, spread, np.nan)
+        values = np.empty_like(estimates)
+        for column, name in enumerate(names):
+            turn = None if name in _PLACES else 360
+            values[:, column] = _without_gaps(estimates[:, column], known[:, column], turn)
         times = np.arange(len(values)) / clip.fps
         header = [person_name(person), "version=1", f"nRows={len(values)}", f"nColumns={1 + len(names)}",
                   "inDegrees=yes", "endheader", "\t".join(["time", *names])]  # fmt: skip
-        rows = ("\t".join(map(_number, (time, *row))) for time, row in zip(times, values.tolist(), strict=True))
+        rows = (
+            "\t".join(f"{value:.6f}" for value in (time, *row))
+            for time, row in zip(times, values.tolist(), strict=True)
+        )
         write_atomic(file, written(chain(header, rows)))
-        write_atomic(table, written(_quality(motion, poses.source[:, person], poses, names, times, deviations)))
+        write_atomic(table, written(_quality(motion, poses.source[:, person], poses, names, times, values, spread)))
         files += [file, table]
     say_left_out(lacking, poses.xyz.shape[1])
     return files
 
 
-def _number(value: float) -> str:
-    return "NaN" if value != value else f"{value:.6f}"
+def _without_gaps(estimates: np.ndarray, known: np.ndarray, period: float | None) -> np.ndarray:
+    """Return estimates (F,) with lines between the known ones, or all of them if none is known, without full turns."""
+    frames = np.arange(len(estimates))
+    known = known if known.any() else np.ones_like(known)
+    there = estimates[known] if period is None else np.unwrap(estimates[known], period=period)
+    return np.interp(frames, frames[known], there)
 
 
 def _quality(
-    motion: BodyMotion, source: np.ndarray, poses: Poses3D, names: list[str], times: np.ndarray, deviations: np.ndarray
+    motion: BodyMotion,
+    source: np.ndarray,
+    poses: Poses3D,
+    names: list[str],
+    times: np.ndarray,
+    values: np.ndarray,
+    deviations: np.ndarray,
 ) -> Iterator[str]:
-    """Yield the lines of `<name>.angles.csv`."""
+    """Yield the lines of `<name>.angles.csv`; `deviations` (F, A) are NaN where joints do not determine an angle."""
     segments = {angle.name: angle.segment for angle in ANGLES}
     weakest = {}
     for segment in {*segments.values(), "pelvis"}:
         joints = poses.skeleton.index(*defining_joints(motion.body, segment))
         weakest[segment] = [SOURCE_WORDS[kind] for kind in source[:, joints].max(1, initial=0).tolist()]
-    yield ",".join(["time", *(f"{name}_{what}" for name in names for what in ("sd", "source"))])
+    yield ",".join(["time", *(f"{name}{what}" for name in names for what in ("", "_sd", "_source"))])
     columns = [weakest[segments.get(name, "pelvis")] for name in names]
-    for frame, (time, row) in enumerate(zip(times, deviations.tolist(), strict=True)):
+    for frame, (time, row) in enumerate(zip(times, np.stack([values, deviations], -1).tolist(), strict=True)):
         cells = (
             text
-            for value, words in zip(row, columns, strict=True)
-            for text in (("", "absent") if value != value else (f"{value:.4f}", words[frame]))
+            for (value, sd), words in zip(row, columns, strict=True)
+            for text in (("", "", "absent") if sd != sd else (f"{value:.6f}", f"{sd:.4f}", words[frame]))
         )
         yield ",".join([f"{time:.6f}", *cells])

@@ -592,9 +592,22 @@ def joint_angles(motion: BodyMotion, up: np.ndarray = ISB.T) -> tuple[np.ndarray
         motion: F frames.
         up: Rotation from our world to a world with y up, in which the pelvis has its angles.
     """
+    values, spread, known = estimated_angles(motion, up)
+    values = np.where(known, values, np.nan)
+    for column in values.T:
+        there = ~np.isnan(column)
+        column[there] = np.unwrap(column[there], period=360)
+    return values, np.where(known, spread, np.nan)
+
+
+def estimated_angles(motion: BodyMotion, up: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return `ANGLES` and their standard deviations (F, A), degrees, and (F, A) where the joints determine them.
+
+    Elsewhere they are those of a body at rest. Values are between -180 and 180; `up` as in `joint_angles`.
+    """
     names = {name: number for number, name in enumerate(motion.body.segments)}
-    rotations = _about_hip_joints(motion)
-    values, spread = np.empty((len(motion.root), len(ANGLES))), np.empty((len(motion.root), len(ANGLES)))
+    rotations, shape = _about_hip_joints(motion), (len(motion.root), len(ANGLES))
+    values, spread, known = np.empty(shape), np.empty(shape), np.empty(shape, bool)
     done: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     for column, angle in enumerate(ANGLES):
         number = names[angle.segment]
@@ -604,13 +617,10 @@ def joint_angles(motion: BodyMotion, up: np.ndarray = ISB.T) -> tuple[np.ndarray
             done[angle.segment] = turned, _spread(turned, motion.cov[:, number])
         turned, sd = done[angle.segment]
         prior = np.degrees(motion.body.prior[number, (2, 0, 1)[angle.axis]])
-        deviation = np.degrees(sd[:, angle.axis])
-        known = deviation < np.minimum(_DETERMINED * prior, _LARGEST_SD)
-        degrees = angle.sign * np.degrees(turned[:, angle.axis])
-        values[:, column] = np.where(known, degrees, np.nan)
-        values[known, column] = np.unwrap(degrees[known], period=360)
-        spread[:, column] = np.where(known, deviation, np.nan)
-    return values, spread
+        values[:, column] = angle.sign * np.degrees(turned[:, angle.axis])
+        spread[:, column] = np.degrees(sd[:, angle.axis])
+        known[:, column] = spread[:, column] < np.minimum(_DETERMINED * prior, _LARGEST_SD)
+    return values, spread, known
 
 
 def _about_hip_joints(motion: BodyMotion) -> np.ndarray:

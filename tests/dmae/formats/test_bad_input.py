@@ -139,13 +139,13 @@ def _c3d(path: Path, poses: Poses3D) -> np.ndarray:
 def _mot(path: Path, poses: Poses3D) -> None:
     lines = path.read_text().splitlines()
     rows = np.array([[float(cell) for cell in line.split("\t")] for line in lines[7:]])
-    assert rows.shape == (len(poses.xyz), len(lines[6].split("\t")))
+    assert rows.shape == (len(poses.xyz), len(lines[6].split("\t"))) and np.isfinite(rows).all()
     if find_spec("opensim"):
         import opensim
 
-        assert opensim.TimeSeriesTable(str(path)).getNumRows() == len(rows)
+        assert opensim.TimeSeriesTable(str(path)).getNumRows() == opensim.Storage(str(path)).getSize() == len(rows)
     if poses.skeleton == SHELF14:
-        assert np.isnan(rows[:, lines[6].split("\t").index("ankle_angle_r")]).all()
+        assert set(pd.read_csv(path.with_suffix(".angles.csv"))["ankle_angle_r_source"]) == {"absent"}
 
 
 def _bvh(path: Path, poses: Poses3D) -> None:
