@@ -52,6 +52,11 @@ def scored_actors(clip: Clip) -> tuple[int, ...] | None:
     return PUBLISHED_ACTORS if clip.provenance.get("format") == "shelf" else None
 
 
+def annotated_persons(truth: Poses3D) -> tuple[int, ...]:
+    """Return the indices of the persons of whom the truth (F, T, J) has a joint in any frame."""
+    return tuple(np.flatnonzero((~np.isnan(truth.xyz).any(-1)).any((0, 2))).tolist())
+
+
 def score(
     poses: Poses3D,
     captured: Poses3D,
@@ -79,7 +84,7 @@ def score(
     The entry `blocks` contains the sums from which intervals are computed, see `time_blocks`.
     """
     if actors is None:
-        actors = tuple(np.flatnonzero((~np.isnan(truth.xyz).any(-1)).any((0, 2))))
+        actors = annotated_persons(truth)
     skeleton = truth.skeleton
     comparison = Comparison(
         convert(poses, skeleton), convert(captured, skeleton), truth, actors, matches, fps, compared, angles

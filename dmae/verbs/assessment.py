@@ -409,7 +409,7 @@ def table(number: int, data: str | Path, out: str | Path, config: TableConfig | 
         >>> sorted({row["origin"] for row in made["rows"]})
         ['measured here', 'not measured', 'published']
     """
-    from dmae.evaluation.paper_tables.learned import make_table
+    from dmae.evaluation.paper_tables.data_sets import make_table
     from dmae.formats.reading import recognise
 
     config = replace(config or TableConfig(), number=number)

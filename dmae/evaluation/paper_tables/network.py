@@ -51,6 +51,10 @@ STEPS = {TableSize.small: (20, 10, 100), TableSize.full: (500, 100, 2000)}
 _FUSION_LR, _TUNING_LR, _REPLAY = 1e-3, 2e-4, 0.5
 """Rates of both, and the share of simulated windows in tuning; without them, actors without annotations get lost."""
 
+NETWORK_NOTE = (
+    f"{PAPER.model.encoder.dim} channels and {PAPER.model.encoder.depth} layers in the encoder, where the paper has "
+    "256 and 6; without any of this package's methods of completion"
+)
 TUNED_NOTE = (
     f"{TUNED}: the recording is cut into {FOLDS} parts with equally many annotated frames. Each part is scored by a "
     f"network tuned on the annotations of the others, as captured by all subsets of the cameras, without the {APART} "
@@ -171,15 +175,6 @@ def kept(fused: Poses3D, poses: Poses3D) -> Poses3D:
     use = own.measured & same & ~uncertain(own)
     xyz = np.where(use[..., None], own.xyz, fused.xyz)
     return replace(fused, xyz=xyz, source=np.where(use, own.source, fused.source))
-
-
-def note() -> dict[str, str]:
-    """Return what has to be known about the rows."""
-    size = PAPER.model.encoder
-    return {
-        "note": f"{size.dim} channels and {size.depth} layers in the encoder, where the paper has 256 and 6; without "
-        "any of this package's methods of completion"
-    }
 
 
 # Table 5: the codes of joint and time.

@@ -1,4 +1,5 @@
-"""Tables of one recording: PCP of each actor (1), and by number of cameras (2), with the paper's own network.
+"""Tables of one recording: PCP of each actor (1), by number of cameras (2), and limb by limb (4), with the paper's
+network; and the trials and scores of limbs that all tables share.
 
 The ends of Shelf's annotated head, which no detector finds, are placed by the formulas of published evaluations. Each
 formula has constants that were tuned on that recording; `dmae.data.conversion.convert` uses that of Zhang et al. 2020,
@@ -19,20 +20,21 @@ from dmae.data.skeleton import SHELF14, Skeleton
 from dmae.evaluation.config import EvaluateConfig, TableConfig, TableSize
 from dmae.evaluation.evaluate import Trial, filled_trials, load_methods
 from dmae.evaluation.paper_tables.clips import load_recording
-from dmae.evaluation.paper_tables.network import MISSING, NETWORK, STAGES, TUNED_NOTE, note, paper_network
-from dmae.evaluation.paper_tables.table import (
-    NOISE_NOTE,
-    MeasuredRow,
-    TableColumn,
-    actors_of,
-    limb_table,
-    mean_score,
-    paper_table,
+from dmae.evaluation.paper_tables.network import (
+    MISSING,
+    NETWORK,
+    NETWORK_NOTE,
+    STAGES,
+    TUNED,
+    TUNED_NOTE,
+    paper_network,
 )
-from dmae.evaluation.scores import score
+from dmae.evaluation.paper_tables.table import NOISE_NOTE, MeasuredRow, TableColumn, mean_score, paper_table
+from dmae.evaluation.scores import annotated_persons, figure_score, run_table, score
 from dmae.metrics.angles import leg_angles
-from dmae.metrics.pcp import correct_limbs, count_limbs
+from dmae.metrics.pcp import better_limbs, correct_limbs, count_limbs, limb_names
 from dmae.metrics.registry import protocol
+from dmae.metrics.table import block_of, tally
 from dmae.reconstruction.config import CaptureConfig, capture_method
 
 _LANDMARKS = ("nose", "l_ear", "r_ear", "l_shoulder", "r_shoulder")
@@ -69,7 +71,6 @@ def convert_with_head(poses: Poses3D, target: Skeleton, head: str) -> Poses3D:
     return replace(converted, xyz=xyz, source=source)
 
 
-_MEASURED = "measured"
 METHODS = {
     TableSize.small: ("measured", "linear", "dmae"),
     TableSize.full: ("measured", "linear", "pchip_body", "gaussian_process", "dmae", "dmae_denoise"),
@@ -89,6 +90,104 @@ PROTOCOL_NOTE = (
 )
 
 
+# Trials, and the score table of their limbs by the protocol of a table
+
+
+def table_trials(
+    clips: Sequence[Clip],
+    config: TableConfig,
+    methods: dict[str, Callable[[Poses3D, float], Poses3D]],
+    views: list[int],
+    systems: Sequence[str] = (),
+) -> Iterator[tuple[Trial, dict[str, Poses3D]]]:
+    """Yield every trial with the poses of each method, on Shelf's joints with the head placed as in the protocol.
+
+    The trials of published systems follow, each on its own capture, with its poses as it measured them.
+    """
+    scoring = EvaluateConfig(capture=config.capture, views=views, skeleton=SHELF14.name)
+    place: Callable[[Poses3D, Skeleton], Poses3D] = partial(convert_with_head, head=protocol[config.protocol].head)
+    yield from filled_trials(clips, scoring, methods, place)
+    for name in systems:
+        own = replace(scoring, capture=CaptureConfig(method=name))
+        for trial, filled in filled_trials(clips, own, load_methods(["measured"]), place):
+            yield trial, {name: filled["measured"]}
+
+
+def chosen_systems(config: TableConfig) -> Sequence[str]:
+    """Return the published systems that have rows: those of the configuration, by default all, or none if small."""
+    if config.systems is not None:
+        return config.systems
+    return () if config.size == TableSize.small else [*capture_method]
+
+
+def limb_table(trial: Trial, correct: np.ndarray, counted: np.ndarray) -> pd.DataFrame:
+    """Return the score table of the limbs (F, T, L) of the actors of a trial: which are correct, and which count.
+
+    Blocks of time, persons and limbs without truth have no rows; they are the same for all methods.
+    """
+    known = correct_limbs(trial.truth.xyz, trial.truth.xyz, trial.truth.skeleton)[1]
+    correct, counted, known = (limbs[:, actors_of(trial)] for limbs in (correct & counted, counted, known))
+    keys = {
+        "block": block_of(np.arange(len(known)), trial.clip.fps)[:, None, None],
+        "person": np.arange(known.shape[1])[:, None],
+        "limb": np.arange(known.shape[2]),
+    }
+    cameras = ",".join(map(str, trial.cameras))
+    table = tally(correct, counted, among=known, **keys)
+    return table.assign(clip=trial.clip.id, cameras=cameras, views=len(trial.cameras))
+
+
+def limbs_of(trial: Trial, poses: Poses3D, config: TableConfig) -> pd.DataFrame:
+    """Return the score table of the limbs of poses, by the protocol of the table."""
+    truth = trial.truth
+    return limb_table(trial, *count_limbs(protocol[config.protocol], poses.xyz, truth.xyz, truth.skeleton))
+
+
+def actors_of(trial: Trial) -> list[int]:
+    """Return the true persons that averages include: the actors of the trial, or all annotated persons."""
+    return list(annotated_persons(trial.truth) if trial.actors is None else trial.actors)
+
+
+def annotated_frames(trial: Trial) -> list[int]:
+    """Return in how many frames each actor of a trial is annotated."""
+    known = (~np.isnan(trial.truth.xyz).any(-1)).any(-1)
+    return known[:, actors_of(trial)].sum(0).tolist()
+
+
+def scored_run(trial: Trial, poses: Poses3D, config: TableConfig) -> dict:
+    """Return the scores of poses of a trial, as a run of `dmae.evaluation.scores.run_table`."""
+    angles = leg_angles(trial.truth)[0] if config.angles else None
+    scores = score(poses, trial.given, trial.truth, trial.actors, fps=trial.clip.fps, angles=angles)
+    return {"clip": trial.clip.id, "cameras": trial.cameras} | scores
+
+
+def angle_columns(config: TableConfig) -> list[TableColumn]:
+    """Return the column of errors of joint angles, if they are scored."""
+    return [TableColumn("angles", "hips, knees, ankles", "°")] if config.angles else []
+
+
+BETTER = "better of dmae and the paper's network, final"
+
+
+def remarks(name: str) -> dict[str, str]:
+    """Return what has to be known about a row: fields of `MeasuredRow`."""
+    if name in NETWORK:
+        return {"note": NETWORK_NOTE}
+    if name in capture_method:
+        paper = capture_method[name].paper
+        return {"note": f"after {paper}, from these detections and as it measured them (capture.method={name})"}
+    if name == BETTER:
+        return {
+            "protocol": "hkbu, better of two by the truth",
+            "note": "chosen for each person and frame by looking at the truth, as the paper's released evaluation "
+            "does; no system can do so",
+        }
+    return {}
+
+
+# The tables
+
+
 def actor_table(config: TableConfig, out: Path) -> dict:
     """Return table 1: PCP of each actor with all cameras.
 
@@ -99,7 +198,8 @@ def actor_table(config: TableConfig, out: Path) -> dict:
     Raises:
         ValueError: the data is more than one recording, or has no truth on Shelf's joints.
     """
-    clip, tables, frames = _measure(config, [], out)
+    clip = load_recording(config)
+    tables, frames = _measure(config, clip, [], out)
     columns = [
         TableColumn(f"actor_{number}", f"actor {number} ({count} frames)") for number, count in enumerate(frames, 1)
     ]
@@ -107,11 +207,11 @@ def actor_table(config: TableConfig, out: Path) -> dict:
     for name, table in tables.items():
         cells = {column.key: mean_score(table[table["person"] == n]) for n, column in enumerate(columns)}
         cells |= {"average": mean_score(table), "without_2": mean_score(table[table["person"] != 1])}
-        rows.append(MeasuredRow(name, cells, **_remarks(name)))
+        rows.append(MeasuredRow(name, cells, **remarks(name)))
     columns.append(TableColumn("average", f"average ({'+'.join(map(str, frames))} frames)", lead=True))
     if len(frames) > 2:
         columns.append(TableColumn("without_2", "average without actor 2"))
-    return _table(config, clip, columns, rows, frames, [])
+    return _recording_table(config, clip, columns, rows, frames)
 
 
 def camera_table(config: TableConfig, out: Path) -> dict:
@@ -120,10 +220,10 @@ def camera_table(config: TableConfig, out: Path) -> dict:
     Raises:
         ValueError: as `actor_table`.
     """
-    cameras = len(load_recording(config).rig)
-    counts = [count for count in range(cameras, cameras - 3, -1) if count >= 2]
-    clip, tables, frames = _measure(config, counts, out)
-    columns, rows = [], {name: MeasuredRow(name, {}, **_remarks(name)) for name in tables}
+    clip = load_recording(config)
+    counts = [count for count in range(len(clip.rig), len(clip.rig) - 3, -1) if count >= 2]
+    tables, frames = _measure(config, clip, counts, out)
+    columns, rows = [], {name: MeasuredRow(name, {}, **remarks(name)) for name in tables}
     beside = "+".join(map(str, frames))
     for count in counts:
         columns.append(TableColumn(f"views_{count}", f"{count} cameras ({beside} frames)", lead=True))
@@ -139,107 +239,87 @@ def camera_table(config: TableConfig, out: Path) -> dict:
                 means = [mean_score(subset).value for _, subset in table.groupby("cameras")]
                 row.cells[f"worst_{count}"] = float(np.fmin.reduce(means))
     notes = ["Cells are means over all subsets with this number of cameras; PCP also has the worst subset."]
-    return _table(config, clip, columns, list(rows.values()), frames, notes)
+    return _recording_table(config, clip, columns, list(rows.values()), frames, notes)
 
 
-def tally_trials(
-    clips: Sequence[Clip],
-    config: TableConfig,
-    methods: dict[str, Callable[[Poses3D, float], Poses3D]],
-    views: list[int],
-) -> Iterator[tuple[Trial, dict[str, Poses3D], dict[str, pd.DataFrame]]]:
-    """Yield every trial, the poses of each method, and the score table of its limbs by the protocol of the table."""
-    rules = protocol[config.protocol]
-    scoring = EvaluateConfig(capture=config.capture, views=views, skeleton=SHELF14.name)
-    place: Callable[[Poses3D, Skeleton], Poses3D] = partial(convert_with_head, head=rules.head)
-    for trial, filled in filled_trials(clips, scoring, methods, place):
-        truth, skeleton = trial.truth.xyz, trial.truth.skeleton
-        known = correct_limbs(truth, truth, skeleton)[1]
-        yield (
-            trial,
-            filled,
-            {
-                name: limb_table(trial, *count_limbs(rules, poses.xyz, truth, skeleton), known)
-                for name, poses in filled.items()
-            },
-        )
+GROUPS = {
+    "left upper arm": "l_shoulder-l_elbow",
+    "right upper arm": "r_shoulder-r_elbow",
+    "left lower arm": "l_elbow-l_wrist",
+    "right lower arm": "r_elbow-r_wrist",
+    "left upper leg": "l_hip-l_knee",
+    "right upper leg": "r_hip-r_knee",
+    "left lower leg": "l_knee-l_ankle",
+    "right lower leg": "r_knee-r_ankle",
+    "head": "bottom_head-top_head",
+    "torso": "mid_hip-bottom_head",
+}
+"""The limb of each column, in the paper's order."""
 
 
-def scored_run(trial: Trial, poses: Poses3D, config: TableConfig) -> dict:
-    """Return the scores of poses of a trial, as a run of `dmae.evaluation.scores.run_table`."""
-    angles = leg_angles(trial.truth)[0] if config.angles else None
-    scores = score(poses, trial.given, trial.truth, trial.actors, fps=trial.clip.fps, angles=angles)
-    return {"clip": trial.clip.id, "cameras": trial.cameras} | scores
+def fusion_table(config: TableConfig, out: Path) -> dict:
+    """Return table 4: PCP of each limb with all cameras, before and after pose fusion.
 
+    Args:
+        config: `data` is the recording; `extra_data` are simulated clips that fusion is learned from.
+        out: Folder for the models that are trained.
 
-def angle_columns(config: TableConfig) -> list[TableColumn]:
-    """Return the column of errors of joint angles, if they are scored."""
-    return [TableColumn("angles", "hips, knees, ankles", "°")] if config.angles else []
-
-
-def system_scores(
-    clips: Sequence[Clip], config: TableConfig, views: list[int]
-) -> dict[str, tuple[list[dict], pd.DataFrame]]:
-    """Return the scores of each published system on its own capture, as measured: runs, and the table of limbs."""
-    default = () if config.size is TableSize.small else capture_method
-    found = {}
-    for name in default if config.systems is None else config.systems:
-        chosen, runs, tables = replace(config, capture=CaptureConfig(method=name)), [], []
-        for trial, filled, limbs in tally_trials(clips, chosen, load_methods([_MEASURED]), views):
-            runs.append(scored_run(trial, filled[_MEASURED], config))
-            tables.append(limbs[_MEASURED].assign(views=len(trial.cameras)))
-        found[name] = runs, pd.concat(tables)
-    return found
-
-
-def remark_on_system(name: str) -> dict[str, str]:
-    """Return what has to be known about the row of a published system; nothing for other rows."""
-    if name not in capture_method:
-        return {}
-    system = capture_method[name]
-    return {"note": f"after {system.paper}, from these detections and as it measured them (capture.method={name})"}
-
-
-def annotated_frames(trial: Trial) -> list[int]:
-    """Return in how many frames each actor of a trial is annotated."""
-    known = (~np.isnan(trial.truth.xyz).any(-1)).any(-1)
-    return known[:, actors_of(trial)].sum(0).tolist()
-
-
-def _measure(config: TableConfig, views: list[int], out: Path) -> tuple[Clip, dict[str, pd.DataFrame], list[int]]:
-    """Return the scored clip, the score table of each method, and the annotated frames of each actor."""
+    Raises:
+        ValueError: as `actor_table`.
+    """
     clip = load_recording(config)
-    methods = load_methods(METHODS[config.size], config.weights)
-    methods |= paper_network(config, clip, out)
-    tables: dict[str, list[pd.DataFrame]] = {name: [] for name in methods}
-    for trial, _, found in tally_trials([clip], config, methods, views):
-        frames = annotated_frames(trial)
-        for name, table in found.items():
-            tables[name].append(table.assign(views=len(trial.cameras)))
-    systems = {name: table for name, (_, table) in system_scores([clip], config, views).items()}
-    return clip, {name: pd.concat(parts) for name, parts in tables.items()} | systems, frames
+    methods = load_methods(["linear", AGAINST], config.weights) | paper_network(config, clip, out)
+    ((trial, filled),) = table_trials([clip], config, methods, [])
+    frames = annotated_frames(trial)
+    tables = {name: limbs_of(trial, poses, config) for name, poses in filled.items()}
+    errors = {}
+    for name, poses in filled.items():
+        table = run_table([scored_run(trial, poses, config)])
+        errors[name] = {figure: figure_score(table, figure) for figure in ("mpjpe", "angles")}
+    if TUNED in filled:
+        pair = filled[AGAINST].xyz, filled[TUNED].xyz
+        tables[BETTER] = limb_table(trial, *better_limbs(protocol["hkbu"], *pair, trial.truth.xyz, SHELF14))
+    names = limb_names(SHELF14)
+    columns = [TableColumn(group, group) for group in GROUPS]
+    columns.append(TableColumn("average", f"average ({'+'.join(map(str, frames))} frames)", lead=True))
+    columns += [TableColumn("mpjpe", "MPJPE", "mm", lead=True), *angle_columns(config)]
+    rows = []
+    for name, table in tables.items():
+        cells = {group: mean_score(table[table["limb"] == names.index(limb)]) for group, limb in GROUPS.items()}
+        cells |= {"average": mean_score(table)} | errors.get(name, {})
+        rows.append(MeasuredRow(name, cells, **remarks(name)))
+    return _recording_table(config, clip, columns, rows, frames, trained=(*NETWORK[1:], BETTER))
 
 
-def _remarks(name: str) -> dict[str, str]:
-    return note() if name in NETWORK else remark_on_system(name)
+def _measure(config: TableConfig, clip: Clip, views: list[int], out: Path) -> tuple[dict[str, pd.DataFrame], list[int]]:
+    """Return the score table of the limbs of each method and system, and the annotated frames of each actor."""
+    methods = load_methods(METHODS[config.size], config.weights) | paper_network(config, clip, out)
+    tables: dict[str, list[pd.DataFrame]] = {}
+    for trial, filled in table_trials([clip], config, methods, views, chosen_systems(config)):
+        for name, poses in filled.items():
+            tables.setdefault(name, []).append(limbs_of(trial, poses, config))
+    return {name: pd.concat(parts) for name, parts in tables.items()}, annotated_frames(trial)
 
 
-def _table(
+def _recording_table(
     config: TableConfig,
     clip: Clip,
     columns: Sequence[TableColumn],
     rows: Sequence[MeasuredRow],
     frames: Sequence[int],
-    notes: Sequence[str],
+    notes: Sequence[str] = (),
+    trained: Sequence[str] = NETWORK[1:],
 ) -> dict:
+    """Return the table; rows that are `trained` on simulated clips are not measured without such clips."""
     shelf = clip.provenance.get("format") == "shelf"
-    if config.extra_data:
-        notes = [*notes, TUNED_NOTE]
-    else:
-        rows = [*rows, *(MeasuredRow(name, missing=MISSING) for name in NETWORK[1:])]
+    if not config.extra_data:
+        rows = [*rows, *(MeasuredRow(name, missing=MISSING) for name in trained)]
     return paper_table(
         config, columns, rows, against=AGAINST, recording=clip.id, comparable="Shelf" if shelf else None,
-        footnotes=[*notes, *([SHELF_NOTE] if shelf else []), PROTOCOL_NOTE, NOISE_NOTE],
         frames={f"actor {number}": count for number, count in enumerate(frames, 1)},
+        footnotes=[
+            *notes, *([TUNED_NOTE] if config.extra_data else []), *([SHELF_NOTE] if shelf else []), PROTOCOL_NOTE,
+            NOISE_NOTE,
+        ],
         pairs=STAGES if config.extra_data else (),
     )  # fmt: skip

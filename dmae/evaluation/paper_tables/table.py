@@ -1,7 +1,4 @@
-"""A table of the paper: published rows, rows measured here, and how far each is from one of them; as JSON and as text.
-
-Cells of measured rows are scores of limb tables (`limb_table`).
-"""
+"""A table of the paper: published rows, rows measured here, and their differences from one row; as JSON and as text."""
 
 import tomllib
 from collections.abc import Sequence
@@ -13,8 +10,7 @@ import numpy as np
 import pandas as pd
 
 from dmae.evaluation.config import NUMBERS, TableConfig, TableSize
-from dmae.evaluation.evaluate import Trial
-from dmae.metrics.table import Score, block_of, score_of, tally
+from dmae.metrics.table import Score, score_of
 from dmae.reporting.tables import Table, markdown_table
 
 _SECOND_HAND = "figures from a secondary source, not from the publication itself"
@@ -44,29 +40,6 @@ def published_rows(number: int) -> list[dict]:
             kept = {key: row[key] for key in ("name", "data", "protocol", "source", "values")}
             found.append(kept | {"note": "; ".join(filter(None, notes))})
     return found
-
-
-def limb_table(trial: Trial, correct: np.ndarray, counted: np.ndarray, known: np.ndarray) -> pd.DataFrame:
-    """Return the score table of the limbs (F, T, L) of a trial's actors: correct, counted, and known at all.
-
-    Blocks of time, persons and limbs without truth have no rows; they are the same for all methods.
-    """
-    actors = actors_of(trial)
-    correct, counted, known = (limbs[:, actors] for limbs in (correct & counted, counted, known))
-    keys = {
-        "block": block_of(np.arange(len(known)), trial.clip.fps)[:, None, None],
-        "person": np.arange(len(actors))[:, None],
-        "limb": np.arange(known.shape[2]),
-    }
-    table = tally(correct, counted, among=known, **keys)
-    return table.assign(clip=trial.clip.id, cameras=",".join(map(str, trial.cameras)))
-
-
-def actors_of(trial: Trial) -> list[int]:
-    """Return the true persons that averages include: the actors of the trial, or all annotated persons."""
-    if trial.actors is not None:
-        return list(trial.actors)
-    return np.flatnonzero((~np.isnan(trial.truth.xyz).any(-1)).any((0, 2))).tolist()
 
 
 def mean_score(table: pd.DataFrame, scale: float = 100.0) -> Score:
@@ -224,7 +197,7 @@ def terminal_tables(table: dict) -> list[Table]:
     """Return a table to print, and its compared pairs of rows if there are any.
 
     Args:
-        table: What `dmae.evaluation.paper_tables.learned.make_table` returned, or its JSON.
+        table: What `dmae.evaluation.paper_tables.data_sets.make_table` returned, or its JSON.
     """
     header, rows = _grid(table)
     pairs = [Table("Differences between rows.", *_pairs(table))] if table.get("pairs") else []
