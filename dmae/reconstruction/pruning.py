@@ -51,9 +51,19 @@ def broken(xyz: np.ndarray, skeleton: Skeleton, usual: np.ndarray | None = None,
         (F, P, J) True for the joints to drop.
     """
     usual = symmetric_bone_lengths(xyz, skeleton) if usual is None else usual
-    dropped = np.zeros(xyz.shape[:3], bool)
     bones, slack = skeleton.rigid_bones, max(BONE_SLACK, _BONE_DEVIATIONS * deviation)
-    drop_broken(bone_lengths(xyz, bones), usual, np.array(bones, np.int64).reshape(-1, 2), BONE_STRETCH, slack, dropped)
+    lengths = bone_lengths(xyz, bones)
+    wrong = np.abs(lengths - usual) > BONE_STRETCH * usual + slack
+    ends = np.zeros((len(bones), len(skeleton)))
+    for bone, joints in enumerate(bones):
+        ends[bone, list(joints)] = 1
+    count, known = wrong @ ends, ~np.isnan(lengths) @ ends
+    blame = count + 0.5 * count / np.maximum(known, 1)
+    dropped = np.zeros(xyz.shape[:3], bool)
+    for bone, (parent, joint) in enumerate(bones):
+        outer = blame[..., joint] >= blame[..., parent]
+        dropped[..., joint] |= wrong[..., bone] & outer
+        dropped[..., parent] |= wrong[..., bone] & ~outer
     return dropped
 
 
@@ -82,41 +92,6 @@ def jumps(xyz: np.ndarray, fps: float, acceleration: float = _ACCELERATION, devi
         wanted[:] = False
         wanted[runs[:, 1].astype(int)] = True
     return (before & ~known).reshape(xyz.shape[:-1])
-
-
-@compiled()
-def drop_broken(lengths, usual, bones, stretch, slack, dropped):
-    """Find the joints at the ends of bones that do not have their usual length; see `broken`.
-
-    Args:
-        lengths: (F, P, B) m; NaN where unknown.
-        usual: (P, B) m; NaN where unknown.
-        bones: (B, 2) parent and joint.
-        stretch: Largest error of a bone, as a share of its length.
-        slack: Additional error of a bone, m.
-        dropped: (F, P, J) filled with False by the caller; True for joints to drop.
-    """
-    frames, persons, joints = dropped.shape
-    wrong, count, known = np.empty(len(bones), np.bool_), np.empty(joints), np.empty(joints)
-    for f in range(frames):
-        for p in range(persons):
-            count[:], known[:] = 0.0, 0.0
-            some = False
-            for b in range(len(bones)):
-                length = lengths[f, p, b]
-                wrong[b] = abs(length - usual[p, b]) > stretch * usual[p, b] + slack
-                some |= wrong[b]
-                for end in range(2):
-                    count[bones[b, end]] += wrong[b]
-                    known[bones[b, end]] += not np.isnan(length)
-            if not some:
-                continue
-            for b in range(len(bones)):
-                if wrong[b]:
-                    parent, joint = bones[b]
-                    above = count[parent] + 0.5 * count[parent] / max(known[parent], 1.0)
-                    below = count[joint] + 0.5 * count[joint] / max(known[joint], 1.0)
-                    dropped[f, p, joint if below >= above else parent] = True
 
 
 @compiled()
