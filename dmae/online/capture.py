@@ -130,7 +130,7 @@ class OnlineCapture:
             raise ValueError(
                 f"expected one frame of {self._skeleton.name}, found {len(detections.xy)} of {detections.skeleton.name}"
             )
-        self._tracked.append(self._tracker.step(self._evidence([detections], self._config.th_p), 0))
+        self._tracked.append(self._tracker.step(self._evidence([detections], self._config.th_p)))
         self._detected.append(detections)
         self._waiting += 1
         self._seen += 1

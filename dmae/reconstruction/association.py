@@ -3,8 +3,8 @@
 T tracks; D detections per view, padded with NaN; n detections of all views in a row.
 """
 
-from dataclasses import dataclass
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -14,22 +14,22 @@ from dmae.reconstruction.config import AssociationConfig
 
 NONE = -1
 """Index of no track or detection."""
-_COLOUR_DIFFERENCE = 20.0  # CIELAB units; colour difference of clothes at which their affinity is 1/2
+_COLOUR_DIFFERENCE = np.float32(20)  # CIELAB units; colour difference of clothes at which their affinity is 1/2
 _PARTNERS = 16
 """Largest number of detections of another view that are compared further with a detection, by highest affinity."""
 _ASSIGNED = 100
 """Largest number of detections of a view for the Hungarian algorithm; with more, all pairs of partners are proposed."""
 
 
-@dataclass(frozen=True)
-class Candidates:
-    """Detections of one frame that are compared between views."""
+class Candidates(NamedTuple):
+    """Detections of one frame that are compared between views. Compiled functions take them as they are."""
 
-    view: np.ndarray  # (n,) view of each detection, ascending
+    in_view: np.ndarray  # (n,) view of each detection, ascending
     centers: np.ndarray  # (V, 3) camera centres, m, float32
     # (n, 3, J) unit directions, float32; zeros where a joint is absent. J is filled up to a multiple of 16.
     rays: np.ndarray
-    weights: np.ndarray  # (n, J) root of the confidence, float32; 0 where a joint is absent
+    # (n, J) root of the confidence, float32; 0 where a joint is absent. Processors take 16 joints together.
+    weights: np.ndarray
     colours: np.ndarray  # (n, 3) CIELAB, float32; NaN where unknown
 
     @classmethod
@@ -98,10 +98,9 @@ def find_groups(candidates: Candidates, config: AssociationConfig) -> np.ndarray
     Returns:
         (G, V) detections of the groups of two or more, by view, or `NONE`.
     """
-    view, views = candidates.view, len(candidates.centers)
+    view, views = candidates.in_view, len(candidates.centers)
     weight = 0 if np.isnan(candidates.colours).all() else config.colour_weight
-    compared = _comparison(candidates, config, weight)
-    partners, affinities = _partners(view, views, compared, config.min_affinity)
+    partners, affinities = _partners(candidates, config, weight, config.min_affinity)
     affinities -= np.float32(config.min_affinity)
     first, second, found = _pairs(view, partners, affinities)
     if not len(first):
@@ -109,15 +108,14 @@ def find_groups(candidates: Candidates, config: AssociationConfig) -> np.ndarray
     proposed = _proposed(first, second, found, view)
     first, second = first[proposed], second[proposed]
     order = np.argsort(-supports(first, second, found[proposed], view, partners, affinities), kind="stable")
-    members = np.full((len(view), views), NONE)
-    join(first[order], second[order], *compared, np.float32(config.min_affinity), members)
+    lengths = np.array([config.ray_distance_m, weight, config.min_affinity], np.float32)
+    members = join(first[order], second[order], candidates, *lengths)
     return members[(members != NONE).sum(1) > 1]
 
 
 def highest_affinity(candidates: Candidates, config: AssociationConfig) -> float:
     """Return the highest affinity by rays of two detections of different views; 0 where there are none."""
-    compared = _comparison(candidates, config, colour_weight=0)
-    _, affinities = _partners(candidates.view, len(candidates.centers), compared, 0, most=1)
+    _, affinities = _partners(candidates, config, colour_weight=0, least=0, most=1)
     return float(affinities.max(initial=0))
 
 
@@ -126,29 +124,19 @@ def count_pairs(candidates: Candidates, config: AssociationConfig) -> tuple[int,
 
     If many detections agree with one, only the 16 best in each view count.
     """
-    view, known = candidates.view, (candidates.weights > 0).astype(np.float32)
+    view, known = candidates.in_view, (candidates.weights > 0).astype(np.float32)
     shared = (known @ known.T > 0) & (view[:, None] < view)
-    compared = _comparison(candidates, config, colour_weight=0)
-    found = _partners(view, len(candidates.centers), compared, config.min_affinity)
+    found = _partners(candidates, config, colour_weight=0, least=config.min_affinity)
     return int(shared.sum()), len(_pairs(view, *found)[0])
 
 
-def _comparison(candidates: Candidates, config: AssociationConfig, colour_weight: float) -> tuple:
-    """Return the first arguments of `find_partners`, and of `affinity` after the two detections."""
-    c, lengths = candidates, np.array([config.ray_distance_m, _COLOUR_DIFFERENCE, colour_weight], np.float32)
-    return c.view, c.centers, c.rays, c.weights, c.colours, *lengths
-
-
 def _partners(
-    view: np.ndarray, views: int, compared: tuple, least: float, most: int = _PARTNERS
+    candidates: Candidates, config: AssociationConfig, colour_weight: float, least: float, most: int = _PARTNERS
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the `most` best partners (n, V, most) of each detection in each other view, and their affinities."""
-    partners = np.full((len(view), views, most), NONE, np.int32)
-    affinities = np.zeros(partners.shape, np.float32)
-    _, _, rays, weights, *_ = compared
-    by_joint = np.ascontiguousarray(rays.transpose(1, 2, 0)), np.ascontiguousarray(weights.T)
-    find_partners(*compared, *by_joint, np.float32(least), partners, affinities)
-    return partners, affinities
+    rays, shown = (np.ascontiguousarray(np.moveaxis(each, 0, -1)) for each in (candidates.rays, candidates.weights))
+    lengths = np.array([config.ray_distance_m, colour_weight, least], np.float32)
+    return find_partners(candidates, rays, shown, *lengths, most)
 
 
 def _pairs(view: np.ndarray, partners: np.ndarray, affinities: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -228,7 +216,7 @@ def agreement(a, b, rays, weights, base_x, base_y, base_z, half_distance):
 
 
 @compiled()
-def affinity(i, j, view, centers, rays, weights, colours, half_distance, colour_difference, colour_weight):
+def affinity(i, j, candidates, half_distance, colour_weight):
     """Return the affinity of detections i and j by rays and clothes; -1 where they share no joint.
 
     The affinity by rays is
@@ -238,61 +226,48 @@ def affinity(i, j, view, centers, rays, weights, colours, half_distance, colour_
     The 1 in the denominator keeps it low for pairs that share little evidence.
 
     Args:
-        view: (n,) view of each detection.
-        centers: (V, 3) m, float32, as all that follow.
-        rays: (n, 3, J) unit directions, zeros where a joint is absent.
-        weights: (n, J) roots of confidences, 0 where a joint is absent. Processors take 16 joints together; J is best
-            a multiple of that.
-        colours: (n, 3) CIELAB; NaN where unknown.
-        half_distance: m.
-        colour_difference: Difference of colours that counts half.
+        candidates: n `Candidates`.
+        half_distance: m, float32, as all numbers that follow.
         colour_weight: Weight of colours, 0 to 1; 0 if none is known.
     """
-    one = np.float32(1)
-    a, b = view[i], view[j]
+    one, colours, centers = np.float32(1), candidates.colours, candidates.centers
+    a, b = candidates.in_view[i], candidates.in_view[j]
     x, y, z = centers[b, 0] - centers[a, 0], centers[b, 1] - centers[a, 1], centers[b, 2] - centers[a, 2]
     square, dressed = np.float32(0), False
     if colour_weight > 0:
         for k in range(3):
             square += (colours[i, k] - colours[j, k]) ** 2
         dressed = not np.isnan(square)
-    near, total = agreement(i, j, rays, weights, x, y, z, half_distance)
+    near, total = agreement(i, j, candidates.rays, candidates.weights, x, y, z, half_distance)
     if total == 0:
         return -one
     found = near / (one + total)
     if dressed:
-        similarity = one / (one + square / (colour_difference * colour_difference))
+        similarity = one / (one + square / (_COLOUR_DIFFERENCE * _COLOUR_DIFFERENCE))
         found += colour_weight * (similarity - found)
     return found
 
 
 @compiled()
-def find_partners(
-    view,
-    centers,
-    rays,
-    weights,
-    colours,
-    half_distance,
-    colour_difference,
-    colour_weight,
-    by_joint,
-    shown,
-    least,
-    partners,
-    affinities,
-):
-    """Write the best partners of each detection in each other view.
+def find_partners(candidates, rays, shown, half_distance, colour_weight, least, number):
+    """Return the best partners of each detection in each other view.
 
     Args:
-        view: As for `affinity`, ascending; so are the arguments that follow.
-        by_joint: (3, J, n) the same rays.
-        shown: (J, n) the same weights.
+        candidates: As for `affinity`.
+        rays: (3, J, n) their rays.
+        shown: (J, n) their weights.
+        half_distance: As for `affinity`, as is `colour_weight`.
         least: Smallest affinity of partners.
-        partners: (n, V, C) filled with -1; indices of partners, the best first.
-        affinities: (n, V, C) filled with 0; their affinities.
+        number: Largest number C of partners in a view.
+
+    Returns:
+        partners: (n, V, C) indices of partners, the best first; -1 for none.
+        affinities: (n, V, C) their affinities.
     """
+    view, centers = candidates.in_view, candidates.centers
     count, one = len(view), np.float32(1)
+    partners = np.full((count, len(centers), number), -1, np.int32)
+    affinities = np.zeros((count, len(centers), number), np.float32)
     most = np.zeros(count, np.float32)
     # Below this, the affinity is too low even with clothes of the same colour.
     by_rays = -one if colour_weight >= one else (least - colour_weight) / (one - colour_weight) - _ROUNDING
@@ -304,17 +279,16 @@ def find_partners(
                 last += 1
             if a != b:
                 x, y, z = centers[b, 0] - centers[a, 0], centers[b, 1] - centers[a, 1], centers[b, 2] - centers[a, 2]
-                _most(i, first, last, by_joint, shown, x, y, z, half_distance, by_rays, most)
+                _most(i, first, last, rays, shown, x, y, z, half_distance, by_rays, most)
                 for j in range(first, last):
                     if most[j - first] < by_rays:
                         continue
-                    found = affinity(
-                        i, j, view, centers, rays, weights, colours, half_distance, colour_difference, colour_weight
-                    )
+                    found = affinity(i, j, candidates, half_distance, colour_weight)
                     if found >= least:
                         _insert(partners[i, b], affinities[i, b], j, found)
                         _insert(partners[j, a], affinities[j, a], i, found)
             first = last
+    return partners, affinities
 
 
 @compiled(fastmath=True)
@@ -387,7 +361,7 @@ def supports(first, second, found, view, partners, affinities):
         second: (m,) their partners.
         found: (m,) affinities, less that of strangers.
         view: (n,) view of each detection.
-        partners: (n, V, C) as `find_partners` writes them.
+        partners: (n, V, C) as `find_partners` returns them.
         affinities: (n, V, C), less that of strangers.
     """
     support = found.copy()
@@ -410,30 +384,19 @@ def supports(first, second, found, view, partners, affinities):
 
 
 @compiled()
-def join(
-    first,
-    second,
-    view,
-    centers,
-    rays,
-    weights,
-    colours,
-    half_distance,
-    colour_difference,
-    colour_weight,
-    least,
-    members,
-):
+def join(first, second, candidates, half_distance, colour_weight, least):
     """Join groups along pairs, in the order given, where their members agree on average and none contradict each other.
 
     Args:
         first: (m,) detections.
         second: (m,) their partners.
-        view: As for `affinity`; so are the arguments that follow.
+        candidates: As for `affinity`; so are the two arguments that follow.
         least: Smallest mean affinity between the members of two groups that are joined; half of it is that of any two.
-        members: (n, V) filled with -1; each row contains the detections of a group by view, or is empty.
+    Returns:
+        (n, V) each row contains the detections of a group by view, -1 for none, or is empty.
     """
-    group = np.arange(len(view))
+    view = candidates.in_view
+    group, members = np.arange(len(view)), np.full((len(view), len(candidates.centers)), -1)
     for i in range(len(view)):
         members[i, view[i]] = i
     for pair in range(len(first)):
@@ -450,9 +413,7 @@ def join(
             for v in range(members.shape[1]):
                 i, j = members[a, u], members[b, v]
                 if i >= 0 and j >= 0:
-                    found = affinity(
-                        i, j, view, centers, rays, weights, colours, half_distance, colour_difference, colour_weight
-                    )
+                    found = affinity(i, j, candidates, half_distance, colour_weight)
                     if found >= 0:
                         total += found
                         count += 1
@@ -463,3 +424,4 @@ def join(
                     group[members[b, v]] = a
                     members[a, v] = members[b, v]
                     members[b, v] = -1
+    return members

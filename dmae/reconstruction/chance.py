@@ -13,6 +13,7 @@ from dmae.reconstruction.association import NONE
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.noise import USUAL, DetectionNoise
+from dmae.reconstruction.triangulation import project
 
 _SAMPLED = 8, 24  # Numbers of frames, least and greatest, in which it is examined whether a figure moves
 _AT_REST = 4.0  # Sigmas; half of the joints of a figure that rests stay within this
@@ -61,11 +62,11 @@ def resting_ghosts(
     own = np.ascontiguousarray(np.where(known.swapaxes(0, 1), np.arange(len(resting))[:, None, None], NONE))
     for figure in own:
         _drop_misfits(evidence, figure)
-    points, found = evidence.triangulate(0, own), np.zeros(len(resting), bool)
+    points = evidence.triangulate(own[None])
     figures = np.maximum(_figures(clip, config.th_p) - moving, 1)
-    width = rig.size[:, 0].astype(float)
-    beyond_chance(rig.projections, rig.focal, width, xy, own, points.xyz, points.used, figures, float(most), found)
-    ghosts[resting] = ~found
+    ghosts[resting] = ~beyond_chance(
+        rig.projections, rig.focal, rig.size, xy, own, points.xyz[0], points.used[0], figures, float(most)
+    )
     return ghosts
 
 
@@ -122,7 +123,7 @@ def _drop_misfits(evidence: Evidence, own: np.ndarray) -> None:
     """
     rig, limit = evidence.rig, _FITTING * evidence.noise.usual_m
     while (seen := (own != NONE).any(-1)).sum() > 2:
-        xyz = evidence.triangulate(0, own[None]).xyz[0]
+        xyz = evidence.triangulate(own[None, None]).xyz[0, 0]
         pixel, depth = (each[0] for each in rig.project(xyz[None]))
         xy = evidence.xy[0, np.arange(len(own))[:, None], own, np.arange(own.shape[1])]
         number = (own != NONE).sum(0)
@@ -148,8 +149,8 @@ shape with probability c r^d; more than 1 as figures agree from farther away."""
 
 
 @compiled()
-def beyond_chance(projections, focal, width, xy, assigned, xyz, used, figures, most, supported):
-    """Find the people with views that agree better than unrelated figures would.
+def beyond_chance(projections, focal, size, xy, assigned, xyz, used, figures, most):
+    """Return (P,) True for people with views that agree better than unrelated figures would.
 
     Figures of two views that have nothing to do with each other agree within r with probability q = (r / R)^2: rays of
     most joints meet if the figures have the same size and height above the floor there. A figure of a third view also
@@ -174,16 +175,16 @@ def beyond_chance(projections, focal, width, xy, assigned, xyz, used, figures, m
     Args:
         projections: (V, 3, 4) pinhole projection matrices.
         focal: (V,) px.
-        width: (V,) px of the image.
+        size: (V, 2) width and height of the image, px.
         xy: (V, D, J, 2) px.
         assigned: (P, V, J) detections of the joints, negative where none.
         xyz: (P, J, 3) m, NaN where absent.
         used: (P, J, V) True for the views that a joint was triangulated from.
         figures: (V,) numbers of figures, float; those of supported people are subtracted.
         most: Largest E.
-        supported: (P,) bool, written.
     """
     persons, views, _ = assigned.shape
+    supported = np.zeros(persons, np.bool_)
     depth, agrees = np.zeros((persons, views)), np.zeros((persons, views), np.bool_)
     radius2, key = np.zeros((persons, len(_SHARES))), np.zeros(persons)
     chance, polynomial, order = np.zeros(views), np.zeros(views + 1), np.zeros(persons, np.int64)
@@ -199,7 +200,6 @@ def beyond_chance(projections, focal, width, xy, assigned, xyz, used, figures, m
         for v in range(views):
             count += agrees[p, v]
             total += max(figures[v], 0.0)
-        supported[p] = False
         if count < 2:
             continue
         for share in range(len(_SHARES)):
@@ -210,7 +210,7 @@ def beyond_chance(projections, focal, width, xy, assigned, xyz, used, figures, m
             for v in range(views):
                 near = 0.0
                 if depth[p, v] > 0:
-                    near = min(1.0, shape * 4 * np.pi * radius2[p, share] * focal[v] / (width[v] * depth[p, v] ** 2))
+                    near = min(1.0, shape * 4 * np.pi * radius2[p, share] * focal[v] / (size[v, 0] * depth[p, v] ** 2))
                 if agrees[p, v]:
                     place += near / count
                 chance[v] = max(figures[v], 0.0) * near
@@ -224,6 +224,7 @@ def beyond_chance(projections, focal, width, xy, assigned, xyz, used, figures, m
             supported[p], found, explained = True, found + 1, explained + count
             for v in range(views):
                 figures[v] -= agrees[p, v]
+    return supported
 
 
 @compiled()
@@ -277,13 +278,12 @@ def _measure(projections, focal, xy, assigned, xyz, used, depth, agrees, radius2
             d = figure[v]
             if not agrees[v] or assigned[v, j] != d or counts[j] < 2:
                 continue
-            P, square = projections[v], np.inf
-            z = P[2, 0] * xyz[j, 0] + P[2, 1] * xyz[j, 1] + P[2, 2] * xyz[j, 2] + P[2, 3]
+            square = np.inf
+            x, y, z = project(projections[v], xyz[j])
             if z > 0:
-                x = (P[0, 0] * xyz[j, 0] + P[0, 1] * xyz[j, 1] + P[0, 2] * xyz[j, 2] + P[0, 3]) / z - xy[v, d, j, 0]
-                y = (P[1, 0] * xyz[j, 0] + P[1, 1] * xyz[j, 1] + P[1, 2] * xyz[j, 2] + P[1, 3]) / z - xy[v, d, j, 1]
+                dx, dy = x - xy[v, d, j, 0], y - xy[v, d, j, 1]
                 # There are 2 n coordinates, and the point has three degrees of freedom.
-                square = counts[j] / (2 * counts[j] - 3) * (x * x + y * y) * (z / focal[v]) ** 2
+                square = counts[j] / (2 * counts[j] - 3) * (dx * dx + dy * dy) * (z / focal[v]) ** 2
             squares[number] = min(square, _DISAGREEMENT**2)
             number += 1
         if number:

@@ -169,15 +169,15 @@ def _bodies(evidence: Evidence, rig: CameraRig, skeleton: Skeleton, frames: np.n
         absent = (members == NONE)[..., None] | np.isnan(weights[members])
         groups = np.where(absent, NONE, detection[members][..., None])
         if len(groups):
-            points = part.triangulate(frame, groups, 2)
-            xyz = points.xyz
+            points = part.at(frame).triangulate(groups[None], 2)
+            xyz = points.xyz[0]
             known = (~np.isnan(xyz[..., 0])).sum(-1)
             length = np.linalg.norm(xyz[:, start] - xyz[:, end], axis=-1)
             whole = (known >= config.tracking.births(len(skeleton))) & ~(length > longest_bone(skeleton)).any(-1)
             # In a world that is too small, all rays meet and bones are too short.
             whole &= (length > _SHORTEST_BONE).any(-1) | (not len(start))
             bodies += int(whole.sum())
-            views = points.views[whole]
+            views = points.views[0, whole]
             joints += int(views[views >= min(3, len(rig))].sum())
     return _Compared(pairs, agreeing, bodies, joints)
 

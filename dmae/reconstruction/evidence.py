@@ -11,7 +11,7 @@ from dmae.data.clip import Clip
 from dmae.numerics.compiled import compiled
 from dmae.reconstruction.config import CaptureConfig, DistanceUnit
 from dmae.reconstruction.noise import DetectionNoise
-from dmae.reconstruction.triangulation import Points, triangulate_by_sigma
+from dmae.reconstruction.triangulation import Points, project, triangulate_by_sigma
 
 _BLOCK = 1 << 18
 """Number of joints of detections, or of people, in all cameras that are processed together: some hundred MB."""
@@ -67,23 +67,17 @@ class Evidence:
         one = slice(frame, frame + 1)
         return replace(self, xy=self.xy[one], confidence=self.confidence[one])
 
-    def triangulate(self, frame: int | np.ndarray, assigned: np.ndarray, iterations: int = 8) -> Points:
-        """Triangulate joints (..., J) from the detections assigned to them.
+    def triangulate(self, assigned: np.ndarray, iterations: int = 8) -> Points:
+        """Triangulate the joints of P people in all frames from the detections assigned to them.
 
         Args:
-            frame: Index of the frame, or indices (..., 1, 1).
-            assigned: (..., V, J) index of the detection that shows the joint in each view, or `NONE`.
+            assigned: (F, P, V, J) index of the detection that shows the joint in each view, or `NONE`.
             iterations: See `dmae.reconstruction.triangulation.triangulate`.
 
         Returns:
-            Points (..., J), with xyz NaN where fewer than `th_v` views agree.
+            Points (F, P, J), with xyz NaN where fewer than `th_v` views agree.
         """
-        *shape, views, joints = assigned.shape
-        frames = np.full(shape, np.asarray(frame)[..., 0, 0] if np.ndim(frame) else frame)
-        xy, confidence = np.empty((*shape, joints, views, 2)), np.empty((*shape, joints, views))
-        each = np.ascontiguousarray(assigned, np.int64)
-        gather(self.xy, self.confidence, frames.ravel(), each.reshape(-1, views, joints),
-               xy.reshape(-1, joints, views, 2), confidence.reshape(-1, joints, views))  # fmt: skip
+        xy, confidence = gather(self.xy, self.confidence, np.ascontiguousarray(assigned, np.int64))
         sigma, floor = self.noise.sigma(confidence), self.noise.floor_px
         points = triangulate_by_sigma(self.rig, xy, sigma, floor, self.config.noise, iterations)
         points.xyz[points.views < self.config.th_v] = np.nan
@@ -101,56 +95,40 @@ class Evidence:
         direction = np.concatenate([xy, np.ones_like(xy[..., :1])], -1) @ self.rig.world_from_pixel[view].swapaxes(1, 2)
         return direction / np.linalg.norm(direction, axis=-1, keepdims=True)
 
-    def distances(self, frames: slice, xyz: np.ndarray, unit: DistanceUnit) -> np.ndarray:
-        """Return distances (F, V, P, D, J) from reprojections of people (F, P, J, 3) to detections of F frames."""
-        rig, xy = self.rig, self.xy[frames]
+    def distances(self, xyz: np.ndarray, unit: DistanceUnit) -> np.ndarray:
+        """Return distances (F, V, P, D, J) from reprojections of people (F, P, J, 3) to detections."""
+        rig = self.rig
         scale = np.full(len(rig), np.nan) if unit == DistanceUnit.metres else 1 / np.hypot(*rig.size.T)
-        distances = np.empty((len(xy), len(rig), xyz.shape[1], *xy.shape[2:4]))
-        measure_distances(rig.projections, rig.focal, scale, xy, np.ascontiguousarray(xyz, np.float64), distances)
-        return distances
+        return measure_distances(rig.projections, rig.focal, scale, self.xy, np.ascontiguousarray(xyz, np.float64))
 
 
 @compiled()
-def gather(xy, confidence, frames, assigned, found_xy, found_confidence):
-    """Write the assigned detections of each joint into the last two arrays; NaN where none is assigned.
+def gather(xy, confidence, assigned):
+    """Return pixels (F, P, J, V, 2) and confidences (F, P, J, V) of assigned detections; NaN where none is assigned.
 
     Args:
         xy: (F, V, D, J, 2) px.
         confidence: (F, V, D, J).
-        frames: (n,) frame of each person.
-        assigned: (n, V, J) index of the detection that shows the joint in each view; negative for none.
-        found_xy: (n, J, V, 2) px.
-        found_confidence: (n, J, V).
+        assigned: (F, P, V, J) index of the detection that shows the joint in each view; negative for none.
     """
-    for i in range(len(assigned)):
-        frame = frames[i]
-        for v in range(assigned.shape[1]):
-            for j in range(assigned.shape[2]):
-                detection = assigned[i, v, j]
-                if detection < 0:
-                    found_xy[i, j, v, 0] = found_xy[i, j, v, 1] = found_confidence[i, j, v] = np.nan
-                    continue
-                found_xy[i, j, v, 0] = xy[frame, v, detection, j, 0]
-                found_xy[i, j, v, 1] = xy[frame, v, detection, j, 1]
-                found_confidence[i, j, v] = confidence[frame, v, detection, j]
+    frames, persons, views, joints = assigned.shape
+    found_xy = np.full((frames, persons, joints, views, 2), np.nan)
+    found_confidence = np.full((frames, persons, joints, views), np.nan)
+    for f in range(frames):
+        for p in range(persons):
+            for v in range(views):
+                for j in range(joints):
+                    d = assigned[f, p, v, j]
+                    if d >= 0:
+                        found_xy[f, p, j, v, 0] = xy[f, v, d, j, 0]
+                        found_xy[f, p, j, v, 1] = xy[f, v, d, j, 1]
+                        found_confidence[f, p, j, v] = confidence[f, v, d, j]
+    return found_xy, found_confidence
 
 
 @compiled()
-def project(projection, point):
-    """Return x and y, px, and depth, m, of a point; NaN for points that are NaN or not in front of the camera."""
-    x, y, depth = projection[0, 3], projection[1, 3], projection[2, 3]
-    for k in range(3):
-        x += projection[0, k] * point[k]
-        y += projection[1, k] * point[k]
-        depth += projection[2, k] * point[k]
-    if not depth > 0:
-        return np.nan, np.nan, depth
-    return x / depth, y / depth, depth
-
-
-@compiled()
-def measure_distances(projections, focal, scale, xy, xyz, distances):
-    """Write distances from reprojections of people to detections.
+def measure_distances(projections, focal, scale, xy, xyz):
+    """Return distances (F, V, P, D, J) from reprojections of people to detections; NaN where either is absent.
 
     Args:
         projections: (V, 3, 4) pinhole projection matrices.
@@ -158,9 +136,10 @@ def measure_distances(projections, focal, scale, xy, xyz, distances):
         scale: (V,) by which pixels are multiplied; NaN for metres at the depth of the person.
         xy: (F, V, D, J, 2) px; NaN where absent.
         xyz: (F, P, J, 3) m; NaN where unknown.
-        distances: (F, V, P, D, J), written; NaN where either is absent.
     """
-    frames, views, persons, detections, joints = distances.shape
+    frames, views, detections, joints = xy.shape[:4]
+    persons = xyz.shape[1]
+    distances = np.empty((frames, views, persons, detections, joints))
     for f in range(frames):
         for v in range(views):
             for p in range(persons):
@@ -170,3 +149,4 @@ def measure_distances(projections, focal, scale, xy, xyz, distances):
                     for d in range(detections):
                         dx, dy = x - xy[f, v, d, j, 0], y - xy[f, v, d, j, 1]
                         distances[f, v, p, d, j] = np.sqrt(dx * dx + dy * dy) * size
+    return distances

@@ -22,7 +22,7 @@ from dmae.reconstruction.noise import DetectionNoise, fit, residuals
 from dmae.reconstruction.people import false_positives, inside_volume, merge, same_person, wanted_people, well_measured
 from dmae.reconstruction.pruning import prune
 from dmae.reconstruction.reassignment import expected_paths, most_confident_rays, reassign
-from dmae.reconstruction.sides import Sides, exchange, find_exchanged
+from dmae.reconstruction.sides import Sides, correct_sides
 from dmae.reconstruction.tracking import MIN_JOINTS, Tracker, Tracks, track
 from dmae.reconstruction.triangulation import Points
 
@@ -96,13 +96,17 @@ def capture(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None = No
     return poses
 
 
-def _capture(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None, alone: bool = False) -> Poses3D:
-    """Reconstruct bodies as large as people. `alone` is True for a still that is shown twice, see `Tracker`."""
+def _capture(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None) -> Poses3D:
+    """Reconstruct bodies as large as people."""
     noise = noise or _learned(clip, config)
     if are_stills(clip.fps):
         return _captured_stills(clip, config, noise)
+    return _people_of(clip, track(clip, config, noise), config, noise)
+
+
+def _people_of(clip: Clip, tracks: Tracks, config: CaptureConfig, noise: DetectionNoise) -> Poses3D:
+    """Return the people that tracks are of, with joints measured again."""
     skeleton, fps, tracking = clip.detections.skeleton, clip.fps, config.tracking
-    tracks = track(clip, config, noise, alone)
     differs = None
     if has_appearance(clip, config):
         differs = partial(appearance_differs, clip, tracks.assigned)
@@ -141,7 +145,7 @@ def _captured_stills(clip: Clip, config: CaptureConfig, noise: DetectionNoise) -
 def _captured_still(clip: Clip, frame: int, config: CaptureConfig, noise: DetectionNoise) -> Poses3D:
     """Reconstruct the people of a frame, shown twice: those found at first then take what was left over of them."""
     twice = replace(clip.select(frames=[frame, frame]), fps=_SHOWN_FPS)
-    return _capture(twice, config, noise, alone=True).select(slice(1, 2))
+    return _people_of(twice, track(twice, config, noise, alone=True), config, noise).select(slice(1, 2))
 
 
 def _joined(parts: list[Poses3D]) -> Poses3D:
@@ -205,12 +209,12 @@ def _learned(clip: Clip, config: CaptureConfig) -> DetectionNoise:
     frames = frames[np.linspace(0, len(frames) - 1, number).astype(int)]
     for _ in range(_ALTERNATIONS):
         evidence = Evidence.of(clip, 0.0, config, frames, noise)
-        steps = [Tracker(skeleton, clip.fps, config).step(evidence, frame) for frame in range(len(frames))]
+        steps = [Tracker(skeleton, clip.fps, config).step(evidence.at(frame)) for frame in range(len(frames))]
         persons = max(len(step.track) for step in steps)
         assigned = np.full((len(frames), persons, views, joints), NONE)
         for row, step in zip(assigned, steps, strict=True):
             row[: len(step.track)] = step.assigned
-        points = evidence.triangulate(np.arange(len(frames))[:, None, None, None], assigned)
+        points = evidence.triangulate(assigned)
         found = residuals(evidence.rig, noise, evidence.xy, clip.detections.score[frames], assigned, points)
         noise = fit(found, prior, noise, skeleton)
     return noise
@@ -229,8 +233,7 @@ def _measured_people(clip: Clip, tracks: Tracks, config: CaptureConfig, noise: D
     def evidence_between(start: int, stop: int) -> Evidence:
         part = slice(start, stop)
         evidence = Evidence.of(clip, th_p, config, part, noise)
-        wrong = find_exchanged(evidence, slice(0, stop - start), tracks.assigned[part], paths[part], sides)
-        return exchange(evidence, 0, *wrong, sides)
+        return correct_sides(evidence, tracks.assigned[part], paths[part], sides)
 
     def evidence_of(part: slice) -> Evidence:
         return evidence_between(part.start, part.stop)
@@ -244,7 +247,7 @@ def _measured_people(clip: Clip, tracks: Tracks, config: CaptureConfig, noise: D
         if reassignment.distance_m > 0:
             first_pass = reassign(evidence, first_pass, paths[part], evidence.config.reassignment.distance_m)
         assigned[part] = first_pass
-        found = evidence.triangulate(np.arange(len(first_pass))[:, None, None, None], first_pass)
+        found = evidence.triangulate(first_pass)
         for array, values in zip(vars(points).values(), vars(found).values(), strict=True):
             array[part] = values
     xyz = prune(points.xyz, skeleton, fps, noise.usual_m) if config.prune else points.xyz
@@ -329,11 +332,10 @@ def measure(
     config, first_pass = evidence.config, tracks.assigned[window]
     assigned, sides = first_pass, Sides.of(skeleton)
     paths = expected_paths(tracks.xyz, skeleton, fps, evidence.noise.usual_m)[window]
-    wrong = find_exchanged(evidence, slice(0, len(assigned)), assigned, paths, sides)
-    evidence = exchange(evidence, 0, *wrong, sides)
+    evidence = correct_sides(evidence, assigned, paths, sides)
     if config.reassignment.distance_m > 0:
         assigned = reassign(evidence, first_pass, paths, config.reassignment.distance_m)
-    points = evidence.triangulate(np.arange(len(assigned))[:, None, None, None], assigned)
+    points = evidence.triangulate(assigned)
     xyz = np.concatenate([before, points.xyz])
     if config.prune:
         xyz = prune(xyz, skeleton, fps, evidence.noise.usual_m)

@@ -9,8 +9,9 @@ from dmae.files.mapped import column_blocks, frame_blocks
 from dmae.numerics.compiled import compiled
 from dmae.numerics.paths import linear, neighbours
 from dmae.reconstruction.association import NONE
-from dmae.reconstruction.evidence import Evidence, project
+from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.pruning import prune
+from dmae.reconstruction.triangulation import project
 
 LONGEST_GAP = 0.4
 """s; longest gap of a joint over which its path is interpolated."""

@@ -15,7 +15,8 @@ from dmae.files.mapped import in_steps
 from dmae.numerics.compiled import compiled
 from dmae.reconstruction.association import NONE
 from dmae.reconstruction.config import CaptureConfig, DistanceUnit
-from dmae.reconstruction.evidence import Evidence, evidence_blocks, project
+from dmae.reconstruction.evidence import Evidence, evidence_blocks
+from dmae.reconstruction.triangulation import project
 
 _SIGMA = 0.04  # m; standard deviation of the distance of joints from their expected places, including the noise of both
 _MIN_EVIDENCE = 8.0
@@ -70,14 +71,15 @@ def nearer_side(distance: np.ndarray, exchanged: np.ndarray, sides: Sides) -> np
     """
     if not len(sides.pairs):
         return distance
-    chosen = distance.copy()
-    rows = [each.reshape(-1, distance.shape[-1]) for each in (chosen, np.ascontiguousarray(exchanged))]
-    take_sides(rows[1], sides.pairs, _is_exchanged(*rows, sides.pairs, sides.groups), rows[0])
-    return chosen
+    rows, others = (np.ascontiguousarray(each).reshape(-1, distance.shape[-1]) for each in (distance, exchanged))
+    row, pair = np.nonzero(judge_sides(rows, others, sides.pairs, sides.groups))
+    chosen, both = rows.copy(), (row[:, None], sides.pairs[pair])
+    chosen[both] = others[both]
+    return chosen.reshape(distance.shape)
 
 
 def find_exchanged(
-    evidence: Evidence, frames: slice, assigned: np.ndarray, expected: np.ndarray, sides: Sides
+    evidence: Evidence, assigned: np.ndarray, expected: np.ndarray, sides: Sides
 ) -> tuple[np.ndarray, np.ndarray]:
     """Find the pairs of joints with left and right exchanged in a minority of views, or in half of them.
 
@@ -85,7 +87,6 @@ def find_exchanged(
 
     Args:
         evidence: Detections.
-        frames: F frames of the evidence.
         assigned: (F, P, V, J) index of the detection that shows the joint in the view, or `NONE`.
         expected: (F, P, J, 3) m, expected places of the joints; NaN where unknown.
         sides: Of the skeleton.
@@ -98,24 +99,23 @@ def find_exchanged(
     left, right = (assigned[..., pairs[:, side]] for side in (0, 1))
     detection = np.where(left == NONE, right, left)
     detection = np.where((right != NONE) & (right != detection), NONE, detection)
-    rig, found = evidence.rig, np.empty((2, *detection.shape, 2))
-    focal = rig.focal
+    rig = evidence.rig
     expected, shown = np.ascontiguousarray(expected, np.float64), np.ascontiguousarray(detection, np.int64)
-    measure_pairs(rig.projections, focal, evidence.xy[frames], expected, shown, pairs, *found)
+    found = measure_pairs(rig.projections, rig.focal, evidence.xy, expected, shown, pairs)
     rows, both = found.reshape(2, prod(detection.shape[:-1]), pairs.size), np.arange(pairs.size).reshape(pairs.shape)
-    wrong = _is_exchanged(*rows, both, sides.groups).reshape(detection.shape)
+    wrong = judge_sides(rows[0], rows[1], both, sides.groups).reshape(detection.shape)
     observing = (assigned != NONE).any(-1).sum(2)[:, :, None, None]
     return wrong & (2 * wrong.sum(2, keepdims=True) <= observing), detection
 
 
-def exchange(evidence: Evidence, first: int, wrong: np.ndarray, detection: np.ndarray, sides: Sides) -> Evidence:
-    """Return the evidence with left and right exchanged, from frame `first` on, where `find_exchanged` says so."""
+def correct_sides(evidence: Evidence, assigned: np.ndarray, expected: np.ndarray, sides: Sides) -> Evidence:
+    """Return the evidence with left and right exchanged where `find_exchanged` says so."""
+    wrong, detection = find_exchanged(evidence, assigned, expected, sides)
     if not wrong.any():
         return evidence
     frame, _, view, pair = np.nonzero(wrong)
-    pairs = sides.pairs
-    places = (frame + first, view, detection[wrong])
-    left, right = pairs[pair, 0], pairs[pair, 1]
+    places = (frame, view, detection[wrong])
+    left, right = sides.pairs[pair].T
     xy, confidence = evidence.xy.copy(), evidence.confidence.copy()
     for array in (xy, confidence):
         array[*places, left], array[*places, right] = array[*places, right], array[*places, left]
@@ -137,36 +137,21 @@ def exchanged_detections(clip: Clip, poses: Poses3D) -> np.ndarray:
 
 
 def _exchanged_detections(clip: Clip, part: slice, xyz: np.ndarray) -> np.ndarray:
-    config, sides, frames = CaptureConfig(), Sides.of(clip.detections.skeleton), slice(0, len(xyz))
+    config, sides = CaptureConfig(), Sides.of(clip.detections.skeleton)
     evidence = Evidence.of(clip, config.th_p, config, part)
     xyz, mirrored = xyz.astype(np.float64), xyz[:, :, list(clip.detections.skeleton.mirror)]
-    near, other = (evidence.distances(frames, each, DistanceUnit.metres) for each in (xyz, mirrored))
+    near, other = (evidence.distances(each, DistanceUnit.metres) for each in (xyz, mirrored))
     closeness = np.nansum(np.maximum(1 - nearer_side(near, other, sides) / config.th_d, -1), -1)
     found = np.where(closeness.max(-1, initial=-np.inf) > 0, closeness.argmax(-1), NONE).swapaxes(1, 2)
     assigned = np.repeat(found[..., None], xyz.shape[2], -1)
-    wrong, _ = find_exchanged(evidence, frames, assigned, xyz, sides)
+    wrong, _ = find_exchanged(evidence, assigned, xyz, sides)
     # A pair of ears or eyes alone is weak evidence, as they are close to each other.
     return (wrong.sum(-1) >= 2).any(1)
 
 
-def _is_exchanged(distance: np.ndarray, exchanged: np.ndarray, pairs: np.ndarray, groups: np.ndarray) -> np.ndarray:
-    """Return (m, n) True for pairs that are clearly nearer to their expected places with sides exchanged.
-
-    The whole body is judged first, then its limbs, then each pair alone.
-
-    Args:
-        distance, exchanged: (m, J) m.
-        pairs: (n, 2) indices of the left and the right joint.
-        groups: (G, n), see `Sides`.
-    """
-    wrong = np.empty((len(distance), len(pairs)), bool)
-    judge_sides(distance, exchanged, pairs, groups, _SIGMA, _FARTHEST, _MAX_DISTANCE, _MIN_EVIDENCE, wrong)
-    return wrong
-
-
 @compiled()
-def measure_pairs(projections, focal, xy, xyz, detection, pairs, distance, exchanged):
-    """Write distances of detected pairs from where they are expected, and from where their partners are, in metres.
+def measure_pairs(projections, focal, xy, xyz, detection, pairs):
+    """Return distances of detected pairs, m, from where they are expected, and from where their partners are.
 
     Args:
         projections: (V, 3, 4) pinhole projection matrices.
@@ -175,44 +160,43 @@ def measure_pairs(projections, focal, xy, xyz, detection, pairs, distance, excha
         xyz: (F, P, J, 3) m; NaN where unknown.
         detection: (F, P, V, n) index of the detection of each pair; negative for none.
         pairs: (n, 2) indices of the left and the right joint.
-        distance, exchanged: (F, P, V, n, 2), written; NaN where either is absent.
+
+    Returns:
+        (2, F, P, V, n, 2) distances of the two joints of each pair, of both kinds; NaN where either is absent.
     """
     frames, persons, views, count = detection.shape
+    distances = np.full((2, frames, persons, views, count, 2), np.nan)
     for f in range(frames):
         for p in range(persons):
             for v in range(views):
                 for n in range(count):
                     d = detection[f, p, v, n]
+                    if d < 0:
+                        continue
                     for side in range(2):
                         x, y, depth = project(projections[v], xyz[f, p, pairs[n, side]])
                         # The positions of the left and of the right joint are each compared with both detected joints.
                         for shown in range(2):
-                            found = np.nan
-                            if d >= 0:
-                                dx, dy = x - xy[f, v, d, pairs[n, shown], 0], y - xy[f, v, d, pairs[n, shown], 1]
-                                found = np.sqrt(dx * dx + dy * dy) * depth / focal[v]
-                            if side == shown:
-                                distance[f, p, v, n, shown] = found
-                            else:
-                                exchanged[f, p, v, n, shown] = found
+                            dx, dy = x - xy[f, v, d, pairs[n, shown], 0], y - xy[f, v, d, pairs[n, shown], 1]
+                            distance = np.sqrt(dx * dx + dy * dy) * depth / focal[v]
+                            distances[int(side != shown), f, p, v, n, shown] = distance
+    return distances
 
 
 @compiled()
-def judge_sides(distance, exchanged, pairs, groups, sigma, farthest, most, least, wrong):
-    """Write True for pairs of joints that are clearly nearer to their expected places with sides exchanged.
+def judge_sides(distance, exchanged, pairs, groups):
+    """Return (m, n) True for pairs of joints that are clearly nearer to their expected places with sides exchanged.
+
+    The whole body is judged first, then its limbs, then each pair alone.
 
     Args:
         distance: (m, J) m, distances of joints from their expected places.
         exchanged: (m, J) m, distances from the expected places of their partners.
         pairs: (n, 2) indices of the left and the right joint.
         groups: (G, n) True for the pairs that are exchanged together.
-        sigma: m, standard deviation of the distances.
-        farthest: m; larger distances count as this.
-        most: m, largest mean distance of joints after the exchange.
-        least: Smallest logarithm of the ratio of likelihoods for an exchange of sides.
-        wrong: (m, n) bool, written.
     """
-    rows, number = wrong.shape
+    rows, number = len(distance), len(pairs)
+    wrong = np.empty((rows, number), np.bool_)
     evidence, after, count = np.empty(number), np.empty(number), np.empty(number)
     for i in range(rows):
         for pair in range(number):
@@ -220,11 +204,11 @@ def judge_sides(distance, exchanged, pairs, groups, sigma, farthest, most, least
             for side in range(2):
                 here, there = distance[i, pairs[pair, side]], exchanged[i, pairs[pair, side]]
                 if not (np.isnan(here) or np.isnan(there)):
-                    here, there = min(here, farthest), min(there, farthest)
-                    evidence[pair] += (here * here - there * there) / (2 * sigma * sigma)
+                    here, there = min(here, _FARTHEST), min(there, _FARTHEST)
+                    evidence[pair] += (here * here - there * there) / (2 * _SIGMA * _SIGMA)
                     after[pair] += there
                     count[pair] += 1
-            wrong[i, pair] = evidence[pair] > least and after[pair] <= most * count[pair]
+            wrong[i, pair] = evidence[pair] > _MIN_EVIDENCE and after[pair] <= _MAX_DISTANCE * count[pair]
         for group in range(len(groups)):
             total, near, joints = 0.0, 0.0, 0.0
             for pair in range(number):
@@ -232,18 +216,9 @@ def judge_sides(distance, exchanged, pairs, groups, sigma, farthest, most, least
                     total += evidence[pair]
                     near += after[pair]
                     joints += count[pair]
-            if total > least and near <= most * joints:
+            if total > _MIN_EVIDENCE and near <= _MAX_DISTANCE * joints:
                 for pair in range(number):
                     wrong[i, pair] |= groups[group, pair]
         for pair in range(number):
-            wrong[i, pair] &= evidence[pair] > -least and count[pair] > 0
-
-
-@compiled()
-def take_sides(exchanged, pairs, wrong, distance):
-    """Replace distances (m, J) by exchanged ones (m, J) at the joints of pairs (n, 2) that are wrong, (m, n)."""
-    for i in range(len(wrong)):
-        for pair in range(len(pairs)):
-            if wrong[i, pair]:
-                for side in range(2):
-                    distance[i, pairs[pair, side]] = exchanged[i, pairs[pair, side]]
+            wrong[i, pair] &= evidence[pair] > -_MIN_EVIDENCE and count[pair] > 0
+    return wrong

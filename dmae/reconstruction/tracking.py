@@ -24,7 +24,7 @@ from dmae.reconstruction.chance import beyond_chance
 from dmae.reconstruction.config import CaptureConfig, ComparedJoints, DistanceUnit, fewer_of_few
 from dmae.reconstruction.evidence import Evidence, evidence_blocks
 from dmae.reconstruction.noise import DetectionNoise
-from dmae.reconstruction.sides import Sides, exchange, find_exchanged, nearer_side
+from dmae.reconstruction.sides import Sides, correct_sides, nearer_side
 
 _VELOCITY_FADE = 0.5  # s; velocities decay to 1/e in this time unless they are measured again
 
@@ -186,29 +186,28 @@ class Tracker:
         self._fewest = fewest_joints(len(skeleton))
         self._birth_joints = config.tracking.births(len(skeleton))
 
-    def step(self, evidence: Evidence, frame: int, colours: Callable[[], np.ndarray] | None = None) -> TrackedFrame:
-        """Track people into the next frame, which has index `frame` in the evidence.
+    def step(self, evidence: Evidence, colours: Callable[[], np.ndarray] | None = None) -> TrackedFrame:
+        """Track people into the next frame.
 
         Args:
-            colours: Returns the colours (V, D, 3) of the detections of this frame; None without images.
+            evidence: Of this frame alone.
+            colours: Returns the colours (V, D, 3) of its detections; None without images.
         """
         config, state = evidence.config, self._state.predicted(self._dt)
-        assigned, owner = _propagate(evidence, frame, state, self._sides, self._mirror)
-        wrong = find_exchanged(evidence, slice(frame, frame + 1), assigned[None], state.xyz[None], self._sides)
-        if wrong[0].any():
-            evidence, frame = exchange(evidence.at(frame), 0, *wrong, self._sides), 0
-        points = evidence.triangulate(frame, assigned, _ITERATIONS)
-        xyz, plausible = self._plausible(points.xyz, assigned, self._fewest)
-        used, xyz[~plausible] = points.used, np.nan
+        assigned, owner = _propagate(evidence, state, self._sides, self._mirror)
+        evidence = correct_sides(evidence, assigned[None], state.xyz[None], self._sides)
+        points = evidence.triangulate(assigned[None], _ITERATIONS)
+        xyz, plausible = self._plausible(points.xyz[0], assigned, self._fewest)
+        used, xyz[~plausible] = points.used[0], np.nan
         free = (owner == NONE) | ~np.append(plausible, False)[owner]
-        groups = _match(evidence, frame, free, colours, self._compared)
+        groups = _match(evidence, free, colours, self._compared)
         if len(groups):
-            points = evidence.triangulate(frame, groups, _ITERATIONS)
-            new, plausible = self._plausible(points.xyz, groups, self._birth_joints)
-            groups, new, used = groups[plausible], new[plausible], np.concatenate([used, points.used[plausible]])
+            points = evidence.triangulate(groups[None], _ITERATIONS)
+            new, plausible = self._plausible(points.xyz[0], groups, self._birth_joints)
+            groups, new, used = groups[plausible], new[plausible], np.concatenate([used, points.used[0, plausible]])
         else:
             new = np.empty((0, *xyz.shape[1:]))
-        supported = _supported(evidence, frame, np.concatenate([assigned, groups]), np.concatenate([xyz, new]), used)
+        supported = _supported(evidence, np.concatenate([assigned, groups]), np.concatenate([xyz, new]), used)
         groups, new, supported = groups[supported[len(xyz) :]], new[supported[len(xyz) :]], supported[: len(xyz)]
         if len(groups):
             track, born = _reenter(new, state, np.isnan(xyz[..., 0]).all(-1))
@@ -251,22 +250,19 @@ def track(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None = None
         alone: See `Tracker`.
     """
     frames, views, _, joints = clip.detections.score.shape
-    return Tracks.of_blocks(_tracked(clip, config, noise, alone), frames, views, joints)
-
-
-def _tracked(
-    clip: Clip, config: CaptureConfig, noise: DetectionNoise | None, alone: bool
-) -> Iterator[list[TrackedFrame]]:
-    """Yield the tracked frames of a clip, in blocks."""
     colours = TorsoColours(clip) if has_appearance(clip, config) else None
     tracker = Tracker(clip.detections.skeleton, clip.fps, config, alone)
-    numbers = iter(progress(range(len(clip)), "tracking people"))
-    for part in in_steps(evidence_blocks(clip)):
-        evidence = Evidence.of(clip, config.th_p, config, part, noise)
-        yield [
-            tracker.step(evidence, frame - part.start, colours and partial(colours, frame))
-            for frame in islice(numbers, part.stop - part.start)
-        ]
+
+    def blocks() -> Iterator[list[TrackedFrame]]:
+        numbers = iter(progress(range(frames), "tracking people"))
+        for part in in_steps(evidence_blocks(clip)):
+            evidence = Evidence.of(clip, config.th_p, config, part, noise)
+            yield [
+                tracker.step(evidence.at(frame - part.start), colours and partial(colours, frame))
+                for frame in islice(numbers, part.stop - part.start)
+            ]
+
+    return Tracks.of_blocks(blocks(), frames, views, joints)
 
 
 def _compared_joints(skeleton: Skeleton, joints: ComparedJoints) -> list[int]:
@@ -288,9 +284,7 @@ def fewest_joints(joints: int) -> int:
     return min(MIN_JOINTS, fewer_of_few(joints))
 
 
-def _propagate(
-    evidence: Evidence, frame: int, state: TrackState, sides: Sides, mirror: list[int]
-) -> tuple[np.ndarray, np.ndarray]:
+def _propagate(evidence: Evidence, state: TrackState, sides: Sides, mirror: list[int]) -> tuple[np.ndarray, np.ndarray]:
     """Identity propagation: assign detections to the T tracks, those with left and right exchanged as well.
 
     Args:
@@ -301,46 +295,43 @@ def _propagate(
         assigned: (T, V, J) detections, or `NONE`.
         owner: (V, D) index of the track of each detection, or `NONE`.
     """
-    config, confidence = evidence.config, evidence.confidence[frame]
+    config, confidence = evidence.config, evidence.confidence[0]
     present = ~np.isnan(confidence)
-    here, unit = slice(frame, frame + 1), config.th_d_unit
-    distance = evidence.distances(here, state.xyz[None], unit)[0]
-    if unit == DistanceUnit.metres:
-        exchanged = evidence.distances(here, state.xyz[None][:, :, mirror], unit)[0]
+    distance = evidence.distances(state.xyz[None], config.th_d_unit)[0]
+    if config.th_d_unit == DistanceUnit.metres:
+        exchanged = evidence.distances(state.xyz[None][:, :, mirror], config.th_d_unit)[0]
         distance = nearer_side(distance, exchanged, sides)
     closeness = confidence[:, None] * np.maximum(1 - distance / config.th_d, -1)
     owner, primary = propagate(closeness, state.age > _CONFIRMATION_S)
-    assigned = np.empty((*primary.shape, confidence.shape[-1]), np.int64)
-    assign_joints(primary, owner, present, closeness, assigned)
-    return assigned.swapaxes(0, 1), owner
+    return assign_joints(primary, owner, present, closeness), owner
 
 
 def _match(
-    evidence: Evidence, frame: int, free: np.ndarray, colours: Callable[[], np.ndarray] | None, compared: list[int]
+    evidence: Evidence, free: np.ndarray, colours: Callable[[], np.ndarray] | None, compared: list[int]
 ) -> np.ndarray:
     """Identity matching: group free detections (V, D) by rays and clothes; return (G, V, J) detections, or `NONE`."""
-    config, confidence = evidence.config.association, evidence.confidence[frame]
+    config, confidence = evidence.config.association, evidence.confidence[0]
     present = ~np.isnan(confidence)
     view, detection = np.nonzero(
         free & (present.sum(-1) >= fewest_joints(present.shape[-1])) & present[..., compared].any(-1)
     )
     if len(np.unique(view)) < 2:
         return np.empty((0, len(confidence), confidence.shape[-1]), int)
-    rays = evidence.rays(frame, view, detection)[:, compared]
+    rays = evidence.rays(0, view, detection)[:, compared]
     candidates = Candidates.of(view, evidence.rig.centers, rays, confidence[view, detection][:, compared])
     if colours is not None:
         # Images are decoded only if clothes of the same colour could make a pair.
         highest = highest_affinity(candidates, config)
         if highest + config.colour_weight * (1 - highest) >= config.min_affinity:
             colour = colours()[view, detection].astype(np.float32)
-            candidates = replace(candidates, colours=colour)
+            candidates = candidates._replace(colours=colour)
     members = find_groups(candidates, config)
     found = np.where(members == NONE, NONE, detection[members])
     shown = (members != NONE)[..., None] & present[np.arange(len(confidence)), found]
     return np.where(shown, found[..., None], NONE)
 
 
-def _supported(evidence: Evidence, frame: int, assigned: np.ndarray, xyz: np.ndarray, used: np.ndarray) -> np.ndarray:
+def _supported(evidence: Evidence, assigned: np.ndarray, xyz: np.ndarray, used: np.ndarray) -> np.ndarray:
     """Return (P,) True for people with views that agree better than unrelated figures would, see `beyond_chance`.
 
     Args:
@@ -349,14 +340,13 @@ def _supported(evidence: Evidence, frame: int, assigned: np.ndarray, xyz: np.nda
         used: (P, J, V) True for the views that a joint was triangulated from.
     """
     rig, most = evidence.rig, evidence.config.tracking.max_by_chance
-    supported = np.ones(len(assigned), bool)
-    if len(assigned) and most is not None:
-        figures = ((~np.isnan(evidence.confidence[frame])).sum(-1) >= fewest_joints(xyz.shape[1])).sum(-1).astype(float)
-        focal, width, assigned = rig.focal, rig.size[:, 0].astype(float), np.ascontiguousarray(assigned)
-        beyond_chance(
-            rig.projections, focal, width, evidence.xy[frame], assigned, xyz, used, figures, float(most), supported
-        )
-    return supported
+    if not len(assigned) or most is None:
+        return np.ones(len(assigned), bool)
+    figures = ((~np.isnan(evidence.confidence[0])).sum(-1) >= fewest_joints(xyz.shape[1])).sum(-1).astype(float)
+    assigned = np.ascontiguousarray(assigned)
+    return beyond_chance(
+        rig.projections, rig.focal, rig.size, evidence.xy[0], assigned, xyz, used, figures, float(most)
+    )
 
 
 def _reenter(new: np.ndarray, state: TrackState, unmeasured: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -384,8 +374,8 @@ def _reenter(new: np.ndarray, state: TrackState, unmeasured: np.ndarray) -> tupl
 
 
 @compiled()
-def assign_joints(primary, owner, present, closeness, assigned):
-    """Write the detection that shows each joint of each track in each view; -1 where none does.
+def assign_joints(primary, owner, present, closeness):
+    """Return the detection that shows each joint of each track in each view, (T, V, J); -1 where none does.
 
     This is the primary detection of the track. A fragment or a duplicate supplies the joints that the primary detection
     lacks, if they are near.
@@ -395,18 +385,20 @@ def assign_joints(primary, owner, present, closeness, assigned):
         owner: (V, D) track of each detection; negative for none.
         present: (V, D, J) True for detected joints.
         closeness: (V, T, D, J), positive for joints near the track; NaN where either is absent.
-        assigned: (V, T, J), written.
     """
-    views, tracks, joints = assigned.shape
+    views, tracks, _, joints = closeness.shape
+    assigned = np.full((tracks, views, joints), -1)
     for v in range(views):
         for t in range(tracks):
             d = primary[v, t]
             for j in range(joints):
-                assigned[v, t, j] = d if d >= 0 and present[v, d, j] else -1
+                if d >= 0 and present[v, d, j]:
+                    assigned[t, v, j] = d
         for d in range(owner.shape[1]):
             t = owner[v, d]
             if t < 0 or primary[v, t] == d:
                 continue
             for j in range(joints):
-                if present[v, d, j] and assigned[v, t, j] < 0 and not closeness[v, t, d, j] <= 0:
-                    assigned[v, t, j] = d
+                if present[v, d, j] and assigned[t, v, j] < 0 and not closeness[v, t, d, j] <= 0:
+                    assigned[t, v, j] = d
+    return assigned

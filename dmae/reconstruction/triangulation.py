@@ -97,46 +97,20 @@ def triangulate_by_sigma(
     """
     views, shape = len(rig), xy.shape[:-2]
     xy, sigma = xy.reshape(prod(shape), views, 2), sigma.reshape(prod(shape), views)
-    observed = np.isfinite(xy).all(-1) & np.isfinite(sigma)
-    points = Points(
-        np.full((len(xy), 3), np.nan),
-        np.full((len(xy), 3, 3), np.nan),
-        np.zeros((len(xy), views), bool),
-        np.full(len(xy), np.nan),
-    )
-    triangulate_points(
-        rig.projections,
-        rig.world_from_pixel,
-        rig.centers,
-        rig.focal,
-        xy,
-        np.where(observed, sigma, np.nan),
-        floor,
-        noise.gate_sigmas,
-        np.array([_MIN_DEPTH, _CONVERGED, _HUBER, noise.max_error_m]),
-        _AGREEING,
-        iterations,
-        points.xyz,
-        points.cov,
-        points.used,
-        points.residual,
-    )
-    return Points(
-        points.xyz.reshape(*shape, 3),
-        points.cov.reshape(*shape, 3, 3),
-        points.used.reshape(*shape, views),
-        points.residual.reshape(shape),
-    )
+    sigma = np.where(np.isfinite(xy).all(-1) & np.isfinite(sigma), sigma, np.nan)
+    found = triangulate_points(
+        rig.projections, rig.world_from_pixel, rig.centers, rig.focal, xy, sigma, floor, noise.gate_sigmas,
+        noise.max_error_m, iterations,
+    )  # fmt: skip
+    return Points(*(array.reshape(shape + array.shape[1:]) for array in found))
 
 
 _PAIRED_VIEWS = 4  # Largest number of views from which pairs are made
 
 
 @compiled()
-def triangulate_points(
-    projections, rays, centers, focal, xy, sigma, floor, gate, limits, agreeing, iterations, xyz, cov, used, residual
-):
-    """Triangulate n points separately, and write the points that are found into the last four arrays.
+def triangulate_points(projections, rays, centers, focal, xy, sigma, floor, gate, max_error, iterations):
+    """Triangulate n points separately; return the fields of `Points`.
 
     Args:
         projections: (V, 3, 4) pinhole projection matrices.
@@ -147,17 +121,12 @@ def triangulate_points(
         sigma: (n, V) m at the depth of the point; NaN where a view does not see it.
         floor: (V,) px, smallest sigma in the image of each view.
         gate: Sigmas; residuals beyond them are not used.
-        limits: (4,) least depth, m; length of the last step, m; sigmas up to which errors are squared; largest standard
-            error, m.
-        agreeing: Points on which this number of views agree are preferred.
+        max_error: m, largest standard error along the worst direction.
         iterations: Largest number of Gauss-Newton steps.
-        xyz: (n, 3) m, filled with NaN by the caller.
-        cov: (n, 3, 3) m^2, filled with NaN by the caller.
-        used: (n, V) bool, filled with False by the caller.
-        residual: (n,) px, filled with NaN by the caller.
     """
-    views = xy.shape[1]
-    min_depth, converged, max_error = limits[0], limits[1], limits[3]
+    count, views = xy.shape[:2]
+    xyz, cov = np.full((count, 3), np.nan), np.full((count, 3, 3), np.nan)
+    used, residual = np.zeros((count, views), np.bool_), np.full(count, np.nan)
     seen, best = np.empty(views, np.int64), np.empty(_PAIRED_VIEWS, np.int64)
     direction, point, proposal = np.empty((_PAIRED_VIEWS, 3)), np.empty(3), np.empty(3)
     information, factor, gradient = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
@@ -178,8 +147,8 @@ def triangulate_points(
                 error, near_views = 0.0, 0
                 for k in range(count):
                     v = seen[k]
-                    x, y, depth = _project(projections[v], proposal)
-                    if depth <= min_depth:
+                    x, y, depth = project(projections[v], proposal)
+                    if depth <= _MIN_DEPTH:
                         error += gate**2
                         continue
                     near = focal[v] * sigma[i, v] / depth
@@ -188,7 +157,7 @@ def triangulate_points(
                     near_views += square < gate**2
                     if error >= least:
                         break
-                if near_views < agreeing:
+                if near_views < _AGREEING:
                     error += gate**2 * views
                 if error < least:
                     least = error
@@ -197,17 +166,17 @@ def triangulate_points(
             continue
         for _ in range(iterations):
             _normal_equations(
-                projections, focal, xy[i], sigma[i], seen, count, point, floor, gate, limits,
+                projections, focal, xy[i], sigma[i], seen, count, point, floor, gate,
                 information, gradient, errors, scales, kept, pixels,
             )  # fmt: skip
             cholesky(information, factor)
             solve(factor, gradient)
             for k in range(3):
                 point[k] -= gradient[k]
-            if max(abs(gradient[0]), abs(gradient[1]), abs(gradient[2])) < converged:
+            if max(abs(gradient[0]), abs(gradient[1]), abs(gradient[2])) < _CONVERGED:
                 break
         _normal_equations(
-            projections, focal, xy[i], sigma[i], seen, count, point, floor, gate, limits,
+            projections, focal, xy[i], sigma[i], seen, count, point, floor, gate,
             information, gradient, errors, scales, kept, pixels,
         )  # fmt: skip
         number, weighted, square = 0, 0.0, 0.0
@@ -237,6 +206,7 @@ def triangulate_points(
         residual[i] = np.sqrt(square / number)
         for k in range(count):
             used[i, seen[k]] = kept[seen[k]]
+    return xyz, cov, used, residual
 
 
 @compiled()
@@ -298,23 +268,22 @@ def _midpoint(center_a, ray_a, center_b, ray_b, midpoint):
 
 
 @compiled()
-def _project(projection, point):
-    """Return x and y, px, and depth, m, of a point."""
+def project(projection, point):
+    """Return x and y, px, and depth, m, of a point; NaN for points that are NaN or not in front of the camera."""
     x = projection[0, 0] * point[0] + projection[0, 1] * point[1] + projection[0, 2] * point[2] + projection[0, 3]
     y = projection[1, 0] * point[0] + projection[1, 1] * point[1] + projection[1, 2] * point[2] + projection[1, 3]
     depth = projection[2, 0] * point[0] + projection[2, 1] * point[1] + projection[2, 2] * point[2] + projection[2, 3]
-    if depth == 0:
-        return np.inf, np.inf, depth
+    if not depth > 0:
+        return np.nan, np.nan, depth
     return x / depth, y / depth, depth
 
 
 @compiled()
 def _normal_equations(
-    projections, focal, xy, sigma, seen, count, point, floor, gate, limits,
+    projections, focal, xy, sigma, seen, count, point, floor, gate,
     information, gradient, errors, scales, kept, pixels,
 ):  # fmt: skip
     """Write J^T W J and J^T W r at a point; for each view its error in sigmas, 1 / sigma in 1/px, use, pixel, depth."""
-    min_depth, huber = limits[0], limits[2]
     for row in range(3):
         gradient[row] = 0.0
         for column in range(3):
@@ -322,8 +291,8 @@ def _normal_equations(
     ahead = 0
     for k in range(count):
         v = seen[k]
-        pixels[v, 0], pixels[v, 1], pixels[v, 2] = _project(projections[v], point)
-        kept[v] = pixels[v, 2] > min_depth
+        pixels[v, 0], pixels[v, 1], pixels[v, 2] = project(projections[v], point)
+        kept[v] = pixels[v, 2] > _MIN_DEPTH
         ahead += kept[v]
     # With few views the point follows each of them: with two, a residual shows half the disagreement.
     limit = gate * np.sqrt(1 - 1.5 / max(ahead, 2))
@@ -337,7 +306,7 @@ def _normal_equations(
         kept[v] = errors[v] <= limit
         if not kept[v]:
             continue
-        down = min(1.0, huber / max(errors[v], 1e-9))
+        down = min(1.0, _HUBER / max(errors[v], 1e-9))
         x, y, depth = pixels[v, 0], pixels[v, 1], pixels[v, 2]
         dx, dy = x - xy[v, 0], y - xy[v, 1]
         weight = scales[v] ** 2 * down

@@ -23,9 +23,8 @@ def affinity_of(base, ray_a, ray_b, weights=((1,), (1,)), half=0.1) -> float:
     weights = np.array(weights, np.float32)
     rays = np.stack([np.tile(np.array(ray, np.float32)[:, None], weights.shape[1]) for ray in (ray_a, ray_b)])
     centers = np.array([(0, 0, 0), base], np.float32)
-    return affinity(
-        0, 1, np.arange(2), centers, rays, weights, np.zeros((2, 3), np.float32), np.float32(half), np.float32(1), 0
-    )
+    candidates = Candidates(np.arange(2), centers, rays, weights, np.zeros((2, 3), np.float32))
+    return affinity(0, 1, candidates, np.float32(half), np.float32(0))
 
 
 def ray_distance(a, ray_a, b, ray_b) -> float:
@@ -178,8 +177,8 @@ def test_without_tracks_no_detection_is_assigned():
 VIEWS, EACH, JOINTS = 3, 12, 25
 
 
-def detections(seed: int) -> tuple[np.ndarray, ...]:
-    """Return view, centres, rays, weights and colours of figures in three views, a third of them of the same people."""
+def detections(seed: int) -> Candidates:
+    """Return figures in three views, a third of them of the same people."""
     rng = np.random.default_rng(seed)
     centers = np.array([[4, 0, 1.5], [-2, 3.5, 1.6], [-2, -3.5, 1.4]], np.float32)
     same = rng.uniform(-1, 1, (EACH // 3, JOINTS, 3))
@@ -194,7 +193,7 @@ def detections(seed: int) -> tuple[np.ndarray, ...]:
     weights[absent] = 0
     rays.swapaxes(1, 2)[absent] = 0
     colours = rng.uniform(0, 60, (len(view), 3)).astype(np.float32)
-    return view, centers, rays, weights, colours
+    return Candidates(view, centers, rays, weights, colours)
 
 
 @pytest.mark.parametrize("least", [0.3, 0.5])
@@ -202,16 +201,14 @@ def detections(seed: int) -> tuple[np.ndarray, ...]:
 def test_no_pair_is_lost(least, colour_weight):
     for seed in range(3):
         given = detections(seed)
-        lengths = tuple(np.array([0.1, 20, colour_weight], np.float32))
-        partners = np.full((VIEWS * EACH, VIEWS, EACH), -1, np.int32)
-        found = np.zeros(partners.shape, np.float32)
-        by_joint = (np.ascontiguousarray(each) for each in (given[2].transpose(1, 2, 0), given[3].T))
-        find_partners(*given, *lengths, *by_joint, np.float32(least), partners, found)
-        view, expected = given[0], {}
+        half, weight, limit = np.array([0.1, colour_weight, least], np.float32)
+        by_joint = (np.ascontiguousarray(each) for each in (given.rays.transpose(1, 2, 0), given.weights.T))
+        partners, found = find_partners(given, *by_joint, half, weight, limit, EACH)
+        view, expected = given.in_view, {}
         for i in range(len(view)):
             for j in range(len(view)):
-                value = affinity(min(i, j), max(i, j), *given, *lengths)
-                if view[i] != view[j] and value >= np.float32(least):
+                value = affinity(min(i, j), max(i, j), given, half, weight)
+                if view[i] != view[j] and value >= limit:
                     expected[i, j] = value
         assert len(expected) >= 2 * 3 * EACH // 3
         rows = np.argwhere(partners >= 0)

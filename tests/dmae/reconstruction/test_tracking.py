@@ -76,10 +76,9 @@ def supported(figures: int, offset: float, views: int = 5, seen: int = 5) -> boo
     rig, body, rng = looking_at_origin(views), t_pose(), np.random.default_rng(0)
     xy = rig.project(body[None])[0][0] + rng.normal(0, offset * 800 / 6, (views, 25, 2))
     assigned = np.where(np.arange(views) < seen, 0, -1)[None, :, None] * np.ones((1, 1, 25), int)
-    used, found = np.moveaxis(assigned >= 0, 1, 2), np.zeros(1, bool)
-    focal, width = np.full(views, 800.0), np.full(views, 960.0)
-    counts = np.full(views, float(figures))
-    beyond_chance(rig.projections, focal, width, xy[:, None], assigned, body[None], used, counts, 0.1, found)
+    used, counts = np.moveaxis(assigned >= 0, 1, 2), np.full(views, float(figures))
+    focal, size = np.full(views, 800.0), np.full((views, 2), 960)
+    found = beyond_chance(rig.projections, focal, size, xy[:, None], assigned, body[None], used, counts, 0.1)
     assert (counts[:seen] == figures - found[0]).all()
     assert (counts[seen:] == figures).all()
     return bool(found[0])
@@ -105,27 +104,25 @@ def test_pairs_of_unrelated_figures_are_as_many_as_expected():
     evidence = Evidence.of(ghosts, 0.2, CaptureConfig(), noise=noise)
     index = np.stack(np.divmod(np.arange(count**2), count), -1)[..., None]
     assigned = np.where(np.isnan(evidence.confidence[0])[[0, 1], index[..., 0]], -1, index)
-    points = evidence.triangulate(0, assigned, 2)
-    start, end = np.array(BODY25.bones).T
-    length = np.linalg.norm(points.xyz[:, start] - points.xyz[:, end], axis=-1)
-    bodies = ((~np.isnan(points.xyz[..., 0])).sum(-1) >= 4) & ~(length > 0.8).any(-1)
-    agreeing, one = 0, np.zeros(1, bool)
+    points = evidence.triangulate(assigned[None], 2)
+    (xyz,), (used,), (start, end) = points.xyz, points.used, np.array(BODY25.bones).T
+    length = np.linalg.norm(xyz[:, start] - xyz[:, end], axis=-1)
+    bodies = ((~np.isnan(xyz[..., 0])).sum(-1) >= 4) & ~(length > 0.8).any(-1)
+    agreeing = 0
     for pair in np.flatnonzero(bodies):
         figures, each = np.full(2, float(count)), slice(pair, pair + 1)
-        beyond_chance(
-            evidence.rig.projections, evidence.rig.focal, evidence.rig.size[:, 0].astype(float), evidence.xy[0],
-            assigned[each], points.xyz[each], points.used[each], figures, 150.0, one,
-        )  # fmt: skip
-        agreeing += one[0]
+        agreeing += beyond_chance(
+            evidence.rig.projections, evidence.rig.focal, evidence.rig.size, evidence.xy[0],
+            assigned[each], xyz[each], used[each], figures, 150.0,
+        )[0]  # fmt: skip
     assert 15 <= agreeing <= 300
 
 
 def test_a_person_of_one_view_or_without_joints_is_not_supported():
     assert not supported(1, 0.0, seen=1)
-    rig, found = looking_at_origin(3), np.ones(1, bool)
-    nothing = np.full((1, 25, 3), np.nan)
-    beyond_chance(
-        rig.projections, np.full(3, 800.0), np.full(3, 960.0), np.zeros((3, 1, 25, 2)), np.zeros((1, 3, 25), int),
-        nothing, np.ones((1, 25, 3), bool), np.ones(3), 0.1, found,
+    rig, nothing = looking_at_origin(3), np.full((1, 25, 3), np.nan)
+    found = beyond_chance(
+        rig.projections, np.full(3, 800.0), np.full((3, 2), 960), np.zeros((3, 1, 25, 2)), np.zeros((1, 3, 25), int),
+        nothing, np.ones((1, 25, 3), bool), np.ones(3), 0.1,
     )  # fmt: skip
     assert not found[0]
