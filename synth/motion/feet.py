@@ -11,7 +11,6 @@ from scipy.ndimage import (
     minimum_filter1d,
     percentile_filter,
 )
-from scipy.spatial.transform import Rotation
 
 from synth.motion.geometry import about, aligned, forwards, leftwards, minimum_jerk, smoothstep, two_bone_ik
 from synth.motion.motion import Motion
@@ -89,8 +88,9 @@ def lock_feet(
 
     While a foot stands, its heading and the part of its sole that bears weight stay fixed; the swing phase makes up for
     the difference. The tip or the heel may be below the floor in recordings, because toes bend. The foot is then turned
-    about its ankle and, if that is not enough, raised. Thigh and shin are solved by the law of cosines to reach the
-    ankle, with the knee on its original side. The hips sink where the legs are too short. Recorded motions may leap.
+    about its ankle and, if that is not enough, raised. The leg turns with its foot, and reaches the ankle by turns of
+    the hip and by bending the knee, which stays a hinge. The hips sink where the legs are too short. Recorded motions
+    may leap.
 
     Returns the root (F, 3), m, with corrected heights, and the rotations (F, 16, 3, 3) with corrected legs.
     """
@@ -100,7 +100,7 @@ def lock_feet(
     for side, foot in enumerate(FEET):
         heading = np.unwrap(np.arctan2(rotations[:, foot, 1, 0], rotations[:, foot, 0, 0]))
         turned = _undrift(heading[:, None], np.diff(heading)[:, None], standing[:, side])
-        rotations[:, foot] = Rotation.from_rotvec(turned * (0.0, 0.0, 1.0)).as_matrix() @ rotations[:, foot]
+        rotations[:, foot - 2 : foot + 1] = about("z", turned) @ rotations[:, foot - 2 : foot + 1]
         rotations[:, foot] = _on_floor(rotations[:, foot], origins[:, foot, 2] / body.stature)
         sole = origins[:, foot, None] + (rotations[:, foot, None] @ (SOLE * body.stature)[..., None])[..., 0]
         # Heel and tip bear weight according to how near the floor they are.
@@ -126,7 +126,7 @@ def lock_feet(
     for side, foot in enumerate(FEET):
         thigh, shin = foot - 2, foot - 1
         rotations[:, thigh], rotations[:, shin] = _reach(
-            origins[:, thigh], origins[:, shin], ankles[:, side], rotations[:, thigh], rotations[:, shin], bones[1]
+            ankles[:, side] - origins[:, thigh], rotations[:, thigh], rotations[:, shin], bones
         )
     return root, rotations
 
@@ -168,22 +168,30 @@ def _on_floor(feet: np.ndarray, ankles: np.ndarray) -> np.ndarray:
 
 
 def _reach(
-    hip: np.ndarray, knee: np.ndarray, ankle: np.ndarray, thigh: np.ndarray, shin: np.ndarray, shin_length: float
+    reach: np.ndarray, thigh: np.ndarray, shin: np.ndarray, lengths: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return thigh and shin orientations (F, 3, 3) that join hip and ankle (F, 3), the knee on its original side."""
-    bone, reach = knee - hip, ankle - hip
-    thigh_length = np.linalg.norm(bone, axis=1, keepdims=True)
+    """Return thigh and shin orientations (F, 3, 3) of a leg turned and bent so that its ankle is at `reach` (F, 3) from
+    the hip, m.
+
+    The leg first turns as a whole, in the shortest way, until it points to the ankle. Then the knee, a hinge about the
+    y axis of the thigh, bends until the ankle is at that distance. `lengths` (2,) of thigh and shin, m.
+    """
+    upper, lower = lengths
+    before = -upper * thigh[:, :, 2] - lower * shin[:, :, 2]
+    before /= np.linalg.norm(before, axis=1, keepdims=True)
     distance = np.linalg.norm(reach, axis=1, keepdims=True)
     along = reach / distance
-    distance = np.clip(distance, abs(thigh_length - shin_length) + 0.01, _STRETCH * (thigh_length + shin_length))
-    # The knee of a straight leg has no defined side; it bends forward.
-    side = bone - (bone * along).sum(1, keepdims=True) * along + 0.05 * thigh[:, :, 0]
-    side -= (side * along).sum(1, keepdims=True) * along
-    side /= np.linalg.norm(side, axis=1, keepdims=True)
-    cosine = np.clip((thigh_length**2 + distance**2 - shin_length**2) / (2 * thigh_length * distance), -1, 1)
-    bent = thigh_length * (cosine * along + np.sqrt(1 - cosine**2) * side)
+    both = before + along
+    turn = np.eye(3) + 2 * along[:, :, None] * before[:, None]
+    turn -= both[:, :, None] * both[:, None] * 2 / (both**2).sum(1)[:, None, None]
+    forward = np.cross(along, (turn @ thigh)[:, :, 1])
+    forward /= np.linalg.norm(forward, axis=1, keepdims=True)
+    # Law of cosines, at the hip.
+    distance = np.clip(distance, abs(upper - lower) + 0.01, _STRETCH * (upper + lower))
+    cosine = np.clip((upper**2 + distance**2 - lower**2) / (2 * upper * distance), -1, 1)
+    knee = upper * (cosine * along + np.sqrt(1 - cosine**2) * forward)
     down = (0.0, 0.0, -1.0)
-    return aligned(bent, thigh[:, :, 0], down), aligned(distance * along - bent, shin[:, :, 0], down)
+    return aligned(knee, forward, down), aligned(distance * along - knee, (turn @ shin)[:, :, 0], down)
 
 
 # Fit a motion to a body

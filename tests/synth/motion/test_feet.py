@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from dmae.data.rng import Stream, generator
@@ -33,6 +35,18 @@ def skates(body: Body, root: np.ndarray, rotations: np.ndarray) -> np.ndarray:
     points = sole_points(body, root, rotations)
     low = (points[1:, ..., 2] < 0.015) & (points[:-1, ..., 2] < 0.015)
     return low.any((1, 2)) & (np.where(low, speeds(points), np.inf).min((1, 2)) > 0.25)
+
+
+def sideways(rotations: np.ndarray) -> np.ndarray:
+    """(F, 2) degrees by which the left and the right shin leave the plane in which the knee bends."""
+    thighs, shins = (rotations[:, [SEGMENTS.index(f"{side}_{part}") for side in "lr"]] for part in ("thigh", "shin"))
+    return np.degrees(np.arcsin(np.clip((thighs[..., 1] * shins[..., 2]).sum(-1), -1, 1)))
+
+
+def bends(rotations: np.ndarray) -> np.ndarray:
+    """(F, 2) degrees by which the knees bend, below zero to the front."""
+    thighs, shins = (rotations[:, [SEGMENTS.index(f"{side}_{part}") for side in "lr"]] for part in ("thigh", "shin"))
+    return np.degrees(np.arctan2((thighs[..., 0] * shins[..., 2]).sum(-1), (thighs[..., 2] * shins[..., 2]).sum(-1)))
 
 
 def test_soles_are_where_a_flat_foot_meets_the_floor():
@@ -71,6 +85,68 @@ def test_locked_feet_stay_in_place_when_a_walk_is_bent_and_shifted():
     upper = [i for i in range(len(SEGMENTS)) if i not in LEGS]
     np.testing.assert_array_equal(firm[:, upper], motion.rotations[:, upper])
     np.testing.assert_array_equal(root[:, :2], pushed[:, :2])
+
+
+@given(
+    hips=st.lists(st.floats(-60, 60), min_size=6, max_size=6),
+    knees=st.lists(st.floats(-8, 120), min_size=2, max_size=2),
+    aside=st.lists(st.floats(-0.4, 0.4), min_size=2, max_size=2),
+    turn=st.floats(-1.5, 1.5),
+)
+@settings(max_examples=40)
+def test_knees_are_hinges_however_far_the_hips_go(hips, knees, aside, turn):
+    """Any pose of the legs; feet stand while the hips go aside and turn, and the legs reach them as far as they can."""
+    motion = gliding(BODY, 20, (0, 0), (0, 0))
+    rotations = motion.rotations.copy()
+    for side, angles, knee in (("l", hips[:3], knees[0]), ("r", hips[3:], knees[1])):
+        thigh, shin, foot = (SEGMENTS.index(f"{side}_{part}") for part in ("thigh", "shin", "foot"))
+        rotations[:, thigh] = Rotation.from_euler("zxy", angles, degrees=True).as_matrix()
+        rotations[:, shin] = rotations[:, thigh] @ Rotation.from_euler("y", knee, degrees=True).as_matrix()
+        rotations[:, foot] = rotations[:, shin]
+    share = np.linspace(0, 1, 20)
+    root = motion.root + np.pad(share[:, None] * aside, ((0, 0), (0, 1)))
+    rotations = Rotation.from_euler("z", share[:, None] * turn).as_matrix()[:, None] @ rotations
+    _, firm = lock_feet(BODY, root, rotations, np.ones((20, 2), bool), FPS)
+    np.testing.assert_allclose(sideways(firm), 0, atol=1e-4)
+    assert bends(firm).min() > 0
+
+
+@pytest.mark.parametrize(
+    ("kind", "folder"), [("amc", "asf_amc"), ("bvh", "bvh_cc"), ("bvh", "bvh_daz"), ("c3d", "c3d")]
+)
+def test_knees_of_recorded_people_are_hinges(kind, folder, data_folder):
+    """As read, and when they sidestep by 30 cm on feet that stay in place."""
+    # Markers show the axis of a nearly straight knee to some 10 degrees.
+    limit = 12 if kind == "c3d" else 3
+    for path in takes(MotionConfig(kind=kind, path=str(data_folder / "cmu" / folder))):
+        motion = fit_to_body(cut(read_take(path), start=0.4, seconds=4.0, fps=FPS), BODY)
+        assert np.abs(sideways(motion.rotations)).max() < limit
+        standing = foot_contacts(BODY, motion.root, motion.rotations, FPS, turn=0.0, recorded=True)
+        root = motion.root.copy()
+        root[:, 1] += 0.3 * np.sin(np.linspace(0, np.pi, len(root)))
+        root, firm = lock_feet(BODY, root, motion.rotations, standing, FPS, recorded=True)
+        np.testing.assert_allclose(sideways(firm), 0, atol=1e-4)
+        assert bends(firm).min() > 0
+
+
+def test_a_foot_that_is_held_turns_the_leg_and_not_the_ankle():
+    """A person who turns by 40 degrees on feet that stay in place."""
+    motion = gliding(BODY, 20, (0, 0), (0, 0))
+    bent = motion.rotations.copy()
+    for side in "lr":
+        thigh, shin = (SEGMENTS.index(f"{side}_{part}") for part in ("thigh", "shin"))
+        bent[:, thigh], bent[:, shin] = (
+            Rotation.from_euler("y", angle, degrees=True).as_matrix() for angle in (-20, 20)
+        )
+    turns = Rotation.from_euler("z", np.linspace(-20, 20, 20)[:, None], degrees=True).as_matrix()
+    rotations = turns[:, None] @ bent
+    root = motion.root - (0, 0, 0.05)
+    _, firm = lock_feet(BODY, root, rotations, np.ones((20, 2), bool), FPS)
+    for foot in FEET:
+        shins, feet = firm[:, foot - 1], firm[:, foot]
+        about_shin = np.degrees(np.arctan2(*(shins.swapaxes(-1, -2) @ feet)[:, 1::-1, 0].T))
+        assert np.abs(about_shin).max() < 5
+        assert np.abs(feet - feet[:1]).max() < 1e-6
 
 
 def test_a_walk_that_does_not_slide_is_hardly_changed():
