@@ -23,7 +23,9 @@ from dmae.numerics.kinematics import ISB, NoBody, body_motion, can_move
 from dmae.numerics.paths import linear, pchip
 
 Y_UP = np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])
-"""Rotation from our world to a world with y up. A person that faces x in our world faces z there."""
+"""Rotation from our axes to those of OpenSim, and of people at rest in animation: who faces x in ours faces z there."""
+WORLD_Y_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+"""Rotation from our world to that of BVH and glTF, which importers into a world with z up turn back into ours."""
 _LIMBS = {"elbow": (0, 1, 0), "wrist": (0, 1, 0), "knee": (0, 0, -1), "ankle": (0, 0, -1)}
 """Directions of limbs of your own skeletons in the rest pose, a T-pose that faces x, for the left side."""
 _HEADING_SMOOTHING = 0.4  # s; standard deviation of the Gaussian weights that smooth the heading
@@ -58,6 +60,12 @@ class JointRotations:
             if parent >= 0:
                 turned[:, joint] = turned[:, parent] @ self.rotations[:, joint]
         return xyz
+
+    def y_up(self, part: slice = slice(None)) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return `offsets`, `root` and `rotations` of a part of the frames in axes with y up: z ahead at rest."""
+        turned = Y_UP @ self.rotations[part] @ Y_UP.T
+        turned[:, self.placed] = WORLD_Y_UP @ self.rotations[part, self.placed] @ Y_UP.T
+        return self.offsets @ Y_UP.T, self.root[part] @ WORLD_Y_UP.T, turned
 
 
 def joint_rotations(poses: Poses3D, fps: float, person: int) -> JointRotations:

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from dmae.data.clip import Clip, Poses3D, person_name
 from dmae.files.contents import write_atomic, written
 from dmae.files.mapped import frame_blocks
-from dmae.formats.animation import Y_UP, JointRotations, joint_rotations, say_left_out
+from dmae.formats.animation import JointRotations, joint_rotations, say_left_out
 from dmae.formats.config import METRES, LengthUnit
 from dmae.formats.poses import person_paths
 from dmae.formats.registry import pose_writer
@@ -45,7 +45,7 @@ def write_bvh(
 
 def _hierarchy(motion: JointRotations, metre: float, order: str) -> list[str]:
     lines = ["HIERARCHY"]
-    offsets = motion.offsets @ Y_UP.T / metre
+    offsets = motion.y_up(slice(0))[0] / metre
 
     def write(joint: int, depth: int) -> None:
         indent, inner = "\t" * depth, "\t" * (depth + 1)
@@ -71,7 +71,7 @@ def _motion(motion: JointRotations, fps: float, metre: float, order: str) -> Ite
     yield from ("MOTION", f"Frames: {len(motion.root)}", f"Frame Time: {1 / fps:.9g}")
     depth_first, last = _depth_first(motion.parents), None
     for part in frame_blocks(motion.rotations):
-        turned = Y_UP @ motion.rotations[part] @ Y_UP.T
+        _, root, turned = motion.y_up(part)
         angles = Rotation.from_matrix(turned.reshape(-1, 3, 3)).as_euler(order, degrees=True, suppress_warnings=True)
         angles = angles.reshape(len(turned), -1, 3)
         # Unwrap angles so that they continue those of the frame before.
@@ -81,7 +81,7 @@ def _motion(motion: JointRotations, fps: float, metre: float, order: str) -> Ite
         rows = []
         for joint in depth_first:
             if joint == motion.placed:
-                rows.append(motion.root[part] @ Y_UP.T / metre)
+                rows.append(root / metre)
             elif joint < motion.placed:
                 rows.append(np.zeros((len(angles), 3)))
             rows.append(angles[:, joint])

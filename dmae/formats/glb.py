@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from dmae.data.clip import Clip, Poses3D, Source, person_name
 from dmae.files.contents import write_atomic
-from dmae.formats.animation import Y_UP, JointRotations, continuous, joint_rotations, say_left_out
+from dmae.formats.animation import JointRotations, continuous, joint_rotations, say_left_out
 from dmae.formats.registry import pose_writer
 from dmae.numerics.kinematics import NoBody
 
@@ -125,8 +125,7 @@ class GltfFile:
 def _add_person(
     file: GltfFile, motion: JointRotations, source: np.ndarray, there: np.ndarray, name: str, colour, red: int
 ) -> None:
-    offsets = motion.offsets @ Y_UP.T
-    turned = Y_UP @ motion.rotations @ Y_UP.T
+    offsets, root, turned = motion.y_up()
     quaternions = Rotation.from_matrix(turned.reshape(-1, 3, 3)).as_quat().reshape(len(turned), -1, 4)
     nodes = [
         file.add("nodes", name=f"{name}: {joint}", translation=offset.tolist())
@@ -139,7 +138,7 @@ def _add_person(
         file.animate(node, "rotation", continuous(quaternions[:, joint]))
         unmeasured = (source[:, joint] == Source.COMPLETED) | ((source[:, joint] == Source.ABSENT) & there)
         file.animate(marker, "scale", np.repeat(unmeasured[:, None].astype(float), 3, 1), step=True)
-    file.animate(nodes[0], "translation", motion.root @ Y_UP.T)
+    file.animate(nodes[0], "translation", root)
     file.animate(nodes[0], "scale", np.repeat(there[:, None].astype(float), 3, 1), step=True)
     rest = _rest_positions(offsets, motion.parents)
     bind = np.tile(np.eye(4), (len(nodes), 1, 1))
@@ -149,8 +148,10 @@ def _add_person(
     skin = file.add("skins", name=name, joints=nodes, skeleton=nodes[0], inverseBindMatrices=matrices)
     points, faces, bound = _body(rest, motion.joints) if "l_hip" in motion.joints else _bones(rest, motion.parents)
     mesh = file.mesh(name, points, faces, colour, bound)
-    body = file.add("nodes", name=name, mesh=mesh, skin=skin)
-    file.json["scenes"][0]["nodes"] += [nodes[0], body]
+    body = file.add("nodes", name=f"{name}: body", mesh=mesh, skin=skin)
+    # Blender makes an armature of what is above the joints; the bodies of people without it share one.
+    person = file.add("nodes", name=name, children=[nodes[0]])
+    file.json["scenes"][0]["nodes"] += [person, body]
 
 
 def _rest_positions(offsets: np.ndarray, parents: tuple[int, ...]) -> np.ndarray:

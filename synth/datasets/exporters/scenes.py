@@ -23,6 +23,7 @@ from scipy.spatial.transform import Rotation
 from dmae.data.cameras import CameraRig
 from dmae.data.conversion import convert
 from dmae.files.contents import write_atomic
+from dmae.formats.animation import WORLD_Y_UP
 from dmae.formats.glb import GltfFile
 from synth.datasets.exporters import exporter
 from synth.datasets.exporters.selection import ClipTask, Selection
@@ -234,7 +235,6 @@ def _pieces(model: mujoco.MjModel) -> Iterator[_Piece]:
 
 # glTF
 
-_Y_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 _BYTE, _INT, _VERTICES, _INDICES = 5121, 5125, 34962, 34963
 _LIGHT_LUX, _LIGHT_CANDELA = 3.0, 60.0
 """Brightness of a white light."""
@@ -305,8 +305,8 @@ def _write_glb(task: ClipTask) -> Counter:
             bones.append(node)
         # The place of a mesh with a skin is that of its bones alone, so its points are already y up.
         attributes = {
-            "POSITION": file.accessor(skin.points @ _Y_UP.T, "VEC3", target=_VERTICES, bounds=True),
-            "NORMAL": file.accessor(skin.normals @ _Y_UP.T, "VEC3", target=_VERTICES),
+            "POSITION": file.accessor(skin.points @ WORLD_Y_UP.T, "VEC3", target=_VERTICES, bounds=True),
+            "NORMAL": file.accessor(skin.normals @ WORLD_Y_UP.T, "VEC3", target=_VERTICES),
             "JOINTS_0": file.accessor(skin.which, "VEC4", _BYTE, _VERTICES),
             "WEIGHTS_0": file.accessor(skin.weights, "VEC4", target=_VERTICES),
         }
@@ -319,7 +319,7 @@ def _write_glb(task: ClipTask) -> Counter:
             for name, (colour, faces) in skin.looks.items()
         ]
         unbend = np.linalg.inv(skin.bind)
-        unbend[:, :3, :3] = unbend[:, :3, :3] @ _Y_UP.T
+        unbend[:, :3, :3] = unbend[:, :3, :3] @ WORLD_Y_UP.T
         # Matrices are stored column by column.
         unbend = file.accessor(unbend.swapaxes(1, 2).reshape(-1, 16), "MAT4")
         mesh = file.add("meshes", name=skin.name, primitives=primitives)

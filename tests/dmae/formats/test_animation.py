@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import BODY25, SKELETONS, Skeleton
 from dmae.formats import c3d
-from dmae.formats.animation import Y_UP, joint_rotations
+from dmae.formats.animation import WORLD_Y_UP, joint_rotations
 from dmae.formats.writing import write_poses
 from dmae.numerics.body import rotate_z, rotation_z
 from synth.motion.readers.bvh import read_bvh
@@ -78,7 +78,7 @@ def written(poses: Poses3D, path: Path, format: str, **options) -> Path:
 def by_name_bvh(path: Path) -> dict[str, np.ndarray]:
     """Joints (F, 3) m, world, by a reader of our generator."""
     found = read_bvh(path)
-    xyz = found.forward()[0] @ Y_UP
+    xyz = found.forward()[0] @ WORLD_Y_UP
     return {joint: xyz[:, number] for number, joint in enumerate(found.joints)}
 
 
@@ -105,7 +105,7 @@ def by_name_glb(path: Path, frames: int) -> dict[str, np.ndarray]:
         move = tracks.get((node, "translation"), np.array(file.nodes[node].translation or [0, 0, 0]))
         at = at + (turned @ np.broadcast_to(move, (frames, 3))[..., None])[..., 0]
         if (node, "rotation") in tracks:
-            found[file.nodes[node].name] = at @ Y_UP
+            found[file.nodes[node].name] = at @ WORLD_Y_UP
             turned = turned @ Rotation.from_quat(tracks[node, "rotation"]).as_matrix()
             for child in file.nodes[node].children:
                 place(child, at, turned)
@@ -166,13 +166,13 @@ def test_rigs_of_other_programs_stand_where_the_person_stands(rig, count, tmp_pa
     joints = [joint for joint in found.joints if not joint.endswith(".end")]
     assert len(joints) == count
     at, turned = found.forward()
-    at = at / 100 @ Y_UP
+    at = at / 100 @ WORLD_Y_UP
     leg = "Leg" if rig == "soma" else "UpLeg"
     pairs = {"LeftForeArm": "l_elbow", "RightHand": "r_wrist", f"Left{leg}": "l_hip", "RightFoot": "r_ankle"}
     for theirs, ours in pairs.items():
         error = at[:, found.joints.index(theirs)] - poses.xyz[:, 0, BODY25.index(ours)[0]]
         assert np.linalg.norm(error, axis=-1).max() < 0.04
-    axes = Y_UP.T @ turned[0, found.joints.index("Hips")]
+    axes = WORLD_Y_UP.T @ turned[0, found.joints.index("Hips")]
     left, up, ahead = (axes.T @ way for way in np.eye(3)[[1, 2, 0]])
     if rig == "soma":
         np.testing.assert_allclose([left, up, ahead], np.eye(3), atol=0.15)
@@ -202,7 +202,7 @@ def test_another_library_reads_the_same_motion(rig, metre, pairs, tmp_path):
     nodes = [root.filter(name, isEqual=True)[0] for name in pairs]
     for frame in range(0, len(poses.xyz), 8):
         root.loadPose(frame)
-        found = np.array([[*node.PositionWorld] for node in nodes]) / metre @ Y_UP
+        found = np.array([[*node.PositionWorld] for node in nodes]) / metre @ WORLD_Y_UP
         error = np.linalg.norm(found - poses.xyz[frame, 0, BODY25.index(*pairs.values())], axis=-1)
         assert np.median(error) < 0.002 and error.max() < 0.015
 
@@ -234,7 +234,7 @@ def test_a_bvh_holds_the_motion(clip, tmp_path, unit, metre):
         assert found.fps == pytest.approx(clip.fps)
         ours = [joint for joint in found.joints if joint in BODY25.joints]
         assert len(ours) == 25
-        xyz = found.forward()[0][:, [found.joints.index(joint) for joint in ours]] / metre @ Y_UP
+        xyz = found.forward()[0][:, [found.joints.index(joint) for joint in ours]] / metre @ WORLD_Y_UP
         expected = clip.poses.xyz[:, person][:, BODY25.index(*ours)]
         assert np.nanmax(np.linalg.norm(xyz - expected, axis=-1)[:frames]) < 0.002
 
@@ -262,6 +262,9 @@ def test_a_glb_holds_the_motion_and_marks_what_was_not_measured(clip, tmp_path):
 
     np.testing.assert_array_equal(np.flatnonzero(scale("P1: r_wrist not measured")), np.arange(4, 9))
     np.testing.assert_array_equal(np.flatnonzero(scale("P2: mid_hip")), np.arange(20))
+    # Blender makes one armature of all skins whose joints stand below the same node.
+    above = {child: node.name for node in file.nodes for child in node.children or []}
+    assert [above[skin.joints[0]] for skin in file.skins] == ["P1", "P2"]
 
 
 def test_a_glb_is_a_scene_of_upright_people_to_trimesh(clip, tmp_path):

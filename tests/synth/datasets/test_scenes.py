@@ -11,6 +11,7 @@ import synth
 from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25
 from dmae.data.store import load_clip
+from dmae.formats.animation import WORLD_Y_UP
 from synth.datasets.exporters.export import export
 from synth.people.skinning import Skin, mesh_triangles
 from synth.physics.body_state import load_state
@@ -18,7 +19,6 @@ from synth.rendering.sensor import encode
 from synth.scene.build import build_scene
 from synth.scene.spec import SceneSpec
 
-_Y_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 _GL_FROM_CV = np.diag([1.0, -1.0, -1.0])
 _WRIST = BODY25.index("l_wrist")[0]
 
@@ -82,7 +82,7 @@ def test_skins_of_glb_are_the_surfaces_of_pictures(data, clip, drawn, tmp_path):
     skin, mesh = content.skins[node.skin], content.meshes[node.mesh]
     above = {child: number for number, node in enumerate(content.nodes) for child in node.children or ()}
     turned = np.eye(4)
-    turned[:3, :3] = _Y_UP
+    turned[:3, :3] = WORLD_Y_UP
     moves = np.tile(turned, (len(skin.joints), 1, 1))
     for bone, joint in enumerate(skin.joints):
         chain = [joint]
@@ -113,7 +113,7 @@ def test_skins_of_glb_are_the_surfaces_of_pictures(data, clip, drawn, tmp_path):
     away = {}
     for primitive in mesh.primitives:
         name = content.materials[primitive.material].name
-        away[name] = np.abs(points[values(primitive.indices).reshape(-1, 3)] - drawn[name] @ _Y_UP.T)
+        away[name] = np.abs(points[values(primitive.indices).reshape(-1, 3)] - drawn[name] @ WORLD_Y_UP.T)
     assert away.keys() == drawn.keys()
     away = np.concatenate(list(away.values()))
     assert away.max() < 1e-5
@@ -143,7 +143,9 @@ def test_glb_has_people_things_cameras_and_lights_of_the_labels(data, clip, tmp_
     export(data, tmp_path / "out", "glb")
     file = tmp_path / "out/train/000000.glb"
     scene, rig, truth = trimesh.load(file), clip.actual_rig, convert(clip.truth, BODY25).xyz
-    np.testing.assert_allclose(scene.graph.get("person1: l_wrist")[0][:3, 3], _Y_UP @ truth[0, 1, _WRIST], atol=1e-6)
+    np.testing.assert_allclose(
+        scene.graph.get("person1: l_wrist")[0][:3, 3], WORLD_Y_UP @ truth[0, 1, _WRIST], atol=1e-6
+    )
     assert scene.bounds[0][1] == pytest.approx(0, abs=1e-3)  # feet and floor
     names = " ".join(scene.graph.nodes)
     assert "person0/head" in names and "load0/box" in names and "floor" in names
@@ -193,7 +195,7 @@ def test_a_single_frame_is_a_scene(data, clip, tmp_path, format):
     if format == "glb":
         scene = pytest.importorskip("trimesh").load(tmp_path / "out/train/000000.glb")
         found = scene.graph.get("person1: l_wrist")[0][:3, 3]
-        np.testing.assert_allclose(found, _Y_UP @ convert(clip.truth, BODY25).xyz[0, 1, _WRIST], atol=1e-6)
+        np.testing.assert_allclose(found, WORLD_Y_UP @ convert(clip.truth, BODY25).xyz[0, 1, _WRIST], atol=1e-6)
     else:
         pxr = pytest.importorskip("pxr", reason="usd-core, of the extra `usd`, is not installed")
         stage = pxr.Usd.Stage.Open(str(tmp_path / "out/train/000000.usdc"))
