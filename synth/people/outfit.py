@@ -18,8 +18,9 @@ from synth.people.surface import BareBody, assets, bare_body
 
 _TILE = 0.3
 """Length of cloth that one repeat of a texture covers, m."""
-_CLOTH, _EDGE, _UNDER, _TUCKED = 0.005, 0.004, 0.025, 0.05
-"""Thickness of cloth, width of the edge of a hem, and how far skin and cloth continue under other cloth, m."""
+_CLOTH, _EDGE, _UNDER, _TUCKED, _TUCK = 0.005, 0.004, 0.025, 0.05, 0.03
+"""Thickness of cloth, width of the edge of a hem, how far skin and cloth continue under other cloth, and how far a
+shirt reaches into trousers, m."""
 _SOFT, _LOOSE = 12, 24
 """Numbers of times that weights around shoulders, and those of clothes around hips, are averaged over neighbours."""
 
@@ -72,7 +73,9 @@ def parts(body: Body, looks: PersonLooks) -> list[Part]:
     sheet = _bare_sheet(bare)
     (top, thick), (bottom, wide) = _top(sheet, bare, body, looks), _bottom(sheet, body, looks)
     shoes, shod = _shoes(sheet, bare, body)
-    sheets = [("skin", _kept(sheet, _UNDER - np.max([top, bottom, shod], axis=0))[0])]
+    # Where two garments overlap, neither hem is an opening.
+    fields = np.sort([top, bottom, shod], axis=0)
+    sheets = [("skin", _kept(sheet, _UNDER - fields[-1] - np.maximum(fields[-2], 0))[0])]
     # Around the hips cloth hangs between the thighs rather than on each.
     cloth = sheet._replace(weights=_softened(sheet.weights, sheet.along, ("pelvis", "spine"), "thigh", _LOOSE))
     sheets.append(("top", _worn(cloth, top, thick, None if looks.untucked else bottom)))
@@ -198,7 +201,7 @@ def _top(sheet: _Sheet, bare: BareBody, body: Body, looks: PersonLooks) -> tuple
     """Return the field and the thickness (N,) of the shirt, m."""
     size, arm, up = body.stature, _chain(sheet, _ARM), sheet.points[:, 2] / body.stature
     neck = bare.origins[SEGMENTS.index("head")]
-    hem = np.where(arm > 0, _FAR, sheet.points[:, 2] - (-0.03 if looks.untucked else 0.058) * size)
+    hem = np.where(arm > 0, _FAR, sheet.points[:, 2] - (-0.03 * size if looks.untucked else 0.074 * size - _TUCK))
     sleeve = np.where(arm > 0, (1.95 if looks.top.long else 0.62) - arm, _FAR / size) * 0.17 * size
     # The collar lies in a plane around the neck, lower in front; shoulders may rise above it.
     ahead, aside, above = (sheet.points - neck).T

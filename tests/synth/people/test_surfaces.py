@@ -1,5 +1,7 @@
 """Surfaces of people: girths as in surveys, and close to the capsules."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -155,6 +157,15 @@ def test_solids_fit_the_skin(body):
     solid = ends[which, 0] * (1 - along) + ends[which, 1] * along + way
     solid = solid[outside(solid, ends, radii) > -1e-6]
     assert np.percentile(cKDTree(skin).query(solid)[0], 95) < 0.025 * body.stature
+
+
+@pytest.mark.parametrize("body", BODIES, ids=named)
+@pytest.mark.parametrize("untucked", [True, False])
+def test_no_skin_is_left_under_cloth_around_the_waist(body, untucked):
+    """Skin bends more sharply than cloth, and would come through it on a person who sits."""
+    skin = [part for part in parts(body, replace(BARE, untucked=untucked)) if part.material == "skin"]
+    trunk = [part for part in skin if part.segment in ("pelvis", "spine", "chest", "l_thigh", "r_thigh")]
+    assert not any((np.abs(part.vertices[:, 2] / body.stature - 0.05) < 0.1).any() for part in trunk)
 
 
 def test_stripes_go_on_where_a_shirt_hangs_over_the_thighs():
