@@ -36,8 +36,6 @@ class PoseDetectorConfig:
     photographs: bool = False
     """Whether each picture is searched by itself, for small people and people cut off by its border, too, in two to
     three times the time. With `photos=` always so."""
-    min_presence: float = 0.5
-    """Smallest probability that a region holds a person, 0 to 1."""
     across_views: bool = True
     """With a calibration: search people that a camera missed where the other cameras see them, and remove detections
     that are parts of people."""
@@ -47,8 +45,6 @@ class PoseDetectorConfig:
             raise ValueError(f"detector.windows={self.windows}: expected shares of the picture from 0.05 to 2")
         if self.search_every < 1:
             raise ValueError(f"detector.search_every={self.search_every}: expected 1 frame or more")
-        if not 0 < self.min_presence < 1:
-            raise ValueError(f"detector.min_presence={self.min_presence:g}: expected a probability, between 0 and 1")
 
 
 class FlatFormat(StrEnum):

@@ -173,7 +173,7 @@ def rings(clips: int, workers: int) -> Iterator[dict[str, dict]]:
         evidence = gather_evidence(config, replace(given, place=place))
         own = slice(len(candidates))
         mounted = JointEvidence(evidence.probability[:, own], evidence.information[:, own])
-        chosen = choose(mounted, candidates.place, config.numbers, config.search.exchanges)
+        chosen = choose(mounted, candidates.place, config.numbers)
         rigs = [*chosen.values(), *rigs]
         used = sorted({camera for rig in rigs for camera in rig})
         rank = {camera: index for index, camera in enumerate(used)}

@@ -55,8 +55,6 @@ class OcclusionConfig:
     """Count instead the joints that are hidden from this many cameras or more at the same time."""
     by_self: bool = True
     """Whether joints hidden by their own person's body count, which no layout changes."""
-    layouts: int = 12
-    """Number of layouts that are tried before the people are drawn again."""
 
     def __post_init__(self):
         if self.target and not (len(self.target) == 2 and 0 <= self.target[0] < self.target[1] <= 1):
@@ -64,9 +62,8 @@ class OcclusionConfig:
                 f"occlusion.target: expected [least, greatest] fraction of joints, 0 <= least < greatest <= 1, "
                 f"got {list(self.target)}"
             )
-        for name in ("views", "layouts"):
-            if getattr(self, name) is not None and getattr(self, name) < 1:
-                raise ValueError(f"occlusion.{name}: expected 1 or more, got {getattr(self, name)}")
+        if self.views is not None and self.views < 1:
+            raise ValueError(f"occlusion.views: expected 1 or more, got {self.views}")
 
     def check(self, rig: "CameraRig") -> None:
         """Raise ValueError if the target counts more cameras than the rig has."""

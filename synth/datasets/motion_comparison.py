@@ -236,6 +236,8 @@ def _distances(one: np.ndarray, other: np.ndarray) -> tuple[float, float]:
 
 _FAR = 2.0
 """Distances above this multiple of the distance between halves of the recordings are highlighted."""
+_NAMED = 6
+"""Greatest number of differences that the text names."""
 _BINS = 48
 _REAL, _SIM, _INK, _MUTED = "#a9b8c6", "#d9541e", "#1d2733", "#55606c"
 
@@ -340,12 +342,12 @@ def write_page(
     write_report(path, "Motion, recorded and simulated", sections)
 
 
-def largest_differences(differences: Sequence[Difference], count: int = 6) -> str:
+def largest_differences(differences: Sequence[Difference]) -> str:
     """Return text about the quantities that differ more than recordings differ from each other."""
     far = sorted((d for d in differences if d.ratio > _FAR), key=lambda d: -d.ratio)
     listed = [
         f"{d.quantity.name} ({d.ratio:.1f} times; median {_text(d.sim[1])} for {_text(d.real[1])} {d.quantity.unit})"
-        for d in far[:count]
+        for d in far[:_NAMED]
     ]
     text = f"{len(far)} of {len(differences)} distances are more than {_FAR:g} times those of halves of the recordings"
     return f"{text}{', the largest ' if far else ''}{', '.join(listed)}."

@@ -111,6 +111,8 @@ def unmet(found: list[np.ndarray], config: OcclusionConfig) -> FailedSimulation:
 
 _FRAMES = 12
 """Number of frames of a clip in which its occlusion is predicted."""
+_LAYOUTS = 12
+"""Number of layouts that are tried before the people are drawn again."""
 _PROPS = 14
 """Number of props in a layout. Some of them are removed later."""
 _SPREAD = 3.0
@@ -151,7 +153,7 @@ def sample_hidden_scene(
     cameras = tuple((float(x), float(y)) for x, y in rig.centers[:, :2])
     # People keep apart at closeness 0, and crowd together at 1.
     base, found, closeness = None, [], 0.5
-    for draw in range(config.layouts):
+    for draw in range(_LAYOUTS):
         gathering = scene.gathering * _SPREAD ** (1 - 2 * closeness)
         clearance = farthest + closeness * (nearest - farthest)
         layout = Layout(draw, gathering, clearance, max(_PROPS, scene.props[0]), cameras)
@@ -177,7 +179,7 @@ def sample_hidden_scene(
         closeness = wanted
     if not found:
         raise FailedSimulation(
-            f"no room for people in any of {config.layouts} layouts; fewer people (scene.persons), shorter clips or a "
+            f"no room for people in any of {_LAYOUTS} layouts; fewer people (scene.persons), shorter clips or a "
             "larger scene.radius would help"
         )
     raise unmet(found, config)

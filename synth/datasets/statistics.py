@@ -514,8 +514,8 @@ def _quantities(found: Statistics) -> str:
     )
 
 
-def quantiles(counts: np.ndarray, edges: np.ndarray, shares: tuple[float, ...] = (0.05, 0.5, 0.95)) -> list[float]:
-    """Return the approximate quantiles of a histogram (N,): the middles of the bins that reach these shares."""
+def quantiles(counts: np.ndarray, edges: np.ndarray) -> list[float]:
+    """Return approximate quantiles of a histogram (N,), 5, 50 and 95 %: the middles of the bins that reach them."""
     reached = np.cumsum(counts) / counts.sum()
-    bins = [int(np.searchsorted(reached, share - 1e-9)) for share in shares]
+    bins = [int(np.searchsorted(reached, share - 1e-9)) for share in (0.05, 0.5, 0.95)]
     return [float((edges[each] + edges[each + 1]) / 2) for each in bins]

@@ -84,17 +84,15 @@ class SearchConfig:
     Attributes:
         clips: Number of simulated clips for the search.
         frames: Number of frames of each clip, evenly spread, in which the visibility of joints is computed.
-        exchanges: Maximum number of times that each camera of a rig is exchanged for the best one of all places.
         check_clips: Number of simulated clips of other people, which are captured to check the rigs.
     """
 
     clips: int = 6
     frames: int = 12
-    exchanges: int = 3
     check_clips: int = 8
 
     def __post_init__(self):
-        for name, least in (("clips", 1), ("frames", 1), ("exchanges", 0), ("check_clips", 2)):
+        for name, least in (("clips", 1), ("frames", 1), ("check_clips", 2)):
             if getattr(self, name) < least:
                 raise ValueError(f"search.{name}: expected {least} or more, got {getattr(self, name)}")
 

@@ -231,7 +231,7 @@ def make_plan(config: PlanConfig) -> CameraPlan:
     candidates = find_candidates(config)
     with running_on(config.backend):
         evidence = gather_evidence(config, candidates)
-        chosen = choose(evidence, candidates.place, config.numbers, config.search.exchanges)
+        chosen = choose(evidence, candidates.place, config.numbers)
         ordered = {number: _around(candidates, cameras, config) for number, cameras in chosen.items()}
         rigs = [rig for cameras in ordered.values() for rig in with_one_less(cameras)]
         cameras = sorted({camera for rig in rigs for camera in rig})

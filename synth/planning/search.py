@@ -170,6 +170,8 @@ _HALF_WEIGHT_ERROR = 0.05
 """Standard error at which a measured joint counts half, m."""
 _RIDGE = 1e-3
 """Added information, 1/m^2. It keeps the determinant above zero for joints that only one camera sees."""
+_EXCHANGES = 3
+"""Greatest number of times that each camera is exchanged for the best one of all places."""
 _TIMED_ROWS = 2000
 """Number of joints in the measurement of the search time."""
 
@@ -238,11 +240,11 @@ def predict(evidence: JointEvidence, chosen: list[int]) -> RigPrediction:
     return RigPrediction(state.value(), float(100 * (1 - state.measured.mean())), float(1000 * np.median(error)))
 
 
-def choose(evidence: JointEvidence, place: np.ndarray, numbers: range, exchanges: int) -> dict[int, list[int]]:
+def choose(evidence: JointEvidence, place: np.ndarray, numbers: range) -> dict[int, list[int]]:
     """Choose cameras for each number, by greedy search and exchange. Return sorted indices of the cameras.
 
     `place` (C,) is the index of each candidate's place; each place is used at most once. Each camera is exchanged for
-    the best other one at most `exchanges` times.
+    the best other one at most three times.
 
     Raises:
         ValueError: there are fewer places than cameras.
@@ -254,7 +256,7 @@ def choose(evidence: JointEvidence, place: np.ndarray, numbers: range, exchanges
     for number in progress(range(1, max(numbers) + 1), "choosing cameras"):
         chosen = [*chosen, int(_scores(evidence, place, chosen).argmax())]
         if number in numbers:
-            chosen = _exchanged(evidence, place, chosen, exchanges)
+            chosen = _exchanged(evidence, place, chosen)
             found[number] = sorted(chosen)
     return found
 
@@ -278,10 +280,10 @@ def _scores(evidence: JointEvidence, place: np.ndarray, others: list[int]) -> np
     return np.array([before.with_camera(evidence, c).value() if free[c] else -1.0 for c in range(len(place))])
 
 
-def _exchanged(evidence: JointEvidence, place: np.ndarray, chosen: list[int], rounds: int) -> list[int]:
-    """Return the cameras after exchanges of each for the best other one, in at most `rounds` rounds."""
+def _exchanged(evidence: JointEvidence, place: np.ndarray, chosen: list[int]) -> list[int]:
+    """Return the cameras after exchanges of each for the best other one, in at most three rounds."""
     chosen = list(chosen)
-    for _ in range(rounds):
+    for _ in range(_EXCHANGES):
         before = list(chosen)
         for index in range(len(chosen)):
             others = chosen[:index] + chosen[index + 1 :]

@@ -28,6 +28,7 @@ from dmae.detection.registry import PoseDetectorConfig, pose_detector
 
 _GRIDS = ((28, 2), (14, 2), (7, 6))  # Grids of anchors: number of cells in a row, and number of anchors in a cell
 _MIN_SCORE = 0.5
+_MIN_PRESENCE = 0.5  # Smallest probability that a region holds a person
 _MAX_OVERLAP = 0.3  # Smallest intersection over union of two boxes of one person
 _SHARES, _LARGEST, _SHRINK = (1.0, 0.6, 0.35), 1.5, 0.6
 """Sides of the windows in videos, relative to the longer side of the image. In photographs: the largest side, for
@@ -218,7 +219,7 @@ _SURE = 0.08  # No other region is tried after a result this near
 
 
 def find_expected(
-    network: Network, pyramid: list[np.ndarray], expected: np.ndarray, known: Sequence[np.ndarray], min_presence: float
+    network: Network, pyramid: list[np.ndarray], expected: np.ndarray, known: Sequence[np.ndarray]
 ) -> Person | None:
     """Return the person at an expected place; None if the network finds no one there, or a known person.
 
@@ -230,7 +231,6 @@ def find_expected(
         pyramid: The image and its smaller copies.
         expected: (33, 2) px; NaN where unknown.
         known: Joints (33, 2) px of each known person; NaN where absent.
-        min_presence: Smallest probability of a person.
     """
     hip, shoulder = expected[_HIPS].mean(0), expected[_SHOULDERS].mean(0)
     radius = _LARGER * float(body_radius(expected, BLAZEPOSE33))
@@ -246,7 +246,7 @@ def find_expected(
             apart = _apart(person.xy, expected)
             if (
                 apart < nearest
-                and person.presence >= min_presence
+                and person.presence >= _MIN_PRESENCE
                 and clearness(person) >= _CLEAR_THERE
                 and all(_apart(person.xy, xy) > _OTHER * radius for xy in known)
             ):
@@ -375,7 +375,7 @@ class PeopleDetector:
         """Return the people of an image (H, W, 3) at expected places (n, 33, 2) px that are not known (D, 33, 2) px."""
         pyramid, found, others = pyramid_of(np.ascontiguousarray(picture)), [], list(known)
         for places in expected:
-            person = find_expected(self._joints, pyramid, places, others, self._config.min_presence)
+            person = find_expected(self._joints, pyramid, places, others)
             if person is not None:
                 found.append(person)
                 others.append(person.xy)
@@ -412,9 +412,9 @@ class PeopleDetector:
                 lost.append(before.person.region)
                 continue
             jumped = disagreement(before.person, person) > _JUMP
-            if jumped or (self._number + number) % _CHECKED == 0 or person.presence < self._config.min_presence:
+            if jumped or (self._number + number) % _CHECKED == 0 or person.presence < _MIN_PRESENCE:
                 again = self._person(pyramid, person.region)
-                limit = _STRAYED if person.presence >= self._config.min_presence else _STEADY
+                limit = _STRAYED if person.presence >= _MIN_PRESENCE else _STEADY
                 if disagreement(person, again) > limit or clearness(person) < _CLEAR:
                     lost.append(before.person.region)
                     continue
@@ -492,7 +492,7 @@ class PeopleDetector:
         if (larger := larger_region(person)) is None:
             return person
         again = find_person(self._joints, pyramid, larger, without)
-        sure = again.presence >= self._config.min_presence and again.region is not None
+        sure = again.presence >= _MIN_PRESENCE and again.region is not None
         return again if sure and part_of(person, again) else person
 
     def _settled(self, pyramid: list[np.ndarray], region: Region, without: Sequence[Person] = ()) -> Person | None:
@@ -504,7 +504,7 @@ class PeopleDetector:
                 return None
             most = max(most, person.presence)
             if before is not None and disagreement(before, person) < _SETTLED:
-                there = person.presence >= self._config.min_presence or most >= _FAINT
+                there = person.presence >= _MIN_PRESENCE or most >= _FAINT
                 return person if there and self._clear(person) >= _CLEAR else None
             if before is not None and self._config.photographs and self._alike(before, person):
                 return person
@@ -529,7 +529,7 @@ class PeopleDetector:
         if found is None:
             return None
         again = self._person(pyramid, found.region)
-        sure = min(found.presence, again.presence) >= self._config.min_presence and again.region is not None
+        sure = min(found.presence, again.presence) >= _MIN_PRESENCE and again.region is not None
         return again if sure and disagreement(found, again) < _STEADY and self._clear(again) >= _CLEAR else None
 
 

@@ -168,6 +168,7 @@ LIMBS = [
 HEAD = BLAZEPOSE33.index("l_ear", "r_ear", "nose")
 _LIMB_WIDTH, _HEAD_RADIUS = 0.35, 0.3
 """Width of the limbs and radius of the head that are painted over, relative to the size of the torso."""
+_SAME_TORSO = 0.4  # Distance of two torsos that are one, relative to their size
 _BLUR = 0.3  # Side of the box over which colours are averaged for painting, relative to the image
 
 
@@ -213,13 +214,13 @@ def find_person(network: Network, pyramid: list[np.ndarray], region: Region, wit
     )
 
 
-def same_torso(a: Person, b: Person, nearness: float = 0.4) -> bool:
+def same_torso(a: Person, b: Person) -> bool:
     """Return whether two detections show one person: their torsos are at one place, relative to their size.
 
     The sides do not matter, as a network may confuse left and right. Heads are not compared: where a window cuts a
     body, the network finds a smaller body with the same head.
     """
-    return bool(min(_apart(a, b, TORSO), _apart(a, b, _EXCHANGED)) < nearness)
+    return bool(min(_apart(a, b, TORSO), _apart(a, b, _EXCHANGED)) < _SAME_TORSO)
 
 
 def disagreement(a: Person, b: Person) -> float:

@@ -131,7 +131,7 @@ class TestSearchAtExpectedPlaces:
         return person
 
     def find(self, picture, expected: np.ndarray, known=()) -> Person | None:
-        return find_expected(Network("pose_landmark_full"), pyramid_of(picture), expected, known, 0.5)
+        return find_expected(Network("pose_landmark_full"), pyramid_of(picture), expected, known)
 
     def test_a_person_is_found_near_where_it_is_expected(self, picture, person):
         expected = person.xy + 0.04 * 2 * person.region.radius

@@ -74,7 +74,6 @@ def test_only_joints_of_body25_count():
         ({"target": [0.3]}, "occlusion.target"),
         ({"target": [float("nan"), 0.4]}, "occlusion.target"),
         ({"views": 0}, "occlusion.views: expected 1 or more"),
-        ({"layouts": 0}, "occlusion.layouts: expected 1 or more"),
     ],
 )
 def test_impossible_targets_are_refused(fields, message):

@@ -144,7 +144,7 @@ def test_cameras_that_see_nothing_or_from_the_same_side_are_left():
     centers = np.concatenate([around(6), around(6) + (0.05, 0, 0)])
     probability = np.full((100, 12), 0.9)
     probability[:, 3] = 0
-    chosen = choose(evidence_of(centers, joints, probability), np.arange(12), range(2, 5), 3)
+    chosen = choose(evidence_of(centers, joints, probability), np.arange(12), range(2, 5))
     assert [len(cameras) for cameras in chosen.values()] == [2, 3, 4]
     assert all(3 not in cameras for cameras in chosen.values())
     one, other = centers[chosen[2]]
@@ -156,14 +156,14 @@ def test_exchange_finds_the_best_of_all_pairs_and_keeps_places_apart():
     rng = np.random.default_rng(3)
     evidence = evidence_of(around(8), rng.normal(0, 1, (60, 3)), rng.uniform(0, 1, (60, 8)))
     place = np.arange(8) // 2
-    (chosen,) = choose(evidence, place, range(2, 3), 5).values()
+    (chosen,) = choose(evidence, place, range(2, 3)).values()
     allowed = [list(pair) for pair in combinations(range(8), 2) if place[pair[0]] != place[pair[1]]]
     scores = [predict(evidence, pair).score for pair in allowed]
     assert predict(evidence, chosen).score >= np.quantile(scores, 0.9)
     assert len(set(place[chosen])) == 2
     assert predict(evidence, chosen).score > predict(evidence, chosen[:1]).score
     with pytest.raises(ValueError, match="5 cameras do not fit into 4 places"):
-        choose(evidence, place, range(5, 6), 1)
+        choose(evidence, place, range(5, 6))
 
 
 def test_intervals_are_over_clips():
