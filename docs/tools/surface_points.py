@@ -15,7 +15,7 @@ from dmae.data.labels import Visibility
 from synth.datasets.clip import simulate_clip
 from synth.datasets.config import GenerateConfig
 from synth.interactions.registry import InteractionConfig
-from synth.labels.surfaces import NAMES, surface_labels, surface_points
+from synth.labels.surfaces import surface_labels, surface_points
 from synth.rendering.config import ImageQuality
 from synth.rendering.renderer import Renderer
 from synth.rigs.config import RigConfig, RingConfig
@@ -44,7 +44,7 @@ def main() -> None:
     spec, rig = SceneSpec.of(clip), clip.actual_rig
     scene = build_scene(spec, rig)
     points = surface_points(scene, [person.body for person in spec.persons])
-    labels = surface_labels(scene, points, NAMES, state.qpos, rig)
+    labels = surface_labels(scene, points, state.qpos, rig)
     touching = (labels.touches > 0) & (labels.touches < 256)
     frame = int(touching.sum((1, 2)).argmax())
     view = int((labels.visibility[frame] == Visibility.VISIBLE).sum((1, 2)).argmax())

@@ -25,7 +25,7 @@ from synth.labels.physical_labels import (
     physical_labels,
     save_physical_labels,
 )
-from synth.labels.surfaces import NAMES, surface_labels, surface_points
+from synth.labels.surfaces import surface_labels, surface_points
 from synth.physics.body_state import load_state
 from synth.scene.build import build_scene
 from synth.scene.spec import SceneSpec
@@ -122,6 +122,6 @@ def make_labels(folder: Path, kinds: Sequence[str] = KINDS) -> PhysicalLabels:
         contacts, forces = carry(scene, state, clip.fps)
     if "surface" in kinds:
         points = surface_points(scene, [person.body for person in spec.persons])
-        surface = surface_labels(scene, points, NAMES, state.qpos, rig)
+        surface = surface_labels(scene, points, state.qpos, rig)
     found = {"contacts": contacts, "forces": forces, "surface": surface}
     return PhysicalLabels(**{kind: found[kind] for kind in kinds})

@@ -3,7 +3,7 @@
 import copy
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -13,8 +13,7 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import nnls
 from scipy.signal import butter, sosfiltfilt
 
-from dmae.data.array_fields import short_repr
-from synth.labels.surfaces import check_shapes
+from dmae.data.array_fields import ANY, set_array, short_repr
 from synth.motion.feet import FEET
 from synth.people.body import SEGMENTS
 from synth.physics.body_state import BodyState
@@ -42,20 +41,6 @@ class Movement(NamedTuple):
     accelerations: np.ndarray
     turning: np.ndarray
     spin_rates: np.ndarray
-
-
-class NeededForces(NamedTuple):
-    """The external forces on a group of bodies, without gravity.
-
-    Attributes:
-        centre: (F, 3) centre of mass, m, world.
-        force: (F, 3) N, world.
-        moment: (F, 3) about the centre of mass, N m, world.
-    """
-
-    centre: np.ndarray
-    force: np.ndarray
-    moment: np.ndarray
 
 
 def smoothed(values: np.ndarray, fps: float, derivative: int = 0) -> np.ndarray:
@@ -93,18 +78,23 @@ def movement(model: mujoco.MjModel, places: np.ndarray, turns: np.ndarray, bodie
     return Movement(places, smoothed(places, fps, 1), smoothed(places, fps, 2), omega, smoothed(spins, fps, 1))
 
 
-def needed_forces(model: mujoco.MjModel, moves: Movement, bodies: np.ndarray) -> NeededForces:
-    """Return the external forces on a group of bodies, by Newton's and Euler's laws.
+def needed_forces(model: mujoco.MjModel, moves: Movement, bodies: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return the external forces on a group of bodies, without gravity, by Newton's and Euler's laws.
 
     Args:
         moves: The smoothed motion of B bodies.
         bodies: (B,) indices of the bodies in the model.
+
+    Returns:
+        centre: (F, 3) centre of mass, m, world.
+        force: (F, 3) N, world.
+        moment: (F, 3) about the centre of mass, N m, world.
     """
     masses = model.body_mass[bodies][:, None]
     centre = (masses * moves.places).sum(1) / masses.sum()
     forces = masses * (moves.accelerations - model.opt.gravity)
     moments = np.cross(moves.places - centre[:, None], forces) + moves.spin_rates
-    return NeededForces(centre, forces.sum(1), moments.sum(1))
+    return centre, forces.sum(1), moments.sum(1)
 
 
 # Places where objects that stand still may support people, and the forces there
@@ -274,9 +264,16 @@ class PeopleContacts:
     __repr__ = short_repr
 
     def __post_init__(self):
+        set_array(self, "frame", np.int32, (ANY,))
         count = len(self.frame)
-        shapes = {"frame": (count,), "between": (count, 2), "depth": (count,), "source": (count,)}
-        check_shapes("contacts", self, shapes | {"point": (count, 3), "force": (count, 3)})
+        set_array(self, "between", np.int16, (count, 2))
+        for name, dtype, shape in (
+            ("point", np.float32, (count, 3)),
+            ("force", np.float32, (count, 3)),
+            ("depth", np.float32, (count,)),
+            ("source", np.uint8, (count,)),
+        ):
+            set_array(self, name, dtype, shape)
         if count and not 0 <= self.between.min() <= self.between.max() < len(self.names):
             raise ValueError(f"contacts: expected between to count {len(self.names)} names")
         owners(self.names)
@@ -322,16 +319,7 @@ def join(parts: Sequence[PeopleContacts]) -> PeopleContacts:
         for name in ("frame", "between", "point", "force", "depth", "source")
     }
     order = np.argsort(columns["frame"], kind="stable")
-    return make_contacts(parts[0].names, **{name: values[order] for name, values in columns.items()})
-
-
-def make_contacts(names: tuple[str, ...], frame, between, point, force, depth, source) -> PeopleContacts:
-    """Return contacts with the array types of `PeopleContacts`. A single `source` applies to all contacts."""
-    single = (np.asarray(values, np.float32) for values in (point, force, depth))
-    point, force, depth = single
-    source = np.full(len(frame), source, np.uint8) if np.ndim(source) == 0 else np.asarray(source, np.uint8)
-    between = np.asarray(between, np.int16).reshape(-1, 2)
-    return PeopleContacts(np.asarray(frame, np.int32), between, names, point, force, depth, source)
+    return replace(parts[0], **{name: values[order] for name, values in columns.items()})
 
 
 def simulated_contacts(scene: Scene, state: BodyState) -> PeopleContacts:
@@ -342,14 +330,14 @@ def simulated_contacts(scene: Scene, state: BodyState) -> PeopleContacts:
     }  # fmt: skip
     moves = np.array([name in moving for name in state.contact_names], bool)
     kept = np.flatnonzero(moves[state.contact_between].all(1))
-    return make_contacts(
-        state.contact_names,
+    return PeopleContacts(
         state.contact_frame[kept],
         state.contact_between[kept],
+        state.contact_names,
         state.contact_point[kept],
         state.contact_force[kept],
         state.contact_depth[kept],
-        ContactSource.SIMULATED,
+        np.full(len(kept), ContactSource.SIMULATED),
     )
 
 
@@ -371,7 +359,7 @@ def held_contacts(scene: Scene, state: BodyState, seen: SeenStates, fps: float) 
         alone[seen.frame[still & (bodies == load).any(1)]] = False
         used = (begin <= times) & (times < end) & (loads == load) & alone[:, None]
         moves = movement(model, seen.places[:, [load]], seen.turns[:, [load]], np.array([load]), fps)
-        needed = needed_forces(model, moves, np.array([load])).force
+        _, needed, _ = needed_forces(model, moves, np.array([load]))
         own, pushes = names.index(model.body(load).name), np.zeros((frames, 3))
         for side, sign in ((1, 1.0), (0, -1.0)):
             on = (state.contact_between[:, side] == own) & (persons[state.contact_between[:, 1 - side]] >= 0)
@@ -380,7 +368,8 @@ def held_contacts(scene: Scene, state: BodyState, seen: SeenStates, fps: float) 
         frame, hold = np.nonzero(used)
         between = np.stack([hands[hold], np.full(len(hold), own)], axis=1)
         point, depth = seen.sites[frame, palms[hold]], np.zeros(len(frame))
-        yield make_contacts(state.contact_names, frame, between, point, share[frame], depth, ContactSource.HELD)
+        source = np.full(len(frame), ContactSource.HELD)
+        yield PeopleContacts(frame, between, state.contact_names, point, share[frame], depth, source)
 
 
 # Support by inverse dynamics. In the simulation a force at the pelvis supports people, and their feet hardly press on
@@ -391,7 +380,6 @@ def held_contacts(scene: Scene, state: BodyState, seen: SeenStates, fps: float) 
 
 _LEAST_FORCE = 1.0
 """Force below which a contact is left out, N."""
-_PAIRS = ("ground_reaction", "centre_of_pressure", "supported", "residual")
 
 
 @dataclass(frozen=True)
@@ -421,10 +409,12 @@ class BodyForces:
     __repr__ = short_repr
 
     def __post_init__(self):
-        frames, persons = self.centre_of_mass.shape[:2]
-        pairs = dict.fromkeys(_PAIRS, (frames, persons, 2, 3))
-        of_frames = {"centre_of_mass": (frames, persons, 3), "penetration": (frames, persons, 2)}
-        check_shapes("forces", self, {"weights": (persons,)} | of_frames | pairs)
+        set_array(self, "centre_of_mass", np.float32, (ANY, ANY, 3))
+        people = self.centre_of_mass.shape[:2]
+        set_array(self, "weights", np.float32, people[1:])
+        set_array(self, "penetration", np.float32, (*people, 2))
+        for name in ("ground_reaction", "centre_of_pressure", "supported", "residual"):
+            set_array(self, name, np.float32, (*people, 2, 3))
 
 
 def carry(scene: Scene, state: BodyState, fps: float) -> tuple[PeopleContacts, BodyForces]:
@@ -446,10 +436,9 @@ def carry(scene: Scene, state: BodyState, fps: float) -> tuple[PeopleContacts, B
     known = join([simulated_contacts(scene, state), *held_contacts(scene, state, seen, fps)])
     found = [_person_forces(scene, state, seen, known, person, fps) for person in persons]
     values = {name: [each[name] for _, each in found] for name in BodyForces.__dataclass_fields__}
-    weights = np.array(values.pop("weights"), np.float32)
-    of_frames = {name: np.stack(each, axis=1, dtype=np.float32) for name, each in values.items()}
+    weights = np.array(values.pop("weights"))
     contacts = join([known, *(contacts for contacts, _ in found)])
-    return contacts, BodyForces(weights, **of_frames)
+    return contacts, BodyForces(weights, **{name: np.stack(each, axis=1) for name, each in values.items()})
 
 
 def _person_forces(
@@ -472,15 +461,15 @@ def _person_forces(
         borne[chosen] = solve(places, chosen, centre[frame], missing[frame], weight)
     pressing = np.flatnonzero(np.linalg.norm(borne, axis=1) > _LEAST_FORCE)
     names = np.array([state.contact_names.index(name) for name in scene.geom_names])
-    contacts = make_contacts(
-        state.contact_names,
+    contacts = PeopleContacts(
         places.frame[pressing],
-        # The pair is reversed, because the force is that of the object on the person.
+        # The pair is reversed, because the object pushes the person.
         names[places.geoms[pressing, ::-1]],
+        state.contact_names,
         places.point[pressing],
         borne[pressing],
         -places.gap[pressing],
-        ContactSource.SOLVED,
+        np.full(len(pressing), ContactSource.SOLVED),
     )
     supported = contacts.wrench(person, centre)
     part = model.geom_bodyid[places.geoms[pressing, 0]] - bodies[0]

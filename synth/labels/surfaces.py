@@ -8,7 +8,7 @@ import cv2
 import mujoco
 import numpy as np
 
-from dmae.data.array_fields import short_repr
+from dmae.data.array_fields import ANY, set_array, short_repr
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
 from dmae.data.images import FIRST_OBJECT_ID
@@ -17,19 +17,6 @@ from synth.people.body import HEAD_HEIGHT, PARENTS, SEGMENTS, SIDES, Body, side_
 from synth.people.skinning import Skin, locate, mesh_triangles
 from synth.rooms.rays import cast_rays, opaque_model
 from synth.scene.build import Scene
-
-
-def check_shapes(what: str, values: object, shapes: dict[str, tuple[int, ...]]) -> None:
-    """Check the shapes of the arrays of an object.
-
-    Raises:
-        ValueError: an array has another shape; the message names it.
-    """
-    for name, shape in shapes.items():
-        found = getattr(values, name).shape
-        if found != shape:
-            raise ValueError(f"{what}: expected {name} of shape {shape}, found {found}")
-
 
 # The points
 
@@ -227,20 +214,19 @@ class SurfaceLabels:
     __repr__ = short_repr
 
     def __post_init__(self):
-        frames, persons, points = self.xyz.shape[:3]
-        of_views = (frames, *self.visibility.shape[1:2], persons, points)
-        shapes = {"xyz": (frames, persons, len(self.names), 3), "visibility": of_views, "hidden_by": of_views}
-        check_shapes("surface", self, shapes | {"normals": self.xyz.shape, "touches": (frames, persons, points)})
+        set_array(self, "xyz", np.float32, (ANY, ANY, len(self.names), 3))
+        frames, *points = self.xyz.shape[:3]
+        set_array(self, "normals", np.float32, self.xyz.shape)
+        set_array(self, "visibility", np.uint8, (frames, ANY, *points))
+        set_array(self, "hidden_by", np.int16, self.visibility.shape)
+        set_array(self, "touches", np.uint16, (frames, *points))
 
 
-def surface_labels(
-    scene: Scene, points: SurfacePoints, names: tuple[str, ...], qpos: np.ndarray, rig: CameraRig
-) -> SurfaceLabels:
+def surface_labels(scene: Scene, points: SurfacePoints, qpos: np.ndarray, rig: CameraRig) -> SurfaceLabels:
     """Label points on people's surfaces: where they are, who sees them, and what they touch.
 
     Args:
         points: (P, S) points on its people.
-        names: (S,) names of the points.
         qpos: (F, nq) states of the scene.
         rig: V cameras.
     """
@@ -267,7 +253,7 @@ def surface_labels(
             codes[view][sought], hidden_by[frame, view][sought] = _seen(
                 opaque, data, scene.geom_ids, centre, rays, sought[0], averted
             )
-    return SurfaceLabels(names, xyz.astype(np.float32), normals.astype(np.float32), visibility, hidden_by, touches)
+    return SurfaceLabels(NAMES, xyz, normals, visibility, hidden_by, touches)
 
 
 def _touched(

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from synth.labels.forces import BodyForces, ContactSource, make_contacts
+from synth.labels.forces import BodyForces, ContactSource, PeopleContacts
 from synth.labels.physical_labels import PhysicalLabels
 from synth.labels.surfaces import NAMES, SurfaceLabels
 
@@ -11,9 +11,9 @@ def made_labels(frames: int, views: int, persons: int) -> PhysicalLabels:
     """Labels of people who stand on the right foot; in each frame the first touches the floor."""
     rng = np.random.default_rng(0)
     names = ("floor", *(f"person{p}/{part}" for p in range(persons) for part in ("l_foot", "r_foot")))
-    contacts = make_contacts(
-        names, np.arange(frames), [(0, 2)] * frames, rng.random((frames, 3)), [(1, 2, 700.0)] * frames,
-        np.zeros(frames), ContactSource.SOLVED,
+    contacts = PeopleContacts(
+        np.arange(frames), [(0, 2)] * frames, names, rng.random((frames, 3)), [(1, 2, 700.0)] * frames,
+        np.zeros(frames), np.full(frames, ContactSource.SOLVED),
     )  # fmt: skip
     pairs = rng.random((4, frames, persons, 2, 3)).astype(np.float32)
     pairs[1, :, :, 0] = np.nan

@@ -53,9 +53,9 @@ def test_wrong_kinds_files_and_shapes_are_refused(tmp_path):
     with pytest.raises(ValueError, match=f"{FILE}: expected physical labels of format 2"):
         physical_labels(tmp_path)
     labels = made_labels(2, 1, 1)
-    with pytest.raises(ValueError, match=r"forces: expected residual of shape \(2, 1, 2, 3\)"):
+    with pytest.raises(ValueError, match=r"BodyForces\.residual: expected shape \(2, 1, 2, 3\)"):
         replace(labels.forces, residual=labels.forces.residual[:1])
     with pytest.raises(ValueError, match="expected between to count 3 names"):
         replace(labels.contacts, between=labels.contacts.between + 2)
-    with pytest.raises(ValueError, match="surface: expected hidden_by"):
+    with pytest.raises(ValueError, match=r"SurfaceLabels\.hidden_by: expected shape"):
         replace(labels.surface, hidden_by=labels.surface.hidden_by[:, :0])

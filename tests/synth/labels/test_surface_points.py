@@ -23,7 +23,7 @@ def standing():
     built = build_scene(scene([BODY, CHILD], 1), RIG, painted=False)
     state = built.model.qpos0.copy()
     state[7 + 15 * 4] -= 1.0
-    return built, surface_labels(built, surface_points(built, [BODY, CHILD]), NAMES, state[None], RIG), state
+    return built, surface_labels(built, surface_points(built, [BODY, CHILD]), state[None], RIG), state
 
 
 def where(pattern: str) -> list[int]:
@@ -64,7 +64,7 @@ def test_points_move_with_bent_bodies(standing):
     bent = state.copy()
     # The chest leans forward by 60 degrees.
     bent[7 + 4 : 7 + 8] = np.cos(np.pi / 6), 0, np.sin(np.pi / 6), 0
-    after = surface_labels(built, points, NAMES, bent[None], RIG)
+    after = surface_labels(built, points, bent[None], RIG)
     moved = np.linalg.norm(after.xyz - before.xyz, axis=-1)[0]
     assert moved[0, where("head*")].min() > 0.2
     assert moved[0, where("l_shin*")].max() < 1e-6
@@ -94,7 +94,7 @@ def test_points_touch_who_stands_against_them_and_the_floor(standing):
     gaps = [m[0] - g[0] for m in man for g in girl if np.hypot(*(m - g)[1:]) < 0.02]
     near = state.copy()
     near[7 + 15 * 4] += min(gaps) + 0.005
-    labels = surface_labels(built, surface_points(built, [BODY, CHILD]), NAMES, near[None], RIG)
+    labels = surface_labels(built, surface_points(built, [BODY, CHILD]), near[None], RIG)
     behind, before = labels.touches[0, 0] == 2, labels.touches[0, 1] == 1
     assert behind.any()
     assert before.any()
@@ -119,9 +119,7 @@ def test_points_are_on_the_side_of_the_silhouette_that_their_visibility_says(pai
     spec = sample_scene(config, MotionConfig(), seed=1, clip=0).spec
     simulation = simulate(spec, rig, painted=False)
     built = build_scene(spec, rig, painted=False)
-    labels = surface_labels(
-        built, surface_points(built, [p.body for p in spec.persons]), NAMES, simulation.qpos[-1:], rig
-    )
+    labels = surface_labels(built, surface_points(built, [p.body for p in spec.persons]), simulation.qpos[-1:], rig)
     with Renderer(simulation.model, simulation.geom_ids, rig, ImageQuality.draft) as renderer:
         images, _, _ = render_images(renderer, simulation.qpos[-1:], rig, tmp_path, 25, ("ids",))
     nothing = np.zeros((1, len(rig), 0, 25))
