@@ -30,10 +30,11 @@ from dmae.evaluation.config import EvaluateConfig
 from dmae.evaluation.evaluate import evaluate
 from dmae.formats.reading import DataConfig
 from synth.cli import SYNTH
-from synth.planning.places import given_cameras, stage_of
+from synth.planning.places import given_cameras
 from synth.planning.plan import check_numbers, check_rigs, expected, find_candidates, gather_evidence
 from synth.planning.search import JointEvidence, choose, predict
 from synth.rigs.config import RigConfig, RingConfig
+from synth.rigs.coverage import stage_of
 from synth.rigs.lenses import joined
 from synth.rigs.rig import make_rig
 from synth.rooms.room import arena_file

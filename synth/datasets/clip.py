@@ -26,7 +26,7 @@ from synth.people.body import SKELETON, landmarks
 from synth.physics.body_state import BodyState, joint_positions, moved_with
 from synth.physics.simulation import simulate
 from synth.rigs.config import MiscalibrationConfig
-from synth.rigs.coverage import Stage
+from synth.rigs.coverage import Stage, stage_of
 from synth.rigs.lenses import add_cameras
 from synth.rigs.rig import calibration_error, make_rig, miscalibrate
 from synth.rooms.room import arena_file, load_room
@@ -97,9 +97,6 @@ def label_clip(
     )
 
 
-# Generate one clip from a configuration, a seed and a number: truth, labels, detections, and body states.
-
-
 def attempt_seed(seed: int, attempt: int) -> int:
     """Return the seed of an attempt at a clip: `seed` itself for attempt 0, later a hash of both arguments."""
     return int(np.random.SeedSequence([seed, attempt]).generate_state(1, np.uint64)[0] >> 1) if attempt else seed
@@ -138,8 +135,7 @@ def _rig(config: GenerateConfig, seed: int, index: int) -> CameraRig:
 
 
 def _stage(config: GenerateConfig) -> Stage:
-    # Placed cameras look at the origin, so the area is a circle around the origin that contains the people.
-    return Stage(config.scene.radius + float(np.hypot(*config.scene.middle)), arena_file(config.scene.arena))
+    return stage_of(arena_file(config.scene.arena), config.scene.middle, config.scene.radius)
 
 
 def generate_clip(config: GenerateConfig, index: int) -> Clip:

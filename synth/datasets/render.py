@@ -6,8 +6,6 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
 from dmae.data.json_values import decode
@@ -26,7 +24,7 @@ from synth.datasets.images import add_images, check_images, missing_kinds
 from synth.detector.config import DetectorConfig
 from synth.physics.body_state import BodyState, load_state, save_state
 from synth.rigs.config import RigConfig
-from synth.rigs.coverage import Stage
+from synth.rigs.coverage import Stage, stage_of
 from synth.rigs.rig import make_rig
 from synth.rooms.room import arena_file
 from synth.scene.build import build_scene
@@ -127,7 +125,7 @@ def _new_rig(config: RenderConfig, settings: dict, spec: SceneSpec) -> CameraRig
 
 
 def _stage(settings: dict, spec: SceneSpec) -> Stage:
-    return Stage(spec.radius + float(np.hypot(*settings["scene"]["middle"])), arena_file(spec.arena))
+    return stage_of(arena_file(spec.arena), settings["scene"]["middle"], spec.radius)
 
 
 def _render(config: RenderConfig, settings: dict, folder: Path, number: int, clips: int) -> dict:

@@ -15,7 +15,7 @@ from dmae.data.images import FIRST_OBJECT_ID
 from dmae.data.labels import Visibility
 from synth.people.body import HEAD_HEIGHT, PARENTS, SEGMENTS, SIDES, Body, side_and_name
 from synth.people.skinning import Skin, locate, mesh_triangles
-from synth.rooms.rays import cast_rays, opaque_model
+from synth.rooms.rays import at_rest, cast_rays, opaque_model
 from synth.scene.build import Scene
 
 # The points
@@ -116,8 +116,7 @@ def surface_points(scene: Scene, bodies: list[Body]) -> SurfacePoints:
         ValueError: a ray for a point does not meet the surface of the person.
     """
     model = copy.copy(scene.model)
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
+    data = at_rest(model)
     Skin(model).apply(data)
     found = [_points_of(scene, model, data, person, body) for person, body in enumerate(bodies)]
     return SurfacePoints(*(np.stack(part) for part in zip(*found, strict=True)))

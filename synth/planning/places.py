@@ -9,9 +9,9 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from synth.planning.config import LensConfig, MountConfig
 from synth.rigs.coverage import Stage, find_faults
-from synth.rigs.placement import look_at, pose
+from synth.rigs.placement import aimed
 from synth.rooms.props import footprints, geom_corners
-from synth.rooms.rays import cast_rays, opaque_model
+from synth.rooms.rays import at_rest, cast_rays, geom_around, opaque_model
 from synth.rooms.room import compile_mjcf
 
 _DIRECTIONS = 240
@@ -71,8 +71,7 @@ def find_places(config: MountConfig, arena: Path, middle: np.ndarray, radius: fl
         ValueError: the room has no walls although they are needed, a height is outside the room, or no place is left.
     """
     model = compile_mjcf(arena)
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
+    data = at_rest(model)
     outline = _outline(model, data, np.asarray(middle, float))
     name, walled = arena.name, outline.walled.any()
     if config.walls and not walled:
@@ -98,7 +97,7 @@ def find_places(config: MountConfig, arena: Path, middle: np.ndarray, radius: fl
     }
     kinds = np.concatenate([np.full(len(at), kind) for kind, at in found.items()])
     at = np.concatenate([*found.values()])
-    kept = _possible(model, data, at)
+    kept = np.array([geom_around(model, data, place) < 0 for place in at], bool)
     if config.area:
         kept &= ((at[:, :2] >= config.area[:2]) & (at[:, :2] <= config.area[2:])).all(1)
     kinds, at = kinds[kept], at[kept]
@@ -108,11 +107,6 @@ def find_places(config: MountConfig, arena: Path, middle: np.ndarray, radius: fl
         )
     chosen = _spread(at, config.places)
     return CameraPlaces(kinds[chosen], at[chosen])
-
-
-def stage_of(arena: Path, middle: np.ndarray, radius: float) -> Stage:
-    """Return the circle around the origin that contains the people's area. Cameras are checked against it."""
-    return Stage(radius + float(np.hypot(*middle)), arena)
 
 
 def _outline(model: mujoco.MjModel, data: mujoco.MjData, middle: np.ndarray) -> _Outline:
@@ -194,18 +188,6 @@ def _stacked(flat: np.ndarray, levels: np.ndarray) -> np.ndarray:
     return np.concatenate([np.column_stack([flat, np.full(len(flat), level)]) for level in levels])
 
 
-def _possible(model: mujoco.MjModel, data: mujoco.MjData, at: np.ndarray) -> np.ndarray:
-    """Return (K,) True for places (K, 3) outside all objects. From inside, rays meet the surface from behind."""
-    around = np.array([d for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)]) - 1.0
-    around /= np.linalg.norm(around, axis=1, keepdims=True)
-
-    def inside(place: np.ndarray) -> bool:
-        geom, _, outward = cast_rays(model, data, place, around, tuple(range(6)))
-        return bool(((geom >= 0) & (np.einsum("rx,rx->r", outward, around) > 1e-3)).any())
-
-    return np.array([not inside(place) for place in at], bool)
-
-
 def _spread(at: np.ndarray, count: int) -> np.ndarray:
     """Return the indices of at most `count` places. Each next place is the one farthest from the places before it."""
     chosen, gap = [0], np.linalg.norm(at - at[0], axis=1)
@@ -270,13 +252,8 @@ def aimed_cameras(
                 place.append(number)
                 angles.append(angle)
     centers, place = np.array(centers), np.array(place)
-    rig = CameraRig(
-        tuple(f"c{number}" for number in range(len(centers))),
-        np.stack([lens.matrix(angle) for angle in angles]),
-        np.zeros((len(centers), 5)),
-        pose(look_at(centers, np.array(aims)), centers),
-        np.tile(lens.size, (len(centers), 1)),
-    )
+    names = [f"c{number}" for number in range(len(centers))]
+    rig = aimed(names, [lens.matrix(angle) for angle in angles], centers, np.array(aims), lens.size)
     found = CandidateCameras(rig, place, places.kind[place], np.array(angles))
     faulty = set(find_faults(rig, stage))
     kept = [c for c in range(len(rig)) if c not in faulty and found.tilt_deg[c] >= -steepest]

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
 
-import mujoco
 import numpy as np
 from scipy import stats
 
@@ -26,11 +25,12 @@ from dmae.progress import progress
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
 from synth.planning.config import PlanConfig
-from synth.planning.places import CandidateCameras, aimed_cameras, find_places, given_cameras, stage_of
+from synth.planning.places import CandidateCameras, aimed_cameras, find_places, given_cameras
 from synth.planning.search import JointEvidence, RigPrediction, choose, gather, predict, rehearse, seconds_of_search
 from synth.rigs.config import RigConfig
+from synth.rigs.coverage import stage_of
 from synth.rigs.rig import make_rig
-from synth.rooms.rays import cast_rays
+from synth.rooms.rays import EVERY_GROUP, at_rest, cast_rays
 from synth.rooms.room import arena_file, compile_mjcf, load_room
 
 FIGURES = {
@@ -122,7 +122,6 @@ _LEAST_POINTS = 4
 """Number of these points that a camera must see to count as seeing the person."""
 _STEP = 0.2
 """Distance between points of the floor, m."""
-_GROUPS = tuple(range(6))
 _CONTACT_GAP = 0.05
 """Distance below which an object in front of a point does not hide it, m."""
 
@@ -148,8 +147,7 @@ def cover_floor(rig: CameraRig, arena: Path, middle: np.ndarray, radius: float) 
     Only the room, an MJCF file, hides a person; props and other people are ignored.
     """
     model = compile_mjcf(arena)
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
+    data = at_rest(model)
     steps = np.linspace(-radius, radius, 1 + 2 * max(1, round(radius / _STEP)))
     x, y = middle[0] + steps, middle[1] + steps
     flat = np.stack(np.meshgrid(x, y, indexing="ij"), -1)
@@ -160,7 +158,7 @@ def cover_floor(rig: CameraRig, arena: Path, middle: np.ndarray, radius: float) 
     for view, center in enumerate(rig.centers):
         rays = points.reshape(-1, 3) - center
         reach = np.linalg.norm(rays, axis=1)
-        geom, distance, _ = cast_rays(model, data, center, rays / reach[:, None], _GROUPS)
+        geom, distance, _ = cast_rays(model, data, center, rays / reach[:, None], EVERY_GROUP)
         seen[view] = inside[view] & ((geom < 0) | (distance > reach - _CONTACT_GAP))
     count = (seen.reshape(len(rig), *points.shape[:3]).sum(-1) >= _LEAST_POINTS).sum(0)
     return FloorCoverage(x, y, np.where(np.linalg.norm(flat - middle, axis=-1) <= radius + 1e-9, count, -1))

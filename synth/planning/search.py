@@ -20,10 +20,10 @@ from synth.errors import until_success
 from synth.labels.visibility import joint_visibility
 from synth.physics.simulation import Simulation, simulate
 from synth.planning.config import PlanConfig
-from synth.planning.places import CandidateCameras, stage_of
+from synth.planning.places import CandidateCameras
 from synth.rigs.config import MiscalibrationConfig
-from synth.rigs.placement import intrinsics, look_at, pose
-from synth.rooms.room import arena_file
+from synth.rigs.coverage import Stage
+from synth.rigs.placement import aimed, intrinsics
 from synth.scene.sampling import sample_scene
 from synth.scene.spec import SceneSpec
 
@@ -42,11 +42,10 @@ class Rehearsal:
 
     def seen_by(self, rig: CameraRig, detector: DetectorConfig, frames: slice = slice(None)) -> Clip:
         """Return the clip that these cameras record, each independently: truth, visibility and simulated detections."""
-        stage = stage_of(arena_file(self.spec.arena), np.zeros(2), self.spec.radius)
         line = {"id": f"{self.number:06d}"}
         return label_clip(
             line, self.spec, self.simulation, self.simulation.qpos[frames], rig, detector=detector,
-            occlusion=OcclusionConfig(), error=MiscalibrationConfig(), stage=stage,
+            occlusion=OcclusionConfig(), error=MiscalibrationConfig(), stage=Stage(),
         )  # fmt: skip
 
 
@@ -65,13 +64,7 @@ def _attempt(config: PlanConfig, number: int, attempt: int) -> Rehearsal:
     spec, motions = sample_scene(
         config.setting(), config.motion, interaction=config.interaction, seed=seed, clip=number
     )
-    away = CameraRig(
-        ("none",),
-        [intrinsics(100.0, [64, 64])],
-        np.zeros((1, 5)),
-        pose(look_at(_PLACEHOLDER_CENTER, np.zeros(3)), _PLACEHOLDER_CENTER),
-        [(64, 64)],
-    )
+    away = aimed(["none"], intrinsics(100.0, [64, 64]), _PLACEHOLDER_CENTER, np.zeros(3), [64, 64])
     return Rehearsal(number, spec, simulate(spec, away, motions, painted=False))
 
 

@@ -11,19 +11,15 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from dmae.data.images import FIRST_OBJECT_ID
 from synth.errors import FailedSimulation
-from synth.rooms.rays import cast_rays
+from synth.rooms.rays import EVERY_GROUP, at_rest, cast_rays, geom_around
 from synth.rooms.room import compile_mjcf
 
 _TALLEST = 2.0
 """Height of the people's area, m."""
 _SECTORS, _RINGS, _LEVELS = 16, 3, 5
-_GROUPS = tuple(range(6))
 _GREATEST_CONDITION = 1e3
 """Greatest condition number of the system for the point where the cameras' axes meet. Above it the axes count as
 parallel, and there is no such point."""
-# Directions to the corners, edges and faces of a cube.
-_CUBE_DIRECTIONS = np.array([d for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)]) - 1.0
-_CUBE_DIRECTIONS /= np.linalg.norm(_CUBE_DIRECTIONS, axis=1, keepdims=True)
 
 
 @dataclass(frozen=True)
@@ -35,6 +31,14 @@ class Stage:
 
     def __str__(self) -> str:
         return f"the people's area (up to {self.radius:g} m from the middle, up to {_TALLEST:g} m high)"
+
+
+def stage_of(arena: Path, middle: Sequence[float], radius: float) -> Stage:
+    """Return the stage of people within a radius of `middle`, x and y, in a room, m.
+
+    Cameras look at the origin, so the area is the circle around the origin that contains the people.
+    """
+    return Stage(radius + float(np.hypot(*middle)), arena)
 
 
 def area(stage: Stage) -> np.ndarray:
@@ -116,12 +120,11 @@ def meeting_point(rig: CameraRig) -> np.ndarray | None:
 
 def check_outside(rig: CameraRig, model: mujoco.MjModel, geom_ids: np.ndarray) -> None:
     """Raise FailedSimulation if a camera is inside an object, given the scene and the ids (ngeom,) of its geoms."""
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
+    data = at_rest(model)
     for name, center in zip(rig.names, rig.centers, strict=True):
-        inside = _around(model, data, center, geom_ids >= FIRST_OBJECT_ID)
-        if inside:
-            raise FailedSimulation(f"camera {name!r} is inside {inside!r}; move it, or have fewer props")
+        inside = geom_around(model, data, center, geom_ids >= FIRST_OBJECT_ID)
+        if inside >= 0:
+            raise FailedSimulation(f"camera {name!r} is inside {_name(model, inside)!r}; move it, or have fewer props")
 
 
 def _surroundings(arena: Path | None, center: np.ndarray, points: np.ndarray) -> tuple[str | None, str | None]:
@@ -129,23 +132,16 @@ def _surroundings(arena: Path | None, center: np.ndarray, points: np.ndarray) ->
     if arena is None:
         return None, None
     model, data = _arena(arena, arena.stat().st_mtime_ns)
-    inside = _around(model, data, center, np.ones(model.ngeom, bool))
-    if inside or not len(points):
-        return inside, None
+    if (inside := geom_around(model, data, center)) >= 0:
+        return _name(model, inside), None
+    if not len(points):
+        return None, None
     rays = points - center
     reach = np.linalg.norm(rays, axis=1)
-    geom, distance, _ = cast_rays(model, data, center, rays / reach[:, None], _GROUPS)
+    geom, distance, _ = cast_rays(model, data, center, rays / reach[:, None], EVERY_GROUP)
     # A ray to a point on the floor ends at the floor: that point is not hidden.
     hidden = (geom >= 0) & (distance < reach - 1e-3)
     return None, _name(model, np.bincount(geom[hidden]).argmax()) if hidden.all() else None
-
-
-def _around(model: mujoco.MjModel, data: mujoco.MjData, point: np.ndarray, solid: np.ndarray) -> str | None:
-    """Return the name of the object around a point; None for none. Only geoms with (ngeom,) `solid` count."""
-    geom, _, outward = cast_rays(model, data, point, _CUBE_DIRECTIONS, _GROUPS)
-    # A ray meets a surface from behind only if it starts inside. Planes have no inside: cameras may be behind a wall.
-    behind = (geom >= 0) & solid[geom] & (np.einsum("rx,rx->r", outward, _CUBE_DIRECTIONS) > 1e-3)
-    return _name(model, geom[behind][0]) if behind.any() else None
 
 
 def _name(model: mujoco.MjModel, geom: int) -> str:
@@ -156,6 +152,4 @@ def _name(model: mujoco.MjModel, geom: int) -> str:
 @lru_cache(maxsize=8)
 def _arena(path: Path, changed: int) -> tuple[mujoco.MjModel, mujoco.MjData]:
     model = compile_mjcf(path)
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    return model, data
+    return model, at_rest(model)

@@ -36,6 +36,23 @@ def pose(rotation: np.ndarray, centers: np.ndarray) -> np.ndarray:
     return matrix
 
 
+def aimed(
+    names: Sequence[str], K: np.ndarray, centers: np.ndarray, target: np.ndarray, size: Sequence[int]
+) -> CameraRig:
+    """Return upright pinhole cameras of one image size, px, at centres (V, 3) that look at (3,) or (V, 3), m.
+
+    `K` is (3, 3) for all or (V, 3, 3), px.
+    """
+    views = len(centers)
+    return CameraRig(
+        tuple(names),
+        np.tile(K, (views, 1, 1)) if np.ndim(K) == 2 else K,
+        np.zeros((views, 5)),
+        pose(look_at(centers, target), centers),
+        np.tile(size, (views, 1)),
+    )
+
+
 # Listed cameras
 
 
@@ -117,14 +134,8 @@ def dome(config: DomeConfig, stage: Stage) -> CameraRig:
 
 def _around(name: str, config: RingConfig | DomeConfig, centers: np.ndarray, stage: Stage) -> CameraRig:
     """Return pinhole cameras at (V, 3) centres, m, that look at the middle."""
-    target, views = np.array([0, 0, config.target_height]), len(centers)
-    rig = CameraRig(
-        tuple(f"{name}{view}" for view in range(views)),
-        np.tile(intrinsics(config.focal, config.size), (views, 1, 1)),
-        np.zeros((views, 5)),
-        pose(look_at(centers, target), centers),
-        np.tile(config.size, (views, 1)),
-    )
+    target, names = np.array([0, 0, config.target_height]), [f"{name}{view}" for view in range(len(centers))]
+    rig = aimed(names, intrinsics(config.focal, config.size), centers, target, config.size)
     for view in find_faults(rig, stage):
         for share in _DISTANCE_FRACTIONS:
             centers[view] = target + share * (centers[view] - target)

@@ -17,6 +17,7 @@ import trimesh
 from dmae.files.contents import check_file, read_bytes
 from dmae.files.structured import parse_json
 from synth.rooms.config import MeshUp
+from synth.rooms.rays import at_rest
 from synth.rooms.room import compile_mjcf, prop_file, read_mjcf
 
 _TALLEST = 2.2
@@ -34,8 +35,7 @@ def discs(model: mujoco.MjModel) -> np.ndarray:
 
     Each body counts as a rectangle along its own axes. A row of discs along the longer side covers it.
     """
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
+    data = at_rest(model)
     found = [np.empty((0, 3))]
     obstacles = (model.geom_type != mujoco.mjtGeom.mjGEOM_PLANE) & (model.geom_contype | model.geom_conaffinity > 0)
     for body in range(model.nbody):
@@ -329,7 +329,5 @@ class PropSize:
 def prop_size(kind: str, scale: float = 1.0, up: MeshUp = MeshUp.auto) -> PropSize:
     """Return the space that a prop takes. Raises the same errors as `prop_spec`."""
     model = prop_spec(kind, scale, up).compile()
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    corners = geom_corners(model, data, np.arange(model.ngeom)).reshape(-1, 3)
+    corners = geom_corners(model, at_rest(model), np.arange(model.ngeom)).reshape(-1, 3)
     return PropSize(discs(model), np.ptp(corners, axis=0), corners.max(0).round(6))

@@ -5,6 +5,19 @@ import copy
 import mujoco
 import numpy as np
 
+EVERY_GROUP = tuple(range(6))
+"""The groups of all geoms, for `cast_rays`."""
+# Directions to the corners, edges and faces of a cube.
+_AROUND = np.array([d for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)]) - 1.0
+_AROUND /= np.linalg.norm(_AROUND, axis=1, keepdims=True)
+
+
+def at_rest(model: mujoco.MjModel) -> mujoco.MjData:
+    """Return the state of a model as it was built, with the positions of its bodies and geoms."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    return data
+
 
 def opaque_model(model: mujoco.MjModel, geom_ids: np.ndarray) -> mujoco.MjModel:
     """Return a copy of a model in which rays stop only at opaque geoms with an id, group 0; others are in group 5."""
@@ -36,3 +49,16 @@ def cast_rays(
             stops, 1, -1, geom, distance, normal, count, mujoco.mjMAXVAL,
         )  # fmt: skip
     return geom, distance, normal.reshape(count, 3)
+
+
+def geom_around(model: mujoco.MjModel, data: mujoco.MjData, point: np.ndarray, solid: np.ndarray | None = None) -> int:
+    """Return the index of a geom around a point (3,) m, world; -1 for none.
+
+    With `solid` (ngeom,), only geoms count for which it is True. Planes have no inside.
+    """
+    geom, _, outward = cast_rays(model, data, point, _AROUND, EVERY_GROUP)
+    # A ray meets a surface from behind only if it starts inside.
+    behind = (geom >= 0) & (np.einsum("rx,rx->r", outward, _AROUND) > 1e-3)
+    if solid is not None:
+        behind &= solid[geom]
+    return int(geom[behind][0]) if behind.any() else -1

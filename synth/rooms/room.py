@@ -23,6 +23,7 @@ from dmae.files.contents import check_file, read_text
 from dmae.files.pictures import check_picture
 from dmae.registry import unknown
 from synth.rooms.config import mjcf_names, room_choices, room_folder
+from synth.rooms.rays import at_rest
 
 
 def arena_file(name: str) -> Path:
@@ -342,8 +343,7 @@ def _remove_joints(spec: mujoco.MjSpec) -> str:
 def _floor_geoms(spec: mujoco.MjSpec) -> list[mujoco.MjsGeom]:
     """Return the geoms that people around the origin stand on; an empty list if most of the ground is missing."""
     model = spec.compile()
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
+    data = at_rest(model)
     places = list(product((-_FLOOR_SEARCH_RADIUS, 0.0, _FLOOR_SEARCH_RADIUS), repeat=2))
     found, geom = [], np.zeros(1, np.int32)
     for place in places:

@@ -11,9 +11,10 @@ from dmae.cli import compose
 from dmae.formats.calibrations import read_calibration
 from synth.cli import SYNTH
 from synth.planning.config import LensConfig, MountConfig
-from synth.planning.places import aimed_cameras, find_places, stage_of
+from synth.planning.places import aimed_cameras, find_places
 from synth.planning.plan import FIGURES, check_numbers, cover_floor, expected, find_candidates, with_one_less
 from synth.planning.search import JointEvidence, choose, gather, predict, rehearse, standard_errors
+from synth.rigs.coverage import stage_of
 from synth.rooms.room import arena_file, room_choices
 from tests.support.commands import synth as run
 
