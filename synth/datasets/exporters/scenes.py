@@ -10,8 +10,8 @@ with lowered arms at their first place.
   custom data.
 """
 
-from collections import Counter
-from collections.abc import Iterator
+from collections import Counter, defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -38,8 +38,9 @@ _DRAWN = 3
 _FLOOR_M = 20.0
 """m; half the size of planes without a size."""
 _GL_FROM_CV = np.diag([1.0, -1.0, -1.0])
-"""Cameras of both formats look along -z, y up."""
 _SENSOR_MM = 36.0
+_LIGHT_LUX, _LIGHT_CANDELA = 3.0, 60.0
+"""Brightness of a white light."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,16 @@ class _Piece:
     points: np.ndarray
     faces: np.ndarray
     colour: np.ndarray  # RGBA
-    body: int  # Index of its body; 0 is the world, which does not move
+
+
+@dataclass(frozen=True)
+class _Body:
+    """A body that is drawn, in motion."""
+
+    name: str
+    places: np.ndarray  # (F, 3) m, and turns (F, 4), w last
+    turns: np.ndarray
+    pieces: list[_Piece]
 
 
 @dataclass(frozen=True)
@@ -70,20 +80,27 @@ class _SkinInMotion:
 
 
 @dataclass(frozen=True)
+class _Light:
+    """A light of the room, which shines along -z."""
+
+    far: bool  # Whether it is directional
+    place: np.ndarray  # (3,) m, and turn (4,), w last
+    turn: np.ndarray
+    colour: list[float]  # RGB, 1 for the largest
+    intensity: float  # lux of a directional light, candela of another
+
+
+@dataclass(frozen=True)
 class _SceneInMotion:
     """A clip's scene in F frames, world z up, m."""
 
     seconds: np.ndarray  # (F,) s
-    pieces: list[_Piece]  # All but people
+    bodies: list[_Body]  # All but people
     skins: list[_SkinInMotion]
-    bodies: list[str]  # Names of the B bodies
-    places: np.ndarray  # (F, B, 3) and turns (F, B, 4), w last, of bodies
-    turns: np.ndarray
-    joints: list[str]  # Names of the true joints of all persons
-    xyz: np.ndarray  # (F, J, 3) of joints
+    joints: dict[str, np.ndarray]  # Places (F, 3) of the true joints of all persons that are known in all frames
     rig: CameraRig  # The true cameras
-    # The rows of the model's lights: directional or not, place, direction, colour
-    lights: list[tuple[bool, np.ndarray, np.ndarray, np.ndarray]]
+    turned: np.ndarray  # (V, 4) turns of the cameras, w last: in both formats, they look along -z, y up
+    lights: list[_Light]
 
 
 @exporter("glb", pictures=False, skeleton="body25")
@@ -121,16 +138,30 @@ def _scene(task: ClipTask) -> _SceneInMotion:
         for person, skin in enumerate(persons):
             bones[frame, person] = skin.bones(data)
     xyz = convert(clip.truth, task.skeleton).xyz[:: task.every].astype(np.float64)
-    names = [f"person{person}: {joint}" for person in range(xyz.shape[1]) for joint in task.skeleton.joints]
-    far = model.light_type == mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
-    rows = zip(far, model.light_pos, model.light_dir, model.light_diffuse, model.light_bodyid, strict=True)
-    lights = [tuple(row) for *row, body in rows if body == 0]
+    tracks = {
+        f"person{person}: {joint}": xyz[:, person, number]
+        for person in range(xyz.shape[1])
+        for number, joint in enumerate(task.skeleton.joints)
+    }
+    pieces, turns, rig = _pieces(model, persons), _continuous(turns), clip.rig
+    turned = Rotation.from_matrix(rig.cam_from_world[:, :3, :3].swapaxes(1, 2) @ _GL_FROM_CV).as_quat()
     return _SceneInMotion(
-        np.arange(len(qpos)) * task.every / clip.fps, list(_pieces(model)),
+        np.arange(len(qpos)) * task.every / clip.fps,
+        [_Body(model.body(body).name, places[:, body], turns[:, body], pieces[body]) for body in sorted(pieces)],
         [_skin(model, skin, bones[:, person]) for person, skin in enumerate(persons)],
-        [model.body(number).name for number in range(model.nbody)], places, _continuous(turns),
-        names, xyz.reshape(len(xyz), -1, 3), clip.rig, lights,
-    )  # fmt: skip
+        {name: place for name, place in tracks.items() if np.isfinite(place).all()},
+        rig,
+        turned,
+        [_light(model, light) for light in range(model.nlight) if model.light_bodyid[light] == 0],
+    )
+
+
+def _light(model: mujoco.MjModel, light: int) -> _Light:
+    far, colour = model.light_type[light] == mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, model.light_diffuse[light]
+    turn = Rotation.align_vectors([model.light_dir[light]], [[0, 0, -1.0]])[0].as_quat()
+    strength = float(colour.max())
+    intensity = strength * (_LIGHT_LUX if far else _LIGHT_CANDELA)
+    return _Light(far, model.light_pos[light], turn, (colour / max(strength, 1e-9)).tolist(), intensity)
 
 
 def _continuous(turns: np.ndarray) -> np.ndarray:
@@ -203,9 +234,10 @@ def _look(model: mujoco.MjModel, geom: int) -> tuple[np.ndarray, str]:
     return _linear(model.geom_rgba[geom]), "colour " + " ".join(f"{share:.3g}" for share in model.geom_rgba[geom])
 
 
-def _pieces(model: mujoco.MjModel) -> Iterator[_Piece]:
-    """Yield what is drawn of a model, but for people."""
-    kinds, people = mujoco.mjtGeom, {geom for skin in Skin(model).persons for geom in _of_person(model, skin)}
+def _pieces(model: mujoco.MjModel, persons: Sequence[SkinOfPerson]) -> dict[int, list[_Piece]]:
+    """Return what is drawn of a model, but for people, by index of the body; 0 is the world, which does not move."""
+    kinds, people = mujoco.mjtGeom, {geom for skin in persons for geom in _of_person(model, skin)}
+    found: dict[int, list[_Piece]] = defaultdict(list)
     for geom in np.flatnonzero(model.geom_group < _DRAWN).tolist():
         if geom in people:
             continue
@@ -230,15 +262,13 @@ def _pieces(model: mujoco.MjModel) -> Iterator[_Piece]:
         colour, _ = _look(model, geom)
         body = int(model.geom_bodyid[geom])
         name = model.geom(geom).name or f"{model.body(body).name}/{geom}"
-        yield _Piece(name, turn.apply(points) + model.geom_pos[geom], np.asarray(faces), colour, body)
+        found[body].append(_Piece(name, turn.apply(points) + model.geom_pos[geom], np.asarray(faces), colour))
+    return found
 
 
 # glTF
 
 _BYTE, _INT, _VERTICES, _INDICES = 5121, 5125, 34962, 34963
-_LIGHT_LUX, _LIGHT_CANDELA = 3.0, 60.0
-"""Brightness of a white light."""
-
 
 _BONE_PARENTS = (*PARENTS, *(SEGMENTS.index(bone.partition(" ")[0]) for bone in BONE_NAMES[len(PARENTS) :]))
 """For each bone, the one that it is attached to: a segment, or -1 for the pelvis. Parents come first."""
@@ -261,34 +291,28 @@ def _write_glb(task: ClipTask) -> Counter:
     y_up = file.add("nodes", name="z up", rotation=[-(0.5**0.5), 0, 0, 0.5**0.5], children=[])
     file.json["scenes"][0]["nodes"].append(y_up)
     children = file.json["nodes"][y_up]["children"]
-    moving = np.ptp(scene.places, axis=0).max(-1) + np.ptp(scene.turns, axis=0).max(-1) > 0
-    bodies = {}
-    for body in sorted({piece.body for piece in scene.pieces}):
+    for body in scene.bodies:
         node = file.add(
-            "nodes",
-            name=scene.bodies[body],
-            translation=scene.places[0, body].tolist(),
-            rotation=scene.turns[0, body].tolist(),
-            children=[],
+            "nodes", name=body.name, translation=body.places[0].tolist(), rotation=body.turns[0].tolist(), children=[]
         )
-        if moving[body]:
-            file.animate(node, "translation", scene.places[:, body])
-            file.animate(node, "rotation", scene.turns[:, body])
-        bodies[body] = file.json["nodes"][node]["children"]
+        if np.ptp(body.places, axis=0).any() or np.ptp(body.turns, axis=0).any():
+            file.animate(node, "translation", body.places)
+            file.animate(node, "rotation", body.turns)
         children.append(node)
 
-    def painted(name: str, colour: np.ndarray) -> int:
+    def painted(attributes: dict[str, int], faces: np.ndarray, name: str, colour: np.ndarray) -> dict:
+        """Return the primitive of faces (m, 3) of points with these attributes, in a material of their own."""
+        indices = file.accessor(faces.reshape(-1), "SCALAR", _INT, _INDICES)
         look = {"baseColorFactor": colour.tolist(), "metallicFactor": 0, "roughnessFactor": 0.8}
-        return file.add("materials", name=name, pbrMetallicRoughness=look, doubleSided=True)
+        material = file.add("materials", name=name, pbrMetallicRoughness=look, doubleSided=True)
+        return {"attributes": attributes, "indices": indices, "material": material}
 
-    for piece in scene.pieces:
-        primitive = {
-            "attributes": {"POSITION": file.accessor(piece.points, "VEC3", target=_VERTICES, bounds=True)},
-            "indices": file.accessor(piece.faces.reshape(-1), "SCALAR", _INT, _INDICES),
-            "material": painted(piece.name, piece.colour),
-        }
-        mesh = file.add("meshes", name=piece.name, primitives=[primitive])
-        bodies[piece.body].append(file.add("nodes", name=f"{piece.name} mesh", mesh=mesh))
+    for node, body in zip(list(children), scene.bodies, strict=True):
+        for piece in body.pieces:
+            attributes = {"POSITION": file.accessor(piece.points, "VEC3", target=_VERTICES, bounds=True)}
+            primitives = [painted(attributes, piece.faces, piece.name, piece.colour)]
+            mesh = file.add("meshes", name=piece.name, primitives=primitives)
+            file.json["nodes"][node]["children"].append(file.add("nodes", name=f"{piece.name} mesh", mesh=mesh))
     for skin in scene.skins:
         bones, places, turns = [], *_within_parents(skin.places, skin.turns)
         for bone, parent in enumerate(_BONE_PARENTS):
@@ -310,14 +334,7 @@ def _write_glb(task: ClipTask) -> Counter:
             "JOINTS_0": file.accessor(skin.which, "VEC4", _BYTE, _VERTICES),
             "WEIGHTS_0": file.accessor(skin.weights, "VEC4", target=_VERTICES),
         }
-        primitives = [
-            {
-                "attributes": attributes,
-                "indices": file.accessor(faces.reshape(-1), "SCALAR", _INT, _INDICES),
-                "material": painted(name, colour),
-            }
-            for name, (colour, faces) in skin.looks.items()
-        ]
+        primitives = [painted(attributes, faces, name, colour) for name, (colour, faces) in skin.looks.items()]
         unbend = np.linalg.inv(skin.bind)
         unbend[:, :3, :3] = unbend[:, :3, :3] @ WORLD_Y_UP.T
         # Matrices are stored column by column.
@@ -325,39 +342,26 @@ def _write_glb(task: ClipTask) -> Counter:
         mesh = file.add("meshes", name=skin.name, primitives=primitives)
         number = file.add("skins", name=skin.name, joints=bones, inverseBindMatrices=unbend)
         file.json["scenes"][0]["nodes"].append(file.add("nodes", name=skin.name, mesh=mesh, skin=number))
-    for number, name in enumerate(scene.joints):
-        place = scene.xyz[:, number]
-        if np.isfinite(place).all():
-            node = file.add("nodes", name=name, translation=place[0].tolist())
-            file.animate(node, "translation", place)
-            children.append(node)
-    file.json["cameras"] = []
-    rig = scene.rig
+    for name, place in scene.joints.items():
+        node = file.add("nodes", name=name, translation=place[0].tolist())
+        file.animate(node, "translation", place)
+        children.append(node)
+    file.json["cameras"], rig = [], scene.rig
     for view, name in enumerate(rig.names):
         (width, height), K = rig.size[view].tolist(), rig.K[view]
         lens = {"yfov": float(2 * np.arctan(height / 2 / K[1, 1])), "aspectRatio": width / height, "znear": 0.01}
         about = {"K": K.tolist(), "dist": rig.dist[view].tolist(), "size": [width, height]}
         camera = file.add("cameras", name=name, type="perspective", perspective=lens, extras=about)
-        turn = Rotation.from_matrix(rig.cam_from_world[view, :3, :3].T @ _GL_FROM_CV).as_quat()
-        place = rig.centers[view].tolist()
-        children.append(
-            file.add("nodes", name=f"camera {name}", camera=camera, translation=place, rotation=turn.tolist())
-        )
+        place, turn = rig.centers[view].tolist(), scene.turned[view].tolist()
+        children.append(file.add("nodes", name=f"camera {name}", camera=camera, translation=place, rotation=turn))
     given = []
-    for number, (far, place, along, colour) in enumerate(scene.lights):
-        strength = float(colour.max())
-        given.append(
-            {
-                "name": f"light {number}",
-                "type": "directional" if far else "point",
-                "color": (colour / max(strength, 1e-9)).tolist(),
-                "intensity": strength * (_LIGHT_LUX if far else _LIGHT_CANDELA),
-            }
-        )
-        turn = Rotation.align_vectors([along], [[0, 0, -1.0]])[0].as_quat().tolist()
+    for number, light in enumerate(scene.lights):
+        kind = "directional" if light.far else "point"
+        given.append({"name": f"light {number}", "type": kind, "color": light.colour, "intensity": light.intensity})
+        place, turn = light.place.tolist(), light.turn.tolist()
         extension = {"KHR_lights_punctual": {"light": number}}
         children.append(
-            file.add("nodes", name=f"light {number}", translation=place.tolist(), rotation=turn, extensions=extension)
+            file.add("nodes", name=f"light {number}", translation=place, rotation=turn, extensions=extension)
         )
     if given:
         file.json |= {
@@ -365,7 +369,7 @@ def _write_glb(task: ClipTask) -> Counter:
             "extensions": {"KHR_lights_punctual": {"lights": given}},
         }
     write_atomic(task.file("glb"), file.data())
-    return Counter(clips=1, persons=len(scene.joints) // len(task.skeleton))
+    return Counter(clips=1, persons=len(scene.skins))
 
 
 # USD
@@ -404,10 +408,9 @@ def _write_usd(task: ClipTask) -> Counter:
                 *vector, w = turns[frame].tolist()
                 turn.Set(Gf.Quatf(w, *vector), at)
 
-    bodies = {}
-    for body in sorted({piece.body for piece in scene.pieces}):
-        bodies[body] = named("/scene", scene.bodies[body])
-        place(UsdGeom.Xform.Define(stage, bodies[body]), scene.places[:, body], scene.turns[:, body])
+    above = [named("/scene", body.name) for body in scene.bodies]
+    for path_of_body, body in zip(above, scene.bodies, strict=True):
+        place(UsdGeom.Xform.Define(stage, path_of_body), body.places, body.turns)
 
     def vectors(rows: np.ndarray):
         return Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(rows, np.float32))
@@ -420,9 +423,10 @@ def _write_usd(task: ClipTask) -> Counter:
         mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
         return mesh
 
-    for piece in scene.pieces:
-        mesh = mesh_of(named(bodies[piece.body], piece.name), piece.points, piece.faces)
-        mesh.CreateDisplayColorAttr([Gf.Vec3f(*piece.colour[:3].tolist())])
+    for path_of_body, body in zip(above, scene.bodies, strict=True):
+        for piece in body.pieces:
+            mesh = mesh_of(named(path_of_body, piece.name), piece.points, piece.faces)
+            mesh.CreateDisplayColorAttr([Gf.Vec3f(*piece.colour[:3].tolist())])
     for skin in scene.skins:
         above = named("/scene", skin.name)
         UsdSkel.Root.Define(stage, above)
@@ -452,11 +456,10 @@ def _write_usd(task: ClipTask) -> Counter:
         binding.CreateSkeletonRel().AddTarget(skeleton.GetPath())
         binding.CreateJointIndicesPrimvar(False, MOST_BONES).Set(skin.which.ravel().tolist())
         binding.CreateJointWeightsPrimvar(False, MOST_BONES).Set(skin.weights.ravel().tolist())
-    for number, name in enumerate(scene.joints):
-        if np.isfinite(scene.xyz[:, number]).all():
-            joint = UsdGeom.Xform.Define(stage, named("/scene", name))
-            joint.GetPrim().SetDisplayName(name)
-            place(joint, scene.xyz[:, number])
+    for name, places in scene.joints.items():
+        joint = UsdGeom.Xform.Define(stage, named("/scene", name))
+        joint.GetPrim().SetDisplayName(name)
+        place(joint, places)
     rig = scene.rig
     for view, name in enumerate(rig.names):
         (width, height), K = rig.size[view].tolist(), rig.K[view]
@@ -469,18 +472,14 @@ def _write_usd(task: ClipTask) -> Counter:
         camera.CreateHorizontalApertureOffsetAttr((width / 2 - 0.5 - K[0, 2]) * pixel)
         camera.CreateVerticalApertureOffsetAttr((K[1, 2] - height / 2 + 0.5) * pixel * K[0, 0] / K[1, 1])
         camera.CreateClippingRangeAttr(Gf.Vec2f(0.01, 1000))
-        about = {"size": [width, height], "K": K.ravel().tolist(), "dist": rig.dist[view].tolist()}
-        for key, value in about.items():
-            camera.GetPrim().SetCustomDataByKey(key, Vt.DoubleArray([float(each) for each in value]))
-        turn = Rotation.from_matrix(rig.cam_from_world[view, :3, :3].T @ _GL_FROM_CV).as_quat()
-        place(camera, rig.centers[view][None], turn[None])
-    for number, (far, where, along, colour) in enumerate(scene.lights):
-        kind = UsdLux.DistantLight if far else UsdLux.SphereLight
+        for key, values in (("size", rig.size[view]), ("K", K.ravel()), ("dist", rig.dist[view])):
+            camera.GetPrim().SetCustomDataByKey(key, Vt.DoubleArray(values.astype(float).tolist()))
+        place(camera, rig.centers[view][None], scene.turned[view][None])
+    for number, each in enumerate(scene.lights):
+        kind = UsdLux.DistantLight if each.far else UsdLux.SphereLight
         light = kind.Define(stage, named("/scene", f"light_{number}"))
-        strength = float(colour.max())
-        light.CreateColorAttr(Gf.Vec3f(*(colour / max(strength, 1e-9)).tolist()))
-        light.CreateIntensityAttr(strength * (_LIGHT_LUX if far else _LIGHT_CANDELA))
-        turn = Rotation.align_vectors([along], [[0, 0, -1.0]])[0].as_quat()
-        place(light, where[None], turn[None])
+        light.CreateColorAttr(Gf.Vec3f(*each.colour))
+        light.CreateIntensityAttr(each.intensity)
+        place(light, each.place[None], each.turn[None])
     stage.GetRootLayer().Save()
-    return Counter(clips=1, persons=len(scene.joints) // len(task.skeleton))
+    return Counter(clips=1, persons=len(scene.skins))
