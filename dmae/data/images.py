@@ -207,54 +207,41 @@ def depth_steps(depth: np.ndarray) -> np.ndarray:
     return np.where(known, np.round(np.where(known, depth, 0) * 1000), 0).astype(np.uint16)
 
 
-def write_depth(path: Path, depth: np.ndarray) -> None:
-    """Write depth (H, W), m, as a 16-bit PNG of `depth_steps`."""
-    _write(path, depth_steps(depth))
+def write_image(kind: str, path: Path, image: np.ndarray) -> None:
+    """Write an image of a kind in `KINDS`, as `Images.at` returns it; its folder is made.
 
-
-def write_ids(path: Path, ids: np.ndarray) -> None:
-    """Write ids (H, W) as a 16-bit PNG."""
-    _write(path, ids.astype(np.uint16), flat=True)
-
-
-def write_parts(path: Path, parts: np.ndarray) -> None:
-    """Write parts (H, W) as an 8-bit PNG."""
-    _write(path, parts.astype(np.uint8), flat=True)
-
-
-def write_rgb(path: Path, rgb: np.ndarray) -> None:
-    """Write colours (H, W, 3) uint8 as PNG or, if the path ends in .jpg, as JPEG."""
-    _write(path, np.ascontiguousarray(rgb[..., ::-1]))
-
-
-def write_normals(path: Path, normals: np.ndarray) -> None:
-    """Write unit vectors n (H, W, 3) as an 8-bit PNG of 1 + 127 (n + 1), to half a degree; 0 where they are NaN."""
-    known = np.isfinite(normals).all(-1, keepdims=True)
-    steps = 1 + np.round((np.where(known, normals, 0) + 1) * _NORMAL_STEPS)
-    _write(path, (steps * known)[..., ::-1].astype(np.uint8))
-
-
-def write_flow(path: Path, flow: np.ndarray) -> None:
-    """Write flow (u, v), (H, W, 2) px, in KITTI's format: a 16-bit PNG of 64 u + 32768, 64 v + 32768, and 1 if known.
-
-    Flow that is NaN, or larger than 511 px, is written as unknown.
+    rgb: PNG or, if the path ends in .jpg, JPEG.
+    depth: 16-bit PNG of `depth_steps`.
+    ids, parts: PNG of 16 and 8 bits.
+    normals: 8-bit PNG of 1 + 127 (n + 1) for a unit vector n, to half a degree; 0 where it is NaN.
+    flow: KITTI's format, a 16-bit PNG of 64 u + 32768, 64 v + 32768, and 1 where (u, v) is known, which is not NaN and
+        at most 511 px.
+    amodal: 16-bit PNG of the bits of up to 32 persons; green contains bits 16 to 31, if any is set.
     """
-    known = (np.abs(flow) < _FLOW_ZERO / _FLOW_STEPS - 1).all(-1)
-    steps = np.round(np.where(known[..., None], flow, 0) * _FLOW_STEPS + _FLOW_ZERO) * known[..., None]
-    _write(path, np.dstack([known, steps[..., 1], steps[..., 0]]).astype(np.uint16))
-
-
-def write_amodal(path: Path, amodal: np.ndarray) -> None:
-    """Write bits (H, W) uint32 of up to 32 persons as a 16-bit PNG; green contains bits 16 to 31, if any is set."""
-    low, high = amodal & 0xFFFF, amodal >> 16
-    _write(path, (np.dstack([0 * low, high, low]) if high.any() else low).astype(np.uint16))
-
-
-def _write(path: Path, image: np.ndarray, *, flat: bool = False) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
+    # The order of OpenCV's channels is blue, green, red.
+    if kind == "rgb":
+        image = np.ascontiguousarray(image[..., ::-1])
+    elif kind == "depth":
+        image = depth_steps(image)
+    elif kind == "ids":
+        image = image.astype(np.uint16)
+    elif kind == "parts":
+        image = image.astype(np.uint8)
+    elif kind == "normals":
+        known = np.isfinite(image).all(-1, keepdims=True)
+        steps = 1 + np.round((np.where(known, image, 0) + 1) * _NORMAL_STEPS)
+        image = (steps * known)[..., ::-1].astype(np.uint8)
+    elif kind == "flow":
+        known = (np.abs(image) < _FLOW_ZERO / _FLOW_STEPS - 1).all(-1)
+        steps = np.round(np.where(known[..., None], image, 0) * _FLOW_STEPS + _FLOW_ZERO) * known[..., None]
+        image = np.dstack([known, steps[..., 1], steps[..., 0]]).astype(np.uint16)
+    elif kind == "amodal":
+        low, high = image & 0xFFFF, image >> 16
+        image = (np.dstack([0 * low, high, low]) if high.any() else low).astype(np.uint16)
     how = (cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY) if path.suffix == ".jpg" else (cv2.IMWRITE_PNG_COMPRESSION, 1)
-    if flat:
+    if kind in ("ids", "parts"):
         # This takes a third of the time of OpenCV's default, for the same file size.
         how += (cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_UP)
+    path.parent.mkdir(parents=True, exist_ok=True)
     if not cv2.imwrite(str(path), image, how):
         raise OSError(f"{path}: could not write the image")

@@ -10,19 +10,7 @@ import mujoco
 import numpy as np
 
 from dmae.data.cameras import CameraRig
-from dmae.data.images import (
-    FIRST_OBJECT_ID,
-    KINDS,
-    Images,
-    write_amodal,
-    write_depth,
-    write_flow,
-    write_ids,
-    write_normals,
-    write_parts,
-    write_rgb,
-    write_video,
-)
+from dmae.data.images import FIRST_OBJECT_ID, KINDS, Images, write_image, write_video
 from synth.people.body import SEGMENTS
 from synth.people.mjcf import geom_parts
 from synth.people.skinning import Skin, locate, mesh_triangles
@@ -328,16 +316,6 @@ class Renderer:
 
 # The images of a clip
 
-_WRITERS = {
-    "rgb": write_rgb,
-    "depth": write_depth,
-    "ids": write_ids,
-    "parts": write_parts,
-    "normals": write_normals,
-    "flow": write_flow,
-    "amodal": write_amodal,
-}
-
 
 class RenderedImages(NamedTuple):
     """Images on disk, and the numbers of pixels of each person in them.
@@ -392,7 +370,7 @@ def render_images(
             for kind in kinds:
                 path = images.path(kind, rig.names[view], frame)
                 if path.suffix != ".mp4":
-                    _WRITERS[kind](path, getattr(picture, kind))
+                    write_image(kind, path, getattr(picture, kind))
             if counted:
                 for person in range(renderer.persons):
                     visible[frame, view, person] = np.count_nonzero(picture.ids == 1 + person)

@@ -8,7 +8,7 @@ import numpy as np
 
 from dmae.command_line.presets import copy_presets
 from dmae.commands.data_sets import SETTINGS, ClipSet
-from dmae.data.images import write_rgb, write_video
+from dmae.data.images import write_image, write_video
 from dmae.data.resume import claim_folder
 from dmae.data.skeleton import BODY25
 from dmae.data.store import save_clip
@@ -34,7 +34,7 @@ def _write_videos(folder: Path) -> None:
 def _write_folders(folder: Path) -> None:
     for camera in ("left", "right"):
         for frame in range(2):
-            write_rgb(folder / f"videos/{camera}/{frame:03d}.png", np.full((16, 16, 3), 40 * frame, np.uint8))
+            write_image("rgb", folder / f"videos/{camera}/{frame:03d}.png", np.full((16, 16, 3), 40 * frame, np.uint8))
 
 
 def _read_videos(folder: Path) -> list:

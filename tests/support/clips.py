@@ -7,7 +7,7 @@ import numpy as np
 
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D, Poses3D
-from dmae.data.images import FIRST_OBJECT_ID, Images, write_depth, write_ids, write_video
+from dmae.data.images import FIRST_OBJECT_ID, Images, write_image, write_video
 from dmae.data.labels import DetectionLabels, JointError, OcclusionLabels, Visibility
 from dmae.data.skeleton import BODY25, Skeleton
 
@@ -126,10 +126,10 @@ def pictured_clip(folder: Path, frames: int = 3, views: int = 2, depth: bool = F
             if (frame, view) == (frames - 1, 0):
                 ids[ids == 2] = FIRST_OBJECT_ID
             shown[frame, view] = [np.count_nonzero(ids == 1 + person) for person in (0, 1)]
-            write_ids(folder / "ids" / name / f"{frame:06d}.png", ids)
+            write_image("ids", folder / "ids" / name / f"{frame:06d}.png", ids)
             if depth:
                 metres = np.select([ids >= FIRST_OBJECT_ID, ids > 0], [2, 4.321], np.nan)
-                write_depth(folder / "depth" / name / f"{frame:06d}.png", metres)
+                write_image("depth", folder / "depth" / name / f"{frame:06d}.png", metres)
             colours.append(np.array([(30, 60, 90), (200, 80, 40), (40, 200, 80), (200, 200, 60)], np.uint8)[
                 np.select([ids == 1, ids == 2, ids >= FIRST_OBJECT_ID], [1, 2, 3], 0)
             ])  # fmt: skip

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dmae.data.images import write_ids, write_video
+from dmae.data.images import write_image, write_video
 from dmae.files.checksums import RECORD
 
 OWN = {"data set"}
@@ -90,7 +90,7 @@ def structural(path: Path, rng: np.random.Generator) -> Iterator[tuple[str, Call
         "labels of clips exchanged",
         done(lambda: exchange(path / one / "arrays.safetensors", path / other / "arrays.safetensors"), one, other),
     )
-    yield "a black picture", done(lambda: write_ids(picture, np.zeros((72, 96))), one)
+    yield "a black picture", done(lambda: write_image("ids", picture, np.zeros((72, 96))), one)
     yield "a black video", done(lambda: write_video(video, np.zeros((3, 72, 96, 3), np.uint8), 25), one)
     yield "a cut picture", done(lambda: picture.write_bytes(picture.read_bytes()[:-9]), one)
     yield "an empty video", done(lambda: video.write_bytes(b""), one)

@@ -6,18 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dmae.data.images import (
-    KINDS,
-    Images,
-    write_amodal,
-    write_depth,
-    write_flow,
-    write_ids,
-    write_normals,
-    write_parts,
-    write_rgb,
-    write_video,
-)
+from dmae.data.images import KINDS, Images, write_image, write_video
 
 
 @pytest.fixture
@@ -29,9 +18,9 @@ def folder(tmp_path):
     for frame in range(6):
         square = np.s_[frame, 16:32, 8 * frame : 8 * frame + 16]
         rgb[square], depth[square], ids[square], parts[square] = (250, 200, 40), 2.0 + 0.0015 * frame, 300, 2
-        write_depth(tmp_path / "depth" / "left" / f"{frame:06d}.png", depth[frame])
-        write_ids(tmp_path / "ids" / "left" / f"{frame:06d}.png", ids[frame])
-        write_parts(tmp_path / "parts" / "left" / f"{frame:06d}.png", parts[frame])
+        write_image("depth", tmp_path / "depth" / "left" / f"{frame:06d}.png", depth[frame])
+        write_image("ids", tmp_path / "ids" / "left" / f"{frame:06d}.png", ids[frame])
+        write_image("parts", tmp_path / "parts" / "left" / f"{frame:06d}.png", parts[frame])
     write_video(tmp_path / "rgb" / "left.mp4", rgb, 25)
     return Images(tmp_path, ("left",), tuple(range(6)), parts=("arm", "leg")), rgb, depth, ids
 
@@ -114,7 +103,7 @@ def test_a_video_has_the_codec_that_browsers_play(folder):
 
 
 def test_depth_out_of_range_is_absent(tmp_path):
-    write_depth(tmp_path / "depth" / "a" / "000000.png", np.array([[1.0, 65.6, np.inf, np.nan, 0.0004]]))
+    write_image("depth", tmp_path / "depth" / "a" / "000000.png", np.array([[1.0, 65.6, np.inf, np.nan, 0.0004]]))
     (depth,) = Images(tmp_path, ("a",), (0,)).read("depth", "a")
     np.testing.assert_array_equal(depth, np.float32([[1.0, np.nan, np.nan, np.nan, np.nan]]))
 
@@ -150,10 +139,10 @@ def test_normals_flow_and_whole_persons_are_read_back(tmp_path):
     flow = rng.uniform(-500, 500, (48, 64, 2)).astype(np.float32)
     flow[3:6], flow[7, 7] = np.nan, (600, 0)
     few, many = (rng.integers(0, 2**bits, (48, 64)).astype(np.uint32) for bits in (5, 30))
-    write_normals(tmp_path / "normals/a/000000.png", normals)
-    write_flow(tmp_path / "flow/a/000000.png", flow)
+    write_image("normals", tmp_path / "normals/a/000000.png", normals)
+    write_image("flow", tmp_path / "flow/a/000000.png", flow)
     for frame, amodal in enumerate((few, many)):
-        write_amodal(tmp_path / f"amodal/a/{frame:06d}.png", amodal)
+        write_image("amodal", tmp_path / f"amodal/a/{frame:06d}.png", amodal)
     images = Images(tmp_path, ("a",), (0, 1), ("normals", "flow", "amodal"))
     found = images.at("normals", "a", 0)
     assert np.isnan(found[:4]).all()
@@ -177,7 +166,7 @@ def test_any_picture_is_read_alone(tmp_path, rgb):
         write_video(images.path("rgb", "a"), pictures, 5)
     else:
         for frame, picture in enumerate(pictures):
-            write_rgb(images.path("rgb", "a", frame), picture)
+            write_image("rgb", images.path("rgb", "a", frame), picture)
     whole = list(images.read("rgb", "a"))
     for frame in (11, 0, 5, 4, 7):
         np.testing.assert_array_equal(images.at("rgb", "a", frame), whole[frame])

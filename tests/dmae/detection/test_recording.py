@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dmae.data.images import write_rgb, write_video
+from dmae.data.images import write_image, write_video
 from dmae.detection.pictures import CameraPictures, align, find_cameras, fit_pictures
 from dmae.detection.recording import open_recording
 from tests.support.clips import looking_at_origin
@@ -31,7 +31,7 @@ def test_a_video_is_read_from_any_picture_on(tmp_path: Path):
 
 def test_damaged_pictures_are_none_and_the_others_read(tmp_path: Path):
     for number, picture in enumerate(shades(4)):
-        write_rgb(tmp_path / "a" / f"a_{number + 7:04d}.png", picture)
+        write_image("rgb", tmp_path / "a" / f"a_{number + 7:04d}.png", picture)
     (tmp_path / "a" / "a_0008.png").write_bytes(b"\x89PNG nothing")
     (found,) = find_cameras(tmp_path)
     assert [picture is None for picture in found.read(0, 4)] == [False, True, False, False]

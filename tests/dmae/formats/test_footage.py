@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import dmae
-from dmae.data.images import write_rgb, write_video
+from dmae.data.images import write_image, write_video
 from dmae.data.skeleton import BODY25
 from dmae.formats.reading import offsets_of_all
 from tests.support.recordings import recording, write_openpose_recording
@@ -14,8 +14,10 @@ def write_pictures(folder, frames: range, cameras: int = 4, size: tuple[int, int
     """Pictures in which every camera has its own grey, and every frame is a little lighter."""
     for camera in range(cameras):
         for frame in frames:
-            write_rgb(
-                folder / f"cam{camera}" / name.format(frame), np.full((*size, 3), 40 * camera + 3 * frame, np.uint8)
+            write_image(
+                "rgb",
+                folder / f"cam{camera}" / name.format(frame),
+                np.full((*size, 3), 40 * camera + 3 * frame, np.uint8),
             )
     return str(folder)
 

@@ -11,7 +11,7 @@ from hypothesis.extra.numpy import arrays
 from pycocotools import mask as coco_mask
 
 from dmae.data.clip import Poses3D
-from dmae.data.images import write_ids
+from dmae.data.images import write_image
 from dmae.data.labels import OcclusionLabels, Visibility
 from dmae.data.skeleton import BODY25, COCO17
 from dmae.formats.labelled_images import (
@@ -70,7 +70,7 @@ def test_amodal_masks_are_the_bits_of_the_images_of_whole_persons(tmp_path):
     bits[70:100, 50:70] |= 2
     for name in clip.rig.names:
         for frame in range(3):
-            write_ids(tmp_path / "amodal" / name / f"{frame:06d}.png", bits)
+            write_image("ids", tmp_path / "amodal" / name / f"{frame:06d}.png", bits)
     clip = replace(clip, images=replace(clip.images, kinds=("rgb", "ids", "amodal")))
     for picture in read_pictures(clip, joint_labels(clip, clip.truth, COCO17)):
         first, second = picture.persons

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dmae.data.clip import Detections2D, Poses3D
-from dmae.data.images import write_ids, write_parts, write_video
+from dmae.data.images import write_image, write_video
 from dmae.data.labels import DetectionLabels, JointError, Visibility
 from dmae.data.store import load_clip, read_manifest, save_clip, write_manifest
 from dmae.files.checksums import number_of
@@ -242,14 +242,14 @@ def test_ids_inconsistent_with_the_labels_are_found(data):
     path = data / CLIP / "images" / "ids" / "ring0" / "000002.png"
     ids = list(clip.images.read("ids", "ring0"))[2]
     for wrong, word in ((77, "stand for no person"), (0, "pixels show the persons")):
-        write_ids(path, np.where(ids == 1, wrong, ids))
+        write_image("ids", path, np.where(ids == 1, wrong, ids))
         only(data, "images", word)
-    write_ids(path, ids)
+    write_image("ids", path, ids)
     # A wall that no label knows, and no counts of pixels.
     for view in clip.rig.names:
         for frame in range(5):
-            write_ids(data / CLIP / "images" / "ids" / view / f"{frame:06d}.png", np.full_like(ids, 256))
-            write_parts(data / CLIP / "images" / "parts" / view / f"{frame:06d}.png", np.zeros_like(ids))
+            write_image("ids", data / CLIP / "images" / "ids" / view / f"{frame:06d}.png", np.full_like(ids, 256))
+            write_image("parts", data / CLIP / "images" / "parts" / view / f"{frame:06d}.png", np.zeros_like(ids))
     bare = replace(load_clip(data / CLIP).occlusion, visible_pixels=None, amodal_pixels=None)
     changed(data, occlusion=bare)
     only(data, "images", "less than 99%")
@@ -264,7 +264,7 @@ def test_parts_without_a_person_or_a_name_are_found(data):
         (np.where(parts == 3, 0, parts), f"{np.count_nonzero(parts == 3)} pixels have a part but no person"),
         (np.maximum(parts, 1), "or a person but no part"),
     ):
-        write_parts(path, wrong)
+        write_image("parts", path, wrong)
         only(data, "images", "parts of camera ring0, frame 2", word)
 
 

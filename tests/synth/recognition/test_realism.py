@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dmae.data.clip import Clip
-from dmae.data.images import Images, write_rgb
+from dmae.data.images import Images, write_image
 from dmae.data.labels import Visibility
 from dmae.data.skeleton import BODY25
 from dmae.data.store import save_clip
@@ -60,7 +60,7 @@ def clip(tmp_path: Path) -> Clip:
             for person in range(PEOPLE):
                 for joint, (x, y) in enumerate(xy[frame, view, person].round().astype(int)):
                     picture[y, x] = colour(person, joint)
-            write_rgb(tmp_path / "rgb" / name / f"{frame:06d}.png", picture)
+            write_image("rgb", tmp_path / "rgb" / name / f"{frame:06d}.png", picture)
     images = Images(tmp_path, clip.rig.names, (0, 1), ("rgb",), rgb="png")
     clip = replace(
         clip, true_rig=None, images=images, occlusion=replace(clip.occlusion, visibility=visibility), provenance={}
