@@ -116,12 +116,31 @@ def reach_for(motion: Motion, body: Body, reach: Reach) -> Motion:
     chest, shoulder = motion.rotations[:, _CHEST], poses.origins[:, 0, segments[0]]
     target = (reach.palm, reach.normal, reach.elbow)
     arm = reach_with_arm(body, reach.side, chest, shoulder, *target, straight=reach.straight)
-    rotations = motion.rotations.copy()
-    away = np.einsum("fsji,fsjk->fsik", rotations[:, segments], arm)
-    vectors = Rotation.from_matrix(away.reshape(-1, 3, 3)).as_rotvec().reshape(-1, 3, 3)
-    part = Rotation.from_rotvec((vectors * reach.share[:, None, None]).reshape(-1, 3)).as_matrix().reshape(away.shape)
-    rotations[:, segments] = rotations[:, segments] @ part
+    rotations, share = motion.rotations.copy(), reach.share
+    parents = [_CHEST, *segments[:2]]
+    own = rotations[:, parents].swapaxes(-1, -2) @ rotations[:, segments]
+    wanted = np.stack([chest, arm[:, 0], arm[:, 1]], axis=1).swapaxes(-1, -2) @ arm
+    # The elbow is a hinge about z: its bend is blended, and the turn of the forearm about its length.
+    first, last = (np.arctan2(-each[:, 1, 0, 1], each[:, 1, 1, 1]) for each in (own, wanted))
+    own[:, 1], wanted[:, 1] = about("z", -first) @ own[:, 1], about("z", -last) @ wanted[:, 1]
+    joints = np.stack([_blended(own[:, number], wanted[:, number], share) for number in range(3)], axis=1)
+    joints[:, 1] = about("z", first + share * (last - first)) @ joints[:, 1]
+    for number, (segment, parent) in enumerate(zip(segments, parents, strict=True)):
+        rotations[:, segment] = rotations[:, parent] @ joints[:, number]
     return replace(motion, rotations=rotations)
+
+
+def _blended(own: np.ndarray, wanted: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Return rotations (F, 3, 3) at shares (F,) of the way from `own` to `wanted`: the shortest way in the frame of the
+    greatest share, and in other frames the way that does not jump from frame to frame."""
+    turn = Rotation.from_matrix(own.swapaxes(-1, -2) @ wanted).as_rotvec()
+    angle = np.linalg.norm(turn, axis=1)
+    axis = turn / np.maximum(angle, 1e-12)[:, None]
+    sign = np.cumprod(np.where((axis[1:] * axis[:-1]).sum(1) < 0, -1.0, 1.0))
+    angle[1:], axis[1:] = sign * angle[1:], sign[:, None] * axis[1:]
+    angle = np.unwrap(angle)
+    angle -= 2 * np.pi * np.round(angle[share.argmax()] / (2 * np.pi))
+    return own @ Rotation.from_rotvec(axis * (angle * share)[:, None]).as_matrix()
 
 
 # One motion for each person, from a script and a motion source
