@@ -7,9 +7,8 @@ DMAE_DATA names the folder with `cmu`, `cmu_more` and `pose2sim`. OpenSim's colu
 (the latter with `--no-deps`); without them they are left out.
 
 - people: four cameras around two or three people, detected with errors, captured and completed. Their true angles are
-  those of the simulated bodies; the pelvis is level in upright standing, as in ours. Legs whose simulated knee bends
-  sideways or to the front as no knee does are not compared. Errors by the longest gap among the joints of an angle, and
-  by its cause.
+  those of the simulated bodies; the pelvis is level in upright standing, as in ours. Errors by the longest gap among
+  the joints of an angle, and by its cause.
 - bounds: what would be left of the errors of completed joints if one more thing were known.
 - trial: Pose2Sim's trial, without a truth: our angles against OpenSim's, on the same markers.
 - pelvis: how people share a lean between lumbar spine and hips: the rule by which pelvis tilt is inferred, on each
@@ -80,9 +79,6 @@ TRIAL_COLUMNS = [
     "our deviation, °",
 ]
 PELVIS_COLUMNS = ["subject", "seconds", "share of the others", "mean error, °", "bias, °", "in 90 %"]
-_KNEE = 10.0
-"""Degrees that a person's knee bends sideways or to the front at most. The ones of simulated bodies bend farther where
-a leg is led to where a foot stands, or hyperextended in a recording."""
 _RATE = 10
 """Frames a second at which recordings are read for the pelvis."""
 _ENOUGH = 10
@@ -205,8 +201,6 @@ def _true_angles(path: Path, truth: Poses3D) -> np.ndarray:
             hip = np.degrees(cardan(level @ thigh)) * (1, 1 - 2 * number, 1 - 2 * number)
             bend = np.degrees(cardan(shin))
             found[:, person, :, number] = np.column_stack([hip, -bend[:, 0], np.degrees(cardan(foot)[:, 0])])
-            # Without a hinge, thigh and shin are turned about their length, and so are the angles from there on.
-            found[(np.abs(bend[:, 1]) > _KNEE) | (bend[:, 0] > _KNEE), person, 2:, number] = np.nan
     return found
 
 
