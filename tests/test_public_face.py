@@ -191,7 +191,7 @@ def test_presets_are_those_of_the_command():
     assert dmae.preset("capture", "default") == dmae.CaptureConfig()
     assert dmae.preset("capture", "paper").th_v == 3
     assert dmae.preset("train", "paper", seed=3).learning.loss == "mse"
-    with pytest.raises(ValueError, match="capture=papr: no such choice; did you mean paper"):
+    with pytest.raises(ValueError, match="capture=papr: no preset 'papr'; did you mean 'paper'"):
         dmae.preset("capture", "papr")
 
 

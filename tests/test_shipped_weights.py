@@ -9,7 +9,6 @@ from dmae.completion.weights import find_shipped
 from dmae.data.clip import Poses3D
 from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25
-from dmae.evaluation.config import GapConfig
 from dmae.evaluation.synthetic_gaps import cut_gaps, perturb
 from dmae.metrics.position import GAPS
 from dmae.numerics.paths import gap_lengths
@@ -48,7 +47,7 @@ def test_dancers_are_completed_better_than_by_pchip_body(dancers, noisy):
     errors = {"cubics": [], "dmae": []}
     lengths = []
     for seed, truth in enumerate(dancers * 3):
-        given = cut_gaps(truth, 25.0, GapConfig(), rng=np.random.default_rng(seed))
+        given = cut_gaps(truth, 25.0, rng=np.random.default_rng(seed))
         given = perturb(given, 25.0, rng=np.random.default_rng(seed)) if noisy else given
         filled = {"cubics": fill_pchip_body(given, 25.0), "dmae": complete(given, 25.0)}
         off = {name: np.linalg.norm(poses.xyz - truth.xyz, axis=-1) for name, poses in filled.items()}
@@ -71,7 +70,7 @@ def test_denoising_improves_perturbed_joints_and_keeps_exact_ones(dancers):
     complete = load_completer(find_shipped(BODY25), denoise=True)
     before, after, moved = [], [], []
     for seed, truth in enumerate(dancers):
-        holes = cut_gaps(truth, 25.0, GapConfig(), rng=np.random.default_rng(seed))
+        holes = cut_gaps(truth, 25.0, rng=np.random.default_rng(seed))
         given = perturb(holes, 25.0, rng=np.random.default_rng(seed))
         done = complete(given, 25.0)
         before.append(np.linalg.norm(given.xyz - truth.xyz, axis=-1)[given.measured])

@@ -203,6 +203,10 @@ class ReportCommand:
     out: str | None = None
     """File of the page; by default `report.html` in the folder of the clip, or else of the first scores."""
 
+    def __post_init__(self):
+        if not (self.clip or self.scores):
+            raise ValueError("nothing to report: name scores=[folder,...] or clip=folder, or both")
+
 
 @dataclass(frozen=True)
 class ReviewCommand:

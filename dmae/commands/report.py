@@ -9,14 +9,10 @@ from dmae.formats.reading import Clips
 
 
 def default_out(config: ReportCommand) -> Path:
-    folders = [*([config.clip] if config.clip else []), *config.scores]
-    if not folders:
-        raise ValueError("nothing to report: name scores=[folder,...] or clip=folder, or both")
-    return Path(folders[0]) / "report.html"
+    return Path(config.clip or config.scores[0]) / "report.html"
 
 
 def run(config: ReportCommand, out: Path) -> None:
-    default_out(config)
     scores = [read_scores(Path(folder) / "scores.json") for folder in config.scores]
     clips = Clips(DataConfig(name="clip", path=config.clip)) if config.clip else None
     write_clips_report(out, clips, scores, title=config.title)

@@ -30,17 +30,15 @@ from dmae.completion.pieces import in_pieces
 from dmae.completion.training_data import Examples, PosePair, Recipe, mask_captured, mask_scattered
 from dmae.data.clip import Poses3D, Source
 from dmae.data.conversion import convert
-from dmae.data.json_values import decode
-from dmae.data.resources import resource_folder
+from dmae.data.resources import read_preset
 from dmae.data.rng import Stream, generator
 from dmae.data.skeleton import Skeleton
-from dmae.files.structured import read_yaml
 from dmae.numerics.body import rotate_z
 from dmae.numerics.filling import present, resample
 from dmae.numerics.paths import linear
 from dmae.parallel import one_thread
 
-PAPER = decode(TrainConfig, read_yaml(resource_folder("dmae", "configs") / "model/paper.yaml"))
+PAPER = read_preset(TrainConfig, "model", "paper")
 """The paper's network and its training: the preset `model=paper`, which says what of it is the paper's."""
 
 

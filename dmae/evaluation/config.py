@@ -11,22 +11,6 @@ from dmae.parallel import Backend, check_workers
 from dmae.reconstruction.config import CaptureConfig, capture_method
 
 
-@dataclass(frozen=True)
-class GapConfig:
-    """Synthetic gaps: bursts in which a body part, or now and then a whole person, is hidden."""
-
-    bursts: float = 2.0
-    """1/s; bursts of each person."""
-    longest: int = 60
-    """Frames at 25/s; the longest burst. Lengths are log-uniform from 2."""
-    absence: int = 15
-    """Frames at 25/s; the longest burst in which a whole person is hidden."""
-
-    def __post_init__(self):
-        if self.bursts < 0 or self.longest < 2 or self.absence < 2:
-            raise ValueError(f"gaps: expected bursts >= 0, longest >= 2 and absence >= 2, found {self}")
-
-
 class Input(StrEnum):
     """The poses that methods complete."""
 
@@ -67,8 +51,6 @@ class EvaluateConfig:
     """Numbers of cameras: all subsets of each size are scored; by default all cameras only."""
     input: Input = Input.captured_poses
     """Poses that methods complete: captured, or true ones with synthetic gaps, exact or perturbed."""
-    gaps: GapConfig = field(default_factory=GapConfig)
-    """Synthetic gaps, unless the input is captured poses."""
     seed: int = 0
     """Seed of synthetic gaps and perturbation."""
     reference: ReferencePoses = ReferencePoses.truth
@@ -101,6 +83,18 @@ class EvaluateConfig:
 
     def __post_init__(self):
         check_workers(self.workers)
+        synthetic, captured = self.input != Input.captured_poses, self.reference == ReferencePoses.capture
+        if self.skeleton and (synthetic or captured):
+            raise ValueError(
+                f"skeleton={self.skeleton}: with input={Input.true_poses}, input={Input.perturbed_poses} or "
+                "reference=capture poses are compared on the skeleton of the detections; leave it out"
+            )
+        if (synthetic or self.poses) and (self.views or captured):
+            given = f"poses={self.poses}" if self.poses else f"input={self.input}"
+            raise ValueError(
+                f"{given}: nothing is captured, and poses are compared with the truth, whatever cameras they are of; "
+                "leave out views, reference"
+            )
 
 
 OURS = "capture"

@@ -17,11 +17,11 @@ from dmae.completion.methods import completion_method, find_method
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.conversion import convert, scale_of
 from dmae.data.rng import Stream, generator
-from dmae.data.skeleton import Skeleton, get_skeleton
+from dmae.data.skeleton import Skeleton
 from dmae.evaluation.config import EvaluateConfig, Input, ReferencePoses
 from dmae.evaluation.gates import scored_clip, scored_options
 from dmae.evaluation.predictions import predictions_of, read_prediction
-from dmae.evaluation.scores import measured_by_all, score, scored_actors, summary, truth_of
+from dmae.evaluation.scores import compared_truth, measured_by_all, score, scored_actors, summary, truth_of
 from dmae.evaluation.synthetic_gaps import cut_gaps, perturb
 from dmae.formats.config import clip_range
 from dmae.formats.reading import Clips, camera_subsets
@@ -81,20 +81,6 @@ def filled_trials(
 
 def _trials(clips: Sequence[Clip], config: EvaluateConfig) -> Iterator[Trial]:
     synthetic = config.input != Input.captured_poses
-    if config.skeleton and (synthetic or config.reference != ReferencePoses.truth):
-        raise ValueError(
-            f"skeleton={config.skeleton}: with input={Input.true_poses}, input={Input.perturbed_poses} or "
-            "reference=capture poses are compared on the skeleton of the detections; leave it out"
-        )
-    if synthetic and (config.views or config.reference != ReferencePoses.truth):
-        raise ValueError(
-            f"input={config.input} has synthetic gaps in the truth, and nothing is captured; leave out views, reference"
-        )
-    if config.poses and (config.views or config.reference != ReferencePoses.truth):
-        raise ValueError(
-            f"poses={config.poses}: poses made elsewhere are compared with the truth, whatever cameras they are of; "
-            "leave out views, reference"
-        )
     # A plain list of clips is not part of a larger data set.
     total, numbers = getattr(clips, "total", len(clips)), getattr(clips, "numbers", range(len(clips)))
     ids = [folder.name for folder in clips.folders] if total > 1 else [clips[0].id]
@@ -104,7 +90,7 @@ def _trials(clips: Sequence[Clip], config: EvaluateConfig) -> Iterator[Trial]:
         if synthetic:
             yield _synthetic_trial(clip, number, config, path)
         elif path:
-            truth = _compared_truth(clip, config)
+            truth = compared_truth(clip, config.skeleton)
             filled = read_prediction(path, clip, truth)
             # Joints that the poses mark as completed count as hidden.
             given = filled.without(filled.source == Source.COMPLETED)
@@ -117,17 +103,12 @@ def _synthetic_trial(clip: Clip, number: int, config: EvaluateConfig, path: Path
     truth, wanted = truth_of(clip), clip.detections.skeleton
     truth = convert(truth, wanted if wanted in truth.skeleton.parts else truth.skeleton)
     rng = generator(config.seed, number, Stream.STRESS)
-    given = cut_gaps(truth, clip.fps, config.gaps, rng=rng)
+    given = cut_gaps(truth, clip.fps, rng=rng)
     if config.input == Input.perturbed_poses:
         given = perturb(given, clip.fps, rng=rng)
     matches = np.tile(np.arange(truth.xyz.shape[1]), (len(clip), 1))
     filled = read_prediction(path, clip, truth, tracks=True) if path else None
     return Trial(clip, [], given, truth, matches=matches, filled=filled)
-
-
-def _compared_truth(clip: Clip, config: EvaluateConfig) -> Poses3D:
-    truth = truth_of(clip)
-    return convert(truth, get_skeleton(config.skeleton) if config.skeleton else truth.skeleton.parts[-1])
 
 
 def _captured_trials(clip: Clip, config: EvaluateConfig) -> Iterator[Trial]:
@@ -140,7 +121,7 @@ def _captured_trials(clip: Clip, config: EvaluateConfig) -> Iterator[Trial]:
             )
         truth = measured_by_all(clip, config.capture)
     else:
-        truth, actors = _compared_truth(clip, config), scored_actors(clip)
+        truth, actors = compared_truth(clip, config.skeleton), scored_actors(clip)
     for cameras in camera_subsets(clip, config.views):
         captured = capture(clip.select(views=cameras), config.capture)
         yield Trial(clip, cameras, captured, truth, actors)

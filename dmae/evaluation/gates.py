@@ -101,7 +101,6 @@ _JUDGED = {
     "angles": ("error of angles", "°", -1, ("angles", "mae")),
 }
 """Name and unit of each figure; 1 if larger is better, -1 if smaller is; and the place of its mean in `scores.json`."""
-_AGAIN = "make them again with this version: dmae evaluate ... out=FOLDER"
 
 
 @dataclass(frozen=True)
@@ -191,7 +190,7 @@ def compare_scores(baseline: dict, scores: dict, changed: Collection[str] = ()) 
 
     A figure is worse, or better, if the 95 % interval of its difference excludes zero and the difference is large
     enough to be printed. `changed` names options, or groups of options, that differ on purpose. Raises ValueError if
-    options, skeleton or clips differ, or the baseline is of a version that did not store sums by time.
+    options, skeleton or clips differ, or either is not what `dmae evaluate` writes.
     """
     _check_content(scores, "scores")
     check_baseline(baseline, scores["options"], changed)
@@ -218,16 +217,16 @@ def compare_scores(baseline: dict, scores: dict, changed: Collection[str] = ()) 
 
 
 def _check_content(scores: dict, what: str) -> None:
-    """Raise ValueError if scores are not output of `dmae evaluate`, or are of a version that wrote fewer entries."""
+    """Raise ValueError if scores are not what `dmae evaluate` writes."""
     results = scores.get("results") if isinstance(scores, dict) else None
-    needed = {"method", "views", "mean", "runs"}
-    if not (isinstance(results, list) and all(isinstance(each, dict) and needed <= set(each) for each in results)):
-        raise ValueError(f"{what}: expected the scores.json that dmae evaluate wrote, found other content")
-    lacking = [name for name in ("options", "clips") if name not in scores]
-    if lacking or not all("blocks" in run for result in results for run in result["runs"]):
+    whole = isinstance(results, list) and {"options", "clips", "skeleton"} <= set(scores)
+    for result in results if whole else ():
+        whole = whole and isinstance(result, dict) and {"method", "views", "mean", "runs"} <= set(result)
+        whole = whole and all("blocks" in run for run in result["runs"])
+    if not whole:
         raise ValueError(
-            f"{what}: an earlier version made it, without {' and '.join(lacking) or 'sums by time'}, so that nothing "
-            f"can be compared fairly; {_AGAIN}"
+            f"{what}: expected the scores.json that dmae evaluate wrote, found other content, or that of an earlier "
+            "version; make them again: dmae evaluate ... out=FOLDER"
         )
 
 

@@ -11,6 +11,7 @@ import pandas as pd
 
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.conversion import convert
+from dmae.data.skeleton import get_skeleton
 from dmae.files.structured import read_json
 from dmae.metrics.angles import angle_errors
 from dmae.metrics.comparison import Comparison
@@ -38,6 +39,15 @@ def truth_of(clip: Clip) -> Poses3D:
     if np.isinf(clip.truth.xyz).any():
         raise ValueError(f"clip {clip.id!r}: its truth has infinite coordinates; joints that are not known must be NaN")
     return clip.truth
+
+
+def compared_truth(clip: Clip, skeleton: str | None = None) -> Poses3D:
+    """Return the truth that poses are compared with: on a skeleton, by default its own, or the second of two fused.
+
+    Raises as `truth_of`, and KeyError if there is no such skeleton.
+    """
+    truth = truth_of(clip)
+    return convert(truth, get_skeleton(skeleton) if skeleton else truth.skeleton.parts[-1])
 
 
 def measured_by_all(clip: Clip, config: CaptureConfig) -> Poses3D:
@@ -104,7 +114,7 @@ def time_blocks(comparison: Comparison) -> dict:
     frames, actors = np.flatnonzero(comparison.known.any((1, 2))), list(comparison.actors)
     matched, truth = comparison.matched, comparison.truth.xyz
     correct, limbs = correct_limbs(matched[:, actors], truth[:, actors], comparison.skeleton)
-    error = 1000 * np.linalg.norm(matched - truth.astype(np.float64), axis=-1)
+    error = comparison.error
     block = block_of(frames, comparison.fps)
     blocks = np.unique(block)
 

@@ -5,7 +5,6 @@ import numpy as np
 from dmae.completion.config import MaskingConfig
 from dmae.completion.training_data import mask_bursts
 from dmae.data.clip import Poses3D
-from dmae.evaluation.config import GapConfig
 from dmae.numerics.paths import neighbours
 from dmae.numerics.statistics import ar1_filter
 
@@ -18,11 +17,10 @@ _OUTLIER_RATE = 0.1
 _OUTLIER_SIZE = (0.05, 0.5)  # m; log-uniform between these
 
 
-def cut_gaps(truth: Poses3D, fps: float, config: GapConfig, *, rng: np.random.Generator) -> Poses3D:
-    """Return true poses with synthetic gaps. Each gap has a known sample before and after it."""
+def cut_gaps(truth: Poses3D, fps: float, *, rng: np.random.Generator) -> Poses3D:
+    """Return true poses with gaps like those that training masks. Each has a known sample before and after it."""
     known = ~np.isnan(truth.xyz).any(-1)
-    bursts = MaskingConfig(bursts=config.bursts, longest=config.longest, absence=config.absence)
-    hidden = mask_bursts(*known.shape[:2], truth.skeleton, fps, bursts, rng=rng)
+    hidden = mask_bursts(*known.shape[:2], truth.skeleton, fps, MaskingConfig(), rng=rng)
     before, after = neighbours(known & ~hidden)
     hidden &= (before >= 0) & (after < len(known))
     return Poses3D(truth.skeleton, np.where(hidden[..., None], np.nan, truth.xyz))

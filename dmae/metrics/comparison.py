@@ -119,6 +119,11 @@ class Comparison:
         return take_matched(self.pred.xyz, self.matches)
 
     @cached_property
+    def error(self) -> np.ndarray:
+        """(F, T, J) distance of the matched predictions from the truth, mm; NaN where either is unknown."""
+        return 1000 * np.linalg.norm(self.matched - self.truth.xyz.astype(np.float64), axis=-1)
+
+    @cached_property
     def source(self) -> np.ndarray:
         """(F, T, J) `Source` of the matched predictions, ABSENT where a person is missed."""
         return take_matched(self.pred.source, self.matches, Source.ABSENT)

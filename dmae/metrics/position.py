@@ -137,7 +137,7 @@ def rank_scores(error: np.ndarray, stated: np.ndarray) -> dict[str, float]:
 @metric("ranking", order=10)
 def _ranking(comparison: Comparison) -> dict[str, float]:
     """Of unmeasured joints with a stated uncertainty: Spearman, AUC over 50 mm, and mm at each coverage."""
-    error = 1000 * np.linalg.norm(comparison.matched - comparison.truth.xyz.astype(np.float64), axis=-1)
+    error = comparison.error
     stated = likely_error(take_matched(comparison.pred.cov, comparison.matches))
     counted = comparison.hidden & ~np.isnan(error) & ~np.isnan(stated)
     return rank_scores(error[counted], stated[counted])

@@ -77,6 +77,11 @@ class Score:
         low, high = self.interval
         return low > 0 or high < 0
 
+    def json(self, digits: int) -> dict[str, float | None]:
+        """Return `value`, and `low` and `high` of the interval, rounded; None where they are unknown."""
+        numbers = (None if np.isnan(each) else round(float(each), digits) for each in (self.value, *self.interval))
+        return dict(zip(("value", "low", "high"), numbers, strict=True))
+
     def __sub__(self, other: "Score") -> "Score":
         if self.blocks != other.blocks:
             raise ValueError(

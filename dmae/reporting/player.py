@@ -65,9 +65,7 @@ def player_data(played: Played) -> dict:
         "poses": None if poses is None else _poses(poses, with_source=True),
         "truth": None if truth is None else _poses(truth, with_source=False),
         "detections": _detections(clip.detections),
-        "error": None
-        if played.error is None
-        else [round(e, 1) if isfinite(e) else None for e in played.error.tolist()],
+        "error": error,
         "notes": [*played.notes, *([problem] if problem else [])],
     }
 

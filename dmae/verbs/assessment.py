@@ -8,8 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dmae.data.clip import Clip, Poses3D, Source
-from dmae.data.conversion import convert
-from dmae.data.skeleton import get_skeleton
 from dmae.evaluation.config import StressConfig, TableConfig
 from dmae.evaluation.corruption import corrupt as corruption
 from dmae.evaluation.review import Decision, ReviewVerdict, decided, save_decisions
@@ -46,12 +44,12 @@ def evaluate(clip: Clip, poses: Poses3D | None = None, *, skeleton: str | None =
         True
     """
     from dmae.evaluation.predictions import fitting
-    from dmae.evaluation.scores import score, scored_actors
+    from dmae.evaluation.scores import compared_truth, score, scored_actors
 
     poses = clip.poses if poses is None else poses
-    if clip.truth is None or poses is None:
-        raise ValueError(f"clip {clip.id!r} has no {'truth to score against' if poses else 'poses; run dmae.capture'}")
-    truth = convert(clip.truth, get_skeleton(skeleton) if skeleton else clip.truth.skeleton.parts[-1])
+    if poses is None:
+        raise ValueError(f"clip {clip.id!r} has no poses; run dmae.capture")
+    truth = compared_truth(clip, skeleton)
     poses = fitting(poses, truth, f"clip {clip.id!r}")
     captured = poses.without(poses.source == Source.COMPLETED)
     return score(poses, captured, truth, scored_actors(clip), fps=clip.fps)
@@ -71,7 +69,7 @@ def compare_scores(baseline: dict | str | Path, scores: dict | str | Path, *, ch
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: the scores belong to other clips, options or skeletons, or to a version that stored no sums by time.
+        ValueError: the scores belong to other clips, options or skeletons, or are not what `dmae evaluate` writes.
 
     Examples:
         >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))

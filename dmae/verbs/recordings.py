@@ -8,9 +8,11 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from dmae.completion.config import TrainConfig
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.conversion import convert as convert_poses
+from dmae.data.resources import read_preset
 from dmae.data.skeleton import Skeleton, get_skeleton
 from dmae.data.store import load_clip, save_clip
 from dmae.detection.recording import detect_clip, detect_recording, make_clip, open_recording, recording_name
@@ -21,6 +23,7 @@ from dmae.formats.config import DataConfig, LengthUnit
 from dmae.formats.poses import PoseFile
 from dmae.formats.reading import Clips
 from dmae.formats.writing import write_poses, write_recording
+from dmae.reconstruction.config import CaptureConfig
 
 
 def read(path: str | Path, fps: float | None = None, format: str | None = None, **options: Any) -> Clip:
@@ -297,10 +300,8 @@ def preset(group: str, name: str, **changes: Any) -> Any:
         >>> dmae.preset("capture", "paper", th_v=2).th_v
         2
     """
-    from dmae.cli import DMAE, compose
-
-    options = {"capture": "capture", "train": "model"}
-    if group not in options:
-        raise ValueError(f"group={group!r}: expected one of {', '.join(options)}")
-    composed: Any = compose(DMAE.commands[group], ["data=clip", "data.path=-", f"{options[group]}={name}"])
-    return replace(composed if group == "train" else composed.capture, **changes)
+    if group == "capture":
+        return replace(read_preset(CaptureConfig, "capture", name), **changes)
+    if group == "train":
+        return replace(read_preset(TrainConfig, "model", name), **changes)
+    raise ValueError(f"group={group!r}: expected capture or train")

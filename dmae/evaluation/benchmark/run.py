@@ -159,7 +159,7 @@ def completion_summary(levels: dict[str, int], cells: dict[str, dict]) -> dict:
         return none | {"filled": 0.0, "seen": _ratio(cells, "seen_mm", "seen")} | angles
     table = cell_table(levels, cells)
     return {
-        "mm": score_json(_mean_error(table)),
+        "mm": _mean_error(table).json(2),
         "levels": [*_ratios(table, "level", value="mm").values()],
         **{axis: _ratios(table, axis, value="mm") for axis in AXES},
         "cells": [*_ratios(table, *AXES, value="mm", digits=1).values()],
@@ -181,7 +181,7 @@ def angle_summary(levels: dict[str, int], cells: dict[str, dict]) -> dict:
     """
     table = cell_table(levels, cells, ANGLE_AXES)
     return {
-        "degrees": score_json(_mean_error(table, "degrees", "determined")),
+        "degrees": _mean_error(table, "degrees", "determined").json(2),
         "levels": [*_ratios(table, "level", value="degrees", count="determined").values()],
         **{axis: _ratios(table, axis, value="degrees", count="determined") for axis in ANGLE_AXES},
         "determined": _ratio(cells, "determined", "angles", 100),
@@ -230,11 +230,6 @@ def cell_table(levels: dict[str, int], cells: dict[str, dict], axes: dict[str, l
 def _mean_error(table: pd.DataFrame, value: str = "mm", count: str = "holes") -> Score:
     """Return the error of holes, mm: the mean over levels. Clips of a level are drawn for its interval."""
     return score_of(table, "level", within="level", draw="clip", value=value, count=count)
-
-
-def score_json(score: Score) -> dict:
-    """Return a score with its interval as JSON, None where it is unknown."""
-    return dict(zip(("value", "low", "high"), map(_rounded, (score.value, *score.interval)), strict=True))
 
 
 def _ratios(table: pd.DataFrame, *by: str, value: str, count: str = "holes", scale=1, digits: int = 2) -> dict:
@@ -288,7 +283,7 @@ def differences(scores: dict, earlier: dict) -> list[dict]:
             found.append({
                 "method": method,
                 "against": counterpart,
-                "mm": score_json(difference),
+                "mm": difference.json(2),
                 "shown": bool(difference.excludes_zero),
             })  # fmt: skip
     return found

@@ -184,7 +184,7 @@ def _published(row: dict, columns: Sequence[TableColumn], reference: MeasuredRow
 
 def _cell(cell: Score | float | None) -> dict[str, float | None]:
     if isinstance(cell, Score):
-        return _rounded(cell.value, *cell.interval)
+        return cell.json(3)
     return _rounded(np.nan if cell is None else float(cell), np.nan, np.nan)
 
 

@@ -7,7 +7,6 @@ ranking shows a reviewer which joints may be off.
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from functools import cached_property
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
@@ -110,12 +109,10 @@ class Joints:
     person: np.ndarray  # (F, N) index of the captured person; -1 where a true person is missed
     comparison: Comparison | None = None  # Comparison with the truth; None without truth
 
-    @cached_property
+    @property
     def error(self) -> np.ndarray:
         """(F, N, J) mm; NaN without truth, and where a joint is missing."""
-        if self.comparison is None:
-            return np.full(self.source.shape, np.nan)
-        return 1000 * np.linalg.norm(self.comparison.matched - self.comparison.truth.xyz.astype(np.float64), axis=-1)
+        return np.full(self.source.shape, np.nan) if self.comparison is None else self.comparison.error
 
 
 def joints_of(clip: Clip) -> Joints:

@@ -17,7 +17,6 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from dmae.completion.features import noisiness, smooth_by_noise
 from dmae.completion.methods import completion_method, find_method
@@ -25,19 +24,18 @@ from dmae.completion.weights import PAPER as PAPER_WEIGHTS
 from dmae.completion.weights import weights_folder
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.conversion import convert
-from dmae.data.json_values import decode
-from dmae.data.resources import resource_folder
+from dmae.data.resources import read_preset
 from dmae.evaluation.config import PAPER, StressConfig, StressSize
 from dmae.evaluation.corruption.corrupt import corrupt, people_of
 from dmae.evaluation.corruption.registry import corruptions, find_corruption
 from dmae.evaluation.scores import (
+    compared_truth,
     figure_score,
     json_numbers,
     measured_by_all,
     run_table,
     score,
     scored_actors,
-    truth_of,
 )
 from dmae.files.contents import write_atomic
 from dmae.formats.config import clip_range
@@ -186,10 +184,9 @@ def contenders(config: StressConfig) -> list[Contender]:
     found = []
     for name in dict.fromkeys(config.methods):
         if name == PAPER:
-            options = yaml.safe_load((resource_folder("dmae", "configs") / "capture/paper.yaml").read_text())
             weights = config.paper_weights or PAPER_WEIGHTS
             about = f"Captured with the paper's thresholds, completed by its network, weights={weights}."
-            found.append(Contender(PAPER, about, decode(CaptureConfig, options), "dmae", weights))
+            found.append(Contender(PAPER, about, read_preset(CaptureConfig, "capture", "paper"), "dmae", weights))
         elif name in capture_method:
             own = CaptureConfig(method=name)
             found.append(Contender(name, f"{capture_method[name].help} As measured.", own, "measured", None))
@@ -256,8 +253,7 @@ def subject_of(clip: Clip, config: CaptureConfig, angles: bool = False) -> Subje
     people, actors = people_of(clip, config), None
     clip = replace(clip, images=None, poses=None, occlusion=None, detection_labels=None)
     if clip.truth is not None:
-        reference = truth_of(clip)
-        reference, actors = convert(reference, reference.skeleton.parts[-1]), scored_actors(clip)
+        reference, actors = compared_truth(clip), scored_actors(clip)
     else:
         reference = measured_by_all(clip, config)
         if np.isnan(reference.xyz).all():

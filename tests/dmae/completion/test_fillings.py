@@ -21,7 +21,6 @@ from dmae.completion.fillings import (
 from dmae.completion.methods import METHODS, completion_method, find_method
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import BODY25, COCO17, SHELF14, get_skeleton
-from dmae.evaluation.config import GapConfig
 from dmae.evaluation.synthetic_gaps import cut_gaps, perturb
 from dmae.numerics.filling import LONGEST_ABSENCE, LONGEST_HOLD, present, smooth
 from tests.support.circling_people import circling_people
@@ -366,7 +365,7 @@ def test_rejection_brings_perturbed_poses_nearer_the_truth():
     """Strolling people with correlated noise, drift and outliers."""
     rng = np.random.default_rng(0)
     truth = circling_people(250, 4, rng=rng)
-    poses = perturb(cut_gaps(truth, FPS, GapConfig(bursts=2.0), rng=rng), FPS, rng=rng)
+    poses = perturb(cut_gaps(truth, FPS, rng=rng), FPS, rng=rng)
     gone = contradicted(poses.xyz, FPS)
     off = np.linalg.norm(poses.xyz - truth.xyz, axis=-1)
     assert (off[gone] > 0.05).mean() > 0.6

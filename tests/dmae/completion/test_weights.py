@@ -22,7 +22,7 @@ from dmae.data.clip import Source
 from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25, COCO17, HALPE26, SHELF14, Skeleton, fuse
 from dmae.data.store import load_clip, save_clip, write_atomic
-from dmae.evaluation.config import EvaluateConfig, GapConfig
+from dmae.evaluation.config import EvaluateConfig
 from dmae.evaluation.evaluate import evaluate
 from dmae.formats.reading import DataConfig
 from tests.support import scored_clips
@@ -86,7 +86,6 @@ def test_evaluate_finds_the_weights_too(ours, tmp_path):
         DataConfig(path=str(tmp_path / "clip")),
         methods=["dmae", "dmae_reject", "dmae_online"],
         input="true_poses",
-        gaps=GapConfig(bursts=6.0),
     )
     plain, reject, online = (result["mean"]["hidden"]["mpjpe"] for result in evaluate(config)["results"])
     assert plain != online and max(plain, reject, online) < 150

@@ -5,21 +5,18 @@ import pytest
 
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import BODY25
-from dmae.evaluation.config import GapConfig
 from dmae.evaluation.synthetic_gaps import cut_gaps, perturb
 from dmae.numerics.paths import gap_lengths, neighbours
 from tests.support.circling_people import circling_people
 from tests.support.clips import walkers
 
-CONFIG = GapConfig()
 
-
-def test_gaps_lie_between_samples_and_have_the_configured_lengths():
+def test_gaps_lie_between_samples_and_have_many_lengths():
     truth = circling_people(400, 3, rng=np.random.default_rng(0))
     xyz = truth.xyz.copy()
     xyz[:50, 1] = np.nan
     truth = Poses3D(BODY25, xyz)
-    given = cut_gaps(truth, 25.0, CONFIG, rng=np.random.default_rng(1))
+    given = cut_gaps(truth, 25.0, rng=np.random.default_rng(1))
     hidden = (given.source == Source.ABSENT) & (truth.source != Source.ABSENT)
     before, after = neighbours(given.measured)
     assert ((before >= 0) & (after < 400))[hidden].all()
@@ -34,7 +31,7 @@ def test_gaps_lie_between_samples_and_have_the_configured_lengths():
 @pytest.mark.parametrize("fps", [5.0, 25.0, 100.0])
 def test_errors_have_their_size_at_any_frame_rate(fps):
     truth = circling_people(int(60 * min(fps, 40)), 6, rng=np.random.default_rng(0), fps=fps)
-    given = cut_gaps(truth, fps, GapConfig(bursts=1.0), rng=np.random.default_rng(1))
+    given = cut_gaps(truth, fps, rng=np.random.default_rng(1))
     found = perturb(given, fps, rng=np.random.default_rng(2))
     np.testing.assert_array_equal(found.source, given.source)
     off = np.linalg.norm(found.xyz - truth.xyz, axis=-1)
@@ -44,7 +41,7 @@ def test_errors_have_their_size_at_any_frame_rate(fps):
 
 def test_errors_are_larger_beside_gaps():
     truth = circling_people(1000, 6, rng=np.random.default_rng(0))
-    given = cut_gaps(truth, 25.0, GapConfig(bursts=1.0), rng=np.random.default_rng(1))
+    given = cut_gaps(truth, 25.0, rng=np.random.default_rng(1))
     off = np.linalg.norm(perturb(given, 25.0, rng=np.random.default_rng(2)).xyz - truth.xyz, axis=-1)
     last, first = neighbours(~given.measured)
     index = np.arange(1000)[:, None, None]
@@ -65,6 +62,6 @@ def test_the_same_seed_gives_the_same_poses():
 @pytest.mark.parametrize("shape", [(0, 2), (20, 0), (1, 1)])
 def test_empty_and_single_poses(shape):
     truth = Poses3D(BODY25, np.full((*shape, 25, 3), 1.0))
-    given = cut_gaps(truth, 25.0, CONFIG, rng=np.random.default_rng(0))
+    given = cut_gaps(truth, 25.0, rng=np.random.default_rng(0))
     assert perturb(given, 25.0, rng=np.random.default_rng(0)).xyz.shape == truth.xyz.shape
     np.testing.assert_array_equal(given.source, truth.source)
