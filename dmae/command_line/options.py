@@ -63,7 +63,7 @@ class Group:
 
 @dataclass(frozen=True)
 class Preset:
-    """An entry of a registry that `key=name` stands for: one line of help, and options of the group with values."""
+    """What `key=name` stands for in a registry: a line of help, and values of the options of the group."""
 
     meaning: str
     values: dict[str, object]
@@ -74,7 +74,7 @@ Registries = Mapping[str, Callable[[], dict[str, Preset]]]
 
 
 def presets_of(registry: Registry, option: str) -> Callable[[], dict[str, Preset]]:
-    """Return a function that returns the presets of a registry: `option` of the group is the name of the entry."""
+    """Return a function that lists the entries of a registry as presets, which set `option` to their names."""
     return lambda: {name: Preset(entry.help, {option: name}) for name, entry in registry.items()}
 
 

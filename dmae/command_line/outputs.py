@@ -62,7 +62,7 @@ def record(configuration: str, out: Path) -> None:
 
 
 def record_options(config, out: Path) -> None:
-    """Write the configuration of a step of a command to the output of the step."""
+    """Write the configuration of one step of a command to the output of that step."""
     import yaml
 
     record(yaml.safe_dump(json.loads(json.dumps(asdict(replace(config, out=str(out))))), sort_keys=False), out)

@@ -31,7 +31,7 @@ _WITHOUT_EFFECT = ("clip", "out", "first", "clips", "damaged", "workers", "backe
 
 
 def forecast(config: CaptureCommand | CompleteCommand, clips: int, tried: Iterable[tuple[int, Clip]]) -> str:
-    """Return what clips take, as a short piece of some of them shows: pairs of the frames of a clip, and its piece."""
+    """Return the time and disk space that clips take. `tried`: frames of a whole clip, and a finished piece of it."""
     start, size, frames, lengths = time.perf_counter(), 0, 0, []
     for length, clip in tried:
         with TemporaryDirectory() as folder:

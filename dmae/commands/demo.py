@@ -11,7 +11,8 @@ from dmae.commands import capture, complete, evaluate, train
 from dmae.commands.config import CaptureCommand, CompleteCommand, DemoCommand, DemoSize
 from dmae.completion.config import LearningConfig, TrainConfig
 from dmae.evaluation.config import EvaluateConfig
-from dmae.evaluation.report.page import read_scores, write_clips_report
+from dmae.evaluation.report.page import write_clips_report
+from dmae.evaluation.scores import read_scores
 from dmae.files.structured import read_json
 from dmae.formats.config import DataConfig
 from dmae.formats.reading import Clips
@@ -49,8 +50,7 @@ def run(config: DemoCommand, out: Path) -> None:
         data=DataConfig(path=str(out / "train_captured")), learning=learning, init="shipped" if small else None,
         max_minutes=None if small else 1.0,
     )  # fmt: skip
-    train.run(learn, out / "model", time.monotonic())
-    record_options(learn, out / "model")
+    run_step(train, learn, out / "model", since=time.monotonic())
     say("complete what no camera measured, with the weights of the package", 6, steps)
     with logged(out):
         run_step(complete, CompleteCommand(clip=str(out / "captured")), out / "completed")
@@ -65,9 +65,9 @@ def run(config: DemoCommand, out: Path) -> None:
             say("score on the recording Shelf", 8, steps)
         with logged(out):
             run_step(evaluate, each, folder)
-        print_tables([overview(read_scores(folder / "scores.json"))])
+        print_tables([overview(read_scores(folder))])
     say("report", steps, steps)
-    page, scores = out / "report.html", [read_scores(folder / "scores.json") for folder, _ in scored]
+    page, scores = out / "report.html", [read_scores(folder) for folder, _ in scored]
     clips = Clips(DataConfig(name="clip", path=str(out / "completed")))
     duration = training(read_json(out / "model/model.json")["steps"], small)
     about = what_to_look_at(scores[0], Path(model).name, duration)
@@ -97,9 +97,9 @@ def what_to_look_at(scores: dict, trained: str, duration: str) -> list[str]:
     ]
 
 
-def run_step(command: ModuleType, config, out: Path) -> None:
+def run_step(command: ModuleType, config, out: Path, **options) -> None:
     """Run another command, and record its configuration with its output."""
-    command.run(config, out)
+    command.run(config, out, **options)
     record_options(config, out)
 
 

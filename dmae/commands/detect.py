@@ -121,7 +121,7 @@ def _detect_photographs(config: DetectCommand, out: Path) -> None:
 
 
 def _claim(config: DetectCommand, recording: Recording, out: Path) -> None:
-    """Write what the detections depend on, or refuse a folder with those of other videos or of another detector."""
+    """Write what the detections depend on, or refuse a folder that holds detections of other videos or settings."""
     files = {camera.name: [str(camera.path), len(camera), *camera.size] for camera in recording.cameras}
     claim_folder(out / _CLAIM, _settings(config) | {"videos": files}, "detections", ())
 

@@ -21,11 +21,8 @@ def run(config: ExportCommand, out: Path) -> None:
     options = {"skeleton": config.skeleton, "unit": config.unit, "keep_mm": config.keep_mm, "robot": config.robot}
     written = write_poses(kept, out, config.format, **options)
     frames, persons = written.poses.xyz.shape[:2]
-    files, size = (
-        ", ".join(map(str, written.files)),
-        f"{counted(frames, 'frame')}, {counted(persons, 'person', 'people')}",
-    )
-    print(f"{files}: {size}, {written.poses.skeleton.name}")
+    size = f"{counted(frames, 'frame')}, {counted(persons, 'person', 'people')}"
+    print(f"{', '.join(map(str, written.files))}: {size}, {written.poses.skeleton.name}")
     if kept is not clip:
         left_out = int((kept.poses.source != clip.poses.source).sum())
         print(f"{left_out} joints are left out by the decisions of dmae review")

@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from dmae.command_line.outputs import record_options
 from dmae.commands import capture, evaluate, train
 from dmae.commands.config import CaptureCommand, PretrainCommand
 from dmae.commands.demo import LOG, logged, run_step, say
@@ -46,8 +45,7 @@ def run(config: PretrainCommand, out: Path) -> None:
         learning=LearningConfig(steps=config.steps, epoch=min(500, config.steps), observed_weight=0.2),
         seed=config.seed,
     )  # fmt: skip
-    train.run(learn, out / "model", time.monotonic())
-    record_options(learn, out / "model")
+    run_step(train, learn, out / "model", since=time.monotonic())
     say("score on people who were not learned from", 6, _STEPS)
     methods = ["linear", "pchip_body", "gaussian_process", "dmae"]
     score = EvaluateConfig(DataConfig(path=str(out / "test")), methods=methods, weights=str(out / "model"))

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from dmae.commands.config import ReportCommand
-from dmae.evaluation.report.page import read_scores, write_clips_report
+from dmae.evaluation.report.page import read_shown_scores, write_clips_report
 from dmae.formats.config import DataConfig
 from dmae.formats.reading import Clips
 
@@ -13,7 +13,7 @@ def default_out(config: ReportCommand) -> Path:
 
 
 def run(config: ReportCommand, out: Path) -> None:
-    scores = [read_scores(Path(folder) / "scores.json") for folder in config.scores]
+    scores = [read_shown_scores(Path(folder)) for folder in config.scores]
     clips = Clips(DataConfig(name="clip", path=config.clip)) if config.clip else None
     write_clips_report(out, clips, scores, title=config.title)
     print(out)

@@ -14,7 +14,7 @@ from dmae.formats.reading import Clips, DataConfig
 
 
 def run(config: TrainConfig, out: Path, since: float | None = None) -> None:
-    """Train. `since`: begin of the time of `max_minutes`, by default that of the command."""
+    """Train. `since`: when the time of `max_minutes` began; by default when the command did."""
     paths = (config.extra_data, config.validation_data)
     if not config.examples.damaged:
         for path in (config.data.path, *config.extra_data, *config.validation_data):

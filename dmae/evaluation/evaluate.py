@@ -59,10 +59,9 @@ def filled_trials(
     to_skeleton: Callable[[Poses3D, Skeleton], Poses3D] = convert,
     shown: bool = True,
 ) -> Iterator[tuple[Trial, dict[str, Poses3D]]]:
-    """Yield every trial with the poses that each method fills, smoothed and on the skeleton of the truth.
+    """Yield every trial with the poses that each method fills (`filled_by`), on the skeleton of the truth.
 
-    Methods that smooth by themselves are not smoothed again. `to_skeleton` converts filled poses. The fields `data`,
-    `methods` and `weights` of the configuration are not used.
+    `to_skeleton` converts filled poses. The fields `data`, `methods` and `weights` of the configuration are not used.
     """
     trials = _trials(clips, config)
     if shown:
@@ -72,11 +71,27 @@ def filled_trials(
     for trial in trials:
         filled = {}
         for name, fill in methods.items():
-            poses = fill(trial.given, trial.clip.fps)
-            if not (name in completion_method and find_method(name).smooths):
-                poses = smooth_by_noise(poses, noisiness(trial.given), trial.clip.fps, config.smooth)
+            poses = filled_by(name, fill, trial.given, trial.clip.fps, config.smooth)
             filled[name] = to_skeleton(poses, trial.truth.skeleton)
         yield trial, filled | ({} if trial.filled is None else {HANDED_IN: trial.filled})
+
+
+def filled_by(
+    name: str, fill: Callable[[Poses3D, float], Poses3D], given: Poses3D, fps: float, smooth: float
+) -> Poses3D:
+    """Return poses that a method filled, smoothed over `smooth` s unless the method smooths by itself.
+
+    Raises ValueError if it returned poses of another shape.
+    """
+    filled = fill(given, fps)
+    if filled.xyz.shape[:2] != given.xyz.shape[:2]:
+        raise ValueError(
+            f"method {name}: expected poses of {given.xyz.shape[1]} persons in {len(given.xyz)} frames back, found "
+            f"{filled.xyz.shape[1]} in {len(filled.xyz)}"
+        )
+    if name in completion_method and find_method(name).smooths:
+        return filled
+    return smooth_by_noise(filled, noisiness(given), fps, smooth)
 
 
 def _trials(clips: Sequence[Clip], config: EvaluateConfig) -> Iterator[Trial]:

@@ -89,11 +89,13 @@ def decided(poses: Poses3D, decisions: Sequence[Decision], *verdicts: ReviewVerd
 def with_decisions(clip: Clip, folder: Path) -> Clip:
     """Return a clip without the joints that the decisions in its folder blank or hand back; see `load_decisions`."""
     decisions = load_decisions(folder, clip.poses)
-    if not decisions:
-        return clip
-    return replace(
-        clip, poses=clip.poses.without(decided(clip.poses, decisions, ReviewVerdict.blank, ReviewVerdict.hand_back))
-    )
+    return without_decided(clip, decisions) if decisions else clip
+
+
+def without_decided(clip: Clip, decisions: Sequence[Decision]) -> Clip:
+    """Return a clip without the joints that decisions blank or hand back."""
+    left_out = decided(clip.poses, decisions, ReviewVerdict.blank, ReviewVerdict.hand_back)
+    return replace(clip, poses=clip.poses.without(left_out))
 
 
 def checksum(poses: Poses3D) -> str:

@@ -166,8 +166,7 @@ def run_table(runs: list[dict], *labels: str) -> pd.DataFrame:
 def figure_score(table: pd.DataFrame, figure: str, *labels: str) -> Score:
     """Return a score of runs with its interval: the mean over actors, then clips, then subsets of cameras.
 
-    `table` is made by `run_table`. `labels` are those of runs with the same clip and cameras, over which scores are
-    averaged before the clips.
+    `table` comes from `run_table`. Runs of one clip and subset that differ in `labels` are averaged before the clips.
     """
     part = table[table["figure"] == figure]
     return score_of(part, "cameras", "clip", *labels, "person", scale=FIGURES[figure])

@@ -18,7 +18,7 @@ SHOWN_BY = {
     "knees": ("hip", "knee", "ankle"),
     "ankles": ("knee", "ankle", "big_toe", "heel"),
 }
-"""The joints, of its side, that show each of them."""
+"""The joints that show each of these angles, on the same side of the body."""
 _COLUMNS = [[n for n, angle in enumerate(ANGLES) if angle.name.startswith(name)] for name in JUDGED.values()]
 _LEVELS = np.arange(1, 10) / 10  # Probabilities of the intervals over which the calibration error is averaged
 LEVEL = 0.9

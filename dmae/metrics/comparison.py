@@ -72,6 +72,11 @@ GAP_RATE = 25.0
 """Frames/s in which lengths of gaps are stated, for clips of any frame rate."""
 
 
+def gap_frames(measured: np.ndarray, fps: float) -> np.ndarray:
+    """Return the length of the gap around each entry of `measured` (F, ...), in frames at `GAP_RATE`; 0 where True."""
+    return np.ceil(gap_lengths(measured) * (GAP_RATE / fps) - 1e-6).astype(int)
+
+
 @dataclass(frozen=True, eq=False)
 class Comparison:
     """A prediction and the truth to compare it with, on one skeleton of J joints.
@@ -141,5 +146,4 @@ class Comparison:
     @cached_property
     def gap_lengths(self) -> np.ndarray:
         """(F, T, J) length of the gap around each joint in frames at `GAP_RATE`; 0 where the joint was measured."""
-        lengths = np.ceil(gap_lengths(self.captured.measured) * (GAP_RATE / self.fps) - 1e-6)
-        return take_matched(lengths, self.matches, 0)
+        return take_matched(gap_frames(self.captured.measured, self.fps), self.matches, 0)

@@ -136,7 +136,7 @@ def count_limbs(
 def better_limbs(
     rules: Protocol, first: np.ndarray, second: np.ndarray, truth: np.ndarray, skeleton: Skeleton
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the limbs of the better of two predictions of one persons' set, chosen per person and frame by truth.
+    """Return which limbs are correct, and count, if the truth chooses the better of two predictions in each frame.
 
     The released evaluation of Jiang et al. 2022 does this with the poses before and after their fusion. No system can
     make this choice. The score is therefore an upper bound for both, and comparable only with that publication. The

@@ -52,8 +52,7 @@ def correct_joints(matched: np.ndarray, truth: np.ndarray, threshold: float = PC
 
 
 def pck(pred: np.ndarray, truth: np.ndarray, matches: np.ndarray, threshold: float = PCK_THRESHOLD) -> dict[str, float]:
-    """Return the % of joints within the threshold, m: `recall` of true joints, `precision` of predicted
-    joints.
+    """Return the % of joints within the threshold, m: `recall` of true joints, `precision` of predicted ones.
 
     In annotated frames, joints that are too far off, and all joints of a prediction without a match, are false
     positives. Joints of a matched person without a true position do not count. Predictions are (F, P, J, 3) m, truth
@@ -145,6 +144,7 @@ def _ranking(comparison: Comparison) -> dict[str, float]:
 
 GAPS = ((1, 5), (6, 15), (16, 40), (41, None))
 """Classes of gaps: the shortest and the longest gap of each class, in frames at 25 frames/s."""
+GAP_NAMES = [f"{low}-{high}" if high else f">{low - 1}" for low, high in GAPS]
 
 
 def mpjpe(matched: np.ndarray, truth: np.ndarray, counted: np.ndarray | None = None) -> float:
@@ -173,10 +173,10 @@ def error_by_gap(matched: np.ndarray, truth: np.ndarray, lengths: np.ndarray, co
     known, filled = ~np.isnan(truth).any(-1), ~np.isnan(matched).any(-1)
     within = in_region(matched - truth.astype(np.float64), cov)
     entries = []
-    for low, high in GAPS:
+    for name, (low, high) in zip(GAP_NAMES, GAPS, strict=True):
         inside = (lengths >= low) & (lengths <= (high or np.inf)) & known
         entries.append({
-            "frames": f"{low}-{high}" if high else f">{low - 1}",
+            "frames": name,
             "hidden": int(inside.sum()),
             "filled": int((inside & filled).sum()),
             "mpjpe": mpjpe(matched, truth, inside),

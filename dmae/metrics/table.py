@@ -53,7 +53,7 @@ def ratios(table: pd.DataFrame, *by: str, value: str = "value", count: str = "co
 
 @dataclass(frozen=True, eq=False)
 class Score:
-    """A score, and the same score of other draws of its blocks of time.
+    """A score, and what it would be with other draws of its blocks of time.
 
     The difference of two scores of the same draws is a score, too: common errors cancel.
     """

@@ -14,13 +14,15 @@ PERSONS = ("#2f8fe8", "#f6b12f", "#46c47c", "#b07be8", "#27cbd8", "#f08cc0", "#b
 _COLUMNS = 4
 
 
-def views_figure(clip: Clip, frame: int) -> Figure:
+def views_figure(clip: Clip, frame: int | None = None) -> Figure:
     """Draw every view of one frame with `clip.poses` projected into it, then the world from the side and from above.
 
-    Measured joints have the colour of their person; completed joints are red; views without images are grey.
+    Measured joints have the colour of their person; completed joints are red; views without images are grey. By default
+    the frame is `telling_frame`. Raises ValueError if there are no poses, or no such frame.
     """
     if clip.poses is None:
-        raise ValueError(f"clip {clip.id!r} has no poses to draw; capture it first")
+        raise ValueError(f"clip {clip.id!r} has no poses to draw; run dmae.capture(clip)")
+    frame = telling_frame(clip.poses) if frame is None else frame
     if not 0 <= frame < len(clip):
         raise ValueError(f"frame={frame}: clip {clip.id!r} has frames 0 to {len(clip) - 1}")
     views = len(clip.rig)
@@ -63,13 +65,19 @@ def gaps_figure(scores: dict) -> Figure:
             axes.plot(range(len(gaps)), errors, "o-", color=colours[result["method"]], label=result["method"])
             axes.set_xticks(range(len(gaps)), [f"{gap['frames']}\n{gap['hidden']} joints" for gap in gaps], fontsize=8)
         axes.set(title=f"{count} views" if count else "synthetic gaps", xlabel="frames without a measurement")
-        axes.grid(color="#dddddd", linewidth=0.5)
+        plain(axes)
     panels[0].set_ylabel("mean error [mm]")
     panels[0].set_ylim(bottom=0)
     handles, labels = panels[0].get_legend_handles_labels()
     if handles:
         figure.legend(handles, labels, loc="outside right upper", frameon=False)
     return figure
+
+
+def plain(axes: Axes) -> None:
+    """Give a plot the grid and the open frame that all plots of pages have."""
+    axes.grid(color="#dddddd", linewidth=0.5)
+    axes.spines[["top", "right"]].set_visible(False)
 
 
 def _draw_view(axes: Axes, clip: Clip, frame: int, view: int, pixels: np.ndarray) -> None:
@@ -119,22 +127,8 @@ def _draw_bones(axes: Axes, poses: Poses3D, frame: int, points: np.ndarray) -> N
             axes.plot(*joints[chosen].T, ".", color=colour, markersize=5, zorder=4)
 
 
-# Which frames to draw
-
-
-def frames_to_draw(clip: Clip, number: int) -> list[int]:
-    """Return the frames with the most completed joints, or else the most missing, or else the most known joints."""
-    source = clip.poses.source
-    present = (source != Source.ABSENT).any(-1, keepdims=True)
-    kinds = (source == Source.COMPLETED, (source == Source.ABSENT) & present, source != Source.ABSENT)
-    return frames_with_most(next((kind for kind in kinds if kind.any()), kinds[0]).sum((1, 2)), number)
-
-
-def frames_with_most(counts: np.ndarray, number: int, apart: int = 10) -> list[int]:
-    """Return the frames with the largest counts (F,), more than `apart` frames from each other, in order of time."""
-    left, chosen = counts.copy(), []
-    while len(chosen) < number and (left >= 0).any():
-        frame = int(left.argmax())
-        chosen.append(frame)
-        left[max(0, frame - apart) : frame + apart + 1] = -1
-    return sorted(chosen)
+def telling_frame(poses: Poses3D) -> int:
+    """Return the frame with the most completed joints, or else the most missing, or else the most known joints."""
+    present = (poses.source != Source.ABSENT).any(-1, keepdims=True)
+    kinds = (poses.source == Source.COMPLETED, (poses.source == Source.ABSENT) & present, poses.source != Source.ABSENT)
+    return int(next((kind for kind in kinds if kind.any()), kinds[0]).sum((1, 2)).argmax())

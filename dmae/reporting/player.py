@@ -170,12 +170,12 @@ def _camera(rig: CameraRig, view: int) -> dict:
 # Videos, so small that the page can contain them
 
 _BITS_OF_CLIP = 60_000_000
-"""bit of all cameras of a clip together, 10 MB in base64: those of one minute of five cameras at the least rate."""
+"""Bits of all cameras of a clip together, 10 MB in base64: one minute of five cameras at the least rate."""
 _BITS = 200_000, 1_200_000
-"""bit/s of a camera; least, which long clips have, and greatest, which clips of a few seconds have."""
+"""Bits/s of a camera: the least, for long clips, and the greatest, for clips of a few seconds."""
 _WIDTHS = {200_000: 480, 400_000: 640, 800_000: 960}
-"""px of the longer side, by the rate from which on it is used: of 480 to 1138 px, the one whose pictures of ankles come
-nearest to the original's at that rate (in Pose2Sim's videos 26.1, 29.1 and 31.8 dB; at 200 kbit/s 640 px have 25.7)."""
+"""Longer side in px, by the least rate at which it is used. Of 480 to 1138 px it shows ankles most like the original at
+that rate (in Pose2Sim's videos 26.1, 29.1 and 31.8 dB; at 200 kbit/s 640 px reach 25.7)."""
 
 
 def small_videos(clip: Clip) -> tuple[list[str | None], str | None]:

@@ -67,8 +67,8 @@ def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def counted(number: int, noun: str, plural: str = "") -> str:
-    """Return "1 clip" or "2 clips"; the plural of `noun` ends in s unless it is given."""
-    return f"{number} {noun if number == 1 else plural or noun + 's'}"
+    """Return "1 clip" or "1,200 clips"; the plural of `noun` ends in s unless it is given."""
+    return f"{number:,} {noun if number == 1 else plural or noun + 's'}"
 
 
 def number_text(value: float | None, digits: int = 1) -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.evaluation.config import StressConfig, TableConfig
 from dmae.evaluation.corruption import corrupt as corruption
-from dmae.evaluation.review import Decision, ReviewVerdict, decided, save_decisions
+from dmae.evaluation.review import Decision, save_decisions, without_decided
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -100,7 +100,7 @@ def draw(clip: Clip, poses: Poses3D | None = None, frame: int | None = None) -> 
         A matplotlib figure; `figure.savefig("frame.png")` writes it.
 
     Raises:
-        ValueError: there are no poses to draw.
+        ValueError: there are no poses to draw, or no such frame.
 
     Examples:
         >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
@@ -108,12 +108,9 @@ def draw(clip: Clip, poses: Poses3D | None = None, frame: int | None = None) -> 
         >>> Path("frame.png").stat().st_size > 10_000
         True
     """
-    from dmae.reporting.figures import frames_to_draw, views_figure
+    from dmae.reporting.figures import views_figure
 
-    clip = clip if poses is None else replace(clip, poses=poses)
-    if clip.poses is None:
-        raise ValueError(f"clip {clip.id!r} has no poses to draw; run dmae.capture(clip)")
-    return views_figure(clip, frames_to_draw(clip, 1)[0] if frame is None else frame)
+    return views_figure(clip if poses is None else replace(clip, poses=poses), frame)
 
 
 def report(
@@ -320,10 +317,10 @@ def decide(clip: Clip, decisions: Sequence[Decision], folder: str | Path | None 
     """
     if clip.poses is None:
         raise ValueError(f"clip {clip.id!r} has no poses to decide on; run dmae.capture on it first")
-    left_out = decided(clip.poses, decisions, ReviewVerdict.blank, ReviewVerdict.hand_back)
+    kept = without_decided(clip, decisions)
     if folder is not None:
         save_decisions(Path(folder), clip.poses, decisions)
-    return replace(clip, poses=clip.poses.without(left_out))
+    return kept
 
 
 def corrupt(clip: Clip, levels: Mapping[str, float], *, seed: int = 0) -> Clip:

@@ -20,9 +20,6 @@ class LayersConfig:
     no poses."""
 
 
-_LEAST = {"frames": 1, "width": 160}
-
-
 @dataclass(frozen=True)
 class ShowConfig:
     """Draw recorded, simulated, captured or completed clips: `sheet.png`, a video, a recording for Rerun."""
@@ -41,8 +38,3 @@ class ShowConfig:
     """Also write `clip.mp4`, all views of all frames: about a minute for ten seconds of five cameras."""
     rerun: bool = False
     """Whether to write `clip.rrd` for the Rerun viewer, which `pip install 'dmae-synth[viz]'` adds."""
-
-    def __post_init__(self):
-        for name, least in _LEAST.items():
-            if getattr(self, name) < least:
-                raise ValueError(f"{name}: expected {least} or more, got {getattr(self, name)}")

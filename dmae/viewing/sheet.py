@@ -48,8 +48,6 @@ def write_sheet(
     rooms: Sequence[np.ndarray] | None = None,
 ) -> None:
     """Write a PNG with a row, or several with many views, for each of some frames and a column for each view."""
-    if rows < 1:
-        raise ValueError(f"frames={rows}: expected 1 or more frames in the contact sheet")
     columns = min(len(clip.rig), _COLUMNS)
     overlay = Overlay(clip, _fitting(width, columns), layers, rooms)
     frames = np.unique(((np.arange(rows) + 0.5) * len(clip) / rows).astype(int))

@@ -66,8 +66,12 @@ def show_clip(
     """Draw one clip and return the paths of the files: `sheet.png`, `clip.mp4`, `clip.rrd`.
 
     For its options see `ShowConfig`; `rooms` are the backgrounds of a clip without images. Raises ValueError if the
-    clip has no frames or no camera of a given name, or Rerun is requested but not installed.
+    clip has no frames or no camera of a given name, frames or width are too small, or Rerun is requested but not
+    installed.
     """
+    for name, value, least in (("frames", frames, 1), ("width", width, 160)):
+        if value < least:
+            raise ValueError(f"{name}={value}: expected {least} or more")
     if rerun and util.find_spec("rerun") is None:
         raise ValueError("rerun=true: rerun-sdk is not installed; pip install 'dmae-synth[viz]' adds it")
     if not len(clip):

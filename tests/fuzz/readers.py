@@ -18,7 +18,7 @@ from dmae.data.images import (
 from dmae.data.resume import claim_folder
 from dmae.data.skeleton import get_skeleton
 from dmae.data.store import load_clip
-from dmae.evaluation.report.page import read_scores
+from dmae.evaluation.report.page import read_shown_scores
 from dmae.evaluation.review import load_decisions
 from dmae.files.contents import read_text
 from dmae.formats.calibrations import calibration_format, read_calibration
@@ -97,7 +97,7 @@ def _read_checkpoint(folder: Path):
 
 
 def _read_scores(folder: Path) -> None:
-    read_scores(folder / "scores.json")
+    read_shown_scores(folder)
 
 
 def _read_room(folder: Path) -> dict:

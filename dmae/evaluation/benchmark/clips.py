@@ -38,7 +38,7 @@ _MOST_CLIPS = 1_000_000  # Of a set
 
 
 @dataclass(frozen=True)
-class ClipSet:
+class LevelSet:
     """Clips of one level that are made with the same options."""
 
     folder: str  # `<number>_<level>/<set>`
@@ -106,7 +106,7 @@ class Definition:
         """The file of the published checksums, in the folder of the definition."""
         return Path(self.file).with_suffix(".checksums.json")
 
-    def sets(self, size: BenchmarkSize) -> list[ClipSet]:
+    def sets(self, size: BenchmarkSize) -> list[LevelSet]:
         """Return the sets of clips. Each has its own seed."""
         found = []
         for number, level in enumerate(self.levels):
@@ -116,7 +116,7 @@ class Definition:
                 )
                 seed = self.seed * 1000 + len(found)
                 clips = self.small if size == BenchmarkSize.small else self.full
-                found.append(ClipSet(f"{number + 1}_{level.name}/{name}", number, chosen, seed, clips))
+                found.append(LevelSet(f"{number + 1}_{level.name}/{name}", number, chosen, seed, clips))
         return found
 
 
@@ -295,7 +295,7 @@ def given_clip(data: Path, name: str) -> Clip:
     return load_clip(data / GIVEN / name)
 
 
-def _generate(each: ClipSet, data: Path, workers: int) -> None:
+def _generate(each: LevelSet, data: Path, workers: int) -> None:
     """Generate a set of clips, unless complete, by a command, because this package does not import the simulator."""
     folder = data / CLIPS / each.folder
     if all((data / CLIPS / name / "clip.json").is_file() for name in each.ids):

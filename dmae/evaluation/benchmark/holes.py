@@ -14,10 +14,10 @@ from dmae.data.conversion import convert
 from dmae.data.labels import OcclusionLabels, Visibility
 from dmae.data.skeleton import Skeleton
 from dmae.metrics.angles import JUDGED, SHOWN_BY, angle_errors, in_interval
-from dmae.metrics.comparison import GAP_RATE, Comparison, match, take_matched
+from dmae.metrics.comparison import Comparison, gap_frames, match, take_matched
 from dmae.metrics.pcp import correct_limbs
-from dmae.metrics.position import GAPS, in_region
-from dmae.numerics.paths import gap_lengths, neighbours
+from dmae.metrics.position import GAP_NAMES, GAPS, in_region
+from dmae.numerics.paths import neighbours
 
 ENOUGH_VIEWS = 2
 """Smallest number of views that must see a joint to triangulate it."""
@@ -150,8 +150,7 @@ def part_of(joint: str) -> int:
 
 
 def _holes(truth: Poses3D, occlusion: OcclusionLabels, hidden: np.ndarray, fps: float) -> Holes:
-    frames = np.ceil(gap_lengths(~hidden) * (GAP_RATE / fps) - 1e-6)
-    length = np.searchsorted([low for low, _ in GAPS], frames, side="right") - 1
+    length = np.searchsorted([low for low, _ in GAPS], gap_frames(~hidden, fps), side="right") - 1
     part = np.array([part_of(joint) for joint in truth.skeleton.joints])
     return Holes(truth, hidden, np.maximum(length, 0), causes(occlusion, hidden), part)
 
@@ -171,7 +170,7 @@ def _bridged(matches: np.ndarray) -> np.ndarray:
 
 AXES = {
     "cause": [cause.name for cause in Cause],
-    "frames": [f"{low}-{high}" if high else f">{low - 1}" for low, high in GAPS],
+    "frames": GAP_NAMES,
     "part": list(PARTS),
 }
 """The axes of cells and their classes; `frames` is the length of a hole in frames at 25/s."""

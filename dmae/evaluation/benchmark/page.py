@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from dmae.evaluation.benchmark.clips import FrozenMatch
 from dmae.evaluation.benchmark.holes import ANGLE_AXES, AXES, SHAPE
 from dmae.files.contents import write_atomic
-from dmae.reporting.figures import PERSONS
+from dmae.reporting.figures import PERSONS, plain
 from dmae.reporting.page import CaptionedFigure, Section, write_report
 from dmae.reporting.tables import Table, number_text
 
@@ -198,6 +198,6 @@ def _figure(completion: dict, classes: list[str], values, label: str) -> Figure:
     axes.set_xticks(range(len(classes)), classes)
     axes.set(xlabel=label, ylabel="mean error [mm]")
     axes.set_ylim(bottom=0)
-    axes.grid(color="#dddddd", linewidth=0.5)
+    plain(axes)
     figure.legend(loc="outside right upper", frameon=False)
     return figure

@@ -141,7 +141,7 @@ def undetected(clip: Clip, joints: np.ndarray) -> Clip:
 
 
 def undetected_nearest(clip: Clip, margin: np.ndarray, percent: float) -> Clip:
-    """Return the clip without a percentage of detected joints, those of the smallest known margins (F, V, D, J)."""
+    """Return the clip without the detected joints of the smallest known margins (F, V, D, J), a percentage of all."""
     margin = np.where(clip.detections.observed, margin, np.nan)
     nearest = _lowest(margin, percent)
     return undetected(clip, nearest) if nearest.any() else clip

@@ -76,7 +76,7 @@ def check_truth(clip: Clip, number: int) -> None:
 
 
 def captured(clips: Sequence[Clip], config: CaptureConfig) -> Iterator[Clip]:
-    """Yield clips with poses: those that they have, or else those that all their cameras capture."""
+    """Yield clips with poses: their own, or else what all their cameras capture."""
     for clip in progress(clips, "capturing"):
         yield clip if clip.poses else replace(clip, poses=capture(clip, config))
 

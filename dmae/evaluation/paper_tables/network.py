@@ -47,9 +47,10 @@ FOLDS, APART = 4, 10
 """Parts of a recording, each scored by a network that was tuned on the others; and the frames next to a part that are
 not learned from."""
 STEPS = {TableSize.small: (20, 10, 100), TableSize.full: (500, 100, 2000)}
-"""Steps of learning fusion, of tuning, and of the ablation of codes."""
+"""Training steps: to learn fusion, to tune, and for the ablation of codes."""
 _FUSION_LR, _TUNING_LR, _REPLAY = 1e-3, 2e-4, 0.5
-"""Rates of both, and the share of simulated windows in tuning; without them, actors without annotations get lost."""
+"""Learning rates of fusion and of tuning, and the share of simulated windows in tuning: without these windows, actors
+without annotations get lost."""
 
 NETWORK_NOTE = (
     f"{PAPER.model.encoder.dim} channels and {PAPER.model.encoder.depth} layers in the encoder, where the paper has "
@@ -125,7 +126,7 @@ def folds(clip: Clip) -> list[slice]:
 
 
 def others(clip: Clip, part: slice) -> Iterator[Clip]:
-    """Yield what is annotated outside a part of a recording and not next to it."""
+    """Yield the annotated pieces of a recording that are outside a part and not next to it."""
     for frames in (slice(0, max(part.start - APART, 0)), slice(part.stop + APART, len(clip))):
         piece = clip.select(frames=frames) if frames.start < frames.stop else None
         if piece is not None and not np.isnan(piece.truth.xyz).all():
@@ -167,8 +168,8 @@ def remembering(complete: Callable[[Poses3D, float], Poses3D]) -> Callable[[Pose
 def kept(fused: Poses3D, poses: Poses3D) -> Poses3D:
     """Return fused poses with the measurements of joints that have the same name in both skeletons.
 
-    Joints of the head are not among them: they are other points in each skeleton. Neither are those of which capture
-    states an error that completed joints do not have, as in the default completion.
+    Joints of the head are left out, because they are other points in each skeleton. So are joints with a stated error
+    that is larger than completed joints have, as in the default completion.
     """
     own = convert(poses, fused.skeleton)
     same = np.array([joint in poses.skeleton.joints for joint in fused.skeleton.joints])

@@ -39,8 +39,8 @@ from dmae.reconstruction.config import CaptureConfig, capture_method
 
 _LANDMARKS = ("nose", "l_ear", "r_ear", "l_shoulder", "r_shoulder")
 _TOP_OF_NOSE = np.array([0.75, 0.75, 1.5])
-"""The top of the head from the middle of the shoulders, as multiples of the nose's offset from there."""
-_SHARE = {"mvpose": 1.0, "voxelpose": 0.75}  # Weight of the nose's formula against that of the ears
+"""Multiples of the offset of the nose from the middle of the shoulders, which lead to the top of the head."""
+_SHARE = {"mvpose": 1.0, "voxelpose": 0.75}  # Weight of the nose; the rest is the weight of the ears
 
 
 def convert_with_head(poses: Poses3D, target: Skeleton, head: str) -> Poses3D:

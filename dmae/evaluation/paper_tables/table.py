@@ -22,7 +22,7 @@ def published_rows(number: int) -> list[dict]:
     """Return the published rows of a table.
 
     Args:
-        number: Of the table.
+        number: Number of the table.
 
     Returns:
         In the order of the file: `name`, `data` (what it was scored on), `protocol`, `source`, `note`, and `values` by
@@ -80,12 +80,12 @@ class TableColumn:
 class MeasuredRow:
     """A row measured here."""
 
-    name: str  # Of the method
+    name: str  # Name of the method
     # Scores by the key of the column, or a number that has no interval
     cells: dict[str, Score | float] = field(default_factory=dict)
-    note: str = ""  # What has to be known about it
+    note: str = ""  # What readers have to know about it
     missing: str = ""  # Why it was not measured; then it has no cells
-    protocol: str = ""  # Where it is not that of the table
+    protocol: str = ""  # Its protocol, if it is not the one of the table
 
 
 def paper_table(
@@ -104,16 +104,16 @@ def paper_table(
     """Return a table.
 
     Args:
-        config: Says which.
-        columns: In their order.
-        rows: Measured here.
+        config: Number, protocol and size of the table.
+        columns: Columns, in their order.
+        rows: Rows that are measured here.
         against: Name of the measured row that all others are compared with.
-        comparable: Data that published rows have to be of to be compared; None where no row is.
-        recording: What was scored.
-        frames: Annotated frames of each actor.
-        footnotes: What differs from the paper, and why.
+        comparable: Data set on which published rows are compared with ours; None to compare none.
+        recording: Name of the scored data.
+        frames: Number of annotated frames of each actor.
+        footnotes: Differences from the paper, with their reasons.
         rules: How rows are scored; by default the protocol of the configuration.
-        pairs: Names of further measured rows to compare, each a row and the one that it is compared with.
+        pairs: Further comparisons: the name of a measured row, and of the row that it is compared with.
 
     Returns:
         JSON-able. `number`, `title`, `recording`, `protocol`, `frames`, `against`, `footnotes`, `columns`; `rows`:
@@ -260,7 +260,7 @@ def _grid(table: dict, notes: _Notes | None = None) -> tuple[list[str], list[lis
 
 
 def _pairs(table: dict) -> tuple[list[str], list[list[str]]]:
-    """Return header and rows of text of the compared pairs of rows, in the columns that have scores of a pair."""
+    """Return a header and a row of text for each compared pair, with the columns in which any pair has scores."""
     pairs = table["pairs"]
     columns = [c for c in table["columns"] if any(c["key"] in pair["differences"] for pair in pairs)]
     header = ["", *(f"{column['heading'].partition(' (')[0]}, {column['unit']}" for column in columns)]
@@ -277,7 +277,7 @@ def _cell_text(cell: dict, unknown: str) -> str:
 
 
 def _difference(cell: dict | None) -> str:
-    """A difference, and whether it is noise."""
+    """Return a difference as text, and whether it is noise."""
     if cell is None or cell["value"] is None:
         return ""
     if cell["low"] is None:

@@ -20,10 +20,10 @@ from dmae.data.skeleton import Skeleton
 from dmae.evaluation.review import Decision, ReviewVerdict, checksum, decided
 from dmae.files.mapped import in_steps
 from dmae.formats.poses import SOURCE_WORDS
-from dmae.metrics.comparison import GAP_RATE, Comparison, match, take_matched
+from dmae.metrics.comparison import Comparison, gap_frames, match, take_matched
 from dmae.metrics.position import GAPS
 from dmae.numerics.body import bone_lengths
-from dmae.numerics.paths import gap_lengths, runs
+from dmae.numerics.paths import runs
 from dmae.numerics.statistics import likely_error, mean_known, median_over_frames
 from dmae.reporting.tables import Table, number_text
 
@@ -42,6 +42,19 @@ class JointGroup:
     total: float  # Sum of the errors
     histogram: np.ndarray  # (BINS,) counts of errors by their whole number of units
 
+    @classmethod
+    def of(cls, error: np.ndarray, source: np.ndarray) -> "JointGroup":
+        """Count joints by `source` (...) and their errors (...), mm or px; NaN where there is none."""
+        known = error[np.isfinite(error)]
+        return cls(
+            source.size,
+            int((source == Source.COMPLETED).sum()),
+            int((source == Source.ABSENT).sum()),
+            len(known),
+            float(known.sum(dtype=np.float64)),
+            np.bincount(np.minimum(known, BINS - 1).astype(int), minlength=BINS),
+        )
+
     def __add__(self, other: "JointGroup") -> "JointGroup":
         return JointGroup(*(a + b for a, b in zip(vars(self).values(), vars(other).values(), strict=True)))
 
@@ -58,19 +71,6 @@ class JointGroup:
         bin = int(np.searchsorted(counts, share * self.compared))
         before = counts[bin - 1] if bin else 0
         return bin + (share * self.compared - before) / max(self.histogram[bin], 1)
-
-
-def tally(error: np.ndarray, source: np.ndarray) -> JointGroup:
-    """Count joints by `source` (...) and their errors (...), mm or px; NaN where there is none."""
-    known = error[np.isfinite(error)]
-    return JointGroup(
-        source.size,
-        int((source == Source.COMPLETED).sum()),
-        int((source == Source.ABSENT).sum()),
-        len(known),
-        float(known.sum(dtype=np.float64)),
-        np.bincount(np.minimum(known, BINS - 1).astype(int), minlength=BINS),
-    )
 
 
 Groups = dict[str, dict[str, JointGroup]]
@@ -119,7 +119,7 @@ def joints_of(clip: Clip) -> Joints:
     """Return the joints of a captured clip. Poses are compared on their own skeleton if the truth has it."""
     poses = clip.poses
     if clip.truth is None or not np.isfinite(clip.truth.xyz).any():
-        gap = np.ceil(gap_lengths(poses.measured) * (GAP_RATE / clip.fps) - 1e-6).astype(int)
+        gap = gap_frames(poses.measured, clip.fps)
         there = np.broadcast_to((poses.source != Source.ABSENT).any(-1, keepdims=True), poses.source.shape)
         person = np.broadcast_to(np.arange(poses.xyz.shape[1]), poses.xyz.shape[:2])
         return Joints(poses.skeleton, there, poses.source, poses.views, gap, person)
@@ -133,7 +133,7 @@ def joints_of(clip: Clip) -> Joints:
         comparison.known,
         comparison.source,
         take_matched(poses.views, comparison.matches, 0),
-        comparison.gap_lengths.astype(int),
+        comparison.gap_lengths,
         comparison.matches,
         comparison,
     )
@@ -174,7 +174,7 @@ def reprojection(clip: Clip) -> Reprojection:
 
     def groups(error: np.ndarray, source: np.ndarray) -> Groups:
         return {
-            name: {group: tally(error[cut], source[cut]) for group, cut in parts.items()}
+            name: {group: JointGroup.of(error[cut], source[cut]) for group, cut in parts.items()}
             for name, parts in cuts.items()
         }
 
@@ -498,7 +498,7 @@ def examine(clip: Clip) -> Findings:
         completed = joints.source == Source.COMPLETED
         measured = (joints.source == Source.MEASURED) | (joints.source == Source.DENOISED)
         kinds = {"all": joints.counted, "measured": joints.counted & measured, "completed": joints.counted & completed}
-        against_truth = {name: tally(error[kind], joints.source[kind]) for name, kind in kinds.items()}
+        against_truth = {name: JointGroup.of(error[kind], joints.source[kind]) for name, kind in kinds.items()}
     return Findings(
         **facts,
         people=int(there.any(0).sum()),
@@ -557,7 +557,9 @@ def breakdowns(clip: Clip, joints: Joints) -> Groups:
     for breakdown, groups in found.items():
         chosen = {name: joints.counted & group for name, group in groups.items()}
         tallies[breakdown] = {
-            name: tally(joints.error[group], joints.source[group]) for name, group in chosen.items() if group.any()
+            name: JointGroup.of(joints.error[group], joints.source[group])
+            for name, group in chosen.items()
+            if group.any()
         }
     return tallies
 

@@ -24,14 +24,14 @@ from dmae.evaluation.report.findings import (
     residual_tables,
 )
 from dmae.evaluation.review import DECISIONS, FORMAT, ReviewVerdict
-from dmae.files.structured import read_json
+from dmae.evaluation.scores import read_scores
 from dmae.formats.poses import SOURCE_WORDS
 from dmae.metrics.score_tables import score_tables
 from dmae.progress import progress
-from dmae.reporting.figures import COMPLETED, PERSONS, gaps_figure
+from dmae.reporting.figures import COMPLETED, PERSONS, gaps_figure, plain
 from dmae.reporting.page import CaptionedFigure, Section, write_report
 from dmae.reporting.player import Played, player_data, window
-from dmae.reporting.tables import Choices, Moment, Table, number_text
+from dmae.reporting.tables import Choices, Moment, Table, counted, number_text
 
 MOST_CLIPS = 6
 """Greatest number of clips in the player."""
@@ -133,14 +133,14 @@ def _subject(findings: Sequence[Findings]) -> list[str]:
     seconds = sum(each.frames / each.fps for each in findings)
     frames = sum(each.frames for each in findings)
     cameras = sorted({each.cameras for each in findings})
-    rig = number(cameras[0], "camera") if len(cameras) == 1 else f"{cameras[0]} to {cameras[-1]} cameras"
+    rig = counted(cameras[0], "camera") if len(cameras) == 1 else f"{cameras[0]} to {cameras[-1]} cameras"
     rates = sorted({each.fps for each in findings})
     rate = f" at {rates[0]:g} frames/s" if len(rates) == 1 else ""
-    length = f"{number(frames, 'frame')}{rate} ({seconds:.1f} s) from {rig}"
+    length = f"{counted(frames, 'frame')}{rate} ({seconds:.1f} s) from {rig}"
     if len(findings) > 1:
         return [f"{len(findings)} clips: {length}."]
     people = findings[0].people
-    captured = f", with {number(people, 'captured person', 'captured people')}" if people else ""
+    captured = f", with {counted(people, 'captured person', 'captured people')}" if people else ""
     return [f"Clip {findings[0].id}: {length}{captured}."]
 
 
@@ -153,7 +153,7 @@ def _states(findings: Sequence[Findings]) -> list[str]:
     ):
         clips = sum(each.state == state for each in findings)
         if clips:
-            subject = "It" if len(findings) == 1 else number(clips, "clip")
+            subject = "It" if len(findings) == 1 else counted(clips, "clip")
             found.append(f"{subject} {one if clips == 1 else several} {words}.")
     return found
 
@@ -227,11 +227,6 @@ def _widened(findings: Sequence[Findings]) -> str:
         f", widened by the error of the truth itself, {np.mean(errors):.0f}\N{NO-BREAK SPACE}mm in the median, "
         "which a person or another system placed"
     )
-
-
-def number(count: int, one: str, several: str | None = None) -> str:
-    """Return a count with its noun, as "1 frame" or "1,200 frames"."""
-    return f"{count:,} {one if count == 1 else several or one + 's'}"
 
 
 def share(part: int, total: int) -> str:
@@ -365,10 +360,10 @@ def uncertainty_section(findings: Sequence[Findings]) -> list[Section]:
         (f"{100 * stated:.0f}", *(f"{100 * counts[1 + i] / counts[0]:.1f}" for counts in regions.values()))
         for i, stated in enumerate(PROBABILITIES)
     ]
-    counted = " and ".join(f"{int(counts[0]):,} {name}" for name, counts in regions.items())
+    compared = " and ".join(f"{int(counts[0]):,} {name}" for name, counts in regions.items())
     table = Table("Truth found in the region, %, by its stated probability", ("stated %", *regions), rows)
     words = (
-        f"{counted} have a stated uncertainty and a truth. Above the diagonal it is too cautious, below overconfident."
+        f"{compared} have a stated uncertainty and a truth. Above the diagonal it is too cautious, below overconfident."
     )
     if widened := _widened(findings):
         words += (
@@ -395,16 +390,15 @@ def residuals_section(findings: Sequence[Findings]) -> list[Section]:
 
 
 def _breakdown_table(name: str, groups: dict[str, JointGroup], known: bool) -> Table:
-    counted = groups.values()
-    columns = {name: list(groups), "joints": [f"{each.joints:,}" for each in counted]}
+    columns = {name: list(groups), "joints": [f"{each.joints:,}" for each in groups.values()]}
     if known:
-        columns["mean mm"] = [number_text(each.mean, 0) for each in counted]
-        columns["90 % under"] = [number_text(each.quantile(0.9), 0) for each in counted]
-    if any(each.completed for each in counted):
-        columns["completed %"] = [number_text(100 * each.completed / each.joints) for each in counted]
-    if any(each.missing for each in counted):
+        columns["mean mm"] = [number_text(each.mean, 0) for each in groups.values()]
+        columns["90 % under"] = [number_text(each.quantile(0.9), 0) for each in groups.values()]
+    if any(each.completed for each in groups.values()):
+        columns["completed %"] = [number_text(100 * each.completed / each.joints) for each in groups.values()]
+    if any(each.missing for each in groups.values()):
         columns["not found %" if known else "absent %"] = [
-            number_text(100 * each.missing / each.joints) for each in counted
+            number_text(100 * each.missing / each.joints) for each in groups.values()
         ]
     return Table(f"By {name}", list(columns), list(zip(*columns.values(), strict=True)), bars=(2,))
 
@@ -449,8 +443,7 @@ def _regions_figure(regions: dict[str, Sequence[int]]) -> Figure:
 def _finished(figure: Figure) -> Figure:
     (axes,) = figure.axes
     axes.set_ylim(bottom=0)
-    axes.grid(color="#dddddd", linewidth=0.5)
-    axes.spines[["top", "right"]].set_visible(False)
+    plain(axes)
     axes.legend(frameon=False)
     return figure
 
@@ -458,9 +451,9 @@ def _finished(figure: Figure) -> Figure:
 # Scores
 
 
-def read_scores(path: Path) -> dict:
-    """Return scores that `dmae evaluate` wrote to a file; FileNotFoundError, or ValueError if entries are missing."""
-    scores = read_json(path)
+def read_shown_scores(path: Path) -> dict:
+    """Return scores as `read_scores` does; ValueError also if an entry is missing that a page shows."""
+    scores = read_scores(path)
     try:
         scores_section(scores)
     except (KeyError, TypeError, AttributeError, IndexError, ValueError, OverflowError) as error:

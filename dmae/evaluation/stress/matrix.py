@@ -18,8 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from dmae.completion.features import noisiness, smooth_by_noise
-from dmae.completion.methods import completion_method, find_method
+from dmae.completion.complete import SMOOTHING
+from dmae.completion.methods import find_method
 from dmae.completion.weights import PAPER as PAPER_WEIGHTS
 from dmae.completion.weights import weights_folder
 from dmae.data.clip import Clip, Poses3D
@@ -28,6 +28,7 @@ from dmae.data.resources import read_preset
 from dmae.evaluation.config import PAPER, StressConfig, StressSize
 from dmae.evaluation.corruption.corrupt import corrupt, people_of
 from dmae.evaluation.corruption.registry import corruptions, find_corruption
+from dmae.evaluation.evaluate import filled_by
 from dmae.evaluation.scores import (
     compared_truth,
     figure_score,
@@ -228,8 +229,6 @@ def settings_of(contender: Contender) -> dict:
 
 # The matrix: corrupt clips, capture them, complete them with each contender, and score the results
 
-SMOOTHING = 0.1
-"""s; smoothing after every method, except methods that smooth by themselves, as in `dmae evaluate`."""
 KEPT = ("pcp", "pck", "mpjpe", "shares", "hidden", "idf1", "blocks")
 """Names of the scores that are stored."""
 
@@ -277,14 +276,7 @@ def run_cell(subject: Subject, cell: Cell, contenders: Sequence[Contender]) -> d
             captured[contender.capture] = capture(clip, contender.capture)
         given = captured[contender.capture]
         with one_thread():
-            filled = contender.fill(given, clip.fps)
-        if filled.xyz.shape[:2] != given.xyz.shape[:2]:
-            raise ValueError(
-                f"method {contender.name}: expected poses of {given.xyz.shape[1]} persons in {len(given.xyz)} frames "
-                f"back, found {filled.xyz.shape[1]} in {len(filled.xyz)}"
-            )
-        if not (contender.method in completion_method and find_method(contender.method).smooths):
-            filled = smooth_by_noise(filled, noisiness(given), clip.fps, SMOOTHING)
+            filled = filled_by(contender.method, contender.fill, given, clip.fps, SMOOTHING)
         filled = convert(filled, clip.truth.skeleton)
         found = score(filled, given, clip.truth, subject.actors, fps=clip.fps, angles=subject.angles)
         scores[contender.name] = {name: found[name] for name in KEPT}
@@ -294,7 +286,7 @@ def run_cell(subject: Subject, cell: Cell, contenders: Sequence[Contender]) -> d
 _PACKAGE = Path(__file__).parents[2]
 _CODE = (
     "data", "numerics", "formats", "reconstruction", "metrics", "completion", "evaluation/corruption",
-    "evaluation/scores.py", "evaluation/stress/matrix.py",
+    "evaluation/evaluate.py", "evaluation/scores.py", "evaluation/stress/matrix.py",
 )  # fmt: skip
 """Modules of the package on which the results depend."""
 _VERSIONS = ("numpy", "scipy", "torch", "opencv-python-headless")

@@ -13,6 +13,7 @@ from dmae.data.json_values import json_text
 from dmae.evaluation.corruption.registry import find_corruption
 from dmae.evaluation.stress.matrix import HIDDEN_ERROR, PCP_DROP
 from dmae.files.contents import write_atomic
+from dmae.reporting.figures import plain
 from dmae.reporting.page import CaptionedFigure, Section, write_report
 from dmae.reporting.tables import Table, counted
 
@@ -173,8 +174,7 @@ def axis_figure(axis: dict) -> Figure:
     right.axhline(HIDDEN_ERROR, color="#999999", linewidth=0.8, linestyle=":")
     for panel, which in ((left, "pcp"), (right, "hidden")):
         panel.set_xlabel(axis["unit"] if axis["name"] in axis["unit"] else f"{axis['name']} [{axis['unit']}]")
-        panel.grid(color="#dddddd", linewidth=0.5)
-        panel.spines[["top", "right"]].set_visible(False)
+        plain(panel)
         _name_lines(panel, axis, which)
     return figure
 

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from dmae.data.clip import Poses3D, Source
 from dmae.evaluation.report.page import scores_section
-from dmae.reporting.figures import COMPLETED, frames_to_draw, frames_with_most, gaps_figure, views_figure
+from dmae.reporting.figures import COMPLETED, gaps_figure, telling_frame, views_figure
 from dmae.reporting.page import CaptionedFigure, Section, write_report
 from dmae.reporting.tables import Moment, Table, counted, print_tables
 from tests.support.clips import full_clip
@@ -65,18 +65,11 @@ def test_joints_are_drawn_where_the_camera_sees_them(completed):
     np.testing.assert_allclose(np.sort(drawn[:, 0]), np.sort(pixels[0, 2].reshape(-1, 2)[:, 0]), rtol=1e-6)
 
 
-def test_frames_with_most_are_apart():
-    counts = np.array([0, 0, 0, 0, 1, 2, 1, 0, 0, 0, 0, 0])
-    assert frames_with_most(counts, 1) == [5]
-    assert frames_with_most(counts, 5, apart=20) == [5]
-    assert frames_with_most(counts, 2, apart=3) == [0, 5]
-
-
-def test_the_frames_drawn_have_most_completed_joints_or_else_most_missing(completed):
-    assert frames_to_draw(completed, 1) == [5]
+def test_the_frame_drawn_has_most_completed_joints_or_else_most_missing(completed):
+    assert telling_frame(completed.poses) == 5
     lacking = np.zeros(completed.truth.source.shape, bool)
     lacking[3, 0, :5] = True
-    assert frames_to_draw(replace(completed, poses=completed.truth.without(lacking)), 1) == [3]
+    assert telling_frame(completed.truth.without(lacking)) == 3
 
 
 def test_a_clip_without_poses_cannot_be_drawn():

@@ -94,8 +94,8 @@ def test_the_command_draws_a_captured_clip_and_reports_what_it_lacks(tmp_path: P
     ("options", "message"),
     [
         (["cameras=[c7]"], "cameras=[c7]: expected different cameras of clip 'shown' by name; it has c0, c1"),
-        (["frames=0"], "frames: expected 1 or more, got 0"),
-        (["width=20"], "width: expected 160 or more, got 20"),
+        (["frames=0"], "frames=0: expected 1 or more"),
+        (["width=20"], "width=20: expected 160 or more"),
         (["layers.hidden=true"], "layers.hidden: no such option"),
     ],
 )

@@ -14,12 +14,12 @@ from dmae.evaluation.report.findings import (
     BY_MEASURING,
     BY_SEEING,
     PROBABILITIES,
+    JointGroup,
     State,
     added,
     added_groups,
     examine,
     peaks,
-    tally,
 )
 from dmae.evaluation.report.page import share, summary
 from dmae.numerics.paths import runs
@@ -199,7 +199,7 @@ def test_a_real_recording_is_examined(data_folder):
 def test_quantiles_and_means_are_numpys_within_a_unit():
     rng = np.random.default_rng(0)
     error = rng.gamma(2, 30, 5000)
-    found = tally(error, np.full(error.shape, Source.MEASURED))
+    found = JointGroup.of(error, np.full(error.shape, Source.MEASURED))
     assert found.mean == np.float64(error.sum() / len(error)) or abs(found.mean - error.mean()) < 1e-9
     for part in (0.1, 0.5, 0.9, 0.99):
         assert abs(found.quantile(part) - np.quantile(error, part)) <= 1
@@ -209,7 +209,10 @@ def test_parts_add_up_to_the_whole():
     rng = np.random.default_rng(1)
     error, source = rng.uniform(0, 3000, 400), rng.integers(0, 4, 400)
     error[source == Source.ABSENT] = np.nan
-    whole, parts = tally(error, source), tally(error[:150], source[:150]) + tally(error[150:], source[150:])
+    whole, parts = (
+        JointGroup.of(error, source),
+        JointGroup.of(error[:150], source[:150]) + JointGroup.of(error[150:], source[150:]),
+    )
     assert (parts.joints, parts.completed, parts.missing, parts.compared) == (
         400,
         (source == Source.COMPLETED).sum(),
@@ -221,12 +224,12 @@ def test_parts_add_up_to_the_whole():
 
 
 def test_a_tally_of_nothing_has_no_error():
-    none = tally(np.full(3, np.nan), np.full(3, Source.MEASURED))
+    none = JointGroup.of(np.full(3, np.nan), np.full(3, Source.MEASURED))
     assert none.mean is None and none.quantile(0.9) is None
 
 
 def test_groups_of_the_same_name_add_up():
-    one = tally(np.array([1.0]), np.array([Source.MEASURED]))
+    one = JointGroup.of(np.array([1.0]), np.array([Source.MEASURED]))
     both = added({"a": one, "b": one}, {"b": one, "c": one})
     assert {name: each.joints for name, each in both.items()} == {"a": 1, "b": 2, "c": 1}
 
