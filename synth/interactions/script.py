@@ -7,7 +7,7 @@ import numpy as np
 
 from synth.motion.geometry import PALM, forwards, leftwards, minimum_jerk
 from synth.motion.motion import Motion
-from synth.people.body import SEGMENTS, Body, segment_origins, trunk_sections
+from synth.people.body import SEGMENTS, Body, segment_origins, sitting_depth, trunk_sections
 from synth.rooms.props import PlacedProp, prop_size
 
 STOOL = "stool"
@@ -204,8 +204,8 @@ def face_to_face(
 
 # Measures of bodies: seats, arms, trunks, and the heights that hands reach
 
-_CLOTH = 0.012
-"""Distance from a seat at which contact begins, m."""
+STOOL_BEHIND = 0.085
+"""Distance of the middle of a stool behind the hip joints, m: thighs that slope to low knees stay above its edge."""
 _SQUARE, _SHIRT = 2.3, 0.005
 """Exponent of the superellipse across a trunk, and thickness of cloth on it, m."""
 _PROJECTIONS = 20
@@ -215,7 +215,7 @@ _STRETCH = 0.94
 
 def seated(body: Body) -> float:
     """Return the hip height in sitting on a stool, m."""
-    return float(prop_size(STOOL).reach[2]) + _CLOTH + trunk_sections(body, np.zeros(1))[0, 2]
+    return float(prop_size(STOOL).reach[2]) + sitting_depth(body)
 
 
 def arm_length(body: Body) -> float:

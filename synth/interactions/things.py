@@ -7,6 +7,7 @@ import numpy as np
 from synth.interactions.registry import interaction
 from synth.interactions.script import (
     STOOL,
+    STOOL_BEHIND,
     Cast,
     Grip,
     Load,
@@ -298,7 +299,7 @@ def table(cast: Cast, *, rng: np.random.Generator) -> Script:
         angle = first + 2 * np.pi * (person + rng.uniform(-0.04, 0.04)) / count
         out = forwards(angle)
         at = (radius + 0.16 * body.stature * max(1.0, body.girth)) * out
-        stools.append(PlacedProp(STOOL, (float(at[0]), float(at[1])), angle))
+        stools.append(PlacedProp(STOOL, tuple((at + STOOL_BEHIND * out).tolist()), angle))
         gaze = np.where(speakers[now] == person, (person + 1) % count, speakers[now])
         hips = np.full(len(seconds), seated(body))
         roles.append(

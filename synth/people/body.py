@@ -239,6 +239,17 @@ def trunk_sections(body: Body, heights: np.ndarray) -> np.ndarray:
     return np.stack([np.interp(heights, rows[:, 0], column) for column in columns], -1)
 
 
+def sitting_depth(body: Body) -> float:
+    """Return the height of the hip joints above a seat, thighs level, m.
+
+    It is fitted to the skin of adults and of children from 4 years on, within 5 mm, and contains 6 mm of cloth.
+    """
+    stout = float(np.sqrt(body.mass / body.stature**3))
+    return (
+        body.stature * (0.01255 + 0.01416 * stout + 0.00243 * body.figure + 0.00034 * min(body.age, ADULT_AGE)) + 0.006
+    )
+
+
 def segment_origins(body: Body, root: np.ndarray, rotations: np.ndarray) -> np.ndarray:
     """Return the origins of all segments in a pose, (F, 16, 3) m, world.
 

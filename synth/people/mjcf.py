@@ -14,6 +14,7 @@ from synth.people.body import (
     Body,
     landmarks,
     side_and_name,
+    sitting_depth,
     trunk_sections,
 )
 from synth.people.clothing import PersonLooks
@@ -40,6 +41,8 @@ _CAPSULES = {
 }
 _FIST = ((0, 0.008, 0), (0, 0.050, -0.008), 0.021)
 """The capsule of a hand that is closed to a fist."""
+_CLOTH = 0.012
+"""Distance from the solid parts at which contact begins, m."""
 _STOUT = ("upper_arm", "forearm", "thigh", "shin")
 _SKULL = ("head", 1)
 """The capsule that scales with the head; the one before it is the neck."""
@@ -64,6 +67,9 @@ def capsules(body: Body, hands: tuple[str, str] = ("relaxed", "relaxed")) -> tup
         for height, share in _ACROSS.get(name, ()):
             ahead, up, depth, breadth = trunk_sections(body, np.array([height]))[0]
             aside = np.array((0, breadth - share * depth, 0))
+            if name == "pelvis":
+                # Contact with a seat begins where the surface meets it.
+                up = depth + _CLOTH - sitting_depth(body)
             segments.append(i)
             ends.append(np.array((ahead, 0, up)) - origins[i] + np.array((-aside, aside)))
             radii.append(share * depth)
@@ -92,8 +98,6 @@ def capsule_names() -> list[str]:
     return [f"{segment}/solid{i}" for segment in SEGMENTS for i in range(count[side_and_name(segment)[1]])]
 
 
-_CLOTH = 0.012
-"""Distance from the solid parts at which contact begins, m."""
 _ARMS = ("forearm", "hand")
 _TORSO = ("pelvis", "spine", "chest", "head", "thigh")
 _TEXELS = 256

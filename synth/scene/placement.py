@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from synth.errors import FailedSimulation
-from synth.interactions.script import STOOL, Load, Script
-from synth.motion.motion import Motion, avoid_collisions, redirected_path
+from synth.interactions.script import STOOL, STOOL_BEHIND, Load, Script
+from synth.motion.motion import Motion, avoid_collisions, redirect, redirected_path
 from synth.rooms.props import PlacedProp, PropSize, footprints, prop_size
 from synth.rooms.room import arena_file
 from synth.scene.config import SceneConfig
@@ -141,7 +141,7 @@ def place_persons(
             spread = config.gathering * (1 + attempt / 15)
             placed, path, outside = _draw(motion, meeting + rng.normal(0, spread, 2), middle, radius, rng=rng)
             cost = 10 * outside + _crowding(path, paths, np.concatenate([obstacles, stools]), clearance)
-            own = stool_discs(motion, path)
+            own = stool_discs(motion, placed)
             if len(own):
                 gap = np.linalg.norm(paths[:, :, None] - own[:, :2], axis=-1) - own[:, 2] - _OBSTACLE_GAP
                 cost += 3 * np.maximum(0, -gap).max(initial=0.0)
@@ -159,18 +159,21 @@ def place_persons(
             )
         placements.append(best)
         paths = np.concatenate([paths, kept[:, None]], axis=1)
-        stools = np.concatenate([stools, stool_discs(motion, kept)])
+        stools = np.concatenate([stools, stool_discs(motion, best)])
     return placements
 
 
-def stool_discs(motion: Motion, path: np.ndarray) -> np.ndarray:
-    """Return (K, 3) x, y and radius of the stools of one person, m. The hips follow the path (F, 2), m."""
+def stool_discs(motion: Motion, placed: Placement) -> np.ndarray:
+    """Return (K, 3) x, y and radius of the stools of one person whose motion is placed in the room, m."""
     radius = float(prop_size(STOOL).reach[0])
     places: list[np.ndarray] = []
+    moved = redirect(motion, *placed) if motion.seats else motion
     for frame in motion.seats:
+        ahead = moved.rotations[frame, 0, :2, 0]
+        stool = moved.root[frame, :2] - STOOL_BEHIND * ahead / np.linalg.norm(ahead)
         # A person that sits down at the same place again uses the same stool.
-        if all(np.linalg.norm(path[frame] - place) > 2 * radius for place in places):
-            places.append(path[frame])
+        if all(np.linalg.norm(stool - place) > 2 * radius for place in places):
+            places.append(stool)
     return np.column_stack([np.reshape(places, (-1, 2)), np.full(len(places), radius)])
 
 

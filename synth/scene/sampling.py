@@ -164,8 +164,8 @@ def lay_out(
     else:
         placements = place_persons(people.motions, config, clearance=clearance, rng=rng)
     paths = [redirected_path(motion, *placed) for motion, placed in zip(people.motions, placements, strict=True)]
-    for motion, path in zip(people.motions, paths, strict=True):
-        furniture += [PlacedProp(STOOL, (x, y), 0.0) for x, y, _ in stool_discs(motion, path).tolist()]
+    for motion, placed in zip(people.motions, placements, strict=True):
+        furniture += [PlacedProp(STOOL, (x, y), 0.0) for x, y, _ in stool_discs(motion, placed).tolist()]
     count = layout.props if layout else int(rng.integers(config.props[0], config.props[1], endpoint=True))
     placed_props = place_props(
         count, sizes, np.stack(paths, axis=1), config, fps=PLAN_FPS, clearance=clearance,

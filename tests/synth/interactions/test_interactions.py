@@ -1,8 +1,10 @@
 """All interactions: usable, deterministic, with every source of motion, and each with its characteristic features."""
 
+import copy
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -14,7 +16,9 @@ from synth.motion.config import MotionConfig
 from synth.motion.readers.npz import write_npz
 from synth.motion.source import read_take
 from synth.people.body import SKELETON
+from synth.people.skinning import Skin, mesh_triangles
 from synth.physics.simulation import simulate
+from synth.rooms.props import prop_size
 from synth.scene.build import build_scene
 from synth.scene.sampling import lay_out, load_motions, sample_people, sample_scene
 from synth.scene.spec import Layout, SceneSpec
@@ -183,6 +187,22 @@ def test_people_sit_on_their_stools():
     assert 0.45 < height.min() < height.max() < 0.7
     knees = simulation.joints[:, :, SKELETON.index("body25.l_knee")[0], 2]
     assert np.abs(knees - height).max() < 0.16
+
+
+def test_the_surface_of_seated_people_meets_their_stools():
+    spec, simulation = played("table")
+    model, top = copy.copy(simulation.model), float(prop_size("stool").reach[2])
+    data = mujoco.MjData(model)
+    data.qpos[:] = simulation.qpos[-1]
+    mujoco.mj_kinematics(model, data)
+    Skin(model).apply(data)
+    for person, stool in enumerate(spec.furniture[1:]):
+        bodies = [model.body(f"person{person}/{segment}").id for segment in ("pelvis", "l_thigh", "r_thigh")]
+        drawn = np.flatnonzero(np.isin(model.geom_bodyid, bodies) & (model.geom_type == mujoco.mjtGeom.mjGEOM_MESH))
+        places = [mesh_triangles(model, g) @ data.geom_xmat[g].reshape(3, 3).T + data.geom_xpos[g] for g in drawn]
+        surface = np.concatenate(places).reshape(-1, 3)
+        over = np.linalg.norm(surface[:, :2] - stool.at, axis=1) < prop_size("stool").reach[0]
+        assert abs(surface[over, 2].min() - top) < 0.012, person
 
 
 def test_a_couple_holds_hands_and_turns():
