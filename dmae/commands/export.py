@@ -22,7 +22,8 @@ def run(config: ExportCommand, out: Path) -> None:
     written = write_poses(kept, out, config.format, **options)
     frames, persons = written.poses.xyz.shape[:2]
     size = f"{counted(frames, 'frame')}, {counted(persons, 'person', 'people')}"
-    print(f"{', '.join(map(str, written.files))}: {size}, {written.poses.skeleton.name}")
+    named = config.skeleton if config.skeleton in writer.rigs else written.poses.skeleton.name
+    print(f"{', '.join(map(str, written.files))}: {size}, {named}")
     if kept is not clip:
         left_out = int((kept.poses.source != clip.poses.source).sum())
         print(f"{left_out} joints are left out by the decisions of dmae review")

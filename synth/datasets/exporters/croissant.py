@@ -13,6 +13,7 @@ import yaml
 from dmae.files.checksums import checksum
 from dmae.files.contents import write_atomic
 from dmae.files.structured import read_json
+from dmae.reporting.tables import counted
 from synth.datasets.config import AboutConfig
 from synth.datasets.statistics import terms
 
@@ -105,7 +106,8 @@ def describe(summary: dict, scenes: Counter, seed: int | None) -> dict[str, str]
     )
     return {
         "dataCollection": (
-            f"Simulated by {summary['made_by']}: {counts['clips']} clips, {counts['pictures']} pictures. People are "
+            f"Simulated by {summary['made_by']}: {counted(counts['clips'], 'clip')}, "
+            f"{counted(counts['pictures'], 'picture')}. People are "
             f"MuJoCo bodies that follow {origin}; rooms: {rooms}. The same configuration and seed"
             f"{'' if seed is None else f' ({seed})'} give the same clips."
         ),
@@ -248,7 +250,7 @@ def _record_set(name: str, file: str, sources: dict[str, tuple[str, dict, dict]]
 
 def datasheet(texts: dict[str, str], summary: dict, about: AboutConfig) -> str:
     """Return the datasheet of an export, in Markdown."""
-    splits = ", ".join(f"{name}: {each['clips']} clips" for name, each in summary["splits"].items())
+    splits = ", ".join(f"{name}: {counted(each['clips'], 'clip')}" for name, each in summary["splits"].items())
     sections = {
         "Motivation": texts["dataUseCases"],
         "Composition": f"{texts['dataCollection']} Splits: {splits}. {texts['dataCollectionMissingData']}",

@@ -12,7 +12,7 @@ from dmae.files.checksums import refuse_damaged
 from dmae.files.contents import check_vacant, whole_folder, write_atomic
 from dmae.files.structured import read_json
 from dmae.parallel import check_workers
-from dmae.reporting.tables import markdown_table
+from dmae.reporting.tables import counted, markdown_table
 from synth.datasets.config import AboutConfig, PictureFormat
 from synth.datasets.exporters import Exporter, exporter
 from synth.datasets.exporters.croissant import write_metadata
@@ -99,9 +99,16 @@ def export(
         shutil.rmtree(partial / PARTS, ignore_errors=True)
         summary = _summary(entry, selection, found, len(names))
         write_atomic(partial / SUMMARY, json.dumps(summary, indent=1))
-        write_atomic(partial / CARD, card(summary))
+        write_atomic(partial / CARD, card(summary, entry.pictures))
         write_metadata(data, partial, summary, about or AboutConfig())
     return summary
+
+
+_COUNTED = {
+    "clips": "clips", "pictures": "pictures", "persons": "persons", "hidden": "persons hidden", "masks": "masks",
+    "amodal_masks": "amodal masks", "pixel_boxes": "boxes of visible pixels",
+}  # fmt: skip
+"""What layouts count, and how their README calls it."""
 
 
 def _skeleton(entry: Exporter, folders: list[Path], wanted: str | None) -> Skeleton:
@@ -147,15 +154,20 @@ def _summary(entry: Exporter, selection: Selection, found: dict[str, Counter], c
     }
 
 
-def card(summary: dict) -> str:
-    """Return the text of the README of an export, in Markdown."""
+def card(summary: dict, annotated: bool) -> str:
+    """Return the text of the README of an export, in Markdown.
+
+    Args:
+        annotated: Whether the layout has a box and the joints of each person in each picture.
+    """
     splits = summary["splits"]
-    columns = ("clips", "pictures", "persons", "hidden", "masks", "amodal_masks")
-    total = {key: sum(each.get(key, 0) for each in splits.values()) for key in columns}
-    header = ("split", "clips", "pictures", "persons shown", "persons hidden", "masks", "amodal masks")
+    total = sum((Counter({key: each[key] for key in _COUNTED if key in each}) for each in splits.values()), Counter())
+    columns = [key for key in _COUNTED if key != "pixel_boxes" and (total[key] or key in ("clips", "pictures"))]
+    header = ["split", *(_COUNTED[key] for key in columns)]
     rows = [(name, *(str(each.get(key, 0)) for key in columns)) for name, each in splits.items()]
     frames = "every frame" if summary["every"] == 1 else f"one frame of {summary['every']}"
-    lines = "\n".join(f"- {note}" for note in _notes(total, summary["clips_of_the_data_set"] - total["clips"]))
+    notes = _notes(total, summary["clips_of_the_data_set"] - total["clips"], annotated)
+    lines = "\n".join(f"- {note}" for note in notes)
     return f"""# Simulated people who hide each other
 
 Exported by {summary["made_by"]} as `{summary["exporter"]}`, version {summary["format"]} of its layout
@@ -164,27 +176,28 @@ Exported by {summary["made_by"]} as `{summary["exporter"]}`, version {summary["f
 {markdown_table(header, rows)}
 
 {lines}
-
-Joints have v = 2 where they are visible, 1 where they are in the image and hidden, 0 where they are not in the image.
 """
 
 
-def _notes(total: dict[str, int], left_out: int) -> list[str]:
+def _notes(total: Counter, left_out: int, annotated: bool) -> list[str]:
     notes = []
     if left_out:
-        notes.append(f"{left_out} clips of the data set are in no split, and are left out.")
+        notes.append(f"{counted(left_out, 'clip')} of the data set in no split: left out.")
     if not total["pictures"]:
-        return [*notes, "There are no pictures: the clips have no images of colour."]
+        notes.append("There are no pictures.")
+    if not annotated:
+        return notes
+    notes.append("Joints have v = 2 where they are visible, 1 where they are in the image and hidden, else 0.")
     if total["hidden"]:
         notes.append(f"{total['hidden']} times a person is in the image and nothing of them shows; they are left out.")
-    persons, masks, amodal = (total[key] for key in ("persons", "masks", "amodal_masks"))
-    if masks < persons:
+    persons, boxes = total["persons"], total["pixel_boxes"]
+    if boxes < persons:
         notes.append(
-            f"{masks} of {persons} persons have masks, and boxes of their visible pixels. Of the others there are no "
-            "images of ids: their boxes are of the joints in the image (`bbox_of`)."
+            f"{boxes} of {persons} boxes are of visible pixels. For the others there are no images of ids: they are of "
+            "the joints in the image (`bbox_of`), and these persons have no masks."
         )
     else:
         notes.append("Boxes are of the visible pixels.")
-    if amodal < persons:
-        notes.append(f"{amodal} of {persons} persons have amodal masks: clips without amodal images have none.")
+    if 0 < total["amodal_masks"] < persons:
+        notes.append(f"{total['amodal_masks']} of {persons} persons have amodal masks.")
     return notes

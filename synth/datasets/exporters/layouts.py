@@ -183,7 +183,7 @@ def export_yolo(selection: Selection, out: Path) -> dict[str, Counter]:
 
 def _write_yolo_clip(task: ClipTask) -> Counter:
     counts = Counter(clips=1)
-    for picture in task.pictures(task.load(), counts):
+    for picture in task.pictures(task.load(), counts, masks=False):
         name = Path(task.write(picture, "images"))
         path = task.out / "labels" / task.split / name.with_suffix(".txt")
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -328,9 +328,7 @@ def export_npz(selection: Selection, out: Path) -> dict[str, Counter]:
 
 
 def _write_npz_clip(task: ClipTask) -> Counter:
-    clip, counts = task.load(), Counter(clips=1)
-    for _ in task.pictures(clip, counts) if clip.images is not None else ():
-        pass  # Pictures are only counted for the README of the export, not written.
+    clip = task.load()
     frames = slice(None, None, task.every)
     labels = joint_labels(clip, clip.truth, task.skeleton)
     arrays = {
@@ -346,7 +344,7 @@ def _write_npz_clip(task: ClipTask) -> Counter:
         **physical_arrays(task.folder, task.every),
     }
     np.savez_compressed(task.file("npz"), **arrays)
-    return counts
+    return Counter(clips=1, persons=clip.truth.xyz.shape[1])
 
 
 def physical_arrays(folder: Path, every: int = 1) -> dict[str, np.ndarray]:
@@ -378,10 +376,12 @@ def export_panoptic(selection: Selection, out: Path) -> dict[str, Counter]:
 
 def _write_panoptic_clip(task: ClipTask) -> Counter:
     """Write one sequence, and return counts. Cameras without a name <panel>_<node> become nodes of panel 0."""
-    clip, counts = task.load(), Counter(clips=1)
+    clip = task.load()
+    counts = Counter(clips=1, persons=clip.truth.xyz.shape[1])
     names = [name if re.fullmatch(r"\d\d_\d\d", name) else f"00_{view:02}" for view, name in enumerate(clip.rig.names)]
     folder = task.out / task.split / file_part(task.name)
-    for picture in task.pictures(clip, counts) if clip.has_pictures else ():
+    for picture in task.pictures(clip, Counter()) if clip.has_pictures else ():
+        counts["pictures"] += 1
         camera = names[picture.view]
         path = folder / IMAGES / camera / f"{camera}_{picture.number:08d}.{task.suffix}"
         path.parent.mkdir(parents=True, exist_ok=True)

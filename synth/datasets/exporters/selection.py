@@ -35,10 +35,11 @@ class ClipTask:
         clip = load_clip(self.folder)
         return clip if clip.true_rig is None else replace(clip, rig=clip.true_rig, true_rig=None)
 
-    def pictures(self, clip: Clip, counts: Counter, *, depth: bool = False) -> Iterator[Picture]:
+    def pictures(self, clip: Clip, counts: Counter, *, depth: bool = False, masks: bool = True) -> Iterator[Picture]:
         """Yield the pictures of the clip with the persons that they show, and with depth if asked for and present.
 
-        `counts` is increased by the numbers of pictures, persons shown, persons hidden, masks and amodal masks.
+        `counts` is increased by the numbers of pictures, persons shown, persons hidden, boxes of visible pixels and,
+        for formats with masks, masks and amodal masks.
         """
         labels = joint_labels(clip, clip.truth, self.skeleton)
         for picture in read_pictures(clip, labels, every=self.every, depth=depth):
@@ -46,8 +47,10 @@ class ClipTask:
             counts["pictures"] += 1
             counts["persons"] += len(shown)
             counts["hidden"] += len(picture.persons) - len(shown)
-            counts["masks"] += sum(person.mask is not None for person in shown)
-            counts["amodal_masks"] += sum(person.amodal_mask is not None for person in shown)
+            counts["pixel_boxes"] += sum(person.mask is not None for person in shown)
+            if masks:
+                counts["masks"] += sum(person.mask is not None for person in shown)
+                counts["amodal_masks"] += sum(person.amodal_mask is not None for person in shown)
             yield replace(picture, persons=shown)
 
     def file_name(self, picture: Picture) -> str:

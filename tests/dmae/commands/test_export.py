@@ -212,6 +212,13 @@ def test_a_file_without_a_suffix_gets_that_of_its_format(captured, tmp_path, for
     assert str(tmp_path / file) in capsys.readouterr().out
 
 
+def test_what_is_printed_names_the_skeleton_that_was_written(captured, tmp_path, capsys):
+    save_clip(captured, tmp_path / "clip")
+    for skeleton in ("soma", "coco17"):
+        export_command.run(ExportCommand(str(tmp_path / "clip"), "bvh", skeleton=skeleton), tmp_path / "walk")
+        assert capsys.readouterr().out.endswith(f": 12 frames, 2 people, {skeleton}\n")
+
+
 @pytest.mark.parametrize("format", pose_writer)
 def test_all_files_that_are_written_are_announced_and_no_others(captured, tmp_path, format, capsys):
     if "robot" in pose_writer.find(format).options:

@@ -47,8 +47,11 @@ def test_an_export_is_the_same_from_any_number_of_processes(data, tmp_path, form
     assert files(one) == files(two)
     assert not [name for name in files(one) if "/." in f"/{name}"]
     summary = json.loads((one / "export.json").read_text())
-    assert summary["splits"]["train"]["names"] == ["000001"] and summary["splits"]["train"]["persons"] == 11
-    assert "11 | 1 | 11 | 0 |" in (one / "README.md").read_text()
+    # Layouts of pictures count who is seen in each; others count the two people of the clip.
+    persons = 11 if exporter[format].pictures else 2
+    assert summary["splits"]["train"]["names"] == ["000001"] and summary["splits"]["train"]["persons"] == persons
+    hidden, masks = (" 1 |" * exporter[format].pictures, " 11 |" * (exporter[format].pictures and format != "yolo"))
+    assert f"| {persons} |{hidden}{masks}\n" in (one / "README.md").read_text()
 
 
 def test_the_command_writes_every_other_frame_of_a_clip(data, tmp_path, capsys):
@@ -59,7 +62,7 @@ def test_the_command_writes_every_other_frame_of_a_clip(data, tmp_path, capsys):
     assert {image["frame"] for image in content["images"]} == {5, 7}
     save_clip(replace(load_clip(data / "000001"), images=None), tmp_path / "plain")
     export_command.run(ExportDataCommand(str(tmp_path / "plain"), format="npz"), tmp_path / "arrays")
-    assert capsys.readouterr().out == f"{tmp_path / 'arrays'}: train: 1 clip\n"
+    assert capsys.readouterr().out == f"{tmp_path / 'arrays'}: train: 1 clip, 2 persons\n"
     assert len(content["categories"][0]["keypoints"]) == 25
 
 
@@ -70,8 +73,24 @@ def test_without_images_of_ids_boxes_are_of_joints_and_the_card_says_so(data, tm
     coco = COCO(tmp_path / "out/annotations/person_keypoints_train.json")
     assert {(each["bbox_of"], str(each["segmentation"])) for each in coco.anns.values()} == {("joints", "[]")}
     card = (tmp_path / "out/README.md").read_text()
-    assert f"0 of {len(coco.anns)} persons have masks" in card
-    assert f"0 of {len(coco.anns)} persons have amodal masks" in card
+    assert f"0 of {len(coco.anns)} boxes are of visible pixels" in card and "| masks |" not in card
+
+
+@pytest.mark.parametrize(
+    ("format", "written", "absent"),
+    [
+        ("npz", ["clips | pictures | persons |\n", "no pictures"], ["masks", "Boxes", "v = 2"]),
+        ("panoptic", ["clips | pictures | persons |\n"], ["no pictures", "masks", "Boxes", "v = 2"]),
+        ("coco", ["persons | persons hidden | masks |", "Boxes are of the visible", "v = 2"], ["no pictures"]),
+    ],
+)
+def test_the_card_tells_of_what_the_layout_holds(format, written, absent, data, tmp_path):
+    summary = export(data / "000001", tmp_path / "out", format)
+    card = (tmp_path / "out/README.md").read_text()
+    assert all(each in card for each in written) and not any(each in card for each in absent)
+    sheet = (tmp_path / "out/DATASHEET.md").read_text()
+    pictures = summary["splits"]["train"].get("pictures", 0)
+    assert f"1 clip, {pictures} pictures" in sheet and bool(pictures) == bool(list((tmp_path / "out").rglob("*.jpg")))
 
 
 def test_a_calibration_in_error_is_not_what_pictures_are_of(data, tmp_path):
