@@ -12,10 +12,10 @@ from contextlib import contextmanager, nullcontext
 from importlib import metadata
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from types import ModuleType
 
 from dmae.command_line import interruption
 from dmae.command_line.help import command_help, program_help
+from dmae.command_line.inputs import check_inputs
 from dmae.command_line.options import Command, Group, Option, Program, presets_of
 from dmae.command_line.outputs import check_out, locked, record
 from dmae.command_line.spelling import checked, choices, split_flags, sweeps
@@ -101,8 +101,6 @@ def _run_command(command: Command, arguments: list[str], interrupted: interrupti
 
 def _run_hydra(command: Command, arguments: list[str], interrupted: interruption.Interruption) -> None:
     """Hand a command to Hydra, which composes its configuration and runs it, for a sweep several times."""
-    module = command.module
-    interrupted.check()
     import hydra
     from hydra.errors import HydraException
     from omegaconf import DictConfig
@@ -113,7 +111,7 @@ def _run_hydra(command: Command, arguments: list[str], interrupted: interruption
 
     def application(config: DictConfig) -> None:
         try:
-            _apply(command, module, config, interrupted)
+            _apply(command, config, interrupted)
         except BrokenPipeError:
             raise
         except Exception as error:
@@ -141,18 +139,22 @@ def _run_hydra(command: Command, arguments: list[str], interrupted: interruption
             os.environ["HYDRA_FULL_ERROR"] = full
 
 
-def _apply(command: Command, module: ModuleType, config, interrupted: interruption.Interruption) -> None:
+def _apply(command: Command, config, interrupted: interruption.Interruption) -> None:
     """Run a command with a configuration as Hydra composed it, and record the configuration with the output."""
     from hydra.core.hydra_config import HydraConfig
     from hydra.types import RunMode
     from omegaconf import OmegaConf
 
     from dmae.parallel import Backend, running_on  # it loads NumPy, which `--help` does not need
+    from dmae.progress import waiting
 
     missing = sorted(OmegaConf.missing_keys(config))
     if missing:
         raise ValueError(f"expected {', '.join(f'{key}=...' for key in missing)}")
     values, out = OmegaConf.to_object(config), None
+    check_inputs(values, command.options())
+    with waiting("loading"):
+        module = command.module
     interrupted.check()
     if "out" in config:
         given = config.out

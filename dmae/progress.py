@@ -4,6 +4,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, nullcontext
 
 from rich.console import Console
 from rich.progress import Progress, track
@@ -33,6 +34,14 @@ def progress(items: Iterable, description: str, total: int | None = None) -> Ite
             print(progress_line(description, done, total, now - start, first), file=sys.stderr, flush=True)
             last = now
         yield item
+
+
+@contextmanager
+def waiting(description: str) -> Iterator[None]:
+    """Show on a terminal that something is done for which no progress is known, as "loading"."""
+    console = Console(stderr=True)
+    with console.status(description) if console.is_terminal else nullcontext():
+        yield
 
 
 def progress_line(

@@ -48,6 +48,23 @@ def choices(value: str, known: Collection[str]) -> str:
     return f"did you mean {near}? There are {', '.join(known)}" if near else f"there are {', '.join(known)}"
 
 
+def similar_path(path: str, words: Collection[str] = ()) -> str:
+    """Return the text for a path that does not exist: the most similar name in the folder that does, or in `words`.
+
+    It begins with ";" or "." and ends a sentence.
+    """
+    given = Path(path)
+    there = next(folder for folder in given.parents if folder.exists())
+    if not there.is_dir():
+        return f"; {there} is a file."
+    missing = given.relative_to(there).parts
+    names = {entry.name: str(there / entry.name) for entry in there.iterdir()}
+    names |= {word: word for word in words if given == Path(given.name)}
+    if near := nearest(missing[0], names):
+        return f"; did you mean {names[near]}?"
+    return "." if len(missing) == 1 else f"; there is no folder {there / missing[0]}."
+
+
 def like(options: Group, key: str) -> str:
     """Return the text for an unknown option: the option with the same last name, or else the most similar one."""
     keys = [member.key for member in options.walk() if not key.startswith(f"{member.key}.")]
@@ -175,7 +192,10 @@ def _expanded(options: Group, override: str) -> list[str]:
         return ["data=clip", f"data.name={value}"]
     for folder in values:
         if not (Path(folder).exists() or "${" in folder):
-            raise ValueError(f"data={folder}: neither a folder nor a format; {choices(folder, group.presets)}")
+            similar = f"; {choices(folder, group.presets)}"
+            if "/" in folder or nearest(folder, [entry.name for entry in Path().iterdir()]):
+                similar = f"{similar_path(folder)} Formats are {', '.join(group.presets)}"
+            raise ValueError(f"data={folder}: neither a folder nor a format{similar}")
     return ["data=clip", "data.name=null", f"data.path={value}"]
 
 

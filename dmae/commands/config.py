@@ -1,5 +1,6 @@
 """Options of commands, where a command takes more options than its verb. Imports nothing heavy: help is quick."""
 
+import re
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
@@ -7,6 +8,7 @@ from typing import Any
 from dmae.calibration.config import RefineConfig
 from dmae.completion.config import DELAY
 from dmae.completion.methods import completion_method
+from dmae.data.resources import resource_folder
 from dmae.detection.registry import OutputConfig, PoseDetectorConfig
 from dmae.evaluation.config import TITLE
 from dmae.formats.config import DataConfig, LengthUnit, UpDirection
@@ -17,6 +19,11 @@ from dmae.reconstruction.config import CaptureConfig
 REQUIRED: Any = "???"
 """Default of an option that has to be given, as Hydra spells it."""
 _FILLS = ("none", *(name for name, method in completion_method.items() if not method.learned and name != "measured"))
+
+
+def _presets(group: str) -> tuple[str, ...]:
+    """Names of the presets of a group of `synth generate`."""
+    return tuple(sorted(file.stem for file in (resource_folder("dmae", "configs") / group).glob("*.yaml")))
 
 
 @dataclass(frozen=True)
@@ -44,13 +51,13 @@ class DemoSize(StrEnum):
 class FilmedConfig:
     """What `dmae detect` and `dmae run` detect people in."""
 
-    videos: str | None = None
+    videos: str | None = field(default=None, metadata={"reads": "path"})
     """Folder of a video, or a folder of pictures, for each camera, named as in the calibration."""
-    calibration: str | None = None
+    calibration: str | None = field(default=None, metadata={"reads": "path"})
     """Calibration file, or folder of them; without one, `dmae detect` writes files of 2D keypoints."""
-    clip: str | None = None
+    clip: str | None = field(default=None, metadata={"reads": "clips"})
     """Instead of videos: folder of a clip with colour images, or of a data set of them; truth and labels are kept."""
-    photos: str | None = None
+    photos: str | None = field(default=None, metadata={"reads": "path"})
     """Instead of videos: folder of photographs that the cameras took together, in sets, in a folder for each camera or
     for each set; each set is a still. Without a calibration, `dmae detect` takes photographs that do not belong
     together, of any sizes, or one of them, writes people as files of 2D keypoints, and draws them over the
@@ -73,7 +80,7 @@ class RunCommand(FilmedConfig):
     """
 
     capture: CaptureConfig = field(default_factory=CaptureConfig)
-    weights: str | None = None
+    weights: str | None = field(default=None, metadata={"reads": "model", "words": ("paper",)})
     """Folder that `dmae train` wrote, or `paper`; by default the weights that come with the package."""
     export: list[str] = field(default_factory=lambda: ["trc"], metadata={"choices": pose_writer})
     """Formats of the poses that are written in addition to the report."""
@@ -156,9 +163,9 @@ class CaptureCommand:
 class CompleteCommand:
     """Fill what no camera measured, marked as such."""
 
-    clip: str = "???"
+    clip: str = field(default="???", metadata={"reads": "clips"})
     """Folder of a captured clip, or of a data set of them."""
-    weights: str | None = None
+    weights: str | None = field(default=None, metadata={"reads": "model", "words": ("paper",)})
     """Folder that `dmae train` wrote; `paper`: the weights of the paper's network; by default those that come with the
     package for the skeleton of the poses."""
     denoise: bool | None = None
@@ -196,9 +203,9 @@ class ReportCommand:
 
     title: str = TITLE
     """Heading of the page."""
-    scores: list[str] = field(default_factory=list)
+    scores: list[str] = field(default_factory=list, metadata={"reads": "path"})
     """Folders that `dmae evaluate` wrote."""
-    clip: str | None = None
+    clip: str | None = field(default=None, metadata={"reads": "clips"})
     """Folder of a clip, captured and completed or not yet, or of a data set of them."""
     out: str | None = None
     """File of the page; by default `report.html` in the folder of the clip, or else of the first scores."""
@@ -216,7 +223,7 @@ class ReviewCommand:
     handed-back joints; `dmae complete` fills handed-back joints again. The next ranking contains the remaining joints.
     """
 
-    clip: str = "???"
+    clip: str = field(default="???", metadata={"reads": "clip"})
     """Folder of a captured or completed clip."""
     accept: list[int] = field(default_factory=list)
     """Entries of the last ranking that are correct."""
@@ -235,16 +242,16 @@ class LiveCommand:
     Frames are read from standard input and answered on standard output, or on a socket with `listen`.
     """
 
-    calibration: str = "???"
+    calibration: str = field(default="???", metadata={"reads": "path"})
     """Calibration file of any supported format, or its folder."""
     fps: float = REQUIRED
     """1/s; rate at which frames arrive."""
-    skeleton: str = "body25"
+    skeleton: str = field(default="body25", metadata={"reads": "skeleton"})
     """Skeleton of the detections."""
     capture: CaptureConfig = field(default_factory=CaptureConfig)
     complete: bool = False
     """Also complete the joints that no camera measured; this adds to the delay."""
-    weights: str | None = None
+    weights: str | None = field(default=None, metadata={"reads": "model", "words": ("paper",)})
     """Folder that `dmae train` wrote, or `paper`; by default the weights that come with the package."""
     look_ahead: float | None = None
     """s; longest time that any step waits for later frames. Less than the 0.4 of capture and the 0.28 of completion
@@ -253,17 +260,21 @@ class LiveCommand:
     """host:port to listen on, for one program at a time; each connection starts a new capture. By default standard
     input."""
 
+    def __post_init__(self):
+        if self.listen is not None and not re.fullmatch(r".+:\d{1,5}", self.listen):
+            raise ValueError(f"listen={self.listen}: expected host:port, as 127.0.0.1:5555")
+
 
 @dataclass(frozen=True)
 class ExportCommand:
     """Write poses to a file that other programs read."""
 
-    clip: str = "???"
+    clip: str = field(default="???", metadata={"reads": "clip"})
     """Folder of a clip; its captured or completed poses are exported, its truth where it has none. What
     `dmae review` blanked or handed back is left out."""
     format: str = field(default="npz", metadata={"choices": pose_writer})
     """Format of the file."""
-    skeleton: str | None = None
+    skeleton: str | None = field(default=None, metadata={"reads": "skeleton", "words": ("soma", "lafan1")})
     """Skeleton of the file; by default the one the poses are in, and of two fused the first, except for npz. For
     `format=bvh` also `soma` and `lafan1`, in cm."""
     unit: LengthUnit = LengthUnit.m
@@ -271,7 +282,7 @@ class ExportCommand:
     keep_mm: float | None = None
     """mm; leave out joints that are likely farther than this from the truth, by the uncertainty that they state, and
     completed ones that state none. By default all joints are written."""
-    robot: str | None = None
+    robot: str | None = field(default=None, metadata={"reads": "path"})
     """MJCF of the Unitree G1, for g1 and lerobot; by default that of an installed mjlab."""
     out: str = "???"
     """File to write, by default with the suffix of the format; for panoptic, openpose and lerobot a folder."""
@@ -327,11 +338,11 @@ class PretrainCommand:
     printed. The same command continues an interrupted run.
     """
 
-    motion: str | None = None
+    motion: str | None = field(default=None, metadata={"reads": "path"})
     """Folder of motion files, or a list of takes that `synth split` wrote; by default people move procedurally."""
-    rig: str = "random"
+    rig: str = field(default="random", metadata={"reads": "path", "words": _presets("rig")})
     """Calibration, a file or folder of any known format; or a preset of rigs."""
-    detector: str = "shelf_openpose"
+    detector: str = field(default="shelf_openpose", metadata={"reads": "path", "words": _presets("detector")})
     """Preset of the simulated detector, or the YAML file of a preset that `synth fit-detector` wrote."""
     clips: int = 60
     """Clips of 12 s to train on; a quarter of this number is used for calibration, and a quarter for scores."""
@@ -362,7 +373,7 @@ class DemoCommand:
 
     size: DemoSize = DemoSize.small
     """How much is simulated and learned."""
-    shelf: str | None = None
+    shelf: str | None = field(default=None, metadata={"reads": "path"})
     """Folder of the Shelf recording; with it the model is scored on real people as well."""
     workers: int = 2
     """Processes that simulate, capture and score."""

@@ -274,15 +274,15 @@ class TrainConfig:
     """Train a model that completes poses."""
 
     data: DataConfig = field(default_factory=DataConfig)
-    extra_data: list[str] = field(default_factory=list)
+    extra_data: list[str] = field(default_factory=list, metadata={"reads": "path"})
     """Folders of further data sets of clips to learn from."""
-    validation_data: list[str] = field(default_factory=list)
+    validation_data: list[str] = field(default_factory=list, metadata={"reads": "path"})
     """Folders of data sets to validate and calibrate on, with motion that is in none of the others; by default clips
     are held back (`examples.held_back`), and uncertainty is calibrated for motion like that of the training."""
-    init: str | None = None
+    init: str | None = field(default=None, metadata={"reads": "model", "words": ("shipped", "paper")})
     """Folder of a trained model to start from; `shipped`: the weights that come with the package; `paper`: those of the
     paper's network."""
-    skeleton: str | None = None
+    skeleton: str | None = field(default=None, metadata={"reads": "skeleton"})
     """Skeleton of the model; by default that of `init`, or else body25. Two joined by + turn poses of one into those of
     the other, see `dmae.completion.fusion`."""
     capture: CaptureConfig = field(default_factory=CaptureConfig)

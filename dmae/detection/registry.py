@@ -22,9 +22,9 @@ class PoseDetectorConfig:
 
     name: str = field(default="blazepose", metadata={"choices": pose_detector})
     """Detector, or module:function of your own."""
-    path: str | None = None
+    path: str | None = field(default=None, metadata={"reads": "path"})
     """Model file of the detector `onnx`."""
-    skeleton: str | None = None
+    skeleton: str | None = field(default=None, metadata={"reads": "skeleton"})
     """Skeleton of that model; by default known by its number of joints."""
     windows: list[float] | None = None
     """Sides of the windows in which people are searched, relative to the longer side of the picture; smaller windows
@@ -60,7 +60,7 @@ class FlatFormat(StrEnum):
 class OutputConfig:
     """How detections are written."""
 
-    skeleton: str | None = None
+    skeleton: str | None = field(default=None, metadata={"reads": "skeleton"})
     """Skeleton to convert detections to, as body25; by default that of the detector."""
     images: bool = True
     """Whether the clip contains the images: the videos are linked, or encoded again if their size or frames differ from

@@ -43,9 +43,9 @@ class EvaluateConfig:
     )
     """How joints that no camera measured are filled: completion methods, module:function of your own, or folders that
     `dmae train` wrote."""
-    poses: str | None = None
+    poses: str | None = field(default=None, metadata={"reads": "path"})
     """Poses made elsewhere, which are scored in place of `methods`: a file, or a folder with one for each clip."""
-    weights: str | None = None
+    weights: str | None = field(default=None, metadata={"reads": "model", "words": ("paper",)})
     """Folder that `dmae train` wrote, for learned methods; by default the weights that come with the package."""
     views: list[int] = field(default_factory=list)
     """Numbers of cameras: all subsets of each size are scored; by default all cameras only."""
@@ -55,7 +55,7 @@ class EvaluateConfig:
     """Seed of synthetic gaps and perturbation."""
     reference: ReferencePoses = ReferencePoses.truth
     """Poses that results are compared with: the truth, or what all cameras together measured."""
-    skeleton: str | None = None
+    skeleton: str | None = field(default=None, metadata={"reads": "skeleton"})
     """Skeleton that poses are compared on; by default that of the truth."""
     smooth: float = 0.1
     """s; smoothing after every method except `measured` and online ones, which smooth themselves. Noisy poses are
@@ -63,7 +63,7 @@ class EvaluateConfig:
     angles: bool = False
     """Also score joint angles of hips, knees and ankles, degrees, against those of true joints. It takes about a second
     for 150 frames of a person and method."""
-    baseline: str | None = None
+    baseline: str | None = field(default=None, metadata={"reads": "path"})
     """`scores.json` of an earlier run, or its folder: exit status 2 if a figure is worse by more than its interval."""
     changed: list[str] = field(default_factory=list)
     """Options that differ from those of the baseline on purpose; figures are compared all the same."""
@@ -132,9 +132,9 @@ class StressConfig:
     )
     """Completion methods, or module:function of your own; `paper` captures with the thresholds of the paper, and
     published systems as `mvpose` capture in their own way and fill nothing."""
-    weights: str | None = None
+    weights: str | None = field(default=None, metadata={"reads": "model", "words": ("paper",)})
     """Folder that `dmae train` wrote, for learned methods; by default the weights that come with the package."""
-    paper_weights: str | None = None
+    paper_weights: str | None = field(default=None, metadata={"reads": "model"})
     """Folder that `dmae train model=paper` wrote, for the method `paper`; by default the weights of the paper's network
     that come with the package."""
     angles: bool = False
@@ -188,12 +188,12 @@ class BenchmarkConfig:
     captures: list[str] = field(default_factory=lambda: [OURS])
     """Methods that make poses from detections: `capture` (this package), published systems as `mvpose`,
     module:function of a clip, or folders of poses."""
-    weights: str | None = None
+    weights: str | None = field(default=None, metadata={"reads": "model", "words": ("paper",)})
     """Folder that `dmae train` wrote, for learned methods; by default the weights that come with the package."""
     angles: bool = False
     """Also score joint angles of hips, knees and ankles, degrees, of completed poses. It takes about a second for 150
     frames of a person and method."""
-    against: str | None = None
+    against: str | None = field(default=None, metadata={"reads": "path"})
     """Earlier scores, a `scores.json` or its folder, to compare with: paired differences with intervals."""
     data_folder: str | None = None
     """Folder of the clips, which runs can share; by default `data` in `out`."""
@@ -239,7 +239,7 @@ class TableConfig:
     number: int = 1
     """Number of the table, 1 to 5 of the paper, or 6."""
     data: DataConfig = field(default_factory=DataConfig)
-    extra_data: list[str] = field(default_factory=list)
+    extra_data: list[str] = field(default_factory=list, metadata={"reads": "path"})
     """Folders of further data sets: for tables 1, 2 and 4, simulated clips to learn fusion from, best captured
     already by few and many cameras (without them, rows of fusion are not measured); for table 3, more clips; for table
     5, clips to learn from."""
@@ -254,7 +254,7 @@ class TableConfig:
     angles: bool = False
     """Also score joint angles of hips, knees and ankles, degrees, in the tables with errors in mm: 3, 4 and 6. It takes
     about a second for 150 frames of a person and method."""
-    weights: str | None = None
+    weights: str | None = field(default=None, metadata={"reads": "model", "words": ("paper",)})
     """Folder that `dmae train` wrote, for `dmae`; by default the weights that come with the package."""
     seed: int = 0
     """Seed of trainings and masks."""

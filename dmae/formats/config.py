@@ -87,25 +87,25 @@ class DataConfig:
 
     name: str | None = field(default=None, metadata={"choices": reader})
     """Format; by default recognised by the files in `path`."""
-    path: str = "???"
+    path: str = field(default="???", metadata={"reads": "path"})
     """Folder of the recording, of a clip, or of a data set of clips."""
     cameras: list[int | str] | None = None
     """Names of the cameras to use; by default all."""
     frames: list[int] | None = None
     """First frame to use, and the one after the last; by default all."""
-    calibration: str | None = None
+    calibration: str | None = field(default=None, metadata={"reads": "path"})
     """Calibration file, or folder of them; by default the one found in `path`."""
-    detections: str | None = None
+    detections: str | None = field(default=None, metadata={"reads": "path"})
     """Folder of the detections, or file of COCO's; by default found in `path`."""
-    videos: str | None = None
+    videos: str | None = field(default=None, metadata={"reads": "path"})
     """Folder of the videos that people were detected in, <camera>.mp4: backgrounds of reports and pictures."""
-    images: str | None = None
+    images: str | None = field(default=None, metadata={"reads": "path"})
     """Folder of the pictures that people were detected in, a folder of PNG or JPEG files for each camera."""
     fps: float | None = None
     """1/s; frame rate, if the files do not state it."""
     size: list[int] | None = None
     """px; image width and height, if the files do not state them."""
-    skeleton: str | None = None
+    skeleton: str | None = field(default=None, metadata={"reads": "skeleton"})
     """Skeleton of the detections, if the files do not state it or are wrong."""
     unit: LengthUnit | None = None
     """Unit of lengths in the calibration; by default that of its format."""

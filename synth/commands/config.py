@@ -25,7 +25,7 @@ class LabelCommand:
     them, and what they touch.
     """
 
-    data: str = "???"
+    data: str = field(default="???", metadata={"reads": "clips"})
     """Data set that `synth generate` made, or one clip of it."""
     labels: list[str] = field(default_factory=lambda: list(LABELS), metadata={"choices": LABELS})
     """Labels to add. Existing labels of a clip are kept."""
@@ -39,7 +39,7 @@ class LabelCommand:
 class VerifyCommand:
     """Check that clips are complete and correct. Exits with status 1 if they are not."""
 
-    data: str = "???"
+    data: str = field(default="???", metadata={"reads": "path"})
     """Folder of a data set, or of a clip."""
     fast: bool = False
     """Compare only sizes of files, and the contents of JSON files, with their checksums."""
@@ -56,7 +56,7 @@ class SplitCommand:
     in any set.
     """
 
-    data: str = "???"
+    data: str = field(default="???", metadata={"reads": "path"})
     """Folder of a data set; or a folder of takes; or a list of takes (TSV) to check."""
     by: SplitBy = SplitBy.person
     """Property that two splits of clips must not share."""
@@ -68,7 +68,7 @@ class SplitCommand:
     """Share; 0 for no such split."""
     seed: int = 0
     """Seed of the order in which clips or subjects are drawn."""
-    check: str | None = None
+    check: str | None = field(default=None, metadata={"reads": "path"})
     """JSON file of splits to check, instead of making new ones. Exits with status 1 if there are leaks."""
     out: str | None = None
     """File to write: the splits, by default `splits.json` in the data set; for a check the leaks, by default
@@ -79,9 +79,9 @@ class SplitCommand:
 class StatsCommand:
     """Describe a data set: occlusion by joint and cause, contacts, people, distances, angles, motion."""
 
-    data: str = "???"
+    data: str = field(default="???", metadata={"reads": "clips"})
     """Folder of a data set, or of a clip."""
-    extra_data: list[str] = field(default_factory=list)
+    extra_data: list[str] = field(default_factory=list, metadata={"reads": "clips"})
     """More data sets that the same page describes."""
     workers: int = 1
     """Processes; -1 for one per core."""
@@ -100,14 +100,14 @@ class RealismCommand:
     person is cut out of the image, and detected without further information.
     """
 
-    data: str = "???"
+    data: str = field(default="???", metadata={"reads": "clips"})
     """Folder of a data set with colour images, or of a clip."""
-    extra_data: list[str] = field(default_factory=list)
+    extra_data: list[str] = field(default_factory=list, metadata={"reads": "clips"})
     """More data sets for the same table."""
     detector: PoseDetectorConfig = field(default_factory=PoseDetectorConfig)
     every: int = 1
     """Number of frames from one examined image of a camera to the next."""
-    real: str = ""
+    real: str = field(default="", metadata={"reads": "path"})
     """A video of real people, or a folder of videos or of pictures: the silhouettes, skin and edges of both kinds of
     people in one table. Empty for none."""
     shown: int = 36
@@ -129,13 +129,13 @@ class RealismCommand:
 class ExportDataCommand:
     """Write a data set in the layout of another program: images and annotations."""
 
-    data: str = "???"
+    data: str = field(default="???", metadata={"reads": "clips"})
     """Folder of a data set, or of a clip."""
     format: str = field(default="coco", metadata={"choices": exporter})
     """Layout."""
-    splits: str | None = None
+    splits: str | None = field(default=None, metadata={"reads": "path"})
     """JSON file that `synth split` wrote; by default all clips are in the split train."""
-    skeleton: str | None = None
+    skeleton: str | None = field(default=None, metadata={"reads": "skeleton"})
     """Skeleton of the joints; by default coco17, for panoptic always panoptic19."""
     every: int = 1
     """Number of frames from one image to the next; 1 for all."""
@@ -147,7 +147,7 @@ class ExportDataCommand:
     """What runs the processes: this machine, or a cluster."""
     damaged: bool = False
     """Export even if files are missing or damaged."""
-    robot: str | None = None
+    robot: str | None = field(default=None, metadata={"reads": "path"})
     """MJCF of the Unitree G1, for g1 and lerobot; by default that of an installed mjlab."""
     about: AboutConfig = field(default_factory=AboutConfig)
     out: str = "???"
@@ -170,11 +170,11 @@ class CompareCommand:
 
     by: CompareBy = CompareBy.detections
     """What is compared."""
-    real: str = "???"
+    real: str = field(default="???", metadata={"reads": "path"})
     """For detections, the recording: a clip, which `dmae convert` makes from any format, or Shelf's text files. For
     motion a take (BVH, ASF/AMC, AMASS-style npz, C3D) or a folder with takes at any depth; or a clip or data set of
     clips: the captured poses of each clip, or its truth if nothing was captured."""
-    sim: str = "???"
+    sim: str = field(default="???", metadata={"reads": "clips"})
     """Folder of the simulated clips."""
     frames: list[int] | None = None
     """Detections: first frame of the recording, and the one after the last; by default all."""
@@ -200,12 +200,12 @@ class CompareCommand:
 class FitDetectorCommand:
     """Fit a detector's preset to a recording: `detector/<name>.yaml` and `compare.html`."""
 
-    detections: str = "???"
+    detections: str = field(default="???", metadata={"reads": "path"})
     """Folder of the recording: a clip, which `dmae convert` makes from any format, or Shelf's text files; with
     `truth=annotated` also a data set."""
-    extra_data: list[str] = field(default_factory=list)
+    extra_data: list[str] = field(default_factory=list, metadata={"reads": "clips"})
     """With `truth=annotated`, more data sets of the same detector."""
-    held_back: list[str] = field(default_factory=list)
+    held_back: list[str] = field(default_factory=list, metadata={"reads": "clips"})
     """With `truth=annotated`, held-back data sets of the same detector, which are not used in the fit. Distances on
     them are printed and written, and those between the detector's results on them and on the clips of the fit."""
     truth: ErrorReference = ErrorReference.others
@@ -213,7 +213,7 @@ class FitDetectorCommand:
     writes them, are themselves simulated again, and visible and hidden joints are fitted separately."""
     frames: list[int] | None = None
     """First frame to use, and the one after the last; by default all."""
-    clips: str | None = None
+    clips: str | None = field(default=None, metadata={"reads": "clips"})
     """Folder of simulated clips of a similar scene; by default clips are made with the cameras of the recording."""
     count: int = 4
     """Number of clips to make."""
@@ -246,9 +246,9 @@ class DetectorErrorsCommand:
     The detections are those in the clips, as `dmae detect clip=...` makes them from images.
     """
 
-    data: str = "???"
+    data: str = field(default="???", metadata={"reads": "clips"})
     """Folder of a data set, or of a clip, with truth and detections."""
-    extra_data: list[str] = field(default_factory=list)
+    extra_data: list[str] = field(default_factory=list, metadata={"reads": "clips"})
     """More data sets for the same table."""
     simulated: list[str] = field(default_factory=lambda: ["shelf_openpose", "hrnet_like"])
     """Presets of the simulated detector that are run on the same clips: names, or YAML files."""

@@ -162,7 +162,7 @@ class RenderConfig:
     cameras: visibility and detections are recomputed, with the same result as generation with that rig.
     """
 
-    data: str = "???"
+    data: str = field(default="???", metadata={"reads": "clips"})
     """Data set that `synth generate` made, or one clip of it."""
     out: str = "runs/rendered"
     """Folder of the new data set. Existing clips in it are kept."""

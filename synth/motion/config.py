@@ -64,7 +64,7 @@ class MotionConfig:
     kind: str = PROCEDURAL
     """`procedural`; or the format of recordings, `recorded` for all formats, or `<module>:<function>`, a reader of your
     own."""
-    path: str | None = None
+    path: str | None = field(default=None, metadata={"reads": "path"})
     """For recorded motion: a file; a folder with files of the format at any depth; or a list of takes, `<name>.tsv`, as
     `synth split` writes it. Takes of folders and lists that cannot be read are left out with a warning."""
     sets: list[str] = field(default_factory=list)
@@ -76,7 +76,7 @@ class MotionConfig:
     """Metres per unit of length in the recordings, if the length of the legs does not determine it."""
     up: UpAxis = UpAxis.auto
     """Axis of the recordings' world that points up."""
-    mapping: str | None = None
+    mapping: str | None = field(default=None, metadata={"reads": "path"})
     """YAML file of lines `their name: our name` for joints or markers with other names. Our names are those of any
     known skeleton, or `pelvis spine chest head`, and `l_` and `r_` before `upper_arm forearm hand knuckle thigh shin
     foot`."""
@@ -115,5 +115,5 @@ class ReadingConfig:
     """Metres per unit of length in the files, if the length of the legs does not determine it."""
     up: UpAxis = UpAxis.auto
     """Axis of the files' world that points up."""
-    mapping: str | None = None
+    mapping: str | None = field(default=None, metadata={"reads": "path"})
     """YAML file of lines `their name: our name` for joints or markers with other names."""

@@ -9,6 +9,7 @@ from synth.detector.config import DetectorConfig
 from synth.interactions.registry import InteractionConfig
 from synth.motion.config import MotionConfig
 from synth.rigs.config import RigConfig
+from synth.rooms.config import mjcf_names, room_folder
 from synth.scene.config import SceneConfig
 
 MOST_CAMERAS, MOST_PLACES = 32, 500
@@ -105,7 +106,7 @@ class PlanConfig:
     capturing simulated detections of other people, who were not used in the search.
     """
 
-    arena: str | None = None
+    arena: str | None = field(default=None, metadata={"reads": "path", "words": mjcf_names(room_folder())})
     """Room of `scenes/`, or path of an MJCF file; by default that of `scene`."""
     views: list[int] = field(default_factory=lambda: [4, 6])
     """Least and greatest number of cameras."""

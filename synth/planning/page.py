@@ -202,7 +202,7 @@ _WORTH = (
 
 def numbers_table(plan: CameraPlan) -> Table:
     """Return a table of the figures by number of cameras."""
-    header = ("cameras", *(", ".join(FIGURES[name]) for name in _SHOWN), "floor seen by 2", "by 3")
+    header = ("cameras", *(", ".join(FIGURES[name]) for name in _SHOWN), "floor seen by 2 or more", "by 3 or more")
     rows = [
         (
             str(len(each.rig)),

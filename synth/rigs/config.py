@@ -216,7 +216,7 @@ class RigConfig:
 
     name: str = "ring"
     """Descriptive name of the rig."""
-    path: str = ""
+    path: str = field(default="", metadata={"reads": "path"})
     """Calibration file of any format of `dmae.formats.calibrations`."""
     size: list[int] = field(default_factory=list)
     """Image width and height, px, for files that do not state them."""

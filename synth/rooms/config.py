@@ -1,6 +1,6 @@
 """The rooms that there are, and your own meshes as props."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
 from xml.etree import ElementTree
@@ -53,7 +53,7 @@ class MeshUp(Enum):
 class PropsConfig:
     """Your own meshes, used instead of `scene.prop_kinds`."""
 
-    path: str = ""
+    path: str = field(default="", metadata={"reads": "path"})
     """A mesh file (.obj, .stl, .ply, .glb) or a folder of them; empty for none."""
     scale: float = 1.0
     """Metres per unit of the files; 0.001 for files in millimetres."""

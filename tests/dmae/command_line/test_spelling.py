@@ -83,9 +83,9 @@ def test_a_mistyped_option_is_refused_before_anything_is_loaded(folder, argument
         (["dmae", "capture", "data=set", "data.path='a"], "data.path='a: cannot be read; look at its quotes"),
         (["dmae", "capture", "data=set", "out=${nope}"], "Interpolation key 'nope' not found"),
         (["dmae", "capture", "data=set", "hydra.verbos=true"], "Key 'verbos' not in 'HydraConf'"),
-        (["dmae", "complete", "clip=3"], "3: expected a clip (clip.json) or a data set"),
-        (["dmae", "report", "clip=3"], "3: expected a clip (clip.json) or a data set"),
-        (["dmae", "export", "clip=3", "out=x.npz"], "3: expected a clip folder"),
+        (["dmae", "complete", "clip=3"], "clip=3: no such file or folder. Expected: Folder of a c"),
+        (["dmae", "report", "clip=3"], "clip=3: no such file or folder. Expected: Folder of a c"),
+        (["dmae", "export", "clip=3", "out=x.npz"], "clip=3: no such file or folder. Expected: Folder of a clip"),
     ],
 )
 def test_errors_of_the_command_itself_are_one_line(folder, arguments, said):

@@ -170,7 +170,7 @@ def test_a_recording_is_converted_and_captured_and_exported(folder):
         (["complete", "clip=one", "weights=one", "out=bad"], "model.json"),
         (["evaluate", "data=one", "methods=[magic]", "out=bad"], "no method 'magic'"),
         (["report", "out=bad/report.html"], "nothing to report"),
-        (["report", "clip=openpose", "out=bad/report.html"], "openpose: expected a clip"),
+        (["report", "clip=openpose", "out=bad/report.html"], "clip=openpose: expected the folder of a clip"),
     ],
 )
 def test_bad_input_is_one_clear_error_and_leaves_nothing_behind(folder, arguments, said):

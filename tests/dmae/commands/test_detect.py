@@ -125,17 +125,17 @@ def test_without_a_calibration_keypoints_are_written(session: Clip, tmp_path: Pa
     ("arguments", "said"),
     [
         ((), "expected videos="),
-        (("videos=nowhere",), "nowhere: no such folder"),
+        (("videos=nowhere",), "videos=nowhere: no such file"),
         (("videos=videos",), "expected fps="),
         (("videos=videos", "fps=25", "detector=my_dots:nothing"), "it returned int"),
         (
             ("videos=videos", "fps=25", "calibration=cam.toml"),
-            "calibration cam.toml: no such file; expected a calibration",
+            "calibration=cam.toml: no such file or folder",
         ),
         (("videos=videos", "fps=25", "detector=blasepose"), "did you mean blazepose"),
         (("videos=videos", "fps=25", "detector=onnx"), "expected detector.path"),
         (("videos=videos", "fps=25", "detector=my_dots:dots", "output.skeleton=shelf15"), "output.skeleton=shelf15"),
-        (("clip=nowhere",), "expected a clip"),
+        (("clip=nowhere",), "clip=nowhere: no such file"),
         (("clip=nowhere", "fps=25"), "leave them out"),
     ],
 )

@@ -67,4 +67,4 @@ def test_presets_of_another_program_are_no_choices_of_this_one(tmp_path):
     """`data=` is a preset of `dmae capture` and the path of a data set here, in whatever order both run."""
     for _ in range(2):
         assert "none" in dmae(tmp_path, "capture", "data=shelf", "data.path=none", "out=captured").stderr
-        assert "none: expected a clip" in synth(tmp_path, "stats", "data=none", "out=card").stderr
+        assert "data=none: no such file" in synth(tmp_path, "stats", "data=none", "out=card").stderr

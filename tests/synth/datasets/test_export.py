@@ -117,7 +117,7 @@ def test_names_of_clips_and_cameras_stay_in_the_folder(data, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["data=none"], "none: expected a clip"),
+        (["data=none"], "data=none: no such file"),
         (["data=set", "format=cocoo"], "did you mean coco"),
         (["data=set", "out=file"], "expected a folder, found a file"),
         (["data=set", "out=file/in"], "file is a file, not a folder"),

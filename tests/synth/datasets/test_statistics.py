@@ -135,7 +135,7 @@ def test_bad_input_is_refused(data, tmp_path):
     (tmp_path / "damaged/0/arrays.safetensors").write_bytes(b"")
     write_manifest(tmp_path / "damaged", [{"id": "0", "status": "ok"}])
     for arguments, said in (
-        (("data=none", "out=out"), "none: expected a clip"),
+        (("data=none", "out=out"), "data=none: no such file"),
         ((f"data={data}", "out=foreign"), "foreign: expected no such folder, an empty one, or one with an earlier"),
         ((f"data={data}", "out=foreign/README.md"), "expected a folder, found a file"),
         ((f"data={data}", "workers=0", "out=out"), "workers: expected"),

@@ -1,0 +1,79 @@
+"""What is read: refuse a path that does not exist, or that holds something else, before the modules of a command load.
+
+They take seconds, with torch ten. A field of a configuration declares what it names by its metadata: `reads` is a kind
+below, or "skeleton", the name or file of one; `words` are names that it takes instead.
+"""
+
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+
+from dmae.command_line.options import REQUIRED, Group
+from dmae.command_line.spelling import similar_path
+
+_KINDS = {
+    "path": "a file, or a folder that is not empty",
+    "clips": "the folder of a clip (with clip.json), or of a data set of clips",
+    "clip": "the folder of one clip (with clip.json)",
+    "model": "a folder that `dmae train` wrote (with model.json)",
+}
+
+
+def check_inputs(configuration: object, options: Group) -> None:
+    """Check each path that a configuration of a command with these options names.
+
+    Raises FileNotFoundError where there is none, with the most similar name; ValueError where it holds something else.
+    """
+    for key, kind, words, path in _inputs(configuration, ""):
+        if path in words:
+            continue
+        if kind == "skeleton":
+            _check_skeleton(key, path)
+            continue
+        if not Path(path).exists():
+            meaning = options.find(key).meaning.partition(". ")[0].rstrip(".")
+            similar = similar_path(path, words)
+            raise FileNotFoundError(f"{key}={path}: no such file or folder{similar} Expected: {meaning}")
+        if found := _instead(key, Path(path), kind):
+            raise ValueError(f"{key}={path}: expected {_KINDS[kind]}, found {found}")
+
+
+def _inputs(configuration: object, prefix: str) -> Iterator[tuple[str, str, tuple[str, ...], str]]:
+    """Yield key, kind, words and path of all that is read."""
+    for each in fields(configuration):
+        value, key = getattr(configuration, each.name), f"{prefix}{each.name}"
+        if is_dataclass(value):
+            yield from _inputs(value, f"{key}.")
+        elif "reads" in each.metadata:
+            for path in value if isinstance(value, list) else [value]:
+                if path and path != REQUIRED:
+                    yield key, each.metadata["reads"], each.metadata.get("words", ()), str(path)
+
+
+def _check_skeleton(key: str, name: str) -> None:
+    from dmae.data.skeleton import get_skeleton  # it loads NumPy, which `--help` does not need
+
+    try:
+        get_skeleton(name)
+    except KeyError as error:
+        raise ValueError(f"{key}={name}: {error.args[0]}") from None
+
+
+def _instead(key: str, path: Path, kind: str) -> str | None:
+    """Return what a path holds if that is not what is expected; None if it is."""
+    if path.is_dir() and not any(path.iterdir()):
+        return "an empty folder"
+    if kind == "path":
+        return None
+    if not path.is_dir():
+        return "a file"
+    if kind == "model":
+        return None if (path / "model.json").is_file() else "a folder without model.json"
+    if (path / "clip.json").is_file():
+        return None
+    data_set, first = (path / "manifest.jsonl").is_file(), min(path.glob("*/clip.json"), default=None)
+    if data_set and kind == "clips":
+        return None
+    if first is None and not data_set:
+        return "a folder without clips"
+    return f"a {'data set' if data_set else 'folder'} of clips{f'; name one, as {key}={first.parent}' if first else ''}"
