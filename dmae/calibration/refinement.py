@@ -68,6 +68,7 @@ class Refined:
     covariance: np.ndarray
     changes: tuple[CameraChange, ...]  # The changes of each camera, in the original world
     floor: Floor | None = None  # The original height of the floor and tilt of the world, if the world was made level
+    turned_deg: float | None = None  # Angle between the original and the new z, if the world was made level
     note: str | None = None  # Why no camera changed, if `cameras=[auto]` found none; otherwise None
 
 
@@ -118,14 +119,16 @@ def refine(clip: Clip, config: RefineConfig | None = None) -> Refined:
     after = adjust(observations, calibration, iterations=5, tolerance=1e-4)
     changes = _changes(origin, calibration, covariance, views, before, after, clip.fps)
     rig = place_world(calibration.rig, after.xyz, tracks.skeleton, config.stature, level=False)
-    floor = None
+    floor = turned = None
     if config.level:
         floor = find_floor(capture(replace(clip, rig=rig), CaptureConfig()), clip.fps)
         if floor.up is not None and floor.height_m is not None:
             rig = place_rig(rig, upright_world(floor))
         else:
             rig = place_world(calibration.rig, after.xyz, tracks.skeleton, config.stature, level=True)
-    return Refined(rig, calibration.offset, calibration.drift, covariance, changes, floor, note)
+        new_from_old = rig.cam_from_world[0, :3, :3].T @ calibration.rig.cam_from_world[0, :3, :3]
+        turned = float(np.degrees(np.arccos(np.clip(new_from_old[2, 2], -1, 1))))
+    return Refined(rig, calibration.offset, calibration.drift, covariance, changes, floor, turned, note)
 
 
 def _named_views(rig: CameraRig, config: RefineConfig) -> list[int] | None:

@@ -14,7 +14,7 @@ from functools import partial
 
 import numpy as np
 from scipy.spatial.distance import pdist
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D
@@ -461,7 +461,7 @@ def _widened(
     effect = (change**2).sum(0)
     matter = effect.sum() ** 2 / max((effect**2).sum(), 1e-12)
     wider = root @ axes
-    sigmas = SIGMAS if ratio[-1] <= 1 else float(student.ppf(0.975, max(matter - 1, 1)))
+    sigmas = SIGMAS if ratio[-1] <= 1 else float(stdtrit(max(matter - 1, 1), 0.975))
     return wider * np.maximum(ratio, 1) @ wider.T, sigmas
 
 

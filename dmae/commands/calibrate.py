@@ -57,6 +57,6 @@ def _print(refined: Refined) -> None:
     if refined.floor is not None:
         known = refined.floor.up is not None and refined.floor.height_m is not None
         how = "; before" if known else " only roughly, by the mean direction of people who stand. Before"
-        print(f"the world is made level{how}, {refined.floor.describe()}")
+        print(f"the world is turned by {refined.turned_deg:.1f} degrees to be level{how}, {refined.floor.describe()}")
     if refined.note:
         print(refined.note)

@@ -71,7 +71,7 @@ def run(config: CaptureCommand, out: Path) -> None:
             print(f"{captured.id}: {size}, {describe_joints(poses)}")
             if made.alone:
                 print(f"{captured.id}: {captured.provenance['noise']['found']}")
-                print(f"{captured.id}: {_world(captured)}")
+                print(f"{captured.id}: {_world(captured, config.level)}")
             persons += poses.xyz.shape[1]
             errors = reprojection(captured)
             measured, completed = added_groups(measured, errors.measured), added_groups(completed, errors.completed)
@@ -137,11 +137,18 @@ def _capture(config: CaptureCommand, clips: Clips, frames: int | None = None) ->
     return replace(clip, provenance=known), notes
 
 
-def _world(clip: Clip) -> str:
-    """Return the known facts about the floor and the vertical."""
+def _world(clip: Clip, level: bool) -> str:
+    """Return the known facts about the floor and the vertical, and what `level` changed."""
     facts = dict(clip.provenance["floor"])
-    levelled = facts.pop("levelled")
-    return f"{'made level; before, ' if levelled else ''}{Floor(**facts).describe()}"
+    facts.pop("levelled")
+    floor = Floor(**facts)
+    done = {
+        (True, True): "made level, with its floor at z = 0; before, ",
+        (True, False): "turned upright; its floor stays where it was. Before, ",
+        (False, True): "floor moved to z = 0; the world is not turned. Before, ",
+        (False, False): "the world stays as it is: ",
+    }[floor.up is not None, floor.height_m is not None]
+    return f"{done if level else ''}{floor.describe()}"
 
 
 def _tried(config: CaptureCommand, clips: Clips) -> Iterator[tuple[int, Clip]]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from dmae.calibration.config import describe_shortness
 from dmae.calibration.doctor import Diagnosis, PairFit, diagnose
-from dmae.calibration.epipolar import Hypothesis, draw_arrows
+from dmae.calibration.epipolar import SOUND, Hypothesis, draw_arrows
 from dmae.commands.config import DoctorCommand
 from dmae.commands.data_sets import describe_sides, each_clip
 from dmae.data.clip import Clip
@@ -22,6 +22,10 @@ from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
 from dmae.reporting.tables import Table, print_tables
 
+_COLUMNS = f"""residual px: median distance of joints from the epipolar lines of the other camera, of people who agree
+agreeing: share of people who match one in the other camera, if both cameras detect people
+agreement: mean fit of all of them, 0 to 1; {SOUND} and more is usual where cameras see the same people
+of others: median agreement of the pairs without this camera"""
 _SIDES_FRAMES = 600  # Frames, from the first on, in which exchanged sides are looked for
 
 
@@ -62,6 +66,8 @@ def _print(clip: Clip, diagnosis: Diagnosis) -> None:
         print_tables([Table(f"{clip.id}: pairs of cameras, worst first", header, [rows[row] for row in worst_first])])
     if diagnosis.cameras:
         print_tables([_cameras(clip, diagnosis)])
+    if rows:
+        print(_COLUMNS)
     if diagnosis.floor is not None:
         print(f"{clip.id}: {diagnosis.floor.describe()}")
     for number, finding in enumerate(diagnosis.findings, 1):

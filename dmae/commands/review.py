@@ -12,6 +12,7 @@ from dmae.evaluation.report.findings import FIRST, OFF, Doubt, check_ranking, ra
 from dmae.evaluation.review import DECISIONS, Decision, ReviewVerdict, load_decisions, save_decisions
 from dmae.files.contents import write_atomic
 from dmae.formats.poses import SOURCE_WORDS
+from dmae.reporting.tables import counted
 
 _SHOWN = 20
 _COLUMNS = ("entry", "person", "joint", "first", "last", "worst", "doubt_mm", "reason", "source", "views")
@@ -38,9 +39,9 @@ def run(config: ReviewCommand, out: Path) -> None:
     print(f"{out}: {len(ranking)} entries, the most doubtful first")
     found = check_ranking(clip, ranking)
     if found and found.off:
+        off = f"{counted(found.off, 'joint')} {'is' if found.off == 1 else 'are'} more than {OFF:.0f} mm off"
         print(
-            f"by the truth: {found.off} joints are more than {OFF:.0f} mm off; "
-            f"the first {FIRST:.0%} of the entries contain {found.found / found.off:.0%} of them"
+            f"by the truth: {off}; the first {FIRST:.0%} of the entries contain {found.found / found.off:.0%} of them"
         )
 
 

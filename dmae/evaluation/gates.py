@@ -21,6 +21,7 @@ from dmae.metrics.registry import metrics
 _TOLERANCES = {"joints": 5e-3, "mean": 0.01, "detected": 5e-3, "pixels": 1.0, "score": 5e-3, "offset_px": 0.02}
 """Tolerances for simulated clips, because rounding differs between processors: counts, scores and offsets are relative,
 positions are in m and px."""
+_NAMED = 3  # Greatest number of differing options that a message lists
 _RELATIVE = {"joints", "detected", "score", "offset_px"}
 _UNDER_TEST = (
     "data", "methods", "poses", "weights", "views", "angles", "baseline", "changed", "out", "first", "clips",
@@ -179,9 +180,12 @@ def check_baseline(baseline: dict, options: dict, changed: Collection[str] = ())
         if old != new and not any(f"{name}.".startswith(f"{each}.") for each in changed):
             refused[name] = f"{name}={_text(old)} in the baseline, {_text(new)} here"
     if refused:
+        groups = dict.fromkeys(name.partition(".")[0] for name in refused)
+        short = refused if len(refused) <= _NAMED else groups
+        more = f" and {len(refused) - _NAMED} more" if len(refused) > _NAMED else ""
         raise ValueError(
-            f"baseline: scores of other options are not compared: {'; '.join(refused.values())}. "
-            f"Use the same, or name the options that you changed on purpose: changed=[{','.join(refused)}]"
+            f"baseline: scores of other options are not compared: {'; '.join([*refused.values()][:_NAMED])}{more}. "
+            f"Use the same, or name the options or groups that you changed on purpose: changed=[{','.join(short)}]"
         )
 
 

@@ -10,7 +10,7 @@ from enum import StrEnum
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from dmae.calibration.world import Floor, find_floor
 from dmae.data.clip import Clip, Poses3D, Source, person_name
@@ -578,7 +578,7 @@ def counts_in_regions(joints: Joints) -> dict[str, np.ndarray]:
     known[known] = np.linalg.det(cov[known].astype(np.float64)) > 0
     e = error[known]
     squared = (e * np.linalg.solve(cov[known].astype(np.float64), e[..., None])[..., 0]).sum(-1)
-    limits = chi2.ppf(PROBABILITIES, 3)
+    limits = 2 * gammaincinv(3 / 2, PROBABILITIES)  # quantiles of chi-squared with three degrees of freedom
     completed = joints.source[known] == Source.COMPLETED
     return {
         name: np.array([len(part), *(int((part <= limit).sum()) for limit in limits)])

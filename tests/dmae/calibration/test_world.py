@@ -160,6 +160,7 @@ def test_calibrate_makes_the_world_level_and_leaves_the_cameras_as_they_are(lift
     refined = refine(lifted, RefineConfig(extrinsics=False, level=True))
     assert not any(change.refined or change.moved_cm > 1e-6 for change in refined.changes)
     assert refined.floor.tilt_deg == pytest.approx(3, abs=0.5)
+    assert refined.turned_deg == pytest.approx(refined.floor.tilt_deg, abs=0.1)
     sound = ring()
     np.testing.assert_allclose(refined.rig.centers[:, 2], sound.centers[:, 2], atol=0.08)
     between = [np.linalg.norm(rig.centers[1:] - rig.centers[0], axis=-1) for rig in (refined.rig, sound)]
@@ -175,7 +176,7 @@ def test_capture_says_it_and_levels_on_request(lifted, tmp_path):
     assert done.returncode == 0, done.stderr
     assert "lifted: z is tilted by 3." in done.stdout or "lifted: z is tilted by 2." in done.stdout
     done = run_command(tmp_path, "dmae", "capture", "data=rec", "level=true", "out=level")
-    assert "lifted: made level; before, z is tilted by" in done.stdout
+    assert "lifted: made level, with its floor at z = 0; before, z is tilted by" in done.stdout
     kept, level = (dmae.load(tmp_path / name) for name in ("as_it_is", "level"))
     assert kept.provenance["floor"]["levelled"] is False
     assert level.provenance["floor"]["height_m"] == pytest.approx(kept.provenance["floor"]["height_m"])

@@ -137,6 +137,10 @@ def test_few_seconds_are_refused_where_they_changed(folder: Path):
 
 
 @pytest.mark.parametrize(("edit", "message"), [
+    (
+        lambda s: s["options"].update({f"capture.option_{n}": n for n in range(5)}),
+        "capture.option_2=2 in the baseline, not an option here and 2 more. .*changed=.capture.$",
+    ),
     (lambda s: s["options"].update(smooth=0.2), "other options.*smooth=0.2 in the baseline, 0.1 here.*changed=.smooth"),
     (lambda s: s["options"].update(input="true_poses"), "input=true_poses in the baseline, captured_poses here"),
     (lambda s: s["options"].update({"capture.th_v": 3}), r"capture.th_v=3 in the baseline"),
