@@ -89,44 +89,30 @@ class ModelConfig:
     def __post_init__(self):
         if unknown := set(self.ablate) - FEATURES.keys():
             raise ValueError(f"model.ablate: expected some of {list(FEATURES)}, found {sorted(unknown)}")
-        sizes = {
-            "frames": (self.frames, 1000),
-            "encoder.depth": (self.encoder.depth, 64),
-            "encoder.heads": (self.encoder.heads, 256),
-            "encoder.head_dim": (self.encoder.head_dim, 4096),
-            "encoder.mlp": (self.encoder.mlp, 65536),
-            "decoder.depth": (self.decoder.depth, 64),
-            "codes.signal": (self.codes.signal, 65536),
-            "encoder.dim": (self.encoder.dim, 16384),
-            "decoder.dim": (self.decoder.dim, 16384),
+        encoder, decoder, codes = self.encoder, self.decoder, self.codes
+        limits = {
+            "frames": (self.frames, 1, 1000),
+            "encoder.dim": (encoder.dim, 1, 16384),
+            "encoder.depth": (encoder.depth, 1, 64),
+            "encoder.heads": (encoder.heads, 1, 256),
+            "encoder.head_dim": (encoder.head_dim, 1, 4096),
+            "encoder.mlp": (encoder.mlp, 1, 65536),
+            "decoder.dim": (decoder.dim, 1, 16384),
+            "decoder.depth": (decoder.depth, 1, 64),
+            "codes.signal": (codes.signal, 1, 65536),
+            "codes.signal_sigma": (codes.signal_sigma, 0, 1e6),
+            "codes.time_sigma": (codes.time_sigma, 0, 1e6),
+            "codes.joint_sigma": (codes.joint_sigma, 0, 1e6),
+            "key_init": (self.key_init, -1e3, 1e3),
+            "dropout": (self.dropout, 0, 0.999),
+            "fps": (self.fps, 0.01, 1e5),
         }
-        for name, (size, most) in sizes.items():
-            if not isinstance(size, int) or not 1 <= size <= most:
-                raise ValueError(f"model.{name}: expected a whole number from 1 to {most}, found {size!r:.40}")
-        for name, dim in (("encoder.dim", self.encoder.dim), ("decoder.dim", self.decoder.dim)):
+        for name, (value, least, most) in limits.items():
+            if not least <= value <= most:
+                raise ValueError(f"model.{name}: expected a number from {least:g} to {most:g}, found {value!r:.40}")
+        for name, dim in (("encoder.dim", encoder.dim), ("decoder.dim", decoder.dim)):
             if dim % 2:
                 raise ValueError(f"model.{name}: expected an even number (sines and cosines), found {dim}")
-        codes = {f"codes.{name}": getattr(self.codes, name) for name in ("signal_sigma", "time_sigma", "joint_sigma")}
-        ranges = dict.fromkeys(codes, (0, 1e6)) | {"key_init": (-1e3, 1e3), "dropout": (0, 0.999), "fps": (0.01, 1e5)}
-        for name, (least, most) in ranges.items():
-            value = codes.get(name, getattr(self, name, None))
-            if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
-                raise ValueError(f"model.{name}: expected a number from {least:g} to {most:g}, found {value!r:.40}")
-        choices = {"codes.no_time": self.codes.no_time, "codes.no_joint": self.codes.no_joint}
-        for name, value in (choices | {"residual": self.residual, "align_heading": self.align_heading}).items():
-            if not isinstance(value, bool):
-                raise ValueError(f"model.{name}: expected true or false, found {value!r:.40}")
-
-
-def model_config(options: dict) -> ModelConfig:
-    """Return the configuration of nested options, as `dataclasses.asdict` and YAML give them.
-
-    Raises:
-        TypeError: there is no such option.
-        ValueError: an option has an impossible value.
-    """
-    parts = {"encoder": EncoderConfig, "decoder": DecoderConfig, "codes": CodesConfig}
-    return ModelConfig(**options | {name: kind(**options.get(name, {})) for name, kind in parts.items()})
 
 
 # How a model is trained.
@@ -184,10 +170,8 @@ class MaskingConfig:
 
 @dataclass(frozen=True)
 class AugmentConfig:
-    """How recordings are varied each time they are drawn."""
+    """How recordings are varied each time they are drawn. Each person is rotated about the vertical by any angle."""
 
-    rotation: float = 3.141592653589793
-    """rad; each person is rotated about the vertical by up to this much either way."""
     mirror: float = 0.5
     """Share of the persons with left and right swapped."""
     reverse: float = 0.5
@@ -245,11 +229,8 @@ class LearningConfig:
     """Weight of the loss on observed joints, which have errors in captured poses and with `examples.augment.noise`;
     with 0 the model cannot denoise."""
     lr: float | None = None
-    """Greatest learning rate; by default 2e-3, and 2e-4 from `init` on."""
-    warmup: float = 0.05
-    """Share of the training over which the learning rate rises; then it falls as a cosine."""
-    weight_decay: float = 0.05
-    """Weight decay of AdamW."""
+    """Greatest learning rate, reached after a twentieth of the training; then it falls as a cosine. By default 2e-3,
+    and 2e-4 from `init` on."""
     max_gradient: float = 1.0
     """Norm to which gradients are clipped."""
     average: float = 0.99

@@ -228,6 +228,8 @@ class TimeLimit:
 
 # The learner: the network, its loss and its schedule, as Lightning trains it.
 
+_WARMUP, _WEIGHT_DECAY = 0.05, 0.05  # Share of the training over which the rate rises; weight decay of AdamW
+
 _SCALE_WEIGHT = 0.01  # Weight of the loss that trains the error scale, relative to errors in m
 
 _LOSS_SHARE = 0.01  # Weight of the last step in the mean loss that is printed
@@ -281,16 +283,16 @@ class Learner(lightning.LightningModule):
         return min(share, 1.0)
 
     def _rate(self, _: int) -> float:
-        done, warmup = self.fraction(), max(self.train_config.learning.warmup, 1e-3)
+        done = self.fraction()
         if self.limit.limited:
             # Clocks of processes differ, and their weights must not.
             done = self.trainer.strategy.broadcast(done)
-        return min(1.0, (done + 1e-3) / warmup) * 0.5 * (1 + math.cos(math.pi * done))
+        return min(1.0, (done + 1e-3) / _WARMUP) * 0.5 * (1 + math.cos(math.pi * done))
 
     def configure_optimizers(self):
         config = self.train_config
         optimizer = torch.optim.AdamW(
-            self.model.parameters(), config.peak_lr, betas=(0.9, 0.95), weight_decay=config.learning.weight_decay
+            self.model.parameters(), config.peak_lr, betas=(0.9, 0.95), weight_decay=_WEIGHT_DECAY
         )
         schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, self._rate)
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}

@@ -158,7 +158,7 @@ def augment(pair: PosePair, config: AugmentConfig, fps: float, *, rng: np.random
     persons = pair.truth.xyz.shape[1]
     mirrored = rng.random(persons) < config.mirror
     size = np.exp(rng.normal(0, config.scale, (persons, 1, 1)))
-    angle = rng.uniform(-config.rotation, config.rotation, (persons, 1))
+    angle = rng.uniform(-np.pi, np.pi, (persons, 1))
 
     def varied(poses: Poses3D) -> Poses3D:
         new = resample(poses, fps, fps * speed)

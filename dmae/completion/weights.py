@@ -18,9 +18,10 @@ from safetensors.torch import save as save_tensors
 from torch import Tensor
 from torch.overrides import TorchFunctionMode
 
-from dmae.completion.config import ModelConfig, model_config
+from dmae.completion.config import ModelConfig
 from dmae.completion.fusion import namesakes
 from dmae.completion.network import DMAE
+from dmae.data.json_values import decode
 from dmae.data.skeleton import Skeleton, decode_skeleton, encode, get_skeleton
 from dmae.data.store import write_atomic
 from dmae.files.contents import read_bytes
@@ -29,24 +30,6 @@ from dmae.metrics.score_tables import score_tables
 from dmae.reporting.tables import counted, markdown_table
 
 FORMAT = 5
-
-_FORMAT_4_OPTIONS = {
-    **{name: f"encoder.{name}" for name in ("dim", "depth", "heads", "head_dim", "mlp")},
-    "decoder_dim": "decoder.dim",
-    "decoder_depth": "decoder.depth",
-    "signal_codes": "codes.signal",
-    "signal_sigma": "codes.signal_sigma",
-    "time_sigma": "codes.time_sigma",
-    "joint_sigma": "codes.joint_sigma",
-    "no_time_code": "codes.no_time",
-    "no_joint_code": "codes.no_joint",
-    "alike": "key_init",
-    "turn_to_front": "align_heading",
-    "blind": "ablate",
-}
-_FORMAT_4_FEATURES = {"carried": "held", "mended": "bone_length", "roughness": "jitter", "stretch": "bone_stretch"}
-_FORMAT_4_LAYERS = {"amount": "residual_scale", "embed_base": "embed_hidden"}
-"""Names of format 4, which the models of version 0.1 have, and those of today. The tensors are the same."""
 
 OF_PEOPLE = {"l_hip", "r_hip", "l_shoulder", "r_shoulder"}
 """Joints by which the network knows where a body is and faces."""
@@ -95,7 +78,7 @@ def load_model(folder: Path) -> tuple[DMAE, Skeleton, dict]:
             f"{folder}: expected a folder that `dmae train` wrote, holding model.json and weights.safetensors"
         )
     meta = read_json(described)
-    if not isinstance(meta, dict) or meta.get("format") not in (4, FORMAT):
+    if not isinstance(meta, dict) or meta.get("format") != FORMAT:
         found = meta.get("format") if isinstance(meta, dict) else type(meta).__name__
         raise ValueError(f"{described}: expected a model of format {FORMAT}, found {found!r}; train it again")
     data = read_bytes(path)
@@ -103,13 +86,7 @@ def load_model(folder: Path) -> tuple[DMAE, Skeleton, dict]:
         raise ValueError(f"{path}: does not match the checksum in model.json; the weights are damaged, train again")
     try:
         skeleton = decode_skeleton(meta["skeleton"], "skeleton")
-        tensors, options = load_tensors(data), meta["model"]
-        if meta["format"] == 4:
-            tensors, options = _from_format_4(tensors, options)
-        config = model_config(options)
-        if config.residual:
-            # Models from before `dmae.completion.pose_prior` have none: it gives them the rest pose.
-            tensors.setdefault("pose_covariance", torch.zeros(1).expand(2 * [3 * len(skeleton)]))
+        tensors, config = load_tensors(data), decode(ModelConfig, meta["model"], "model")
         _check_sizes(config, len(skeleton), tensors)
         model = DMAE(config, len(skeleton), None if config.residual else namesakes(skeleton))
         model.load_state_dict(tensors)
@@ -151,20 +128,6 @@ def check_finite(tensors: dict[str, Tensor], so: str) -> None:
         more = f" and {len(wrong) - 3} more" if len(wrong) > 3 else ""
         names = f"{', '.join(wrong[:3])}{more}, of {len(tensors)} tensors"
         raise ValueError(f"weights are not finite, or beyond {_LARGEST:g}, in {names}: {so}")
-
-
-def _from_format_4(tensors: dict[str, Tensor], options: dict) -> tuple[dict[str, Tensor], dict]:
-    """Return the same tensors and options under today's names."""
-    nested: dict = {"encoder": {}, "decoder": {}, "codes": {}}
-    for name, value in options.items():
-        group, _, option = _FORMAT_4_OPTIONS.get(name, name).rpartition(".")
-        (nested[group] if group else nested)[option] = value
-    nested["ablate"] = [_FORMAT_4_FEATURES.get(name, name) for name in nested.get("ablate", ())]
-    renamed = {}
-    for name, tensor in tensors.items():
-        layer, dot, rest = name.partition(".")
-        renamed[_FORMAT_4_LAYERS.get(layer, layer) + dot + rest] = tensor
-    return renamed, nested
 
 
 def shipped() -> list[str]:
@@ -220,8 +183,8 @@ and is where fusion starts (`dmae train model=paper init=paper`). Completed join
 without covariances. The model does not identify people.
 """
 
-_VALIDATION = ("validation ", "unseen ")
-"""Prefixes of the names of clips from `validation_data`; the second is that of version 0.1."""
+_VALIDATION = "validation "
+"""Start of the names of clips from `validation_data`."""
 
 _USUAL = {"input": "captured_poses", "reference": "truth", "skeleton": None, "smooth": 0.1}
 """Options of `dmae evaluate` that are named where they differ from these."""
@@ -288,12 +251,12 @@ def _sets(clips: Sequence[str], config: dict) -> str:
     """Return the number of clips by data set; clips of the first set are named by their number alone."""
     counts = Counter()
     for clip in clips:
-        prefix = next((prefix for prefix in _VALIDATION if clip.startswith(prefix)), "")
         if "data" in config:
-            first = Path(config["validation_data"][0] if prefix else config["data"]["path"]).name
+            of_validation = clip.startswith(_VALIDATION)
+            first = Path(config["validation_data"][0] if of_validation else config["data"]["path"]).name
         else:
             first = "a Python program"
-        counts[clip.removeprefix(prefix).rpartition("/")[0] or first] += 1
+        counts[clip.removeprefix(_VALIDATION).rpartition("/")[0] or first] += 1
     return ", ".join(f"{counted(count, 'clip')} of {name}" for name, count in sorted(counts.items()))
 
 

@@ -11,12 +11,13 @@ import yaml
 from torch import Tensor, nn
 
 from dmae.completion.complete import load_completer
-from dmae.completion.config import AugmentConfig, MaskingConfig, model_config
+from dmae.completion.config import AugmentConfig, MaskingConfig, ModelConfig
 from dmae.completion.network import DMAE, Prediction
 from dmae.completion.training_data import Examples, PosePair, Recipe, TrainingBatches
 from dmae.completion.weights import find_shipped
 from dmae.completion.windows import rest_pose
 from dmae.data.clip import Clip, Poses3D, Source
+from dmae.data.json_values import decode
 from dmae.data.skeleton import BODY25
 from dmae.online.completion import complete_online
 from dmae.reconstruction.config import CaptureConfig
@@ -128,7 +129,7 @@ def taught(model: nn.Module, batches: list[Examples]):
 def test_teaching_the_paper_s_network_beside_a_plain_transformer(device):
     if device == "cuda" and not torch.cuda.is_available():
         pytest.skip("no GPU")
-    config = model_config(PAPER["model"])
+    config = decode(ModelConfig, PAPER["model"])
     truth = circling_people(250, 4, rng=np.random.default_rng(0))
     rest = rest_pose(truth.xyz, BODY25)
     recipe = Recipe(
