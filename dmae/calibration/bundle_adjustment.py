@@ -68,9 +68,6 @@ class Calibration:
         """Return synchronised cameras."""
         return cls(rig, np.zeros(len(rig)), np.zeros(len(rig)))
 
-    def __getitem__(self, views: list[int]) -> Calibration:
-        return Calibration(self.rig[views], self.offset[views], self.drift[views])
-
     def changed(self, step: np.ndarray) -> Calibration:
         """Return the calibration changed by a step (V, Q).
 
@@ -135,11 +132,6 @@ class ImageTracks:
     xy: np.ndarray  # (F, P, V, J, 2) px, distorted; NaN where absent
     sigma: np.ndarray  # (F, P, V, J) m, expected error of each position at the depth of the person; NaN where absent
     start: np.ndarray  # (F, P, J, 3) m, a first estimate of the joints; NaN where unknown
-    aligned: Calibration  # V cameras, each aligned separately with these people
-
-    def select(self, views: list[int]) -> ImageTracks:
-        """Return the tracks in some views."""
-        return replace(self, xy=self.xy[:, :, views], sigma=self.sigma[:, :, views], aligned=self.aligned[views])
 
 
 _LINE_FRAMES = 2  # Number of frames before and after a time to which a line is fitted
@@ -157,12 +149,10 @@ class Observations:
     start: np.ndarray  # (M, J, 3) m, a first estimate of the joints; NaN where unknown
 
     @classmethod
-    def of(cls, tracks: ImageTracks, calibration: Calibration, most: int, frames: np.ndarray | None = None):
-        """Return up to `most` bodies, in the most views, evenly spread over all frames or the given ones."""
+    def of(cls, tracks: ImageTracks, most: int) -> Observations:
+        """Return up to `most` bodies that two views or more see, evenly spread over all frames."""
         seen = np.isfinite(tracks.sigma).sum(-1) >= 4
         usable = (seen.sum(-1) >= 2) & np.isfinite(tracks.start[..., 0]).any(-1)
-        if frames is not None:
-            usable &= np.isin(np.arange(len(usable)), frames)[:, None]
         frame, person = np.nonzero(usable)
         chosen = np.unique(np.linspace(0, len(frame) - 1, min(most, len(frame))).astype(int)) if len(frame) else []
         frame, person = frame[chosen], person[chosen]

@@ -129,8 +129,10 @@ def diagnose(
         clip: F frames of V cameras; only cameras and detections are read.
         convention: How the files were assumed to write the calibration; None if the format has no such options.
         offsets: (V,) frames by which the files' detections are already delayed.
-            max_offset: Largest time offset between two cameras that is tried, in frames, both ways; negative is a
-            ValueError.
+        max_offset: Largest time offset between two cameras that is tried, in frames, both ways.
+
+    Raises:
+        ValueError: `max_offset` is negative.
     """
     if max_offset < 0:
         raise ValueError(f"max_offset={max_offset}: expected a number of frames, 0 or more")
@@ -377,7 +379,7 @@ def undetermined(hypothesis: Hypothesis, found: Examination | None) -> tuple[str
 def lens_matters(before: Hypothesis, after: Hypothesis) -> bool:
     """Return whether other lenses fit better, for any poses of the cameras."""
     tracks = match_tracks(after.clip())
-    observations = Observations.of(tracks, Calibration.of(after.rig), BODIES)
+    observations = Observations.of(tracks, BODIES)
     if len(observations) < _MIN_BODIES:
         return True
     poses = Freedom.of(len(after.rig), rotation=True, centre=True)
@@ -392,7 +394,7 @@ def lens_matters(before: Hypothesis, after: Hypothesis) -> bool:
 
 
 def _residual(tracks: ImageTracks, calibration: Calibration, view: int) -> float:
-    observations = Observations.of(tracks, calibration, BODIES)
+    observations = Observations.of(tracks, BODIES)
     return float(np.nanmedian(adjust(observations, calibration, iterations=8, tolerance=1e-4).error_px[:, view]))
 
 

@@ -118,7 +118,7 @@ class Examination:
 
 def examine(tracks: ImageTracks, calibration: Calibration) -> Examination | None:
     """Examine each camera against the others. Return None if too few people are seen by several cameras."""
-    observations = Observations.of(tracks, calibration, BODIES)
+    observations = Observations.of(tracks, BODIES)
     blocks = _blocks(observations)
     if blocks.max(initial=0) + 1 < _FEWEST_BLOCKS:
         return None

@@ -30,13 +30,13 @@ _MIN_JOINTS = 5  # Smallest number of joints for which a detection and a person 
 _ALIGNED_BODIES = 150  # Number of bodies for the alignment of a camera with people that the others measured
 
 
-def match_tracks(clip: Clip, config: CaptureConfig | None = None) -> ImageTracks:
+def match_tracks(clip: Clip) -> ImageTracks:
     """Match the detections of all views to the people that capture finds, including detections of a wrong camera.
 
     In each round, a camera is aligned with the people only to assign its detections again, with a narrower gate.
     """
     skeleton, kept = coarse_skeleton(clip.detections.skeleton)
-    xyz = capture(clip, config or CaptureConfig()).xyz[:, :, kept].astype(np.float64)
+    xyz = capture(clip, CaptureConfig()).xyz[:, :, kept].astype(np.float64)
     xy, score = clip.detections.xy[:, :, :, kept].astype(np.float64), clip.detections.score[:, :, :, kept]
     score = np.where(score >= _MIN_SCORE, score, np.nan)
     xy = np.where(np.isnan(score)[..., None], np.nan, xy)
@@ -49,11 +49,10 @@ def match_tracks(clip: Clip, config: CaptureConfig | None = None) -> ImageTracks
             np.stack([part[0] for part in parts], 2),
             _NOISE.sigma(np.stack([part[1] for part in parts], 2)),
             xyz,
-            aligned,
         )
         if gate != _GATES[-1]:
             # Move each camera so that it fits the people, which do not move.
-            some = Observations.of(tracks, aligned, _ALIGNED_BODIES)
+            some = Observations.of(tracks, _ALIGNED_BODIES)
             free = Freedom.of(len(clip.rig), rotation=True, centre=True)
             aligned = adjust(some, aligned, free, move_people=False, iterations=12).calibration
     return tracks

@@ -95,7 +95,7 @@ def refine(clip: Clip, config: RefineConfig | None = None) -> Refined:
     before = None
     for _ in range(_ROUNDS):
         tracks = match_tracks(replace(clip, rig=calibration.rig))
-        observations = Observations.of(tracks, calibration, config.bodies)
+        observations = Observations.of(tracks, config.bodies)
         if len(observations) < 20:
             raise ValueError(
                 f"clip {clip.id!r}: {len(observations)} bodies (a person in a frame) are seen by two cameras; "

@@ -497,7 +497,7 @@ def place_world(
         ankles = [i for i, joint in enumerate(skeleton.joints) if joint.endswith("ankle")]
         heights = (people[:, ankles] @ world[2, :3]) * scale
         world[2, 3] = _ANKLE_HEIGHT - np.nanpercentile(heights, _FLOOR_PERCENTILE)
-    return _placed(rig, world, scale)
+    return place_rig(rig, world, scale)
 
 
 def upright_world(floor: Floor) -> np.ndarray | None:
@@ -527,9 +527,14 @@ def place_clip(clip: Clip, world: np.ndarray) -> Clip:
     )
 
 
-def place_rig(rig: CameraRig, world: np.ndarray) -> CameraRig:
-    """Return a rig in another world, new_from_old (4, 4)."""
-    return _placed(rig, world, 1.0)
+def place_rig(rig: CameraRig, world: np.ndarray, scale: float = 1.0) -> CameraRig:
+    """Return a rig in another world, new_from_old (4, 4), in which lengths are `scale` times as large."""
+    # new = scale * R old + t; the pixels do not change if the translation of the camera is scaled as well.
+    pose = rig.cam_from_world.copy()
+    R = pose[:, :3, :3] @ world[:3, :3].T
+    centres = scale * rig.centers @ world[:3, :3].T + world[:3, 3]
+    pose[:, :3, :3], pose[:, :3, 3] = R, -(R @ centres[..., None])[..., 0]
+    return replace(rig, cam_from_world=pose)
 
 
 def _placed_poses(poses: Poses3D, world: np.ndarray) -> Poses3D:
@@ -544,12 +549,3 @@ def _placed_poses(poses: Poses3D, world: np.ndarray) -> Poses3D:
         cov=placed(lambda cov: R @ cov @ R.T, poses.cov),
         rays=placed(lambda rays: np.stack([rays[..., 0, :] @ R.T + t, rays[..., 1, :] @ R.T], -2), poses.rays),
     )
-
-
-def _placed(rig: CameraRig, world: np.ndarray, scale: float) -> CameraRig:
-    # new = scale * R old + t; the pixels do not change if the translation of the camera is scaled as well.
-    pose = rig.cam_from_world.copy()
-    R = pose[:, :3, :3] @ world[:3, :3].T
-    centres = scale * rig.centers @ world[:3, :3].T + world[:3, 3]
-    pose[:, :3, :3], pose[:, :3, 3] = R, -(R @ centres[..., None])[..., 0]
-    return replace(rig, cam_from_world=pose)

@@ -61,7 +61,7 @@ def test_adjustment_of_exact_detections_finds_the_true_camera(free, parts):
     clip = exact()
     faulty = displaced(clip, 1, **parts)
     calibration = Calibration.of(faulty.rig)
-    observations = Observations.of(match_tracks(faulty), calibration, 100)
+    observations = Observations.of(match_tracks(faulty), 100)
     found = adjust(observations, calibration, Freedom.of(4, [1], **free), iterations=50, tolerance=1e-12)
     np.testing.assert_allclose(Calibration.of(clip.rig).difference(found.calibration), 0, atol=4e-3)
     # Lines through five frames follow people who turn within a tenth of a pixel, and the camera within millimetres.
