@@ -107,12 +107,8 @@ def written(lines: Iterable[str]) -> Iterator[bytes]:
     return (f"{line}\n".encode() for line in lines)
 
 
-def write_atomic(path: Path, data: bytes | str | Iterable[bytes], *, lasting: bool = True) -> None:
-    """Write a file and its folder completely or not at all: write to a temporary name, fsync, rename.
-
-    Without `lasting` there is no fsync, and a loss of power can damage the file. That suits files that are checked when
-    they are read, and that can be made again.
-    """
+def write_atomic(path: Path, data: bytes | str | Iterable[bytes]) -> None:
+    """Write a file and its folder completely or not at all: write to a temporary name, fsync, rename."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     data = data.encode() if isinstance(data, str) else data
@@ -121,8 +117,7 @@ def write_atomic(path: Path, data: bytes | str | Iterable[bytes], *, lasting: bo
         with os.fdopen(handle, "wb") as file:
             file.writelines([data] if isinstance(data, bytes) else data)
             file.flush()
-            if lasting:
-                os.fsync(file.fileno())
+            os.fsync(file.fileno())
         Path(temporary).chmod(0o644)
         Path(temporary).replace(path)
     except BaseException as error:

@@ -54,15 +54,15 @@ def _unique(pairs: list[tuple]) -> dict:
     return found
 
 
-def read_yaml(path: Path, *, texts: bool = False):
-    """Read a YAML file, all scalars as texts if `texts`; an empty one is None.
+def read_yaml(path: Path):
+    """Read a YAML file; an empty one is None.
 
     Raises FileNotFoundError, or ValueError if it is malformed or nested too deeply, or has aliases, tags, or a key
     twice.
     """
     text = read_text(path, _MOST_YAML)
     try:
-        return parse_yaml(text, texts=texts)
+        return parse_yaml(text)
     except ValueError as error:
         raise ValueError(f"{path}: expected YAML, {error}") from None
 

@@ -335,21 +335,19 @@ def write_annotations(
     flags: np.ndarray,
     *,
     scores: np.ndarray | None = None,
-    sources: np.ndarray | None = None,
     first: int = 0,
 ) -> None:
     """Write annotations, to 0.001 px: one image per camera and frame from `first`, one annotation per person in it.
 
-    Additional keys: `camera` and `frame` of images, `fps` of `info`, and of annotations `keypoint_scores` if `scores`
-    are given, and `joint_source` and `track_id`, the index of the person, if `sources` are given.
+    Additional keys: `camera` and `frame` of images, `fps` of `info`, and `keypoint_scores` of annotations if `scores`
+    are given.
 
     Args:
         xy: (F, V, D, J, 2) px.
         flags: (F, V, D, J) 0 not labelled, 1 hidden or not measured, 2 visible.
         scores: (F, V, D, J) confidences.
-        sources: (F, D, J) `Source`. The D detections are then persons with the same index in all frames.
     """
-    pictures = array_pictures(rig, xy, flags, scores=scores, sources=sources, first=first)
+    pictures = array_pictures(rig, xy, flags, scores, first)
     write_json(path, {"fps": fps, "pictures": False}, skeleton, pictures)
 
 

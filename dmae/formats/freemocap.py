@@ -34,36 +34,35 @@ def read_freemocap(
     """A FreeMoCap recording: <name>_camera_calibration.toml and output_data/raw_data/*2dData*_pixelXY.npy.
 
     Lengths in its calibration are in mm, and its world axes are those of the first camera, y down, unless `unit` and
-    `up` are given. The array of points contains the cameras of the calibration in the same order. By default the rate
-    is that of the synchronised videos, and the first points are MediaPipe's 33 body landmarks.
+    `up` are given. The rate is that of the synchronised videos. The array of points (cameras, frames, points, 2 or 3)
+    contains the cameras of the calibration in the same order: x, y in px and, in old files, a confidence, else 1. The
+    first J points are the J joints of the skeleton.
+
+    Args:
+        detections: The file of the array, or a folder that contains it.
+        skeleton: By default MediaPipe's 33 body landmarks.
+
+    Raises:
+        FileNotFoundError: there is no calibration, or no array.
+        ValueError: there are several arrays, or the array has another shape.
     """
     unit, up = calibration.unit or LengthUnit.mm, calibration.up or UpDirection.minus_y
-    rig = replace(calibration, unit=unit, up=up).read(path)
-    found = read_detections(detections or path, rig.names, skeleton or BLAZEPOSE33)
-    return replace(found, fps=video_rate(path / _VIDEOS), rig=rig)
-
-
-def read_detections(path: Path, cameras: tuple[str, ...], skeleton: Skeleton = BLAZEPOSE33) -> NumberedDetections:
-    """Read an array of points (cameras, frames, points, 2 or 3): x, y in px and, if old, a confidence, else 1.
-
-    The first J points are the J joints of the skeleton. Raises FileNotFoundError if there is no such file, and
-    ValueError if there are several, or the array has another shape.
-    """
-    file = _file(Path(path))
+    rig, skeleton = replace(calibration, unit=unit, up=up).read(path), skeleton or BLAZEPOSE33
+    file = _file(Path(detections or path))
     values = read_npy(file)
-    shape = f"({len(cameras)} cameras, frames, {len(skeleton)} or more points, 2 or 3)"
+    shape = f"({len(rig)} cameras, frames, {len(skeleton)} or more points, 2 or 3)"
     if not isinstance(values, np.ndarray) or values.ndim != 4 or values.dtype.kind not in "fiu":
         raise ValueError(f"{file}: expected numbers of shape {shape}, found {getattr(values, 'shape', type(values))}")
     views, frames, points, numbers = values.shape
-    if views != len(cameras) or points < len(skeleton) or numbers not in (2, 3) or not frames:
+    if views != len(rig) or points < len(skeleton) or numbers not in (2, 3) or not frames:
         raise ValueError(f"{file}: expected shape {shape}, found {values.shape}")
     xy = values[:, :, : len(skeleton), :2].astype(np.float64)
     check_numbers(f"{file}: pixels", xy, MOST_PIXELS)
     confidence = values[:, :, : len(skeleton), 2].astype(np.float64) if numbers == 3 else np.ones(xy.shape[:-1])
     known = np.isfinite(xy).all(-1) & (confidence > 0)
     rows = np.where(known[..., None], np.concatenate([xy, confidence[..., None]], -1), np.nan)
-    each = {name: dict(enumerate(view[:, None])) for name, view in zip(cameras, rows, strict=True)}
-    return NumberedDetections(skeleton, each)
+    each = {name: dict(enumerate(view[:, None])) for name, view in zip(rig.names, rows, strict=True)}
+    return NumberedDetections(skeleton, each, video_rate(path / _VIDEOS), rig=rig)
 
 
 def _file(path: Path) -> Path:

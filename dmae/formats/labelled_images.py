@@ -201,16 +201,16 @@ def file_part(name: str) -> str:
     return quote(name, safe="").replace(".", "%2E").replace("~", "%7E") or "%"
 
 
-def read_pictures(
-    clip: Clip, labels: JointLabels, *, every: int = 1, rgb: bool = True, depth: bool = False
-) -> Iterator[Picture]:
-    """Yield the pictures of a clip, view by view, one frame in `every`; `rgb` and `depth` if asked for and present.
+def read_pictures(clip: Clip, labels: JointLabels, *, every: int = 1, depth: bool = False) -> Iterator[Picture]:
+    """Yield the pictures of a clip, view by view, one frame in `every`, with `rgb`, and `depth` if asked for.
 
     One picture is in memory at a time. Raises ValueError if an image has another size than its camera, and
     FileNotFoundError if it is missing.
     """
     frames = range(0, len(clip), every)
-    kinds = _kinds(clip, labels, rgb) | ({"depth"} if depth and clip.images and "depth" in clip.images.kinds else set())
+    # Images of ids and whole persons show the persons of the truth.
+    wanted = {"rgb", *(("ids", "amodal") if labels.true else ()), *(("depth",) if depth else ())}
+    kinds = wanted & set(clip.images.kinds if clip.images else ())
     images = clip.images and clip.images.select(slice(None, None, every), clip.rig.names)
     first = clip.provenance.get("first_frame", 0)
     for view, name in enumerate(clip.rig.names):
@@ -229,13 +229,7 @@ def read_pictures(
 
 
 def array_pictures(
-    rig: CameraRig,
-    xy: np.ndarray,
-    flags: np.ndarray,
-    *,
-    scores: np.ndarray | None = None,
-    sources: np.ndarray | None = None,
-    first: int = 0,
+    rig: CameraRig, xy: np.ndarray, flags: np.ndarray, scores: np.ndarray | None, first: int
 ) -> list[Picture]:
     """Return pictures without colour or masks, frame by frame from `first`, with all people that have a labelled joint.
 
@@ -243,16 +237,14 @@ def array_pictures(
         rig: V cameras.
         xy: (F, V, D, J, 2) px.
         flags: (F, V, D, J) COCO's v.
-        scores: (F, V, D, J) confidences.
-        sources: (F, D, J) `Source`. The D detections are then persons with the same index in all frames.
+        scores: (F, V, D, J) confidences, or None.
     """
 
     def label(frame: int, view: int, person: int) -> PersonLabel:
         here, labelled = xy[frame, view, person], flags[frame, view, person]
         box = joints_box(here, labelled > 0)
         score = None if scores is None else scores[frame, view, person]
-        source = None if sources is None else sources[frame, person]
-        return PersonLabel(person, here, labelled, box, sources=source, scores=score)
+        return PersonLabel(person, here, labelled, box, scores=score)
 
     known = (flags > 0).any(-1)
     return [
@@ -263,12 +255,6 @@ def array_pictures(
         for frame in range(len(xy))
         for view, name in enumerate(rig.names)
     ]  # fmt: skip
-
-
-def _kinds(clip: Clip, labels: JointLabels, rgb: bool) -> set[str]:
-    """Return the kinds of images to read. Images of ids and whole persons are only read if the poses are the truth."""
-    wanted = ({"rgb"} if rgb else set()) | ({"ids", "amodal"} if labels.true else set())
-    return wanted & set(clip.images.kinds if clip.images else ())
 
 
 def label_persons(

@@ -1,11 +1,9 @@
 """MediaPipe: pose landmarks, saved as one JSON file per camera."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from dmae.data.cameras import CameraRig
 from dmae.data.skeleton import BLAZEPOSE33, Skeleton
 from dmae.files.checks import MOST_SCORE, check_numbers
 from dmae.files.structured import read_json
@@ -30,30 +28,29 @@ def read_mediapipe(
 ) -> NumberedDetections:
     """Pose landmarks of MediaPipe, mediapipe/<camera>.json of all frames, with a calibration of any format.
 
-    The files do not state the frame rate, and the skeleton can only be that of the 33 landmarks.
+    A file is a list of frames, each with its people. It does not state the frame rate. A frame is null, a person, a
+    list of people, or an object, which contains the people as `landmarks`, `poseLandmarks` or `pose_landmarks`, and can
+    contain the number of the frame as `frame`. A person is a list of 33 landmarks. A landmark has x and y, from 0 to 1
+    across the image of its camera, and `visibility`, by default 1.
+
+    Args:
+        detections: Folder of the files, or one file.
+        skeleton: Only that of the 33 landmarks.
+
+    Raises:
+        FileNotFoundError: there are no such files.
+        ValueError: a file is malformed or named after no camera, or another skeleton is wanted.
     """
     if skeleton not in (None, BLAZEPOSE33):
         raise ValueError(f"{path}: MediaPipe's landmarks are {BLAZEPOSE33.name}, not {skeleton.name}")
-    rig = calibration.read(path)
-    return replace(read_detections(detections or path / _FOLDER, rig), rig=rig)
-
-
-def read_detections(path: Path, rig: CameraRig) -> NumberedDetections:
-    """Read one file per camera from a folder, or one file: a list of frames, each with its people.
-
-    A frame is null, a person, a list of people, or an object. An object contains the people as `landmarks`,
-    `poseLandmarks` or `pose_landmarks`, and can contain the number of the frame as `frame`. A person is a list of 33
-    landmarks. A landmark has x and y, from 0 to 1 across the image of the camera in `rig`, and `visibility`, by default
-    1.
-
-    Raises FileNotFoundError if there are no such files, and ValueError if one is malformed or named after no camera.
-    """
-    path = Path(path)
-    files = [path] if path.is_file() else by_name(path.glob("*.json"))
+    rig, folder = calibration.read(path), Path(detections or path / _FOLDER)
+    files = [folder] if folder.is_file() else by_name(folder.glob("*.json"))
     if not files:
-        raise FileNotFoundError(f"{path}: expected <camera>.json, found none; name their folder by data.detections=...")
+        raise FileNotFoundError(
+            f"{folder}: expected <camera>.json, found none; name their folder by data.detections=..."
+        )
     confidences, views = Confidences(), {}
-    index, _ = match_cameras([file.stem for file in files], rig, path)
+    index, _ = match_cameras([file.stem for file in files], rig, folder)
     for file, view in zip(files, index, strict=True):
         content = read_json(file)
         content = content["frames"] if isinstance(content, dict) and "frames" in content else content
@@ -63,7 +60,7 @@ def read_detections(path: Path, rig: CameraRig) -> NumberedDetections:
             )
             for number, place, people in listed_frames(file, content, _NUMBERS, _people)
         }
-    return NumberedDetections(BLAZEPOSE33, views, notes=confidences.notes)
+    return NumberedDetections(BLAZEPOSE33, views, notes=confidences.notes, rig=rig)
 
 
 def _inner(found: object) -> object:

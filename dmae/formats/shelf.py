@@ -1,7 +1,7 @@
 """The Shelf recording in the text format of the 4DAssociation release, and its calibration, JSON."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import chain
 from pathlib import Path
 
@@ -241,9 +241,7 @@ hidden.
 _MIN_AFFINITY = 0.05  # Links with a smaller affinity are ignored. This is OpenPose's own threshold.
 
 
-def assemble(
-    counts: Sequence[int], affinities: Sequence[np.ndarray], links: Sequence[tuple[int, int]] = BODY25_LINKS
-) -> np.ndarray:
+def assemble(counts: Sequence[int], affinities: Sequence[np.ndarray]) -> np.ndarray:
     """Join the candidates of one image into skeletons (D, J): indices of candidates, -1 for none, fullest first.
 
     This is Kruskal's algorithm on the graph of candidates. It takes links from the strongest to the weakest. Each link
@@ -252,8 +250,7 @@ def assemble(
 
     Args:
         counts: Numbers of candidates of the J joints.
-        affinities: One (n_a, n_b) array of affinities in [0, 1] for each of `links`.
-        links: Pairs (a, b) of joints.
+        affinities: One (n_a, n_b) array of affinities in [0, 1] for each pair of joints of `BODY25_LINKS`.
     """
     first = np.concatenate([[0], np.cumsum(counts)]).astype(int)
     total = int(first[-1])
@@ -261,7 +258,7 @@ def assemble(
     skeleton = list(range(total))
     members = [[candidate] for candidate in range(total)]
     joints = [1 << j for j in joint.tolist()]
-    for a, b in _strong_links(first, affinities, links):
+    for a, b in _strong_links(first, affinities):
         into, gone = skeleton[a], skeleton[b]
         if joints[into] & joints[gone]:
             continue
@@ -280,13 +277,13 @@ def assemble(
     return assembled
 
 
-def _strong_links(first: np.ndarray, affinities: Sequence[np.ndarray], links: Sequence[tuple[int, int]]):
+def _strong_links(first: np.ndarray, affinities: Sequence[np.ndarray]) -> Iterator[tuple[int, int]]:
     """Return pairs of candidates, strongest affinity first. Candidates are numbered across all joints."""
     flat = np.concatenate([affinity.ravel() for affinity in affinities])
     strong = np.flatnonzero(flat > _MIN_AFFINITY)
     strong = strong[np.argsort(-flat[strong], kind="stable")]
     offsets = np.cumsum([0, *(affinity.size for affinity in affinities)])
     link = offsets.searchsorted(strong, side="right") - 1
-    side_a, side_b = np.asarray(links)[link].T
+    side_a, side_b = np.asarray(BODY25_LINKS)[link].T
     row, column = np.divmod(strong - offsets[link], (first[side_b + 1] - first[side_b]))
     return zip((first[side_a] + row).tolist(), (first[side_b] + column).tolist(), strict=True)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dmae.data.clip import Clip, Detections2D, Poses3D, Source
+from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.skeleton import BODY25, COCO17, HALPE26
 from dmae.formats.coco import HIDDEN_SCORE, joint_names, read_detections, write_annotations
 from dmae.formats.recordings import to_clip
@@ -157,8 +157,7 @@ def test_read_after_write_is_equal(tmp_path_factory, frames, people, first, seed
 def test_what_is_written_is_what_coco_s_tools_ask_for(tmp_path):
     clip = recording(COCO17, 2, 2)
     xy, score = clip.detections.xy, clip.detections.score
-    sources = np.full((2, 2, 17), Source.MEASURED)
-    write_annotations(tmp_path / "k.json", clip.rig, 25.0, COCO17, xy, np.where(np.isnan(score), 0, 2), sources=sources)
+    write_annotations(tmp_path / "k.json", clip.rig, 25.0, COCO17, xy, np.where(np.isnan(score), 0, 2))
     content = json.loads((tmp_path / "k.json").read_text())
     assert len(content["images"]) == 4
     assert content["images"][3] == {
@@ -175,9 +174,10 @@ def test_what_is_written_is_what_coco_s_tools_ask_for(tmp_path):
         joints = np.reshape(annotation["keypoints"], (17, 3))
         labelled = joints[:, 2] > 0
         assert annotation["num_keypoints"] == labelled.sum()
-        assert annotation["track_id"] in (0, 1)
         assert (joints[~labelled] == 0).all()
-        np.testing.assert_allclose(joints[labelled, :2], xy[frame, view, annotation["track_id"]][labelled], atol=1e-3)
+        np.testing.assert_allclose(
+            joints[labelled, :2], xy[frame, view, (annotation["id"] - 1) % 2][labelled], atol=1e-3
+        )
         x, y, width, height = annotation["bbox"]
         np.testing.assert_allclose([x, y], joints[labelled, :2].min(0), atol=1e-9)
         np.testing.assert_allclose([x + width, y + height], joints[labelled, :2].max(0), atol=1e-9)
