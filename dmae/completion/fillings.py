@@ -1,4 +1,8 @@
-"""Completion methods that fill joints without a network."""
+"""Completion methods that fill joints without a network.
+
+The first ones interpolate each joint over time, in the world (`dmae.numerics.filling.fill_world`) or relative to the
+body (`fill_body_frame`). Then come the rejection of joints that other frames contradict, and a Kalman smoother.
+"""
 
 from __future__ import annotations
 
@@ -23,55 +27,37 @@ def fill_nothing(poses: Poses3D, fps: float) -> Poses3D:
 
 @completion_method("hold")
 def fill_hold(poses: Poses3D, fps: float) -> Poses3D:
-    """Hold each joint where it was last measured.
-
-    See `dmae.numerics.filling.fill_world`.
-    """
+    """Hold each joint where it was last measured."""
     return fill_world(poses, fps, hold)
 
 
 @completion_method("linear")
 def fill_linear(poses: Poses3D, fps: float) -> Poses3D:
-    """Straight lines through the world.
-
-    See `dmae.numerics.filling.fill_world`.
-    """
+    """Straight lines through the world."""
     return fill_world(poses, fps, linear)
 
 
 @completion_method("linear_body")
 def fill_linear_body(poses: Poses3D, fps: float) -> Poses3D:
-    """Straight lines of offsets between joints, in a frame that turns with the body.
-
-    See `dmae.numerics.filling.fill_body_frame`.
-    """
+    """Straight lines of offsets between joints, in a frame that turns with the body."""
     return fill_body_frame(poses, fps, linear)
 
 
 @completion_method("pchip")
 def fill_pchip(poses: Poses3D, fps: float) -> Poses3D:
-    """Monotone cubics through the world.
-
-    See `dmae.numerics.filling.fill_world`.
-    """
+    """Monotone cubics through the world."""
     return fill_world(poses, fps, pchip)
 
 
 @completion_method("pchip_body")
 def fill_pchip_body(poses: Poses3D, fps: float) -> Poses3D:
-    """Monotone cubics of offsets between joints, in a frame that turns with the body.
-
-    See `dmae.numerics.filling.fill_body_frame`.
-    """
+    """Monotone cubics of offsets between joints, in a frame that turns with the body."""
     return fill_body_frame(poses, fps, pchip)
 
 
 @completion_method("rays")
 def fill_rays(poses: Poses3D, fps: float) -> Poses3D:
-    """As pchip_body, with joints that a single camera detected put on its ray.
-
-    See `dmae.numerics.filling.fill_body_frame`.
-    """
+    """As pchip_body, with joints that a single camera detected put on its ray."""
     return fill_body_frame(poses, fps, pchip, by_rays=True)
 
 

@@ -87,9 +87,9 @@ class Windows(NamedTuple):
     ray: Tensor
     """(..., 3) unit direction of the ray on which `base` is, of the one camera that detected the joint; else zero."""
     candidate_offset: Tensor
-    """(..., 6, 3) m, from `base`: `held_offsets` and `bone_length_offsets` of `dmae.completion.windows`."""
+    """(..., 6, 3) m, from `base`: `held_offsets` and `bone_length_offsets` of `dmae.completion.features`."""
     noise_level: Tensor
-    """(..., 6) `jitter` and `bone_stretch` of `dmae.completion.windows`."""
+    """(..., 6) `jitter` and `bone_stretch` of `dmae.completion.features`."""
 
 
 @dataclass(frozen=True)
@@ -100,8 +100,8 @@ class Rows:
     observed: np.ndarray  # (S, J)
     gap: np.ndarray  # (S, J, 2) frames since and until the joint was observed, at most 1000
     ray: np.ndarray  # (S, J, 3) world, unit direction of the ray on which a joint that is not observed is; else zero
-    candidate_offset: np.ndarray  # (S, J, 6, 3) m, world, and `noise_level`: (S, J, 6), see `dmae.completion.windows`
-    noise_level: np.ndarray
+    candidate_offset: np.ndarray  # (S, J, 6, 3) m, world, see `Windows`
+    noise_level: np.ndarray  # (S, J, 6) see `Windows`
     truth: np.ndarray  # (S, J, 3) NaN where unknown; all NaN when there is none
     origin: np.ndarray  # (S, 3) m, and `heading`: (S,) rad: where the body is and faces
     heading: np.ndarray
@@ -146,7 +146,7 @@ def make_rows(
 
     Args:
         poses: F frames, P persons, J joints.
-        rest: (J, 3) m, see `dmae.completion.windows.rest_pose`.
+        rest: (J, 3) m, see `rest_pose`.
         frames: Length of the windows.
         truth: (F, P, J, 3) m, world.
         target: Skeleton with joints that follow those of the poses in all of these and in the rows, never observed.

@@ -227,7 +227,7 @@ def interpolate_bodies(
         )
     attached = bodies.attached
     offsets = np.moveaxis(bodies.offsets(attached, [parents[j] for j in attached], through), 2, 0)
-    for joint in _parents_first(skeleton):
+    for joint in parents_first(skeleton):
         if joint in attached:
             parent = parents[joint]
             offset = offsets[attached.index(joint)]
@@ -255,7 +255,7 @@ class Bodies:
 
     def __init__(self, xyz: np.ndarray, skeleton: Skeleton, rays: np.ndarray | None, world_from_body: np.ndarray):
         self.xyz, self.filled, self.rays, self.world_from_body = xyz, xyz.copy(), rays, world_from_body
-        order = _parents_first(skeleton)
+        order = parents_first(skeleton)
         self.stretching = skeleton.stretching
         self.torso = torso = [joint for joint in order if joint in skeleton.trunk]
         self.parents = [torso[0] if parent < 0 and torso else parent for parent in skeleton.parents]
@@ -360,11 +360,16 @@ def _place_on_rays(estimate, rays, parent, length, placed):
             placed[i, k] = rays[i, 0, k] + (depth + along) * rays[i, 1, k]
 
 
-def _parents_first(skeleton: Skeleton) -> list[int]:
-    """Return all joints, parents before their children."""
-    depth = []
+def joint_depths(skeleton: Skeleton) -> list[int]:
+    """Return how many bones each joint (J,) is from its root."""
+    depths = []
     for joint in range(len(skeleton)):
-        depth.append(0)
+        depths.append(0)
         while (joint := skeleton.parents[joint]) >= 0:
-            depth[-1] += 1
-    return [int(joint) for joint in np.argsort(depth, kind="stable")]
+            depths[-1] += 1
+    return depths
+
+
+def parents_first(skeleton: Skeleton) -> list[int]:
+    """Return all joints, parents before their children."""
+    return np.argsort(joint_depths(skeleton), kind="stable").tolist()

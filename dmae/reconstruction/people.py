@@ -50,15 +50,19 @@ def same_person(
         both = present[:, a] & present[:, b]
         last, first = np.flatnonzero(present[:, a])[-1], np.flatnonzero(present[:, b])[0]
         if both.any():
-            if a < b and _median_distance(xyz[both, a], xyz[both, b]) < _DUPLICATE_DISTANCE:
-                _join(label, a, b)
+            if a < b:
+                apart = np.linalg.norm(xyz[both, a] - xyz[both, b], axis=-1)
+                if median_over_frames(apart.ravel()) < _DUPLICATE_DISTANCE:
+                    _join(label, a, b)
         elif 0 < first - last <= reentry_s * fps:
             # Use the horizontal distance: the last visible joints may be feet, and the first ones a head.
             distance = np.linalg.norm(
                 median_over_frames(xyz[last, a, :, :2]) - median_over_frames(xyz[first, b, :, :2])
             )
             reach = _REENTRY_DISTANCE + _WALKING_SPEED * (first - last) / fps
-            if distance < reach and _same_build(lengths[a], lengths[b]):
+            # Lengths that share no bone do not differ.
+            differ = median_over_frames(np.abs(lengths[a] - lengths[b]) / np.maximum(lengths[a], lengths[b]))
+            if distance < reach and not differ >= _BUILD_DIFFERENCE:
                 reentries.append((distance, a, b))
     differs = appearance_differs() if appearance_differs and reentries else np.zeros((len(label), len(label)), bool)
     for _, a, b in sorted(reentries):
@@ -93,17 +97,6 @@ def _join(label: np.ndarray, a: int, b: int) -> None:
     """Give the tracks of two persons one label."""
     low, high = sorted((label[a], label[b]))
     label[label == high] = low
-
-
-def _median_distance(a: np.ndarray, b: np.ndarray) -> float:
-    """Return the median distance between the joints (F, J, 3) of two persons, m; NaN if they share none."""
-    return float(median_over_frames(np.linalg.norm(a - b, axis=-1).ravel()))
-
-
-def _same_build(a: np.ndarray, b: np.ndarray) -> bool:
-    """Return whether bone lengths (B,) differ little, or share no bone."""
-    difference = median_over_frames(np.abs(a - b) / np.maximum(a, b))
-    return not difference >= _BUILD_DIFFERENCE
 
 
 _MIN_AGREEMENT = 0.75

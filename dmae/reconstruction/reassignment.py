@@ -52,10 +52,10 @@ def reassign(evidence: Evidence, assigned: np.ndarray, paths: np.ndarray, max_di
     """
     if not assigned.size:
         return assigned
-    rig, reassigned = evidence.rig, assigned.copy()
-    paths = np.asarray(paths, np.float64)
-    nearest_detections(rig.projections, rig.focal, evidence.xy[: len(paths)], paths, max_distance, reassigned)
-    return reassigned
+    rig, paths = evidence.rig, np.asarray(paths, np.float64)
+    return nearest_detections(
+        rig.projections, rig.focal, evidence.xy[: len(paths)], paths, max_distance, assigned.copy()
+    )
 
 
 _MAX_DISTANCE = 0.3
@@ -101,15 +101,15 @@ def most_confident_rays(
 
 @compiled()
 def nearest_detections(projections, focal, xy, paths, most, assigned):
-    """Write, for joints with a path, the nearest detection that is not nearer to another person, or -1.
+    """Write into `assigned`, at joints with a path, the nearest detection that is not nearer to another person, or -1.
 
     Args:
         projections: (V, 3, 4) pinhole projection matrices.
         focal: (V,) px.
         xy: (F, V, D, J, 2) px; NaN where absent.
-        paths: (F, P, J, 3) m; NaN where a joint has no path; its assignment then does not change.
+        paths: (F, P, J, 3) m; NaN where a joint has no path.
         most: m, upper limit of the distance of a detection from the path.
-        assigned: (F, P, V, J), written.
+        assigned: (F, P, V, J) detections.
     """
     frames, persons, views, joints = assigned.shape
     detections = xy.shape[2]
@@ -134,3 +134,4 @@ def nearest_detections(projections, focal, xy, paths, most, assigned):
                     if not np.isnan(paths[f, p, j, 0]):
                         d = nearest[p]
                         assigned[f, p, v, j] = d if d >= 0 and owner[d] == p else -1
+    return assigned

@@ -21,9 +21,10 @@ import numpy as np
 
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import Skeleton
+from dmae.numerics.body import joint_depths
 from dmae.numerics.filling import are_stills
 from dmae.reconstruction.config import CaptureConfig, capture_method
-from dmae.reconstruction.systems.common import Frame, as_poses, frames_of, joint_depths, meet
+from dmae.reconstruction.systems.common import Frame, as_poses, frames_of, meet
 
 _EPIPOLAR_M, _TRACKING_M = 0.15, 0.2
 """m; distances between two rays, and between a ray and a joint of the frame before, at which edges end."""

@@ -11,6 +11,7 @@ from scipy.optimize import linear_sum_assignment
 
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import Skeleton
+from dmae.numerics.body import parents_first
 from dmae.numerics.statistics import median_over_frames
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.evidence import Evidence, evidence_blocks
@@ -110,7 +111,7 @@ def max_product(
         (J,) index of the candidate of each joint, -1 where there is none.
     """
     totals, best, chosen = list(scores), {}, np.full(len(skeleton), -1)
-    outwards = np.argsort(joint_depths(skeleton), kind="stable").tolist()
+    outwards = parents_first(skeleton)
     for joint in reversed(outwards):
         parent = skeleton.parents[joint]
         if parent >= 0 and len(totals[joint]) and len(totals[parent]):
@@ -124,16 +125,6 @@ def max_product(
         elif len(totals[joint]):
             chosen[joint] = totals[joint].argmax()
     return chosen
-
-
-def joint_depths(skeleton: Skeleton) -> list[int]:
-    """Return how many bones each joint (J,) is from its root."""
-    depths = []
-    for joint in skeleton.parents:
-        depths.append(0)
-        while joint >= 0:
-            depths[-1], joint = depths[-1] + 1, skeleton.parents[joint]
-    return depths
 
 
 def as_tracks(clip: Clip, found: Sequence[np.ndarray], views: Sequence[np.ndarray]) -> Poses3D:
