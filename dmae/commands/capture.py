@@ -11,7 +11,7 @@ import numpy as np
 from dmae.calibration.world import Floor, find_floor, place_clip, upright_world
 from dmae.commands.config import CaptureCommand
 from dmae.commands.data_sets import ClipSet, describe_joints, describe_sides, finished, forecast, settings_of
-from dmae.completion.methods import METHODS
+from dmae.completion.methods import find_method
 from dmae.data.clip import Clip
 from dmae.data.rng import Stream, generator
 from dmae.data.store import load_clip
@@ -122,7 +122,7 @@ def _capture(config: CaptureCommand, clips: Clips, frames: int | None = None) ->
     noise = learn_noise(clip, config.capture)
     poses = measured = capture(clip, config.capture, noise)
     if config.fill != "none":
-        poses = METHODS[config.fill](poses, clip.fps)
+        poses = find_method(config.fill).load()(poses, clip.fps)
     notes = [f"{note}, put right by the other cameras" for note in describe_sides(clip, measured)]
     seeing = by_frames(lambda score: np.isfinite(score).any((2, 3)), clip.detections.score).any(0)
     if seeing.any() and not seeing.all():

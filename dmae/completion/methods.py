@@ -1,12 +1,11 @@
 """The completion methods by name: how joints that no camera measured are filled. Listing them imports none.
 
 A method is a function under the decorator `completion_method`, in any file of this folder; one file adds one.
-`METHODS` holds those that need no training; `find_method` looks up any.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, wraps
 from pathlib import Path
@@ -58,27 +57,3 @@ def _of_any_size(function: Fill) -> Fill:
         return fill_stills(fill, poses) if are_stills(fps) else fill(poses, fps)
 
     return at_any_rate
-
-
-class _Untrained(Mapping):
-    """The functions of the methods that need no training, by name; modules are imported when one is taken."""
-
-    def __getitem__(self, name: str) -> Fill:
-        try:
-            method = find_method(name)
-        except ValueError as error:
-            raise KeyError(str(error)) from error
-        if method.learned:
-            load = f"find_method({name!r}).load(weights)"
-            raise KeyError(f"completion method {name!r} needs weights: dmae.complete has them, or use {load}")
-        return _of_any_size(method.function)
-
-    def __iter__(self) -> Iterator[str]:
-        return (name for name, method in completion_method.items() if not method.learned)
-
-    def __len__(self) -> int:
-        return sum(1 for _ in self)
-
-
-METHODS: Mapping[str, Fill] = _Untrained()
-"""Functions of poses and their frames per second, by name: those that need no training."""

@@ -46,8 +46,7 @@ def capture(
         `Source.ABSENT`; measured joints have a covariance.
 
     Raises:
-        ValueError: the clip has a single camera.
-        KeyError: there is no such method.
+        ValueError: the clip has a single camera, or there is no such method.
 
     Examples:
         >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
@@ -57,7 +56,7 @@ def capture(
         >>> bool((poses.views[poses.source == dmae.Source.MEASURED] >= 2).all())
         True
     """
-    from dmae.completion.methods import METHODS
+    from dmae.completion.methods import find_method
 
     if not isinstance(clip, Clip):
         raise TypeError(
@@ -65,7 +64,7 @@ def capture(
         )
     poses = pipeline.capture(clip, configuration("capture", config, CaptureConfig))
     if fill != "none":
-        poses = METHODS[fill](poses, clip.fps)
+        poses = find_method(fill).load()(poses, clip.fps)
     return filling.smooth(poses, clip.fps, smooth)
 
 

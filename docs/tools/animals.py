@@ -16,7 +16,7 @@ from provenance import measured
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT))
 
-from dmae.completion.methods import METHODS  # noqa: E402
+from dmae.completion.methods import find_method  # noqa: E402
 from dmae.data.clip import Clip, Poses3D, Source  # noqa: E402
 from dmae.data.json_values import json_text  # noqa: E402
 from dmae.data.skeleton import PERSON_M  # noqa: E402
@@ -26,7 +26,7 @@ from dmae.reconstruction.pipeline import capture  # noqa: E402
 from tests.support.animals import dog_clip, hand_clip, hands_clip  # noqa: E402
 
 FILE = ROOT / "docs/results/animals.json"
-METHODS_SHOWN = ("linear", "pchip_body", "rays", "gaussian_process")
+METHODS = ("linear", "pchip_body", "rays", "gaussian_process")
 CLIPS = {
     "hand, 21 joints, 19 cm": hand_clip,
     "two hands, 12 cm apart": hands_clip,
@@ -60,15 +60,15 @@ def measure() -> None:
                 count = poses.measured.sum() / (clip.truth.xyz[..., 0].size)
                 sizes[size].append((poses.xyz.shape[1], count, _errors(clip, poses, poses.measured)))
             poses = capture(clip, CaptureConfig())
-            for method in METHODS_SHOWN:
-                filled = METHODS[method](poses, clip.fps)
+            for method in METHODS:
+                filled = find_method(method).load()(poses, clip.fps)
                 errors[method].append(_errors(clip, filled, filled.source == Source.COMPLETED))
         for size, found in sizes.items():
             right = sum(bodies == clip.truth.xyz.shape[1] for bodies, *_ in found)
             share = 100 * np.mean([share for _, share, _ in found])
             mean = np.concatenate([each for *_, each in found]).mean()
             captured.append([name, size, f"{right} of {SEEDS}", f"{share:.1f}", f"{mean:.1f}"])
-        means = [f"{np.concatenate(errors[method]).mean():.1f}" for method in METHODS_SHOWN]
+        means = [f"{np.concatenate(errors[method]).mean():.1f}" for method in METHODS]
         completed.append([name, str(sum(map(len, errors["linear"]))), *means])
     command = "python docs/tools/animals.py"
     captured_columns = ["bodies", "size", "clips with the right number", "joints measured, %", "mean error, mm"]
@@ -78,7 +78,7 @@ def measure() -> None:
             "captured": {"command": command, "columns": captured_columns, "rows": captured},
             "completed": {
                 "command": command,
-                "columns": ["bodies", "joints completed", *(f"{method}, mm" for method in METHODS_SHOWN)],
+                "columns": ["bodies", "joints completed", *(f"{method}, mm" for method in METHODS)],
                 "rows": completed,
             },
         },

@@ -17,7 +17,7 @@ from provenance import measured
 
 from dmae.completion.complete import SMOOTHING, completers
 from dmae.completion.gaussian_process import place_limbs
-from dmae.completion.methods import METHODS
+from dmae.completion.methods import find_method
 from dmae.completion.training_data import pose_pair
 from dmae.data.clip import Poses3D
 from dmae.data.json_values import json_text
@@ -49,9 +49,9 @@ Regions = dict[tuple[str, str], np.ndarray]
 def methods() -> dict[str, Callable[[Poses3D, float], Poses3D]]:
     """Return the compared functions: filling methods, and `dmae.complete` by default."""
     plain = {
-        "pchip_body": METHODS["pchip_body"],
+        "pchip_body": find_method("pchip_body").load(),
         REFERENCE: _one_kernel,
-        "gaussian_process": METHODS["gaussian_process"],
+        "gaussian_process": find_method("gaussian_process").load(),
     }
     return plain | {"complete": completers(None, denoise=None, reject=True, smooth=SMOOTHING)(BODY25)}
 

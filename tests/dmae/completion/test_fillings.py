@@ -18,7 +18,7 @@ from dmae.completion.fillings import (
     fill_pchip_body,
     fill_reject_pchip,
 )
-from dmae.completion.methods import METHODS, completion_method, find_method
+from dmae.completion.methods import completion_method, find_method
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import BODY25, COCO17, SHELF14, get_skeleton
 from dmae.evaluation.synthetic_gaps import cut_gaps, perturb
@@ -26,9 +26,10 @@ from dmae.numerics.filling import LONGEST_ABSENCE, LONGEST_HOLD, present, smooth
 from tests.support.circling_people import circling_people
 from tests.support.clips import t_pose, walkers
 from tests.support.gaps import FPS, turning, without
+from tests.support.untrained_methods import UNTRAINED
 
-FILLING = [method for name, method in METHODS.items() if name != "measured"]
-KEEPING = [method for name, method in METHODS.items() if name not in ("measured", "kalman", "reject_pchip")]
+FILLING = [method for name, method in UNTRAINED.items() if name != "measured"]
+KEEPING = [method for name, method in UNTRAINED.items() if name not in ("measured", "kalman", "reject_pchip")]
 """Methods that leave measured joints as they are."""
 
 
@@ -164,7 +165,7 @@ def test_pchip_body_interpolates_the_root_in_the_world_while_the_torso_is_hidden
     np.testing.assert_allclose(filled.xyz, truth.xyz, atol=1e-5)
 
 
-@pytest.mark.parametrize("method", [fill_pchip_body, METHODS["linear_body"]])
+@pytest.mark.parametrize("method", [fill_pchip_body, UNTRAINED["linear_body"]])
 def test_a_joint_meets_its_measurements_while_its_parent_is_hidden_for_longer(method):
     """Within 1 mm, in a straight walk with a wrist that moves aside while its elbow is hidden."""
     truth = walkers(frames=60, persons=1)
@@ -213,7 +214,7 @@ def test_hips_never_measured_stay_absent_and_other_joints_are_filled(method):
     assert absent.sum() == absent[:, hips].sum()
 
 
-@pytest.mark.parametrize("method", METHODS.values())
+@pytest.mark.parametrize("method", UNTRAINED.values())
 @pytest.mark.parametrize("fps", [5.0, 240.0])
 def test_any_frame_rate_works(method, fps):
     """In a walk at 1 m/s absences, holds and results are the same in seconds."""
@@ -227,10 +228,10 @@ def test_any_frame_rate_works(method, fps):
     holed[3 * rate : 5 * rate] = np.nan
     found = method(Poses3D(BODY25, holed), fps)
     assert (found.source[3 * rate : 5 * rate] == Source.ABSENT).all()
-    if method is not METHODS["measured"]:
+    if method is not UNTRAINED["measured"]:
         assert (found.source[rate : 2 * rate, 0, wrist] == Source.COMPLETED).all()
         there = found.source != Source.ABSENT
-        assert np.abs(found.xyz - xyz)[there].max() < (1.1 if method is METHODS["hold"] else 0.02)
+        assert np.abs(found.xyz - xyz)[there].max() < (1.1 if method is UNTRAINED["hold"] else 0.02)
 
 
 @pytest.mark.parametrize("method", FILLING)
@@ -446,12 +447,6 @@ def test_a_mistyped_name_is_answered_with_the_nearest():
         find_method("lineer")
 
 
-def test_learned_methods_are_not_among_those_that_need_no_training():
-    assert "dmae" in completion_method and "dmae" not in list(METHODS)
-    with pytest.raises(KeyError, match="needs weights"):
-        METHODS["dmae"]
-
-
 def test_a_function_of_another_package_is_a_method(tmp_path, monkeypatch):
     (tmp_path / "my_filling.py").write_text("def to_origin(poses, fps):\n    return poses\n")
     monkeypatch.syspath_prepend(tmp_path)
@@ -475,6 +470,6 @@ def test_a_method_is_added_by_a_decorator(monkeypatch):
         """Fill with zeros."""
         return poses
 
-    assert find_method("zero").function is fill_zero and "zero" in METHODS
+    assert find_method("zero").function is fill_zero and "zero" in completion_method
     with pytest.raises(ValueError, match="completion method 'zero': there is one already"):
         completion_method("zero")(lambda poses, fps: poses)

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from dmae.completion.fillings import fill_pchip_body
 from dmae.completion.gaussian_process import fill_gaussian_process, place_limbs, predict_gap, predict_offset
-from dmae.completion.methods import METHODS
+from dmae.completion.methods import find_method
 from dmae.data.clip import Poses3D
 from dmae.data.skeleton import BODY25, SKELETONS, get_skeleton
 from dmae.numerics.body import interpolate_bodies, rotate_z
@@ -100,7 +100,7 @@ def test_rejection_precedes_the_gaussian_process():
     holed, truth = circling()
     xyz = holed.xyz.copy()
     xyz[20, 0, WRIST] += (0, 0, 0.6)
-    assert off(METHODS["reject_gaussian_process"](Poses3D(BODY25, xyz), FPS), truth)[[20, 75]].max() < 100
+    assert off(find_method("reject_gaussian_process").load()(Poses3D(BODY25, xyz), FPS), truth)[[20, 75]].max() < 100
 
 
 # Exact poses: limbs by a second process, and the torso by the joints around it.

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dmae.completion.methods import METHODS
+from dmae.completion.methods import find_method
 from dmae.completion.weights import find_shipped
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.skeleton import BODY25, define
@@ -19,6 +19,7 @@ from dmae.reconstruction.pipeline import capture
 from dmae.reconstruction.pruning import broken
 from dmae.reconstruction.sides import Sides
 from tests.support.animals import DOG, HAND, dog_clip, hand_clip, hands_clip
+from tests.support.untrained_methods import UNTRAINED
 
 CLIPS = {"hand": hand_clip, "hands": hands_clip, "dogs": lambda frames: dog_clip(frames, dogs=2)}
 
@@ -43,12 +44,12 @@ def test_bodies_are_captured_and_completed(kind, bodies, measured_mm, completed_
     assert poses.xyz.shape[1] == bodies
     assert poses.measured.mean() > 0.8
     assert errors_mm(clip, poses, poses.measured).mean() < measured_mm
-    filled = METHODS["gaussian_process"](poses, clip.fps)
+    filled = find_method("gaussian_process").load()(poses, clip.fps)
     added = filled.source == Source.COMPLETED
     assert added.sum() > 0.8 * (~poses.measured).sum()
     error = errors_mm(clip, filled, added).mean()
     assert error < completed_mm
-    lines = METHODS["linear"](poses, clip.fps)
+    lines = find_method("linear").load()(poses, clip.fps)
     assert error < errors_mm(clip, lines, lines.source == Source.COMPLETED).mean() / 2
     np.testing.assert_array_equal(filled.xyz[poses.measured], poses.xyz[poses.measured])
 
@@ -132,7 +133,7 @@ def test_bodies_of_few_joints_without_bones(joints):
     assert poses.xyz.shape[1] == 1
     error = np.linalg.norm(poses.xyz[:, 0] - clip.truth.xyz[:, 0, kept], axis=-1)
     assert np.nanmedian(error) < 0.03
-    for method in METHODS.values():
+    for method in UNTRAINED.values():
         assert method(poses, clip.fps).xyz.shape == poses.xyz.shape
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from dmae.completion.fillings import fill_pchip_body, fill_rays
-from dmae.completion.methods import METHODS
+from dmae.completion.methods import find_method
 from dmae.completion.windows import make_rows, rest_pose
 from dmae.data.clip import Poses3D, Source
 from dmae.data.conversion import convert
@@ -181,7 +181,7 @@ def test_rejected_joints_keep_their_rays():
     xyz = poses.xyz.copy()
     xyz[20:23, 0, WRIST] += (0, 0, 0.6)
     wrong = replace(poses, xyz=xyz)
-    assert error_of(METHODS["reject_gaussian_process"](wrong, FPS), truth)[20:23].max() < 0.1
+    assert error_of(find_method("reject_gaussian_process").load()(wrong, FPS), truth)[20:23].max() < 0.1
 
 
 def test_joints_keep_their_rays_on_another_skeleton_and_derived_ones_have_none():

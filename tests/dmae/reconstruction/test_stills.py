@@ -7,7 +7,7 @@ import pytest
 
 from dmae.calibration.config import RefineConfig
 from dmae.calibration.refinement import refine
-from dmae.completion.methods import METHODS
+from dmae.completion.methods import find_method
 from dmae.data.clip import Detections2D, Poses3D, Source
 from dmae.data.skeleton import BODY25
 from dmae.numerics.filling import smooth
@@ -49,11 +49,11 @@ def test_nobody_is_followed_through_stills(stills):
 @pytest.mark.parametrize("method", ["hold", "linear", "pchip_body", "gaussian_process", "kalman"])
 def test_no_method_bridges_stills(method):
     poses = with_holes(circling(0, 20), 1)
-    filled = METHODS[method](poses, RATE)
+    filled = find_method(method).load()(poses, RATE)
     for frame in (3, 11):
-        alone = METHODS[method](poses.select([frame]), 25.0)
+        alone = find_method(method).load()(poses.select([frame]), 25.0)
         np.testing.assert_array_equal(filled.source[frame], alone.source[0])
-    assert not (METHODS["linear"](poses, RATE).source == Source.COMPLETED).any()
+    assert not (find_method("linear").load()(poses, RATE).source == Source.COMPLETED).any()
 
 
 def test_the_network_completes_a_still_by_its_own_joints():
@@ -73,7 +73,7 @@ def test_stills_are_not_smoothed():
 def test_an_impossible_rate_is_no_still():
     for fps in (0.0, -1.0, np.nan):
         with pytest.raises(ValueError, match="fps must be positive"):
-            METHODS["linear"](Poses3D(circling(0, 2).skeleton, circling(0, 2).xyz), fps)
+            find_method("linear").load()(Poses3D(circling(0, 2).skeleton, circling(0, 2).xyz), fps)
 
 
 def test_a_view_that_was_matched_with_nobody_joins_the_person_it_shows():
