@@ -103,12 +103,6 @@ def joint_rotations(poses: Poses3D, fps: float, person: int) -> JointRotations:
     return JointRotations(names, parents, offsets, xyz[:, 0].copy(), rotations)
 
 
-def continuous(quaternions: np.ndarray) -> np.ndarray:
-    """Return the quaternions (F, 4) with signs such that neighbours are near each other."""
-    flips = np.sign((quaternions[1:] * quaternions[:-1]).sum(-1))
-    return quaternions * np.cumprod(np.r_[1.0, np.where(flips == 0, 1, flips)])[: len(quaternions), None]
-
-
 def say_left_out(lacking: list[NoBody], persons: int) -> None:
     """Say on stderr who of the persons is left out of files, and why; raise NoBody if that is everybody."""
     if len(lacking) == persons:

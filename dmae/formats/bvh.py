@@ -18,7 +18,7 @@ from dmae.formats.rigs import CENTIMETRES, as_rig
 from dmae.numerics.kinematics import NoBody
 
 _END_LENGTH = 0.05  # m; length of the bone after the last joint of a limb. The format requires such a bone.
-_ORDER, _RIG_ORDER = "ZXY", "ZYX"  # Order of the channels of rotation, and that of rigs of other programs
+_ORDER, _RIG_ORDER = "ZXY", "ZYX"  # Order of the rotation channels, of our skeletons and of other programs
 
 
 @pose_writer("bvh", table=True, rigs=["soma", "lafan1"])

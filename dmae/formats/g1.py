@@ -20,11 +20,11 @@ from scipy.spatial.transform import Rotation
 
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.files.contents import whole_folder, write_atomic, written
-from dmae.formats.animation import continuous
 from dmae.formats.config import LengthUnit
 from dmae.formats.poses import person_paths
 from dmae.formats.registry import pose_writer
 from dmae.formats.retargeting import RobotMotion, load_robot, retarget
+from dmae.numerics.body import continuous
 
 
 @pose_writer("g1", skeleton="body25", table=True)

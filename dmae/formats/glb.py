@@ -13,8 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from dmae.data.clip import Clip, Poses3D, Source, person_name
 from dmae.files.contents import write_atomic
-from dmae.formats.animation import JointRotations, continuous, joint_rotations, say_left_out
+from dmae.formats.animation import JointRotations, joint_rotations, say_left_out
 from dmae.formats.registry import pose_writer
+from dmae.numerics.body import continuous
 from dmae.numerics.kinematics import NoBody
 
 _COLOURS = ((0.12, 0.47, 0.71), (0.20, 0.63, 0.17), (0.42, 0.24, 0.60), (0.55, 0.34, 0.29), (0.09, 0.75, 0.81))

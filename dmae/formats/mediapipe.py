@@ -8,7 +8,7 @@ from dmae.data.skeleton import BLAZEPOSE33, Skeleton
 from dmae.files.checks import MOST_SCORE, check_numbers
 from dmae.files.structured import read_json
 from dmae.formats.calibrations import FOUND, CalibrationSource
-from dmae.formats.recordings import Confidences, NumberedDetections, by_name, listed_frames, match_cameras
+from dmae.formats.recordings import Confidences, NumberedDetections, camera_files, listed_frames, match_cameras
 from dmae.formats.registry import reader
 
 _FOLDER = "mediapipe"
@@ -35,7 +35,7 @@ def read_mediapipe(
 
     Args:
         detections: Folder of the files, or one file.
-        skeleton: Only that of the 33 landmarks.
+        skeleton: Only the 33 landmarks, `blazepose33`, are possible.
 
     Raises:
         FileNotFoundError: there are no such files.
@@ -44,12 +44,7 @@ def read_mediapipe(
     if skeleton not in (None, BLAZEPOSE33):
         raise ValueError(f"{path}: MediaPipe's landmarks are {BLAZEPOSE33.name}, not {skeleton.name}")
     rig, folder = calibration.read(path), Path(detections or path / _FOLDER)
-    files = [folder] if folder.is_file() else by_name(folder.glob("*.json"))
-    if not files:
-        raise FileNotFoundError(
-            f"{folder}: expected <camera>.json, found none; name their folder by data.detections=..."
-        )
-    confidences, views = Confidences(), {}
+    files, confidences, views = camera_files(folder, "*.json"), Confidences(), {}
     index, _ = match_cameras([file.stem for file in files], rig, folder)
     for file, view in zip(files, index, strict=True):
         content = read_json(file)

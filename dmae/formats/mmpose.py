@@ -12,7 +12,7 @@ from dmae.files.checks import MOST_PIXELS, check_numbers
 from dmae.files.contents import read_bytes
 from dmae.files.pickles import pickled_values
 from dmae.files.structured import read_json
-from dmae.formats.openpose import BY_COUNT
+from dmae.formats.openpose import default_skeleton
 from dmae.formats.recordings import Confidences, NumberedDetections, by_name, listed_frames
 from dmae.formats.registry import reader
 
@@ -52,17 +52,11 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
             views[file.stem][number] = np.array(known) if known else np.empty((0, joints or 0, 3))
     if joints is None:
         raise ValueError(f"{path}: expected people in some frame, found none in {', '.join(f.name for f in files)}")
-    notes = confidences.notes
-    kept = joints
     if skeleton is None:
-        kept = len(COCO17) if joints == _WHOLE_BODY else joints
-        if kept not in BY_COUNT:
-            known = ", ".join(f"{count} ({each.name})" for count, each in sorted(BY_COUNT.items()))
-            raise ValueError(f"{path}: found people of {joints} joints, which is no skeleton known; there are {known}")
-        skeleton = BY_COUNT[kept]
+        skeleton = default_skeleton(path, len(COCO17) if joints == _WHOLE_BODY else joints)
     elif joints < len(skeleton):
         raise ValueError(f"{path}: expected {len(skeleton)} joints as of {skeleton.name}, found {joints}")
-    kept = len(skeleton)
+    kept, notes = len(skeleton), confidences.notes
     cut = {
         name: {n: people[:, :kept] if len(people) else np.empty((0, kept, 3)) for n, people in view.items()}
         for name, view in views.items()

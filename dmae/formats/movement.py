@@ -25,7 +25,7 @@ from dmae.files.checks import MOST_METRES, check_numbers, check_rate
 from dmae.files.contents import write_atomic
 from dmae.files.hdf5 import Hdf5, open_hdf5
 from dmae.formats.poses import PoseFile
-from dmae.formats.recordings import NumberedDetections, by_name
+from dmae.formats.recordings import NumberedDetections, camera_files
 from dmae.formats.registry import pose_reader, pose_writer, reader
 from dmae.formats.skeletons import NamedDetections, named_detections, named_skeleton, read_skeleton_text, skeleton_text
 
@@ -49,10 +49,6 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
         FileNotFoundError: there are no such files.
         ValueError: a file is malformed or in 3D, or its keypoints are not the joints of the skeleton.
     """
-    path = Path(path)
-    files = by_name(path.glob("*.nc"))
-    if not files:
-        raise FileNotFoundError(f"{path}: expected <camera>.nc, found none")
     rates = set()
 
     def read(file: Path) -> NamedDetections:
@@ -63,7 +59,8 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
         score = np.where(np.isnan(confidence), 1.0, confidence)
         return NamedDetections(names, np.concatenate([position, score[..., None]], -1), skeleton=stated)
 
-    found = named_detections({file.stem: file for file in files}, read, skeleton)
+    files = {file.stem: file for file in camera_files(Path(path), "*.nc")}
+    found = named_detections(files, read, skeleton)
     return replace(found, fps=rates.pop() if len(rates) == 1 else None)
 
 

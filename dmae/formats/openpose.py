@@ -149,12 +149,17 @@ def _check_pixels(path: Path, views: dict[str, dict[int, np.ndarray]]) -> None:
         )
 
 
-def _recognise(path: Path, views: dict, joints: int, file: Path) -> tuple[Skeleton, tuple[str, ...]]:
+def default_skeleton(file: Path, joints: int) -> Skeleton:
+    """Return the default skeleton of a number of joints; ValueError, with the file, if there is none."""
     if joints not in BY_COUNT:
         known = ", ".join(f"{count} ({skeleton.name})" for count, skeleton in sorted(BY_COUNT.items()))
         raise ValueError(f"{file}: found people of {joints} joints, which is no skeleton known; there are {known}")
+    return BY_COUNT[joints]
+
+
+def _recognise(path: Path, views: dict, joints: int, file: Path) -> tuple[Skeleton, tuple[str, ...]]:
     if joints != len(BODY25):
-        return BY_COUNT[joints], ()
+        return default_skeleton(file, joints), ()
     return guess_skeleton(path, OF_25_JOINTS, (people for view in views.values() for people in view.values()))
 
 

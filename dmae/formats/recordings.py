@@ -75,6 +75,19 @@ def by_name(items: Iterable) -> list:
     return sorted(items, key=lambda item: natural(item.name))
 
 
+def camera_files(path: Path, pattern: str) -> list[Path]:
+    """Return the files of a folder that match a pattern, one for each camera, by name; or the path, if it is a file.
+
+    Raises FileNotFoundError if there are none.
+    """
+    files = [path] if path.is_file() else by_name(path.glob(pattern))
+    if not files:
+        raise FileNotFoundError(
+            f"{path}: expected {pattern.replace('*', '<camera>')}, found none; name their folder by data.detections=..."
+        )
+    return files
+
+
 def _ranks(keys: list) -> list[int]:
     """Return the rank of each key."""
     return [sorted(keys).index(key) for key in keys]

@@ -61,7 +61,7 @@ _JOINTS = {
     "hip": ("hip", "knee"), "knee": ("hip", "knee", "ankle"), "ankle": ("knee", "ankle"),
     "shoulder": ("shoulder", "elbow"), "elbow": ("shoulder", "elbow", "wrist"), "wrist": ("wrist",),
 }  # fmt: skip
-"""Joints of a person, by joint of the robot, that determine its angle; those of the waist are hips and shoulders."""
+"""Joints of a person, by joint of the robot, that determine its angle. Hips and shoulders determine the waist."""
 
 
 @dataclass(frozen=True)
@@ -554,7 +554,7 @@ def _momentum_task(model: "mujoco.MjModel") -> "BaseTask":
 
 
 def _apart(own: "_Follower", others: list["_Follower"], dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return G (n, nv) and h (n,): with G dq <= h the collision shapes of a robot do not enter those of the others."""
+    """Return G (n, nv) and h (n,): with G dq <= h no collision shape of a robot enters another robot."""
     import mujoco
 
     model, data = own.configuration.model, own.configuration.data

@@ -7,7 +7,7 @@ import numpy as np
 
 from dmae.data.skeleton import Skeleton
 from dmae.files.hdf5 import Hdf5, open_hdf5
-from dmae.formats.recordings import NumberedDetections, by_name
+from dmae.formats.recordings import NumberedDetections, camera_files
 from dmae.formats.registry import reader
 from dmae.formats.skeletons import NamedDetections, named_detections
 
@@ -34,10 +34,7 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
         FileNotFoundError: there are no such files.
         ValueError: a file is malformed, or its nodes are not the joints of the skeleton.
     """
-    path = Path(path)
-    files = by_name(path.glob(f"*{_SUFFIX}"))
-    if not files:
-        raise FileNotFoundError(f"{path}: expected <camera>{_SUFFIX}, found none")
+    files = camera_files(Path(path), f"*{_SUFFIX}")
     return named_detections({file.name.removesuffix(_SUFFIX): file for file in files}, _read, skeleton)
 
 

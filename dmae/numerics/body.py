@@ -18,22 +18,21 @@ Bones = Sequence[tuple[int, int]]
 
 def bone_lengths(xyz: np.ndarray, bones: Bones) -> np.ndarray:
     """Return the length of each of B bones (parent, child) in each frame, (F, P, B) m; NaN where an end is unknown."""
-    lengths = np.empty((*xyz.shape[:2], len(bones)))
-    _lengths(np.ascontiguousarray(xyz, np.float64), np.array(bones, np.int64).reshape(-1, 2), lengths)
-    return lengths
+    return _lengths(np.ascontiguousarray(xyz, np.float64), np.array(bones, np.int64).reshape(-1, 2))
 
 
 @compiled()
-def _lengths(xyz, bones, lengths):
-    """Write the length of each of `bones` (B, 2) in `xyz` (F, P, J, 3) to `lengths` (F, P, B)."""
-    frames, persons, count = lengths.shape
-    for f in range(frames):
-        for p in range(persons):
-            for b in range(count):
+def _lengths(xyz, bones):
+    """Return the lengths (F, P, B) of `bones` (B, 2) in `xyz` (F, P, J, 3)."""
+    lengths = np.empty((xyz.shape[0], xyz.shape[1], len(bones)))
+    for f in range(len(xyz)):
+        for p in range(xyz.shape[1]):
+            for b in range(len(bones)):
                 square = 0.0
                 for k in range(3):
                     square += (xyz[f, p, bones[b, 1], k] - xyz[f, p, bones[b, 0], k]) ** 2
                 lengths[f, p, b] = np.sqrt(square)
+    return lengths
 
 
 def median_bone_lengths(xyz: np.ndarray, bones: Bones) -> np.ndarray:
@@ -127,10 +126,7 @@ def body_rotations(xyz: np.ndarray, skeleton: Skeleton, frames: float) -> np.nda
         known = np.flatnonzero(~np.isnan(found).any((1, 2)))
         if len(known):
             quaternion = np.full((len(xyz), 4), np.nan)
-            quaternion[known] = Rotation.from_matrix(found[known]).as_quat()
-            # A quaternion and its negative are the same rotation: choose signs that make neighbours similar.
-            signs = np.sign((quaternion[known[1:]] * quaternion[known[:-1]]).sum(-1))
-            quaternion[known[1:]] *= np.cumprod(np.where(signs == 0, 1, signs))[:, None]
+            quaternion[known] = continuous(Rotation.from_matrix(found[known]).as_quat())
             turned[:, person] = Rotation.from_quat(local_parabola(linear(quaternion), frames / 4)).as_matrix()
     return turned
 
@@ -162,6 +158,12 @@ def _fitted(points: np.ndarray, reference: np.ndarray) -> np.ndarray:
     left[..., 2] *= sign[:, None]
     determined = (both.sum((1, 2)) >= _MIN_POINTS) & (sizes[:, 1] > _MIN_EXTENT * sizes[:, 0])
     return np.where(determined[:, None, None], left @ right, np.nan)
+
+
+def continuous(quaternions: np.ndarray) -> np.ndarray:
+    """Return the same rotations as quaternions (F, 4) with signs such that neighbours are near each other."""
+    flips = np.sign((quaternions[1:] * quaternions[:-1]).sum(-1))
+    return quaternions * np.cumprod(np.r_[1.0, np.where(flips == 0, 1, flips)])[: len(quaternions), None]
 
 
 def rotation_z(angle: np.ndarray) -> np.ndarray:
@@ -321,16 +323,15 @@ def _onto_rays(estimate: np.ndarray, rays: np.ndarray, parent: np.ndarray, lengt
     Returns:
         (n, 3) m; NaN for points too far from their rays, and for points with too long or too short bones.
     """
-    placed = np.full(estimate.shape, np.nan)
     # Copies, as each layout of arrays would be compiled for.
     given = estimate, rays, np.broadcast_to(parent, estimate.shape), np.broadcast_to(length, len(estimate))
-    _place_on_rays(*(np.array(array, np.float64, order="C") for array in given), placed)
-    return placed
+    return _place_on_rays(*(np.array(array, np.float64, order="C") for array in given))
 
 
 @compiled()
-def _place_on_rays(estimate, rays, parent, length, placed):
-    """Write the result of `_onto_rays` to `placed` (n, 3), which the caller has filled with NaN."""
+def _place_on_rays(estimate, rays, parent, length):
+    """Return the result of `_onto_rays`, (n, 3)."""
+    placed = np.full(estimate.shape, np.nan)
     for i in range(len(estimate)):
         depth = 0.0
         for k in range(3):
@@ -358,6 +359,7 @@ def _place_on_rays(estimate, rays, parent, length, placed):
             continue
         for k in range(3):
             placed[i, k] = rays[i, 0, k] + (depth + along) * rays[i, 1, k]
+    return placed
 
 
 def joint_depths(skeleton: Skeleton) -> list[int]:
