@@ -155,8 +155,8 @@ MATCH = 0.35
 class Agreement:
     """Agreement of n pairs of views."""
 
-    # (n, S) sum of the best fits, from 0 to 1, of the detections of either view with those of the other, in frames in
-    # which both views have detections
+    # (n, S) sum over the detections of both views: how well each fits its best match in the other view, from 0 to 1, in
+    # frames in which both views have detections
     total: np.ndarray
     detections: np.ndarray  # (n, S) number of these detections
     # pair, frame, a, b: (m,) the matches: detections that are each other's best fit, and fit well. Indices of the pair,

@@ -236,7 +236,7 @@ def _measured_limits(observations: Observations, state: Adjusted, expected: np.n
 
 
 def _start(observations: Observations, state: Adjusted) -> np.ndarray:
-    """Return joints (M, J, 3), m, of an adjustment; where it has none, those of the tracks."""
+    """Return the joints (M, J, 3), m, of an adjustment, or of the tracks where the adjustment has none."""
     return np.where(np.isfinite(state.xyz), state.xyz, observations.start)
 
 

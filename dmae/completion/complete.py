@@ -54,7 +54,7 @@ def predict(
     Args:
         wanted: (F, P, J) of those frames, True for the joints to be predicted while their person is present; of the
             target if there is one.
-        target: Skeleton that the model turns poses into, if any; its joints follow those of the poses.
+        target: Skeleton that the model turns poses into, if any; its joints follow the joints of the poses.
 
     Returns:
         (F, P, J, 3) m, world, meaningful where wanted; and the scale of the error, (F, P, J) m, NaN where the model was
@@ -281,7 +281,7 @@ class Completer:
         return convert(poses, wanted)
 
     def _fuse(self, poses: Poses3D, fps: float, frames: slice) -> Poses3D:
-        """Return the poses of the source turned into those of the target."""
+        """Return poses of the source, turned into poses of the target."""
         there, count = present(poses, fps)[frames], len(self.target)
         if not there.any():
             return fusion.absent(self.target, *there.shape)
@@ -365,7 +365,7 @@ def _with_covariances(done: Poses3D, predicted: np.ndarray, deviation: np.ndarra
 
 
 def uncertain(poses: Poses3D) -> np.ndarray:
-    """Return (F, P, J) True where the stated error of a joint is greater than that of completed joints."""
+    """Return (F, P, J) True where a joint states a greater error than completed joints have."""
     return np.trace(poses.cov, axis1=-2, axis2=-1) > 3 * _LARGEST_DEVIATION**2
 
 
@@ -374,7 +374,7 @@ def _of_few_views(poses: Poses3D) -> np.ndarray:
     return poses.measured & (poses.views < _AGREEING_VIEWS)
 
 
-# From weights to completed poses: load a completer, or find that of the shipped weights for a skeleton.
+# From weights to completed poses: load a completer, or find the shipped weights for a skeleton.
 
 SMOOTHING = 0.1
 """s; light smoothing that suits people."""
@@ -403,7 +403,7 @@ def load_completer(
         raise ValueError(f"smooth={smooth:g}: expected seconds, 0 (no smoothing) or more")
     model, skeleton, record = load_model(weights_folder(weights))
     if not model.config.residual:
-        # Its windows are those of training, whose modules the default network does not need.
+        # It cuts windows as its training does, with modules that the default network does not need.
         from dmae.completion.paper import PaperCompleter
 
         if denoise:
@@ -428,8 +428,8 @@ def load_completer(
 def completers(weights: Path | None, **options) -> Callable[[Skeleton], Completer]:
     """Return a function from the skeleton of poses to their completer.
 
-    It is that of a folder, or without one, that of the weights that come with the package
-    (`dmae.completion.weights.find_shipped`). The options and errors are those of `load_completer`.
+    Without a folder of weights, each skeleton has the weights that come with the package
+    (`dmae.completion.weights.find_shipped`). Options and errors are as in `load_completer`.
     """
     if weights is None:
         return cache(lambda skeleton: load_completer(find_shipped(skeleton), **options))

@@ -170,7 +170,7 @@ def fill_kalman(poses: Poses3D, fps: float) -> Poses3D:
 def _acceleration_density(skeleton: Skeleton) -> np.ndarray:
     """Return spectral densities of acceleration, (J,) m^2/s^3, with which simulated people are followed best."""
     if skeleton.defined:
-        # In a world in which the body is as large as a person, its accelerations are not those of people.
+        # In a world in which the body is as large as a person, it accelerates unlike people.
         limbs = np.isin(np.arange(len(skeleton)), skeleton.trunk, invert=True)
         return np.where(limbs, 10.0, 1.0) / skeleton.scale**2
     return np.array([10.0 if joint.endswith(_LIMB) else 1.0 for joint in skeleton.joints])

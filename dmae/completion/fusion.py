@@ -30,7 +30,8 @@ _NEAR = {"bottom_head": "neck", "top_head": "nose"}
 def namesakes(skeleton: Skeleton) -> list[int] | None:
     """Return for each joint the one whose code it has in the paper's network; None if there is one skeleton.
 
-    A joint of the target has that of the source's joint of the same name, else of the one it moves with, else its own.
+    A joint of the target takes the code of the source's joint with the same name, or of the joint that it moves with.
+    If there is neither, it has a code of its own.
     """
     if len(skeleton.parts) < 2:
         return None

@@ -52,7 +52,7 @@ def limbs_of(bodies: Bodies) -> list[int]:
 
 
 def place_limbs(bodies: Bodies, fps: float) -> None:
-    """Replace the interpolated estimates of limbs by those of the process, joint by joint."""
+    """Replace the interpolated estimates of limbs by what the process predicts, joint by joint."""
     for joint in limbs_of(bodies):
         others = [other for other in bodies.attached if not _below(other, joint, bodies.parents, bodies.torso)]
         _place(bodies, joint, others, fps)

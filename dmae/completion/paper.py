@@ -113,7 +113,7 @@ def paper_rows(pairs: Sequence[PosePair], frames: int) -> PaperRows:
 
 
 def hips(skeleton: Skeleton) -> list[int]:
-    """Return the indices of the hips of the first of two skeletons."""
+    """Return the indices of the hips; of two skeletons side by side, in the first."""
     return [i for i, joint in enumerate(skeleton.parts[0].joints) if joint in ("mid_hip", "l_hip", "r_hip")]
 
 
@@ -135,7 +135,7 @@ def cut(
     """Return the windows that begin at `starts`, about their hips and turned about the vertical, and their truth.
 
     Args:
-        masked: (B, T, J) joints that the encoder may not look at. J may be fewer than those of the rows: the first.
+        masked: (B, T, J) joints that the encoder may not look at. The windows have the first J joints of the rows.
         angle: (B,) rad.
     """
     index, joints = starts[:, None] + np.arange(masked.shape[1]), masked.shape[2]
@@ -274,7 +274,7 @@ class PaperCompleter:
     are smoothed over these seconds at the end. Long recordings are completed in pieces.
 
     Raises (when called):
-        KeyError: the skeleton cannot be converted to that of the network.
+        KeyError: the skeleton cannot be converted to the network's.
         ValueError: fps is not positive and finite.
     """
 

@@ -97,7 +97,7 @@ def load_model(folder: Path) -> tuple[DMAE, Skeleton, dict]:
 
 
 class _Unfilled(TorchFunctionMode):
-    """Make tensors without drawing and scaling numbers, for which those of no memory would load compilers of 80 MB."""
+    """Make tensors without drawing and scaling numbers: tensors without memory would load compilers of 80 MB for it."""
 
     def __torch_function__(self, function, types, args=(), kwargs=None):
         if function is torch.randn:
@@ -112,7 +112,7 @@ class _Unfilled(TorchFunctionMode):
 
 
 def _check_sizes(config: ModelConfig, joints: int, tensors: dict[str, Tensor]) -> None:
-    """Refuse a network other than that of the tensors before any memory is taken for it."""
+    """Refuse a network that the tensors do not fit, before any memory is taken for it."""
     with torch.device("meta"), _Unfilled():
         wanted = DMAE(config, joints).state_dict()
     for name in sorted(wanted.keys() | tensors.keys()):
@@ -136,7 +136,7 @@ def shipped() -> list[str]:
 
 
 def weights_folder(weights: str | Path) -> Path:
-    """Return the folder that an option names: `paper` is that of the paper's network, which comes with the package."""
+    """Return the folder that an option names: `paper` names the paper's network, which comes with the package."""
     return SHIPPED / PAPER if str(weights) == PAPER else Path(weights)
 
 

@@ -55,7 +55,7 @@ def mid_hip(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
 def rest_pose(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
     """Return the mean of bodies (..., J, 3) about their mid hip, facing +x, (J, 3) m; used for joints never measured.
 
-    Of two skeletons side by side the mid hip and the heading are those of the first.
+    Of two skeletons side by side, the first gives the mid hip and the heading.
 
     Raises:
         ValueError: a joint is never known together with the hips and a pair of hips or shoulders.
@@ -149,8 +149,8 @@ def make_rows(
         rest: (J, 3) m, see `rest_pose`.
         frames: Length of the windows.
         truth: (F, P, J, 3) m, world.
-        target: Skeleton with joints that follow those of the poses in all of these and in the rows, never observed.
-            They are derived from the other joints; their gaps are those of the joints that they are derived from.
+        target: A second skeleton. Its joints follow the joints of the poses in `rest`, `truth` and the rows. They are
+            never observed: they are derived from the other joints, and have the gaps of these.
     """
     skeleton, target_rest = poses.skeleton, rest[len(poses.skeleton) :]
     rest = rest[: len(skeleton)]

@@ -89,7 +89,7 @@ class OnlineCompleter:
                 the last frame that they wait for.
 
         Raises:
-            ValueError: fps is not positive, the delay negative, or the completer that of the paper's network.
+            ValueError: fps is not positive, the delay is negative, or the completer has the paper's network.
         """
         if not (np.isfinite(fps) and fps > 0 and np.isfinite(delay) and delay >= 0):
             raise ValueError(f"fps must be positive and delay not negative, found {fps} and {delay}")

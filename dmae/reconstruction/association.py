@@ -359,10 +359,10 @@ def supports(first, second, found, view, partners, affinities):
     Args:
         first: (m,) detections.
         second: (m,) their partners.
-        found: (m,) affinities, less that of strangers.
+        found: (m,) affinities, less the affinity of strangers.
         view: (n,) view of each detection.
         partners: (n, V, C) as `find_partners` returns them.
-        affinities: (n, V, C), less that of strangers.
+        affinities: (n, V, C), less the affinity of strangers.
     """
     support = found.copy()
     for pair in range(len(first)):
@@ -391,7 +391,8 @@ def join(first, second, candidates, half_distance, colour_weight, least):
         first: (m,) detections.
         second: (m,) their partners.
         candidates: As for `affinity`; so are the two arguments that follow.
-        least: Smallest mean affinity between the members of two groups that are joined; half of it is that of any two.
+        least: Smallest mean affinity between the members of two groups that are joined. No two members have less than
+            half of it.
     Returns:
         (n, V) each row contains the detections of a group by view, -1 for none, or is empty.
     """

@@ -180,7 +180,7 @@ def beyond_chance(projections, focal, size, xy, assigned, xyz, used, figures, mo
         assigned: (P, V, J) detections of the joints, negative where none.
         xyz: (P, J, 3) m, NaN where absent.
         used: (P, J, V) True for the views that a joint was triangulated from.
-        figures: (V,) numbers of figures, float; those of supported people are subtracted.
+        figures: (V,) numbers of figures, float. The figures of supported people are subtracted from them.
         most: Largest E.
     """
     persons, views, _ = assigned.shape

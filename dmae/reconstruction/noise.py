@@ -229,7 +229,7 @@ def fit(found: Residuals, prior: DetectionNoise, start: DetectionNoise, skeleton
         level2 = level2 * factor(everything, True, np.array([level_prior2 / level2]))[0]
         kind2 = kind2 * factor(of, True, 1 / kind2)
         shape2 = shape2 * factor(bin_, True, shape_prior2 / shape2)
-        # Kinds and confidences differ from each other only; the level is that of all joints.
+        # Kinds and confidences say how joints differ from each other; the level belongs to all joints.
         for each, group in ((kind2, of), (shape2, bin_)):
             mean = each[group].mean()
             each /= mean

@@ -100,8 +100,8 @@ def _join(label: np.ndarray, a: int, b: int) -> None:
 
 
 _MIN_AGREEMENT = 0.75
-"""Smallest share of joints on which the views agree, among the joints that enough views detected. The share of people
-is above 0.9, that of ghosts that line up by coincidence about 0.5."""
+"""Smallest share of joints on which the views agree, among the joints that enough views detected. People have
+more than 0.9, ghosts that line up by coincidence about 0.5."""
 
 
 def false_positives(tracks: Tracks, measured: np.ndarray, frames: int, fps: float, config: CaptureConfig) -> np.ndarray:

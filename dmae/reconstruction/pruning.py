@@ -146,7 +146,7 @@ def drop_runs(runs, known, widest):
     """Drop runs of samples from the known ones of their paths, in the order given, unless one near them was dropped.
 
     Args:
-        runs: (m, 4) as `impossible_runs` returns them, those of a path together.
+        runs: (m, 4) as `impossible_runs` returns them, sorted by path.
         known: (F, n), written.
         widest: Runs fewer samples apart than this are near each other.
     """

@@ -67,7 +67,7 @@ def most_confident_rays(
 ) -> np.ndarray:
     """Return the ray of the most confident view of each joint, (F, P, J, 2, 3); see `Poses3D.rays`.
 
-    A measured joint takes the ray of a view that measured it. An absent joint takes that of the most confident
+    A measured joint takes the ray of a view that measured it. An absent joint takes the ray of the most confident
     detection near the place where it is expected; if there is none, of a detection that tracking assigned to its
     person. Detections from which the joint of another person was measured show that person, so they are left out.
 

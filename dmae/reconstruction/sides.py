@@ -62,7 +62,7 @@ def _top(skeleton: Skeleton, joint: int) -> int:
 
 
 def nearer_side(distance: np.ndarray, exchanged: np.ndarray, sides: Sides) -> np.ndarray:
-    """Return distances (..., J), replaced by those of exchanged joints where these are clearly smaller.
+    """Return distances (..., J), or where they are clearly smaller, the distances with left and right exchanged.
 
     Args:
         distance: (..., J) m, distances of detected joints from their expected places.
