@@ -5,7 +5,8 @@ metres: the mid point of the hips, y up, in the axes and with the times of our T
 
 Every cell holds a number. OpenSim 4.6 stops reading a motion at its first `NaN`, without an error: it is played, and
 inverse dynamics is solved, of the frames before. Where the joints do not determine an angle, the file has a straight
-line between the frames in which they do, and the angle of a body at rest if there is no such frame.
+line between the frames in which they do, and the angle of a body at rest if there is no such frame. A line above
+`endheader` says so.
 
 `<name>.angles.csv` states how good each angle is: its value, empty where the joints do not determine it; `<angle>_sd`,
 its standard deviation; and `<angle>_source`, the weakest source of the joints that show it, in the words of the table
@@ -58,8 +59,9 @@ def write_mot(poses: Poses3D, clip: Clip, path: Path) -> list[Path]:
             turn = None if name in _PLACES else 360
             values[:, column] = _without_gaps(estimates[:, column], known[:, column], turn)
         times = np.arange(len(values)) / clip.fps
-        header = [person_name(person), "version=1", f"nRows={len(values)}", f"nColumns={1 + len(names)}",
-                  "inDegrees=yes", "endheader", "\t".join(["time", *names])]  # fmt: skip
+        header = [person_name(person), "version=1", f"nRows={len(values)}", f"nColumns={1 + len(names)}", "inDegrees=yes",
+                  f"Angles that the joints do not determine are filled here, and empty in {table.name}.",
+                  "endheader", "\t".join(["time", *names])]  # fmt: skip
         rows = (
             "\t".join(f"{value:.6f}" for value in (time, *row))
             for time, row in zip(times, values.tolist(), strict=True)

@@ -55,6 +55,7 @@ def test_an_angle_that_joints_do_not_determine_is_in_the_motion_alone_and_what_w
     below = BODY25.index("r_ankle", "r_big_toe", "r_small_toe", "r_heel")
     source[12:15, :, below] = Source.COMPLETED
     found, quality = export(Poses3D(BODY25, xyz, source), tmp_path / "a.mot")
+    assert "filled here, and empty in a.angles.csv" in (tmp_path / "a.mot").read_text().split("endheader")[0]
     unknown = {name: [n for n, row in enumerate(quality) if row[name] == ""] for name in found}
     assert unknown["ankle_angle_l"] == [5, 6, 7, 8, 20, 21, 22, 23]
     assert unknown["ankle_angle_r"] == unknown["pelvis_tx"] == [20, 21, 22, 23] and not unknown["time"]
