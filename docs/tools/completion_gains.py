@@ -24,7 +24,6 @@ from dmae.data.json_values import json_text
 from dmae.data.skeleton import BODY25
 from dmae.data.store import clip_folders, load_clip
 from dmae.evaluation.benchmark.holes import PARTS, part_of
-from dmae.evaluation.config import GapConfig
 from dmae.evaluation.synthetic_gaps import cut_gaps, perturb
 from dmae.metrics.position import GAPS, in_region
 from dmae.numerics.body import interpolate_bodies
@@ -68,7 +67,7 @@ def trials(folders: list[Path]) -> Iterator[tuple[str, Poses3D, Poses3D]]:
     pairs = [pair for pair in pairs if not np.isnan(pair.truth.xyz).all()]
     for number, pair in enumerate(progress(pairs, "completing")):
         rng = np.random.default_rng(number)
-        given = cut_gaps(pair.truth, FPS, GapConfig(), rng=rng)
+        given = cut_gaps(pair.truth, FPS, rng=rng)
         yield "true", given, pair.truth
         yield "perturbed", perturb(given, FPS, rng=rng), pair.truth
         if pair.captured is not None:
