@@ -7,7 +7,7 @@ from math import prod
 import cv2
 import numpy as np
 
-from dmae.data.array_fields import short_repr
+from dmae.data.array_fields import ANY, set_array, short_repr
 from dmae.files.checks import LEAST_FOCAL, MOST_DISTORTION, MOST_FOCAL, MOST_METRES, MOST_SIZE, check_numbers
 
 # OpenCV's default criteria leave up to 0.07 px; these converge to 1e-10.
@@ -41,28 +41,18 @@ class CameraRig:
 
     def __post_init__(self):
         object.__setattr__(self, "names", tuple(str(name) for name in self.names))
-        for field in ("K", "dist", "cam_from_world"):
-            object.__setattr__(self, field, np.asarray(getattr(self, field), np.float64))
-        if self.dist.ndim == 2 and self.dist.shape[1] == 4:
-            object.__setattr__(self, "dist", np.pad(self.dist, ((0, 0), (0, 1))))
-        object.__setattr__(self, "size", np.asarray(self.size, np.int64))
-        fisheye = np.zeros(len(self.names), bool) if self.fisheye is None else np.asarray(self.fisheye, bool)
-        object.__setattr__(self, "fisheye", fisheye)
-        self._check_shapes()
-        self._check_values()
-
-    def _check_shapes(self):
         views = len(self.names)
         if len(set(self.names)) != views:
             raise ValueError(f"camera names must be unique, got {self.names}")
-        for field, shape in (("K", (3, 3)), ("cam_from_world", (4, 4)), ("size", (2,)), ("fisheye", ())):
-            found = getattr(self, field).shape
-            if found != (views, *shape):
-                raise ValueError(f"rig of {views} cameras: expected {field} of shape {(views, *shape)}, found {found}")
-        if self.dist.ndim != 2 or len(self.dist) != views or not 5 <= self.dist.shape[1] <= 8:
-            raise ValueError(f"rig of {views} cameras: expected dist of shape ({views}, 4..8), found {self.dist.shape}")
-
-    def _check_values(self):
+        set_array(self, "K", np.float64, (views, 3, 3))
+        set_array(self, "dist", np.float64, (views, ANY))
+        set_array(self, "cam_from_world", np.float64, (views, 4, 4))
+        set_array(self, "size", np.int64, (views, 2))
+        set_array(self, "fisheye", bool, (views,), False)
+        if self.dist.shape[1] == 4:
+            object.__setattr__(self, "dist", np.pad(self.dist, ((0, 0), (0, 1))))
+        if not 5 <= self.dist.shape[1] <= 8:
+            raise ValueError(f"CameraRig.dist: expected shape ({views}, 4..8), found {self.dist.shape}")
         for view, name in enumerate(self.names):
             K, T = self.K[view], self.cam_from_world[view]
             if not (np.isfinite(K).all() and np.isfinite(T).all() and np.isfinite(self.dist[view]).all()):

@@ -30,6 +30,8 @@ def person_name(person: int) -> str:
     return f"P{person + 1}"
 
 
+NOT_KNOWN = {"xyz": np.nan, "source": Source.ABSENT, "cov": np.nan, "views": 0, "rays": np.nan}
+"""Value of each array of `Poses3D` where a joint is absent."""
 _BY_NAME = "; get_skeleton(name) returns one"
 
 
@@ -127,21 +129,13 @@ class Poses3D:
             return self
         dropped = np.broadcast_to(dropped, self.source.shape)
 
-        def with_absent(values: np.ndarray, absent: float) -> np.ndarray:
-            def cut(dropped: np.ndarray, values: np.ndarray) -> np.ndarray:
-                return np.where(
-                    dropped.reshape(*dropped.shape, *(1,) * (values.ndim - 3)), values.dtype.type(absent), values
-                )
+        def cut(name: str) -> np.ndarray:
+            values = getattr(self, name)
+            absent = values.dtype.type(NOT_KNOWN[name])
+            here = dropped.reshape(*dropped.shape, *(1,) * (values.ndim - 3))
+            return by_frames(lambda here, values: np.where(here, absent, values), here, values)
 
-            return by_frames(cut, dropped, values)
-
-        return replace(
-            self,
-            xyz=with_absent(self.xyz, np.nan),
-            source=with_absent(self.source, Source.ABSENT),
-            cov=with_absent(self.cov, np.nan),
-            views=with_absent(self.views, 0),
-        )
+        return replace(self, **{name: cut(name) for name in ("xyz", "source", "cov", "views")})
 
     def select(self, frames) -> "Poses3D":
         """Return the poses of some frames (a slice or a list of indices)."""

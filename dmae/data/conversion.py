@@ -12,7 +12,7 @@ from functools import wraps
 import numpy as np
 
 from dmae.data.cameras import CameraRig
-from dmae.data.clip import Detections2D, Poses3D, Source
+from dmae.data.clip import NOT_KNOWN, Detections2D, Poses3D, Source
 from dmae.data.skeleton import PERSON_M, Skeleton
 from dmae.files.mapped import by_frames
 
@@ -89,9 +89,8 @@ def _take(poses: Poses3D, joints: Sequence[str]) -> dict[str, np.ndarray]:
     """Return the fields of poses on some joints; joints that the poses lack are absent."""
     known = poses.skeleton.joints
     index = np.array([known.index(joint) if joint in known else -1 for joint in joints])
-    absent = {"xyz": np.nan, "source": Source.ABSENT, "cov": np.nan, "views": 0, "rays": np.nan}
-    arrays = {name: getattr(poses, name)[:, :, index] for name in absent}
-    for name, value in absent.items():
+    arrays = {name: getattr(poses, name)[:, :, index] for name in NOT_KNOWN}
+    for name, value in NOT_KNOWN.items():
         arrays[name][:, :, index < 0] = value
     return arrays
 

@@ -115,12 +115,7 @@ def _detect_piece(camera: CameraPictures, config: PoseDetectorConfig, start: int
             readable.append(number)
             for ago, *found in late():
                 people[readable[-1 - ago]] = check_people(detector, found, config.name)
-    there = [each for each in people if each is not None and len(each)]
-    counts = np.array([0 if each is None else len(each) for each in people])
-    values = np.concatenate(there) if there else np.empty((0, len(detector.skeleton), 3))
-    known = np.array([each is not None for each in people], bool)
-    np.savez(buffer := io.BytesIO(), readable=known, counts=counts, people=values.astype(np.float32))
-    write_atomic(file, buffer.getvalue())
+    _write_piece(file, people, len(detector.skeleton))
 
 
 def check_people(detector: PictureDetector, found: Sequence[np.ndarray], name: str) -> np.ndarray:
@@ -136,6 +131,15 @@ def check_people(detector: PictureDetector, found: Sequence[np.ndarray], name: s
     with np.errstate(invalid="ignore"):
         people[~(np.abs(people) < MOST_PIXELS).all(-1)] = np.nan
     return people[np.isfinite(people).all(-1).any(-1)]
+
+
+def _write_piece(file: Path, people: Pictures, joints: int) -> None:
+    """Write the people of each image of a piece."""
+    readable = np.array([each is not None for each in people], bool)
+    there = [np.empty((0, joints, 3)) if each is None else each for each in people]
+    values = np.concatenate([np.empty((0, joints, 3)), *there]).astype(np.float32)
+    np.savez(buffer := io.BytesIO(), readable=readable, counts=np.array(list(map(len, there))), people=values)
+    write_atomic(file, buffer.getvalue())
 
 
 def read_piece(file: Path) -> Iterator[np.ndarray | None]:
@@ -249,10 +253,7 @@ def _search_piece(
             there = detector.find_at(picture, wanted[number], known[number][..., :2])
             people = check_people(detector, there, config.name)
             found[number] = people[[_agrees(person, wanted[number], detector.skeleton) for person in people]]
-    counts = np.array([len(each) for each in found.values()])
-    values = np.concatenate(list(found.values())).astype(np.float32)
-    np.savez(buffer := io.BytesIO(), readable=np.ones(len(found), bool), counts=counts, people=values)
-    write_atomic(file, buffer.getvalue())
+    _write_piece(file, list(found.values()), len(detector.skeleton))
 
 
 # Captured people projected into images: which cameras missed them, and which detections are parts of them

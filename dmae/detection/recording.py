@@ -143,7 +143,12 @@ def _fitting(camera: CameraPictures, one: CameraRig) -> Fitting:
 
 
 def detect_recording(
-    recording: Recording, config: PoseDetectorConfig, pieces: Path, skeleton: str | None = None, workers: int = 1
+    recording: Recording,
+    config: PoseDetectorConfig,
+    pieces: Path,
+    skeleton: str | None = None,
+    workers: int = 1,
+    image: str = "picture",
 ) -> tuple[Detections2D, tuple[str, ...]]:
     """Return the detections (F, V, D, J) of a recording in the pixels of its calibration, and notes on them.
 
@@ -151,47 +156,13 @@ def detect_recording(
         recording: As `open_recording` returns it.
         config: The detector.
         pieces: As for `detect_people`.
-        skeleton: Skeleton to convert to; by default that of the detector.
+        skeleton: Skeleton to convert to; by default the detector's.
         workers: Processes; -1 for one per core.
+        image: What the notes call an image.
 
     Raises:
         ValueError: as `detect_people`, or there is no such skeleton.
     """
-    return _detected(recording, config, pieces, skeleton, workers, "picture")
-
-
-def detect_clip(
-    clip: Clip, config: PoseDetectorConfig, pieces: Path, skeleton: str | None = None, workers: int = 1
-) -> Clip:
-    """Return a clip with images with new detections in them; truth and occlusion labels stay.
-
-    Labels of the previous detections, and poses made from them, are dropped. Other arguments and errors: see
-    `detect_recording`.
-
-    Raises:
-        ValueError: the clip has no colour images.
-    """
-    if not clip.has_pictures:
-        raise ValueError(f"clip {clip.id!r} has no colour images; make it with images=rgb")
-    cameras = {camera.name: camera for camera in cameras_of(clip.images, clip.rig.size)}
-    frames = (np.arange(len(clip)),) * len(clip.rig)
-    recording = Recording(
-        tuple(cameras[name] for name in clip.rig.names),
-        Alignment(clip.fps, frames, len(clip), ()),
-        clip.rig,
-        (Fitting(),) * len(clip.rig),
-        (),
-    )
-    detections, notes = _detected(recording, config, pieces, skeleton, workers, "frame")
-    notes = [*clip.provenance.get("notes", ()), *notes]
-    provenance = clip.provenance | {"detector": config.name, "notes": notes}
-    return replace(clip, detections=detections, poses=None, detection_labels=None, provenance=provenance)
-
-
-def _detected(
-    recording: Recording, config: PoseDetectorConfig, pieces: Path, skeleton: str | None, workers: int, image: str
-) -> tuple[Detections2D, tuple[str, ...]]:
-    """As `detect_recording`; notes call each image `image`."""
     target, own = output_skeleton(skeleton), make_detector(config).skeleton
     cameras, fittings, alignment = recording.cameras, recording.fittings, recording.alignment
     if are_stills(alignment.fps):
@@ -226,6 +197,34 @@ def _detected(
         )
         seen = detections(views)
     return convert_detections(seen, target or own), tuple(notes)
+
+
+def detect_clip(
+    clip: Clip, config: PoseDetectorConfig, pieces: Path, skeleton: str | None = None, workers: int = 1
+) -> Clip:
+    """Return a clip with images with new detections in them; truth and occlusion labels stay.
+
+    Labels of the previous detections, and poses made from them, are dropped. Other arguments and errors: see
+    `detect_recording`.
+
+    Raises:
+        ValueError: the clip has no colour images.
+    """
+    if not clip.has_pictures:
+        raise ValueError(f"clip {clip.id!r} has no colour images; make it with images=rgb")
+    cameras = {camera.name: camera for camera in cameras_of(clip.images, clip.rig.size)}
+    frames = (np.arange(len(clip)),) * len(clip.rig)
+    recording = Recording(
+        tuple(cameras[name] for name in clip.rig.names),
+        Alignment(clip.fps, frames, len(clip), ()),
+        clip.rig,
+        (Fitting(),) * len(clip.rig),
+        (),
+    )
+    detections, notes = detect_recording(recording, config, pieces, skeleton, workers, "frame")
+    notes = [*clip.provenance.get("notes", ()), *notes]
+    provenance = clip.provenance | {"detector": config.name, "notes": notes}
+    return replace(clip, detections=detections, poses=None, detection_labels=None, provenance=provenance)
 
 
 def _detected_alone(

@@ -11,7 +11,7 @@ from synth.detector.config import DetectorConfig
 from synth.interactions.registry import InteractionConfig
 from synth.motion.config import MotionConfig
 from synth.rendering.config import ImageQuality, ImagingConfig
-from synth.rigs.config import RigConfig
+from synth.rigs.config import NO_RIG, RigConfig
 from synth.rooms.config import PropsConfig
 from synth.scene.config import MOST_CLIPS, SceneConfig
 
@@ -178,8 +178,8 @@ class RenderConfig:
     """What runs the processes: this machine, or a cluster."""
     dry_run: bool = False
     """Only print the number of clips, frames and images, and a forecast of time and disk space, from a few images."""
-    rig: RigConfig = field(default_factory=lambda: RigConfig(name=""))
-    """Other cameras than those of the clips."""
+    rig: RigConfig = field(default_factory=lambda: NO_RIG)
+    """Other cameras than the clips have."""
     imaging: ImagingConfig = field(default_factory=ImagingConfig)
 
     def __post_init__(self):

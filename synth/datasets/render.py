@@ -23,15 +23,12 @@ from synth.datasets.generate import CONFIG, PictureTally, as_settings, claim, li
 from synth.datasets.images import add_images, check_images, missing_kinds
 from synth.detector.config import DetectorConfig
 from synth.physics.body_state import BodyState, load_state, save_state
-from synth.rigs.config import RigConfig
+from synth.rigs.config import NO_RIG
 from synth.rigs.coverage import Stage, stage_of
 from synth.rigs.rig import make_rig
 from synth.rooms.room import arena_file
 from synth.scene.build import build_scene
 from synth.scene.spec import SceneSpec
-
-_NO_RIG = RigConfig(name="")
-"""The default rig, which means the cameras of each clip."""
 
 
 def render(config: RenderConfig) -> list[dict]:
@@ -76,7 +73,7 @@ def forecast_rendering(config: RenderConfig) -> Forecast:
     frames = sorted(line["frames"] for line in lines)
     start, middle = time.perf_counter(), left[len(left) // 2]
     clip, state = load_clip(middle), load_state(middle)
-    if config.rig != _NO_RIG:
+    if config.rig != NO_RIG:
         clip = _relabelled(config, settings, clip, state)
     with tempfile.TemporaryDirectory() as folder:
         save_clip(replace(clip, images=None), Path(folder) / "clip")
@@ -102,7 +99,7 @@ def _checked(config: RenderConfig) -> tuple[list[Path], dict, CameraRig]:
     settings = _settings(config, folders[0])
     clip = load_clip(folders[0])
     load_state(folders[0])
-    rig = clip.rig if config.rig == _NO_RIG else _new_rig(config, settings, SceneSpec.of(clip))
+    rig = clip.rig if config.rig == NO_RIG else _new_rig(config, settings, SceneSpec.of(clip))
     check_images(config, rig)
     return folders, settings, rig
 
@@ -115,7 +112,7 @@ def _settings(config: RenderConfig, folder: Path) -> dict:
             f"{path}: no such file; expected a data set that `synth generate` made, or a clip in it"
         )
     settings = read_json(path) | as_settings(config, leave=("data", "out", "workers", "backend", "dry_run", "rig"))
-    if config.rig != _NO_RIG:
+    if config.rig != NO_RIG:
         settings["rig"] = as_settings(config)["rig"]
     return settings | {"rendered_from": str(Path(config.data).resolve())}
 
@@ -138,7 +135,7 @@ def _render(config: RenderConfig, settings: dict, folder: Path, number: int, cli
     except (FileNotFoundError, ValueError):
         pass
     clip, state = load_clip(folder), load_state(folder)
-    if config.rig == _NO_RIG:
+    if config.rig == NO_RIG:
         # Without images, and without the numbers of pixels that were counted in them.
         bare = {key: value for key, value in clip.provenance.items() if key != "images"}
         occlusion = replace(clip.occlusion, visible_pixels=None, amodal_pixels=None)

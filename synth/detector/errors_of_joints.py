@@ -82,9 +82,7 @@ class Noise:
         if self.blur and len(xy) > 1:
             scale = np.hypot(scale, self.blur * np.nan_to_num(np.linalg.norm(np.gradient(xy, axis=0), axis=-1)))
         if self.truncation:
-            with np.errstate(invalid="ignore"):
-                outside = ~((xy >= -0.5) & (xy <= view.size - 0.5)).all(-1)
-            scale = scale * (1 + self.truncation * outside.mean(-1, keepdims=True))
+            scale = scale * (1 + self.truncation * (~view.inside(xy)).mean(-1, keepdims=True))
         return scale * factor
 
     def _offset(self, view: View) -> np.ndarray:

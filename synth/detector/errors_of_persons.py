@@ -47,10 +47,8 @@ class Timing:
         nearest = np.clip(np.rint(time).astype(int), 0, frames - 1)
         known = (time >= -1) & (time <= frames)
         code, occluder = view.visibility[nearest, person, joint], view.occluder[nearest, person, joint]
-        with np.errstate(invalid="ignore"):
-            inside = ((moved >= -0.5) & (moved <= view.size - 0.5)).all(-1)
         # A person that leaves the image between two frames is not visible outside it. Other joints keep their codes.
-        code = np.where(~inside & (code <= Visibility.HIDDEN_BY_OBJECT), Visibility.OUTSIDE_IMAGE, code)
+        code = np.where(~view.inside(moved) & (code <= Visibility.HIDDEN_BY_OBJECT), Visibility.OUTSIDE_IMAGE, code)
         moved = np.where(known[..., None], moved, np.nan)
         code = np.where(known, code, Visibility.ABSENT)
         return replace(view, true_xy=moved, xy=moved, visibility=code, occluder=occluder)

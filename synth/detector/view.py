@@ -124,6 +124,11 @@ class View:
         own = by_other & given
         return np.where(own[..., None] if covered.ndim > 1 else own, covered, hidden)
 
+    def inside(self, xy: np.ndarray) -> np.ndarray:
+        """Return (...) True where pixels (..., 2) are in the image; False for NaN."""
+        with np.errstate(invalid="ignore"):
+            return ((xy >= -0.5) & (xy <= self.size - 0.5)).all(-1)
+
     @property
     def observed(self) -> np.ndarray:
         """(F, D, 25) True where a joint is detected."""
@@ -137,8 +142,7 @@ class View:
     def reported(self) -> "View":
         """Return the view without joints outside the image, with too low confidence, or without position or score."""
         with np.errstate(invalid="ignore"):
-            inside = ((self.xy >= -0.5) & (self.xy <= self.size - 0.5)).all(-1)
-            return self.without(~(inside & (self.score >= self.minimum_score)))
+            return self.without(~(self.inside(self.xy) & (self.score >= self.minimum_score)))
 
     def added(self, xy: np.ndarray, score: np.ndarray, owner: np.ndarray, kind: np.ndarray, person: np.ndarray):
         """Return the view with these detections added."""

@@ -13,6 +13,7 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
 from dmae.data.images import FIRST_OBJECT_ID
 from dmae.data.labels import Visibility
+from synth.labels.visibility import codes_and_occluders
 from synth.people.body import HEAD_HEIGHT, PARENTS, SEGMENTS, SIDES, Body, side_and_name
 from synth.people.skinning import Skin, locate, mesh_triangles
 from synth.rooms.rays import at_rest, cast_rays, opaque_model
@@ -308,14 +309,7 @@ def _seen(
     # A ray that meets a surface from behind began inside the object.
     within = (outward * rays).sum(-1) > 0
     before = (found > 0) & np.where(own, distance < reach - _FOLD, (distance < reach) | within)
-    found, hidden = np.where(before, found, persons + 1), before | averted
-    own, is_object = found == persons + 1, found >= FIRST_OBJECT_ID
-    codes = np.select(
-        [~hidden, own, is_object],
-        [Visibility.VISIBLE, Visibility.HIDDEN_BY_SELF, Visibility.HIDDEN_BY_OBJECT],
-        Visibility.HIDDEN_BY_PERSON,
-    )
-    return codes, np.where(hidden, np.where(is_object, found - FIRST_OBJECT_ID, found - 1), -1)
+    return codes_and_occluders(np.where(before, found, persons + 1), persons, before | averted)
 
 
 # Comparison of visibility labels with id images

@@ -99,14 +99,25 @@ def _first_hits(opaque, data, qpos, centers, joints, sought, depth, limbs, geom_
     same_limb = limbs[person, joint, opaque.geom_bodyid[geom]]
     allowed = np.where(same_limb, depth, np.minimum(depth, CONTACT))
     hidden = (ids > 0) & np.where(own, distance < reach - allowed, (distance < reach) | within)
+    return *codes_and_occluders(ids, person, hidden), np.where(
+        hidden, np.where(within, reach, reach - distance), np.nan
+    )
+
+
+def codes_and_occluders(ids: np.ndarray, person: np.ndarray, hidden: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return `Visibility` and index of the occluder (R,), -1 for none, of points on persons.
+
+    Args:
+        ids: (R,) id of what is in front of each point, as in id images, which counts where `hidden` (R,).
+        person: (R,) person of each point.
+    """
     is_object = ids >= FIRST_OBJECT_ID
-    code = np.select(
-        [~hidden, own, is_object],
+    codes = np.select(
+        [~hidden, ids == person + 1, is_object],
         [Visibility.VISIBLE, Visibility.HIDDEN_BY_SELF, Visibility.HIDDEN_BY_OBJECT],
         Visibility.HIDDEN_BY_PERSON,
     )
-    owner = np.where(hidden, np.where(is_object, ids - FIRST_OBJECT_ID, ids - 1), -1)
-    return code, owner, np.where(hidden, np.where(within, reach, reach - distance), np.nan)
+    return codes, np.where(hidden, np.where(is_object, ids - FIRST_OBJECT_ID, ids - 1), -1)
 
 
 def _first_at_place(joints: np.ndarray) -> np.ndarray:

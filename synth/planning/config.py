@@ -8,7 +8,7 @@ from dmae.parallel import Backend, check_workers
 from synth.detector.config import DetectorConfig
 from synth.interactions.registry import InteractionConfig
 from synth.motion.config import MotionConfig
-from synth.rigs.config import RigConfig
+from synth.rigs.config import NO_RIG, RigConfig
 from synth.rooms.config import mjcf_names, room_folder
 from synth.scene.config import SceneConfig
 
@@ -114,7 +114,7 @@ class PlanConfig:
     """Least and greatest number of people; by default those of `scene`."""
     mount: MountConfig = field(default_factory=MountConfig)
     lens: LensConfig = field(default_factory=LensConfig)
-    rig: RigConfig = field(default_factory=lambda: RigConfig(name=""))
+    rig: RigConfig = field(default_factory=lambda: NO_RIG)
     """Existing cameras: the best of them are chosen, and no new ones are mounted."""
     scene: SceneConfig = field(default_factory=SceneConfig)
     motion: MotionConfig = field(default_factory=MotionConfig)

@@ -27,7 +27,7 @@ from dmae.reconstruction.pipeline import capture
 from synth.planning.config import PlanConfig
 from synth.planning.places import CandidateCameras, aimed_cameras, find_places, given_cameras
 from synth.planning.search import JointEvidence, RigPrediction, choose, gather, predict, rehearse, seconds_of_search
-from synth.rigs.config import RigConfig
+from synth.rigs.config import NO_RIG
 from synth.rigs.coverage import stage_of
 from synth.rigs.rig import make_rig
 from synth.rooms.rays import EVERY_GROUP, at_rest, cast_rays
@@ -166,8 +166,6 @@ def cover_floor(rig: CameraRig, arena: Path, middle: np.ndarray, radius: float) 
 
 # Plan cameras: simulate people, choose rigs for them, and check the rigs on other people.
 
-_NO_RIG = RigConfig(name="")
-
 
 @dataclass(frozen=True)
 class PlannedRig:
@@ -253,7 +251,7 @@ def find_candidates(config: PlanConfig) -> CandidateCameras:
     scene = config.setting()
     arena, middle = arena_file(scene.arena), np.array(scene.middle, float)
     stage = stage_of(arena, middle, scene.radius)
-    if config.rig != _NO_RIG:
+    if config.rig != NO_RIG:
         found = given_cameras(make_rig(config.rig, rng=generator(config.seed, 0, Stream.CAMERAS), stage=stage))
     else:
         places = find_places(config.mount, arena, middle, scene.radius)
@@ -262,7 +260,7 @@ def find_candidates(config: PlanConfig) -> CandidateCameras:
     if config.views[1] > places:
         raise ValueError(
             f"views={list(config.views)}: there are {places} "
-            + ("cameras in the rig" if config.rig != _NO_RIG else "places for cameras; raise mount.places")
+            + ("cameras in the rig" if config.rig != NO_RIG else "places for cameras; raise mount.places")
         )
     return found
 
@@ -292,7 +290,7 @@ def with_one_less(cameras: Sequence[int]) -> list[list[int]]:
 
 def _around(candidates: CandidateCameras, cameras: list[int], config: PlanConfig) -> list[int]:
     """Return cameras sorted counter-clockwise around the people. Existing cameras keep the order of their rig."""
-    if config.rig != _NO_RIG:
+    if config.rig != NO_RIG:
         return sorted(cameras)
     x, y = (candidates.rig.centers[cameras, :2] - config.setting().middle).T
     return [cameras[index] for index in np.argsort(np.arctan2(y, x) % (2 * np.pi))]
@@ -307,7 +305,7 @@ def _planned(
 ) -> PlannedRig:
     scene = config.setting()
     rig = candidates.rig[cameras]
-    if config.rig == _NO_RIG:
+    if config.rig == NO_RIG:
         rig = replace(rig, names=tuple(f"camera{number + 1}" for number in range(len(rig))))
     most = {name: 100.0 if unit == "%" else np.inf for name, (_, unit) in FIGURES.items()}
     whole = {name: expected(values[0], 0.0, most[name]) for name, values in figures.items()}

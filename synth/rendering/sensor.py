@@ -7,9 +7,14 @@ from scipy.special import ndtri
 from dmae.data.rng import Stream, generator
 from synth.rendering.config import ImagingConfig
 
-_TO_LINEAR = np.arange(256) / 255
-_TO_LINEAR = np.where(_TO_LINEAR <= 0.04045, _TO_LINEAR / 12.92, ((_TO_LINEAR + 0.055) / 1.055) ** 2.4)
-"""Light of the 256 values of sRGB (IEC 61966-2-1), 1 for white."""
+
+def light_of(values: np.ndarray) -> np.ndarray:
+    """Return the light, 1 for white, of values of sRGB from 0 to 1 (IEC 61966-2-1)."""
+    return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
+
+
+_TO_LINEAR = light_of(np.arange(256) / 255)
+"""Light of the 256 values of a channel."""
 _TO_VALUE = np.searchsorted((_TO_LINEAR[1:] + _TO_LINEAR[:-1]) / 2, np.arange(65536) / 65535).astype(np.uint8)
 """Nearest values of sRGB of 65,536 levels of light."""
 _NORMAL = ndtri((np.arange(256) + 0.5) / 256)

@@ -255,6 +255,10 @@ class RigConfig:
         return f"rig {self.path or self.name!r}"
 
 
+NO_RIG = RigConfig(name="")
+"""The default of commands that need no rig."""
+
+
 def listed_rig(rig: "CameraRig") -> RigConfig:
     """Return the configuration that lists the cameras of a rig."""
     cameras = [

@@ -30,6 +30,7 @@ from synth.datasets.exporters.selection import ClipTask, Selection
 from synth.people.body import PARENTS, SEGMENTS
 from synth.people.skinning import BONE_NAMES, MOST_BONES, Skin, SkinOfPerson
 from synth.physics.body_state import load_state
+from synth.rendering.sensor import light_of
 from synth.scene.build import build_scene
 from synth.scene.spec import SceneSpec
 
@@ -220,18 +221,15 @@ def _mesh(model: mujoco.MjModel, geom: int) -> tuple[np.ndarray, np.ndarray]:
     return points, model.mesh_face[first : first + count]
 
 
-def _linear(rgba: np.ndarray) -> np.ndarray:
-    """Return light of a colour as pictures store it (sRGB, IEC 61966-2-1); both formats state colours as light."""
-    rgb = rgba[:3]
-    return np.append(np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4), rgba[3])
-
-
 def _look(model: mujoco.MjModel, geom: int) -> tuple[np.ndarray, str]:
-    """Return RGBA of a geom, and a name for it."""
+    """Return RGBA of a geom as light, which both formats state, and a name for it."""
     material = model.geom_matid[geom]
     if material >= 0:
-        return _linear(model.mat_rgba[material]), model.mat(material).name
-    return _linear(model.geom_rgba[geom]), "colour " + " ".join(f"{share:.3g}" for share in model.geom_rgba[geom])
+        rgba, name = model.mat_rgba[material], model.mat(material).name
+    else:
+        rgba = model.geom_rgba[geom]
+        name = "colour " + " ".join(f"{share:.3g}" for share in rgba)
+    return np.append(light_of(rgba[:3]), rgba[3]), name
 
 
 def _pieces(model: mujoco.MjModel, persons: Sequence[SkinOfPerson]) -> dict[int, list[_Piece]]:

@@ -200,8 +200,8 @@ def test_inside_reaches_half_a_pixel_beyond_the_first_and_last_centre():
     ("changes", "message"),
     [
         ({"names": ("a", "a", "b")}, "unique"),
-        ({"K": np.eye(3)}, r"expected K of shape \(3, 3, 3\), found \(3, 3\)"),
-        ({"dist": np.zeros((3, 3))}, r"dist of shape \(3, 4..8\)"),
+        ({"K": np.eye(3)}, r"CameraRig\.K: expected shape \(3, 3, 3\), found \(3, 3\)"),
+        ({"dist": np.zeros((3, 3))}, r"CameraRig\.dist: expected shape \(3, 4\.\.8\)"),
         ({"cam_from_world": np.tile(np.diag([1, 1, -1, 1.0]), (3, 1, 1))}, "'c0'.*no rotation"),
         ({"cam_from_world": np.tile(2 * np.eye(4), (3, 1, 1))}, "'c0'.*last rows"),
         ({"K": np.tile(np.diag([-900, 900, 1.0]), (3, 1, 1))}, "focal lengths"),
