@@ -36,7 +36,7 @@ def convert(poses: Poses3D, target: Skeleton) -> Poses3D:
     equals the target, or else from the first part. Missing joints are derived where possible: `neck` and `mid_hip` are
     midpoints, and `head_ends` gives `bottom_head` and `top_head`. All others are absent. A derived joint has the
     weakest source and the smallest number of views of the joints that it is computed from, and no ray. The covariance
-    of a midpoint is that of the mean of two independent joints. The covariance of the ends of the head is NaN.
+    of a midpoint follows from two independent joints, and is NaN for the ends of the head.
 
     Raises:
         KeyError: no joint of the target can be derived from the source.

@@ -23,7 +23,7 @@ class Stream(IntEnum):
 
 
 def generator(seed: int, clip: int, stream: Stream, *parts: int) -> np.random.Generator:
-    """Return the generator of one stream of one clip, by its number, or of numbered parts of the stream.
+    """Return the generator for one stream of a clip, by the number of the clip, or for numbered parts of the stream.
 
     It depends on the arguments alone; 0 is a seed.
     """

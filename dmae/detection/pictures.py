@@ -19,7 +19,7 @@ class CameraPictures:
     """The N images of a camera."""
 
     name: str  # Name of the camera
-    path: Path  # Video, folder of images, or folder of the images of a clip
+    path: Path  # Video, or folder with images
     size: tuple[int, int]  # Width and height, px, upright
     # (N,) s, when each image was taken by the clock of its file; for a folder, the numbers of the images
     times: np.ndarray

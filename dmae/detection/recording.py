@@ -124,7 +124,7 @@ def open_sets(path: Path, rig: CameraRig, fps: float | None = None) -> Recording
 def _calibrated(
     cameras: list[CameraPictures], rig: CameraRig, path: Path
 ) -> tuple[list[CameraPictures], CameraRig, list[Fitting], list[str]]:
-    """Return cameras in the order of their calibration, that of them, how their images fit it, and notes."""
+    """Return the cameras in the order of their calibration, that calibration, how images fit it, and notes."""
     index, note = match_cameras([camera.name for camera in cameras], rig, path, "pictures", "calibration=...")
     notes = [note] if note else []
     cameras, rig = [cameras[i] for i in np.argsort(index)], rig[sorted(index)]
@@ -251,7 +251,7 @@ _PLAIN_NAMES = {"videos", "video", "pictures", "images", "photos", "photographs"
 
 
 def recording_name(folder: Path) -> str:
-    """Return the name of the folder of a recording's videos, or if it says only what is in it, of the one around it."""
+    """Return the name of a folder with videos, or if it says only what is in it, the name of the folder around it."""
     folder = folder.resolve()
     around = folder.parent.name
     return around if around and folder.name.lower() in _PLAIN_NAMES else folder.name
@@ -505,7 +505,7 @@ def write_photographs(photographs: Photographs, detections: Detections2D, config
 
 
 def _draw(path: Path, detections: Detections2D, number: int, to: Path) -> None:
-    """Write a photograph with its people, those of low confidence included."""
+    """Write a photograph with its people, people of low confidence included."""
     try:
         canvas = read_upright(path)
     except ValueError:

@@ -61,10 +61,10 @@ class OutputConfig:
     """How detections are written."""
 
     skeleton: str | None = field(default=None, metadata={"reads": "skeleton"})
-    """Skeleton to convert detections to, as body25; by default that of the detector."""
+    """Skeleton to convert detections to, as body25; by default the detector's own."""
     images: bool = True
     """Whether the clip contains the images: the videos are linked, or encoded again if their size or frames differ from
-    those of the clip. Of photographs: whether they are also written with the people drawn over them."""
+    the clip's. For photographs: whether they are also written with the people drawn over them."""
     format: FlatFormat = FlatFormat.openpose
     """Format of 2D keypoints, which are written without a calibration."""
 

@@ -142,7 +142,7 @@ def generate_clip(config: GenerateConfig, index: int) -> Clip:
     """Generate clip `index` of a data set, without images. The result does not depend on other clips.
 
     Raises:
-        FailedSimulation: the clip failed with every seed; the message is that of the last attempt.
+        FailedSimulation: the clip failed with every seed; the message is from the last attempt.
         ValueError: the configuration cannot be met.
     """
     return simulate_clip(config, index)[0]

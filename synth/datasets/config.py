@@ -31,7 +31,7 @@ class RgbFormat(Enum):
 
 
 def image_kinds(choices: list[str] | tuple[str, ...] | str) -> tuple[str, ...]:
-    """Return the kinds of images that are meant by a list of `IMAGE_CHOICES`, or by one of them.
+    """Return the kinds of images that one or several `IMAGE_CHOICES` mean.
 
     Raises:
         ValueError: a choice is unknown, or `none` is combined with others.
@@ -158,8 +158,8 @@ class RenderConfig:
     """Render simulated clips again: as other images, at another quality, or from other cameras. Nothing is simulated
     again.
 
-    The clips are written to another folder with all of their labels. With another rig the labels are those of its
-    cameras: visibility and detections are recomputed, with the same result as generation with that rig.
+    The clips are written to another folder with all of their labels. With another rig, visibility and detections are
+    computed for its cameras, with the same result as generation with that rig.
     """
 
     data: str = field(default="???", metadata={"reads": "clips"})

@@ -85,8 +85,8 @@ def forecast(config: GenerateConfig) -> Forecast:
     """Forecast the time and the disk space of a data set, or of its missing clips and images.
 
     Short pieces of a clip with the median number of people are made in the requested number of processes, and a few
-    pictures rendered. Nothing is written to `config.out`. Of a few clips it takes about a third of the time of the
-    clips themselves. Raises as `generate`.
+    pictures rendered. Nothing is written to `config.out`. For a few clips, the forecast takes
+    about a third of their time. Raises as `generate`.
     """
     with running_on(config.backend):
         return _forecast(config)
@@ -193,7 +193,7 @@ class PictureCost(NamedTuple):
 def picture_cost(
     config: GenerateConfig | RenderConfig, clip: Clip, state: BodyState, frames: int, folder: Path
 ) -> PictureCost:
-    """Measure the cost of the pictures of `frames` frames on one frame and on a few frames of all views of a clip."""
+    """Measure what pictures of `frames` frames cost, by rendering all views of one frame and of a few frames."""
     few = min(_PICTURES, len(clip), max(2, frames // _PART))
     rig = clip.actual_rig
     start = time.perf_counter()

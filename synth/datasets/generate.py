@@ -94,8 +94,9 @@ def generate(config: GenerateConfig) -> list[dict]:
 def seal(out: Path, made: list[dict], checksums: dict[str, Checksum | None]) -> None:
     """Write the manifest and the checksums of a data set, with the clips that other machines have noted meanwhile.
 
-    `made` are lines of the manifest of clips that were made or kept; `checksums` those of clips before
-    (`begin_data_set`).
+    Args:
+        made: Manifest lines of the clips that were made or kept.
+        checksums: Checksums of clips from before, from `begin_data_set`.
     """
     lock = out / ".manifest.lock"
     with FileLock(lock):
@@ -199,7 +200,7 @@ def as_settings(config, leave: Collection[str] = ()) -> dict:
 
 
 class PictureTally:
-    """Numbers of rendered pictures and of all pictures of each clip, by its number, in a file that processes share."""
+    """For each clip the numbers of its pictures and of those already rendered, in a file that processes share."""
 
     def __init__(self, folder: Path, numbers: range):
         self._path, self._numbers = Path(folder) / f".pictures.{numbers.start}", numbers

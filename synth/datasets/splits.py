@@ -120,8 +120,8 @@ def _divided(takes: Sequence[Take], shares: Mapping[str, float], *, seed: int) -
 
 
 def _dealt(sizes: Sequence[float], shares: Mapping[str, float], *, seed: int) -> list[str]:
-    """Return the set of each of some groups of these sizes. In random order, each group goes to the set that lacks
-    most, and every set gets at least one group."""
+    """Return the set of each group, given the sizes of the groups. In random order, each group goes to the set that
+    lacks most, and every set gets at least one group."""
     total, taken, chosen = sum(sizes), dict.fromkeys(shares, 0.0), [""] * len(sizes)
     order = np.random.default_rng(seed).permutation(len(sizes))
     for left, index in zip(range(len(sizes), 0, -1), order, strict=True):
@@ -150,7 +150,7 @@ def as_table(takes: Sequence[Take], folder: Path) -> str:
 
 FORMAT = 1
 _STRETCH = re.compile(r" (?:-?\d+\.\d\d--?\d+\.\d\d s|to and fro from -?\d+\.\d\d s)")
-"""Text that follows the name of a take in the name of a stretch of this take."""
+"""What the name of a stretch has after the name of its take."""
 _READING_SEPARATOR = " ("
 """Separator after the file stem in the name of a take. The text behind it describes how the file was read."""
 

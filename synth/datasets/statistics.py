@@ -53,7 +53,7 @@ def clip_contacts(state: BodyState) -> ClipContacts:
 
 
 def spread(clips: Sequence[ClipContacts]) -> dict[str, float]:
-    """Return the number of clips, and the least, median and greatest value of each measure of contact over clips."""
+    """Return the number of clips, and of each measure of contact its least, median and greatest value."""
     shares = np.array([clip.touching / clip.frames for clip in clips])
     found = {"clips": len(clips), "frames": sum(clip.frames for clip in clips)}
     measures = {"share": shares, "touches": [clip.touches for clip in clips], "force": [clip.force for clip in clips]}

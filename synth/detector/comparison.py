@@ -1,4 +1,4 @@
-"""Compare the statistics of a recording with those of its simulation."""
+"""Compare a recording with its simulation, by the statistics of their detections."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -130,7 +130,7 @@ def table(rows: Sequence[Row]) -> Table:
 
 
 def write_page(path: Path, real: DetectorStatistics, sim: DetectorStatistics, rows: Sequence[Row]) -> None:
-    """Write a page with the table of rows and figures of the distributions of both."""
+    """Write a page with the table of rows, and figures that show the distributions of both."""
     over = sum(row.exceeded for row in rows)
     text = f"{over} of {sum(row.allowed is not None for row in rows)} limits are exceeded."
     section = Section(

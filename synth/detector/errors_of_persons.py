@@ -103,7 +103,7 @@ _LIMBS = np.array([joints for name, joints in _GROUPS.items() if name != "trunk"
 
 @dataclass(frozen=True)
 class Merges:
-    """Two persons of overlapping boxes that become one detection. Some limbs are those of the other person."""
+    """Two persons with overlapping boxes who become one detection, with some limbs from the other person."""
 
     probability: float = 0.0
     """Probability of a merge where the box of one person in the image lies within the other's; less where they overlap

@@ -66,7 +66,7 @@ def load_preset(name: str) -> DetectorConfig:
     return decode(DetectorConfig, read_yaml(path), str(path))
 
 
-# Corrections of a detector's parameters, each by its own statistic of a recording and of its simulation.
+# Each parameter of the detector is corrected by one statistic, in which the recording and its simulation differ.
 
 _STEP = 0.7
 """Exponent of each correction. It is below 1 because the parameters depend on each other."""

@@ -1,4 +1,4 @@
-"""Detector errors by kind of joint of BODY25, and checks of the parameters of errors."""
+"""Detector errors by kind of joint of BODY25, and checks of their parameters."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields
@@ -48,7 +48,7 @@ class PartConfig:
     """Factor of `scores.error_correlation` for this kind of joint."""
     miss: list[float] = field(default_factory=lambda: [0.0, 1.0, 1.0, 1.0])
     """Probabilities that the joint is missed: visible, hidden by the person itself, by another person, by an object.
-    Probabilities other than 0 and 1 are averaged with those of the limb's joints, except in the face."""
+    Probabilities other than 0 and 1 are averaged with the other joints of the limb, except in the face."""
     offset: list[float] = field(default_factory=lambda: [0.0, 0.0])
     """Fractions: offset of the detected joint from its annotation, in the image. The first is outwards, relative to the
     distance to the same joint of the other side; the second is down the trunk, relative to the distance from neck to

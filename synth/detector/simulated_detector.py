@@ -113,8 +113,9 @@ def body25_columns(truth: Poses3D) -> list[int]:
 
 
 def _shown(view: View) -> tuple[View, np.ndarray]:
-    """Return the view as it is reported, and the persons of its detections (F, D), -1 for none: the detections of each
-    frame in random order, empty ones last, and in each frame those of the frame `view.shown`."""
+    """Return the view as the detector reports it, and the person of each detection (F, D), -1 for none.
+
+    Detections are in random order, empty ones last. Each frame shows the detections of the frame `view.shown`."""
     detected, lost = view.observed.any(-1), view.shown < 0
     order = np.argsort(view.random(ErrorStream.ORDER).uniform(size=detected.shape) + ~detected, axis=1)
     place = view.shown[:, None], order[view.shown]

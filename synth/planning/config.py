@@ -107,11 +107,11 @@ class PlanConfig:
     """
 
     arena: str | None = field(default=None, metadata={"reads": "path", "words": mjcf_names(room_folder())})
-    """Room of `scenes/`, or path of an MJCF file; by default that of `scene`."""
+    """Room of `scenes/`, or path of an MJCF file; by default as in `scene`."""
     views: list[int] = field(default_factory=lambda: [4, 6])
     """Least and greatest number of cameras."""
     persons: list[int] = field(default_factory=list)
-    """Least and greatest number of people; by default those of `scene`."""
+    """Least and greatest number of people; by default as in `scene`."""
     mount: MountConfig = field(default_factory=MountConfig)
     lens: LensConfig = field(default_factory=LensConfig)
     rig: RigConfig = field(default_factory=lambda: NO_RIG)

@@ -202,7 +202,7 @@ def _spread(at: np.ndarray, count: int) -> np.ndarray:
 _TARGET_HEIGHT = 1.0
 """Height of the points that cameras are aimed at, m."""
 _AIM_OFFSET = 0.5
-"""Distance from the middle of the other points that cameras are aimed at, as a share of the radius of people."""
+"""How far from the middle the other points are that cameras are aimed at, as a share of the radius of people."""
 
 
 @dataclass(frozen=True)

@@ -246,8 +246,8 @@ def make_plan(config: PlanConfig) -> CameraPlan:
 
 
 def find_candidates(config: PlanConfig) -> CandidateCameras:
-    """Return the candidate cameras: those of `rig`, or, without a rig, aimed cameras at all places of `mount`. Raises
-    as `make_plan`."""
+    """Return the candidate cameras: the cameras of `rig`, or without a rig cameras at all places of `mount`, aimed at
+    people. Raises as `make_plan`."""
     scene = config.setting()
     arena, middle = arena_file(scene.arena), np.array(scene.middle, float)
     stage = stage_of(arena, middle, scene.radius)

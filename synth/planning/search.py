@@ -53,7 +53,7 @@ def rehearse(config: PlanConfig, number: int) -> Rehearsal:
     """Simulate the people of a clip. The result does not depend on cameras or on other clips.
 
     Raises:
-        FailedSimulation: the clip failed with every seed; the message is that of the last attempt.
+        FailedSimulation: the clip failed with every seed; the message is from the last attempt.
         ValueError: the configuration cannot be met.
     """
     return until_success(lambda attempt: _attempt(config, number, attempt), _RETRIES)

@@ -205,7 +205,7 @@ def numbers(found: DetectorObservations) -> dict:
 
     Each row has a `heading` and a `group`, such as "cause" and "visible", and the number of joints or people. `found`
     and `missed` are shares of these, from 0 to 1. Of detected joints, `near` is the share with an error within 5 % of
-    the height, `inverted` that of joints at the position of the same joint of the other side; `median` and `p90` of
+    the height, and `inverted` the share that lies on the same joint of the other side; `median` and `p90` of
     errors are in heights. They are None if no joint was detected.
     """
     return {
@@ -318,8 +318,8 @@ def _shortened(group: str) -> str:
 def study(
     folders: Sequence[Path], simulated: Mapping[str, DetectorConfig], seed: int = 0, workers: int = 1
 ) -> dict[str, dict]:
-    """Return the `numbers` of the detections in clips, and of simulated detectors on the same clips, by name of the
-    detector; that of the clips is first. Raises as `synth.detector_errors`."""
+    """Return the `numbers` of the clips' own detections, and then of simulated detectors on the same clips, by name of
+    the detector. Raises as `synth.detector_errors`."""
     tasks = []
     for folder in folders:
         clips = Clips(DataConfig("clip", str(folder)))

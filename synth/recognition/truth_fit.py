@@ -84,7 +84,7 @@ def fit_to_truth(
 
 
 def distances(recordings: Sequence[Clip], config: DetectorConfig, seed: int = 0, workers: int = 1) -> list[Row]:
-    """Compare the detections of clips with those of a simulated detector on the same clips, by the limits `LIMITS`."""
+    """Compare the detections of clips with what a simulated detector finds on the same clips, by `LIMITS`."""
     clips = [on_body25(clip) for clip in recordings]
     real = measure_all(clips, len(clips), workers, ErrorReference.annotated)
     sim = measure_all(_redetected(clips, config, seed), len(clips), workers, ErrorReference.annotated)
@@ -92,7 +92,7 @@ def distances(recordings: Sequence[Clip], config: DetectorConfig, seed: int = 0,
 
 
 def real_distances(recordings: Sequence[Clip], others: Sequence[Clip], workers: int = 1) -> list[Row]:
-    """Compare the detections of clips with those of the same detector on other clips.
+    """Compare what a detector found on some clips with what it found on other clips.
 
     A simulated detector cannot be expected to be nearer to the real one than the real one is to itself.
     """

@@ -93,7 +93,7 @@ def smoothed(share, depth):
 def light_reaching(depth, K, facing, key, other, lamp, radius):
     """Return the share of its light that reaches each pixel, (H, W) float32.
 
-    Soft shadows are those of Fernando, "Percentage-closer soft shadows" (SIGGRAPH 2005 sketches): the mean distance of
+    Soft shadows follow Fernando, "Percentage-closer soft shadows" (SIGGRAPH 2005 sketches): the mean distance of
     what hides the middle of the lamp gives the width of the penumbra, in which the map is then averaged. Ambient
     occlusion is horizon based (Bavoil and Sainz, "Image-space horizon-based ambient occlusion", SIGGRAPH 2008 talks).
     The share of a cosine-weighted hemisphere below a horizon of elevation a is sin(a)^2. Directions are even in the

@@ -183,7 +183,7 @@ class JitterConfig:
 class MiscalibrationConfig:
     """Errors of the calibration that a clip stores as its rig.
 
-    Pictures and labels are those of the true cameras, which the clip stores as `true_rig`. Drawn for each clip and
+    Pictures and labels come from the true cameras, which the clip stores as `true_rig`. Drawn for each clip and
     camera, normally distributed; the values are standard deviations.
     """
 
@@ -212,7 +212,7 @@ class CameraPlacement(Enum):
 
 @dataclass(frozen=True)
 class RigConfig:
-    """The cameras of a clip: those of a file, otherwise listed cameras, otherwise placed cameras."""
+    """The cameras of a clip: read from a file, otherwise listed, otherwise placed."""
 
     name: str = "ring"
     """Descriptive name of the rig."""
@@ -221,7 +221,7 @@ class RigConfig:
     size: list[int] = field(default_factory=list)
     """Image width and height, px, for files that do not state them."""
     unit: LengthUnit | None = None
-    """Unit of lengths in the file; by default that of its format, like `up` and `inverse`."""
+    """Unit of lengths in the file; by default as in its format, like `up` and `inverse`."""
     up: UpDirection | None = None
     """Up direction of the file's world."""
     inverse: bool | None = None

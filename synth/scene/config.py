@@ -43,7 +43,7 @@ class SceneConfig:
     prop_kinds: list[str] = field(default_factory=lambda: ["chair", "table", "screen", "plant", "crate", "drum"])
     """Kinds of props: of `scenes/props/`, or paths of MJCF files."""
     randomize: bool = True
-    """Whether floor, walls, light and colours are random in each clip; otherwise those of the room."""
+    """Whether floor, walls, light and colours are random in each clip; otherwise as in the room's file."""
 
     def __post_init__(self):
         for name, unit in (("persons", "people"), ("clearance", "m"), ("props", "props")):

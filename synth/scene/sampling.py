@@ -25,7 +25,7 @@ from synth.scene.spec import PLAN_FPS, USUAL_PERSONS, Layout, PersonSpec, PropSp
 _BYSTANDERS, _PLACES, _HANDS = 2, 3, 4
 """Numbers of the child streams for bystanders, their places, and hands; 0 and 1 draw textures and colours."""
 _BYSTANDER_GAP = 0.65
-"""Least distance between the hips of a bystander and those of other people, m."""
+"""Least distance from a bystander's hips to other people's hips, m."""
 
 
 class SampledScene(NamedTuple):

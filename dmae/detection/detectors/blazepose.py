@@ -151,7 +151,7 @@ def _in_window(
 
 
 def _merged(values: np.ndarray, scores: np.ndarray) -> list[tuple[np.ndarray, float]]:
-    """Weighted suppression: return the mean, weighted by score, of each group of boxes that overlap the best of it.
+    """Weighted suppression: return the mean, weighted by score, for each best box and the boxes that overlap it.
 
     Args:
         values: (n, 6, 2) centre and size of the boxes, and points.

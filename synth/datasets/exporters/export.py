@@ -55,7 +55,7 @@ def export(
         pictures: `jpg` or `png`.
         workers: Processes; -1 for one per core.
         damaged: Whether to export even if files are missing or have changed.
-        robot: MJCF of the Unitree G1, for `g1` and `lerobot`; by default that of an installed mjlab.
+        robot: MJCF of the Unitree G1, for `g1` and `lerobot`; by default from an installed mjlab.
         about: Name, publisher and licence, for `croissant.json`, `DATASHEET.md` and `CITATION.cff`.
 
     Returns:

@@ -21,7 +21,7 @@ from dmae.formats.coco import annotation_entry, category_entry, clip_entry, imag
 from dmae.formats.labelled_images import PersonLabel, Picture, file_part, joint_labels
 from dmae.formats.panoptic import write_panoptic
 from synth.datasets.exporters import exporter
-from synth.datasets.exporters.selection import ClipTask, Selection, world_joints, write_lines
+from synth.datasets.exporters.selection import ClipTask, Selection
 from synth.labels.forces import ContactSource
 from synth.labels.physical_labels import FILE, PhysicalLabels, physical_labels
 
@@ -106,6 +106,15 @@ def _known(values: np.ndarray, digits: int) -> list[float] | None:
     return None if np.isnan(values).any() else [round(value, digits) for value in values.tolist()]
 
 
+def _world(person: PersonLabel) -> list[list[float] | None]:
+    """Return the joints in the world, m, to 0.1 mm; None where absent."""
+    return [_known(joint, 4) for joint in person.xyz]
+
+
+def _write_lines(path: Path, lines: list[dict]) -> None:
+    path.write_text("".join(json.dumps(line) + "\n" for line in lines))
+
+
 # COCO keypoints: `annotations/person_keypoints_<split>.json` and `images/<split>/`.
 
 
@@ -132,8 +141,8 @@ def _write_coco_clip(task: ClipTask) -> Counter:
         for person in picture.persons:
             entry = annotation_entry(person, len(annotations) + 1, len(images))
             annotations.append(entry | physical.of(picture, person))
-    write_lines(task.part("images"), images)
-    write_lines(task.part("annotations"), annotations)
+    _write_lines(task.part("images"), images)
+    _write_lines(task.part("annotations"), annotations)
     task.part("clip").write_text(json.dumps(clip_entry(clip)))
     return counts
 
@@ -249,7 +258,7 @@ def _write_webdataset_clip(task: ClipTask) -> Counter:
             for number, person in enumerate(picture.persons, 1):
                 entry = annotation_entry(person, number, 0)
                 entry = {key: value for key, value in entry.items() if not key.endswith("id") or key == "track_id"}
-                persons.append(entry | {"xyz": world_joints(person)} | physical.of(picture, person))
+                persons.append(entry | {"xyz": _world(person)} | physical.of(picture, person))
             camera = camera_entry(clip.rig, picture.view)
             label = about | {"camera": camera, "frame": picture.number, "persons": persons}
             files = {task.suffix: picture.encoded(task.suffix), "json": json.dumps(label).encode()}
@@ -307,14 +316,14 @@ def _write_huggingface_clip(task: ClipTask) -> Counter:
         lines.append({**files, **about, "camera": camera, "frame": picture.number})
         of_persons.append(
             [
-                annotation_entry(each, 0, 0) | {"xyz": world_joints(each)} | physical.of(picture, each)
+                annotation_entry(each, 0, 0) | {"xyz": _world(each)} | physical.of(picture, each)
                 for each in picture.persons
             ]
         )
     known = [key for key in PERSONS if any(entry.get(key, []) != [] for entries in of_persons for entry in entries)]
     for line, entries in zip(lines, of_persons, strict=True):
         line["persons"] = {key: [entry[key] for entry in entries] for key in known}
-    write_lines(task.part("jsonl"), lines)
+    _write_lines(task.part("jsonl"), lines)
     return counts
 
 
@@ -350,7 +359,7 @@ def _write_npz_clip(task: ClipTask) -> Counter:
 def physical_arrays(folder: Path, every: int = 1) -> dict[str, np.ndarray]:
     """Return arrays of the physical labels of a clip, for one frame in `every`: `contacts.*`, `forces.*`, `surface.*`.
 
-    Frame numbers of contacts are those of the clip. The result is empty if the clip has no physical labels.
+    Contacts keep the frame numbers of the clip. The result is empty if the clip has no physical labels.
     """
     labels, found = _physical_labels(folder), {}
     for kind in labels.kinds:

@@ -1,7 +1,7 @@
 """Whole scenes for other renderers: room, props, people in motion, cameras with their lenses, and lights.
 
 A clip is a file, in m. Each person is one skinned mesh, clothes included; loads are rigid pieces that move. Each true
-joint is an empty node with its own name, `person0: l_wrist`. Distances, positions and orientations are those of the
+joint is an empty node with its own name, `person0: l_wrist`. Distances, positions and orientations agree with the
 labels. Colours are plain: textures and clothes' patterns are not exported. A reader that ignores skins shows people
 with lowered arms at their first place.
 
@@ -325,7 +325,7 @@ def _write_glb(task: ClipTask) -> Counter:
             else:
                 file.json["nodes"][bones[parent]].setdefault("children", []).append(node)
             bones.append(node)
-        # The place of a mesh with a skin is that of its bones alone, so its points are already y up.
+        # Bones alone place a mesh with a skin, so its points are already y up.
         attributes = {
             "POSITION": file.accessor(skin.points @ WORLD_Y_UP.T, "VEC3", target=_VERTICES, bounds=True),
             "NORMAL": file.accessor(skin.normals @ WORLD_Y_UP.T, "VEC3", target=_VERTICES),

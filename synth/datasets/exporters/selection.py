@@ -1,6 +1,5 @@
 """What a layout is given: the clips of an export by split, their pictures, and files of the processes that write."""
 
-import json
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -9,12 +8,12 @@ from pathlib import Path
 from dmae.data.clip import Clip
 from dmae.data.skeleton import Skeleton
 from dmae.data.store import load_clip
-from dmae.formats.labelled_images import DEPTH, PersonLabel, Picture, file_part, joint_labels, read_pictures
+from dmae.formats.labelled_images import DEPTH, Picture, file_part, joint_labels, read_pictures
 from dmae.parallel import in_parallel
 from dmae.progress import progress
 
 PARTS = ".parts"
-"""Folder of temporary files of the processes, in the folder of the export. It is removed at the end."""
+"""Folder for temporary files of the processes, within the export. It is removed at the end."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +27,7 @@ class ClipTask:
     every: int  # Export one frame in this number; 2 for every second frame
     suffix: str  # Suffix of image files, `jpg` or `png`
     out: Path  # Folder of the export
-    robot: str | None = None  # MJCF of the robot, for formats of robots; None for that of an installed package
+    robot: str | None = None  # MJCF of the robot, for formats of robots; None to take it from an installed package
 
     def load(self) -> Clip:
         """Return the clip with its true cameras, which made its images, as `rig`."""
@@ -95,7 +94,7 @@ class Selection:
     every: int = 1  # Export one frame in this number; 2 for every second frame
     pictures: str = "jpg"  # Suffix of image files, `jpg` or `png`
     workers: int = 1  # Number of processes; -1 for one per core
-    robot: str | None = None  # MJCF of the robot, for formats of robots; None for that of an installed package
+    robot: str | None = None  # MJCF of the robot, for formats of robots; None to take it from an installed package
 
     def tasks(self, out: Path) -> list[ClipTask]:
         """Return the tasks of all clips, split by split, in the order of the clips."""
@@ -114,14 +113,3 @@ class Selection:
         for task, counts in self.each_clip(function, out):
             found[task.split] += counts
         return found
-
-
-def write_lines(path: Path, lines: list[dict]) -> None:
-    """Write a file of JSON objects, one per line."""
-    path.write_text("".join(json.dumps(line) + "\n" for line in lines))
-
-
-def world_joints(person: PersonLabel) -> list[list[float] | None]:
-    """Return the joints in the world, m, to 0.1 mm; None where absent, because JSON has no NaN."""
-    known = [[round(value, 4) for value in joint] for joint in person.xyz.tolist()]
-    return [None if joint[0] != joint[0] else joint for joint in known]

@@ -208,7 +208,7 @@ JOINTS = tuple(row[0] for row in _ROWS)
 """Joints in SMPL's order. The last two are at the knuckles, where SMPL-H and SMPL-X have fingers."""
 PARENTS = (-1, *(JOINTS.index(row[1]) for row in _ROWS[1:]))
 OFFSETS = np.array([row[2:] for row in _ROWS], np.float64)
-"""(24, 3) position of each joint in its parent, m; that of the pelvis is relative to the point that `trans` moves."""
+"""(24, 3) position of each joint in its parent, m; for the pelvis, relative to the point that `trans` moves."""
 BODY = 22
 """Number of joints before the joints of the hands."""
 

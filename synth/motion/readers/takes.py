@@ -115,7 +115,7 @@ def read_take_list(path: Path) -> list[ListedTake]:
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: a column is missing, a name cannot be that of a file, or a file is listed twice.
+        ValueError: a column is missing, a name is not possible for a file, or a file is listed twice.
     """
     rows = csv.DictReader(read_text(path, _MOST_BYTES).splitlines(), delimiter="\t", strict=True)
     try:
