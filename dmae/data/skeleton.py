@@ -84,6 +84,14 @@ class Skeleton:
             raise KeyError(f"skeleton {self.name!r} has no joint {lacking}; it has {list(self.joints)}")
         return [self._index[name] for name in names]
 
+    def index_of_part(self, part: "Skeleton") -> list[int] | None:
+        """Return the indices of another skeleton's joints, which a fused skeleton names `<part>.<joint>`; None if this
+        one lacks some."""
+        for prefix in ("", f"{part.name}."):
+            if set(names := [prefix + joint for joint in part.joints]) <= self._index.keys():
+                return self.index(*names)
+        return None
+
     @cached_property
     def _index(self) -> dict[str, int]:
         return {joint: i for i, joint in enumerate(self.joints)}

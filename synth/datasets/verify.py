@@ -235,7 +235,7 @@ def check_detections(clip: Clip) -> list[str]:
     labels = clip.detection_labels
     if clip.truth is None or labels is None:
         return problems
-    columns = _columns(clip.truth, clip.detections.skeleton.joints, clip.detections.skeleton.name)
+    columns = clip.truth.skeleton.index_of_part(clip.detections.skeleton)
     frame, view, place = np.nonzero(labels.person >= 0)
     person = labels.person[frame, view, place]
     valid = person < clip.truth.xyz.shape[1]
@@ -255,14 +255,6 @@ def check_detections(clip: Clip) -> list[str]:
     if some.any() and off.mean() > _MAX_OFF:
         problems.append(f"{off.mean():.0%} of the detections lie far from the person that they are labelled with")
     return problems
-
-
-def _columns(truth: Poses3D, joints: tuple[str, ...], skeleton: str) -> list[int] | None:
-    """Return the indices of the detected joints among the true joints; None if the skeletons do not match."""
-    for prefix in ("", f"{skeleton}."):
-        if set(names := [prefix + joint for joint in joints]) <= set(truth.skeleton.joints):
-            return truth.skeleton.index(*names)
-    return None
 
 
 # Verify clips and data sets: files, numbers, labels, images, and their consistency.

@@ -114,6 +114,10 @@ def kind_of(joint: str) -> str:
     return joint.removeprefix("l_").removeprefix("r_")
 
 
+KINDS = np.array([kind_of(joint) for joint in BODY25.joints])
+"""(25,) kind of each joint."""
+
+
 def joint_groups(groups: dict[str, str], otherwise: str, *, sided: tuple[str, ...]) -> dict[str, np.ndarray]:
     """Group joints by kind: (25,) True for the joints of each group.
 

@@ -101,15 +101,15 @@ def body25_columns(truth: Poses3D) -> list[int]:
     Raises:
         ValueError: it lacks some.
     """
-    prefix = "body25." if "body25.nose" in truth.skeleton.joints else ""
-    wanted = [prefix + joint for joint in BODY25.joints]
-    lacking = [joint for joint in wanted if joint not in truth.skeleton.joints]
-    if lacking:
+    columns = truth.skeleton.index_of_part(BODY25)
+    if columns is None:
+        known = {joint.removeprefix("body25.") for joint in truth.skeleton.joints}
+        lacking = [joint for joint in BODY25.joints if joint not in known]
         raise ValueError(
             f"truth of skeleton {truth.skeleton.name!r} lacks {lacking}: the simulated detector is one of BODY25, "
             "expected truth of body25, or of it and another as in body25+shelf14"
         )
-    return truth.skeleton.index(*wanted)
+    return columns
 
 
 def _shown(view: View) -> tuple[View, np.ndarray]:

@@ -18,7 +18,7 @@ from dmae.progress import progress
 from dmae.reporting.tables import Table
 from synth.detector.config import DetectorConfig
 from synth.detector.fitting import redetect
-from synth.detector.parts import kind_of
+from synth.detector.parts import KINDS
 from synth.detector.statistics import FRAGMENT, GROSS, match_detections
 from synth.recognition.realism import NEAR, UNOBSTRUCTED, Sightings, percent, sightings
 
@@ -166,7 +166,6 @@ _COLUMNS = (
     ("people", "found", "People found, %"),
 )
 """The tables, their columns, and their captions."""
-_KINDS = np.array([kind_of(joint) for joint in BODY25.joints])
 
 
 def joint_rows(joints: JointsSeen) -> list[dict]:
@@ -175,7 +174,7 @@ def joint_rows(joints: JointsSeen) -> list[dict]:
     groups = [("cause", name, joints.cause == cause) for cause, name in _CAUSES.items()]
     groups += [("margin of hidden joints", *each) for each in _ranges(joints.margin, _MARGINS, "m")]
     for state, chosen in (("visible", visible), ("hidden", ~visible)):
-        kinds = [("joint", str(kind), _KINDS[joints.joint] == kind) for kind in dict.fromkeys(_KINDS)]
+        kinds = [("joint", str(kind), KINDS[joints.joint] == kind) for kind in dict.fromkeys(KINDS)]
         groups += [(f"{name}, {state}", group, some & chosen) for name, group, some in (*_sorted(joints), *kinds)]
     return [_joint_row(heading, group, joints[some]) for heading, group, some in groups if some.any()]
 

@@ -17,7 +17,7 @@ from dmae.formats.reading import Clips, DataConfig
 from dmae.numerics.body import body_heading
 from dmae.parallel import in_parallel
 from dmae.progress import progress
-from synth.detector.parts import kind_of
+from synth.detector.parts import KINDS
 from synth.detector.simulated_detector import body25_columns
 from synth.scene.spec import SceneSpec
 
@@ -336,9 +336,8 @@ def rates(judged: Iterable[Judged]) -> list[Rate]:
             _rate(heading, value, [each.crop for each in judged if each.groups.get(heading) == value])
             for value in values
         ]
-    kinds = np.array([kind_of(joint) for joint in BODY25.joints])
-    for kind in dict.fromkeys(kinds):
-        some = [replace(each.crop, counted=each.crop.counted & (kinds == kind)) for each in judged]
+    for kind in dict.fromkeys(KINDS):
+        some = [replace(each.crop, counted=each.crop.counted & (kind == KINDS)) for each in judged]
         row = _rate("joint", str(kind), [crop for crop in some if crop.counted.any()])
         rows += [row] if row.joints else []
     return rows

@@ -7,7 +7,7 @@ body, and for joints hidden by others. Misses of whole people are fitted by the 
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import product
+from itertools import chain, product
 
 import numpy as np
 from scipy.stats import spearmanr
@@ -22,8 +22,8 @@ from synth.detector.comparison import Row, compare
 from synth.detector.config import DetectorConfig, ErrorReference, Limits
 from synth.detector.errors_of_joints import Misses
 from synth.detector.fitting import Fit, corrected_times, fit, redetect
-from synth.detector.parts import PartConfig, PartsConfig, kind_of
-from synth.detector.statistics import measure_all
+from synth.detector.parts import KINDS, PartConfig, PartsConfig
+from synth.detector.statistics import DetectorStatistics, measure_all
 from synth.recognition.detector_errors import DetectorObservations, JointsSeen, PeopleSeen, observe, pooled
 
 LIMITS = Limits(miss=0.02, joint_miss=0.03, distance=0.08, confidence=0.06)
@@ -31,7 +31,6 @@ LIMITS = Limits(miss=0.02, joint_miss=0.03, distance=0.08, confidence=0.06)
 _ENOUGH = 60
 """Fewest joints of a kind, visible or hidden, for their parameters to be fitted."""
 _STEP = 0.8
-_KINDS = np.array([kind_of(joint) for joint in BODY25.joints])
 _EXCHANGED = {"legs": ("knee", "ankle"), "arms": ("elbow", "wrist"), "body": ("shoulder",)}
 """Kinds of joints that show the inversions of `Inversions`. Shoulders are exchanged only with the whole body."""
 _GROUPS = {
@@ -40,7 +39,6 @@ _GROUPS = {
     "covered_": (Visibility.HIDDEN_BY_PERSON, Visibility.HIDDEN_BY_OBJECT),
 }
 """Prefix of the options of `PartConfig` that describe joints of some visibility."""
-_CAUSES = (Visibility.VISIBLE, Visibility.HIDDEN_BY_SELF, Visibility.HIDDEN_BY_PERSON, Visibility.HIDDEN_BY_OBJECT)
 
 
 def fit_to_truth(
@@ -56,7 +54,7 @@ def fit_to_truth(
     """
     clips = [on_body25(clip) for clip in recordings]
     real = _observed(clips, workers)
-    statistics = measure_all(clips, len(clips), workers, ErrorReference.annotated)
+    statistics = _measured(clips, workers)
     first = fit(statistics, clips, start, rounds=rounds, seed=seed, workers=workers, reference=ErrorReference.annotated)
     config = replace(
         first.config,
@@ -73,21 +71,19 @@ def fit_to_truth(
         off = _distance(real.joints, sim.joints)
         if best is None or off < best[0]:
             best = off, config
-        times = measure_all(simulated, len(clips), workers, ErrorReference.annotated)
+        times = _measured(simulated, workers)
         config = corrected_times(_corrected(config, real.joints, sim.joints), statistics, times, first.undetermined)
     sim = _observed(_redetected(clips, config, seed), workers)
     config = best[1] if best and best[0] <= _distance(real.joints, sim.joints) else config
     kept = {name: why for name, why in first.undetermined.items() if name != "parts.small_toe"}
-    return Fit(
-        config, kept, measure_all(_redetected(clips, config, seed), len(clips), workers, ErrorReference.annotated)
-    )
+    return Fit(config, kept, _measured(_redetected(clips, config, seed), workers))
 
 
 def distances(recordings: Sequence[Clip], config: DetectorConfig, seed: int = 0, workers: int = 1) -> list[Row]:
     """Compare the detections of clips with what a simulated detector finds on the same clips, by `LIMITS`."""
     clips = [on_body25(clip) for clip in recordings]
-    real = measure_all(clips, len(clips), workers, ErrorReference.annotated)
-    sim = measure_all(_redetected(clips, config, seed), len(clips), workers, ErrorReference.annotated)
+    real = _measured(clips, workers)
+    sim = _measured(_redetected(clips, config, seed), workers)
     return compare(real, sim, LIMITS)
 
 
@@ -96,10 +92,7 @@ def real_distances(recordings: Sequence[Clip], others: Sequence[Clip], workers: 
 
     A simulated detector cannot be expected to be nearer to the real one than the real one is to itself.
     """
-    measured = [
-        measure_all([on_body25(clip) for clip in clips], len(clips), workers, ErrorReference.annotated)
-        for clips in (recordings, others)
-    ]
+    measured = [_measured([on_body25(clip) for clip in clips], workers) for clips in (recordings, others)]
     return compare(*measured, LIMITS)
 
 
@@ -111,6 +104,10 @@ def on_body25(clip: Clip) -> Clip:
             "dmae detect clip=... keeps them of what synth generate made"
         )
     return replace(clip, detections=convert_detections(clip.detections, BODY25), detection_labels=None)
+
+
+def _measured(clips: Sequence[Clip], workers: int) -> DetectorStatistics:
+    return measure_all(clips, len(clips), workers, ErrorReference.annotated)
 
 
 def _redetected(clips: Sequence[Clip], config: DetectorConfig, seed: int) -> list[Clip]:
@@ -125,7 +122,7 @@ def _observed(clips: Sequence[Clip], workers: int) -> DetectorObservations:
 def _distance(real: JointsSeen, sim: JointsSeen) -> float:
     """Return the distance between errors and confidences of two detectors, over kinds, visible and hidden joints."""
     off = []
-    for kind, group in product(dict.fromkeys(_KINDS), _GROUPS):
+    for kind, group in product(dict.fromkeys(KINDS), _GROUPS):
         a, b = (_detected(both, kind, group) for both in (real, sim))
         if min(len(a.error), len(b.error)) >= _ENOUGH:
             off += [np.log(np.quantile(a.error, q) / max(np.quantile(b.error, q), 1e-6)) for q in (0.25, 0.5, 0.9)]
@@ -134,12 +131,12 @@ def _distance(real: JointsSeen, sim: JointsSeen) -> float:
 
 
 def _detected(joints: JointsSeen, kind: str, group: str) -> JointsSeen:
-    return joints[(_KINDS[joints.joint] == kind) & np.isin(joints.cause, _GROUPS[group]) & ~joints.missed]
+    return joints[(KINDS[joints.joint] == kind) & np.isin(joints.cause, _GROUPS[group]) & ~joints.missed]
 
 
 def _corrected(config: DetectorConfig, real: JointsSeen, sim: JointsSeen) -> DetectorConfig:
     parts = {}
-    for kind in dict.fromkeys(_KINDS):
+    for kind in dict.fromkeys(KINDS):
         part = _corrected_misses(getattr(config.parts, kind), real, sim, kind)
         for group in _GROUPS:
             a, b = (_detected(both, kind, group) for both in (real, sim))
@@ -154,7 +151,7 @@ def _corrected(config: DetectorConfig, real: JointsSeen, sim: JointsSeen) -> Det
 def _correlated(config: DetectorConfig, real: JointsSeen, sim: JointsSeen) -> DetectorConfig:
     """Return the detector with the correlation of confidences and small errors corrected, for each kind of joint."""
     common = config.scores.error_correlation
-    wanted = {kind: common * getattr(config.parts, kind).score_correlation for kind in dict.fromkeys(_KINDS)}
+    wanted = {kind: common * getattr(config.parts, kind).score_correlation for kind in dict.fromkeys(KINDS)}
     for kind in wanted:
         change = [_rank_correlation(both, kind) for both in (real, sim)]
         if np.isfinite(change).all():
@@ -212,10 +209,10 @@ def _beta(shape: Sequence[float], real: np.ndarray, sim: np.ndarray) -> tuple[fl
 def _corrected_misses(part: PartConfig, real: JointsSeen, sim: JointsSeen, kind: str) -> PartConfig:
     """Return a part with corrected probabilities of misses by cause. A kind that is never detected is always missed."""
     miss = list(part.miss)
-    of_kind = [both[_KINDS[both.joint] == kind] for both in (real, sim)]
+    of_kind = [both[KINDS[both.joint] == kind] for both in (real, sim)]
     if not len(of_kind[0].joint):
         return replace(part, miss=[1.0] * len(miss))
-    for place, cause in enumerate(_CAUSES):
+    for place, cause in enumerate(chain(*_GROUPS.values())):
         missed = [both.missed[both.cause == cause] for both in of_kind]
         if min(map(len, missed)) >= _ENOUGH:
             change = float(missed[0].mean() - missed[1].mean())
@@ -231,7 +228,7 @@ def _exchanged(probability: float, real: JointsSeen, sim: JointsSeen, kinds: tup
     Large errors look like inversions. They do so in the simulation as well, so the difference counts.
     """
     some = [
-        both[np.isin(_KINDS[both.joint], kinds) & (both.cause == Visibility.VISIBLE) & ~both.missed]
+        both[np.isin(KINDS[both.joint], kinds) & (both.cause == Visibility.VISIBLE) & ~both.missed]
         for both in (real, sim)
     ]
     if min(len(each.joint) for each in some) < _ENOUGH:
