@@ -46,12 +46,9 @@ def short_repr(self: Any) -> str:
     Fields that are None or empty are left out.
     """
     found = {field.name: getattr(self, field.name) for field in fields(self)}
-    shown = (f"{name}={_short(value)}" for name, value in found.items() if not _empty(value))
+    empty = [name for name, value in found.items() if value is None or (isinstance(value, dict | tuple) and not value)]
+    shown = (f"{name}={_short(value)}" for name, value in found.items() if name not in empty)
     return f"{type(self).__name__}({', '.join(shown)})"
-
-
-def _empty(value: Any) -> bool:
-    return value is None or (isinstance(value, dict | tuple) and not value)
 
 
 def _short(value: Any) -> str:

@@ -18,7 +18,10 @@ from dmae.files.mapped import by_frames
 
 _MIDPOINTS = {"neck": ("l_shoulder", "r_shoulder"), "mid_hip": ("l_hip", "r_hip")}
 _HEAD = ("bottom_head", "top_head")
-DERIVED = (*_MIDPOINTS, *_HEAD)
+_FACE = {"l_shoulder", "r_shoulder", "l_ear", "r_ear"}
+_NEEDS = {joint: set(pair) for joint, pair in _MIDPOINTS.items()} | dict.fromkeys(_HEAD, _FACE)
+"""Joints that a derived joint needs."""
+DERIVED = tuple(_NEEDS)
 """Joints that `convert` derives from others."""
 
 # m; top of the annotated heads of Shelf and Campus, from the conversion in the 4DAssociation release (Zhang et al.
@@ -49,8 +52,9 @@ def convert(poses: Poses3D, target: Skeleton) -> Poses3D:
         part = target if target in parts else parts[0]
         return convert(Poses3D(part, **_take(poses, [f"{part.name}.{joint}" for joint in part.joints])), target)
 
-    derived = [joint for joint in target.joints if joint not in source.joints and _derivable(joint, source)]
-    if not derived and not set(target.joints) & set(source.joints):
+    there = set(source.joints)
+    derived = [joint for joint in target.joints if joint not in there and joint in _NEEDS and _NEEDS[joint] <= there]
+    if not derived and not set(target.joints) & there:
         raise KeyError(
             f"no way from skeleton {source.name!r} to {target.name!r}: "
             f"it has none of {list(target.joints)}, but {list(source.joints)}"
@@ -93,11 +97,6 @@ def _take(poses: Poses3D, joints: Sequence[str]) -> dict[str, np.ndarray]:
     for name, value in NOT_KNOWN.items():
         arrays[name][:, :, index < 0] = value
     return arrays
-
-
-def _derivable(joint: str, source: Skeleton) -> bool:
-    needs = {"l_shoulder", "r_shoulder", "l_ear", "r_ear"} if joint in _HEAD else set(_MIDPOINTS.get(joint, {None}))
-    return needs <= set(source.joints)
 
 
 def _derive(poses: Poses3D, joint: str) -> dict[str, np.ndarray]:

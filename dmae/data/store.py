@@ -77,16 +77,14 @@ def _arrays(clip: Clip) -> dict[str, np.ndarray]:
         part = getattr(clip, name)
         if part is not None:
             arrays |= {f"{name}.{f.name}": getattr(part, f.name) for f in fields(part) if f.name != "skeleton"}
-    arrays = {name: array for name, array in arrays.items() if not (name.endswith(".rays") and _all_nan(array))}
+    for name in ("truth.rays", "poses.rays"):
+        if name in arrays and all(np.isnan(arrays[name][part]).all() for part in frame_blocks(arrays[name])):
+            del arrays[name]
     for part, names in _LABELS.items():
         labels = getattr(clip, part)
         stored = {} if labels is None else {stored: getattr(labels, name) for name, stored in names.items()}
         arrays |= {name: array for name, array in stored.items() if array is not None}
     return arrays
-
-
-def _all_nan(array: np.ndarray) -> bool:
-    return all(np.isnan(array[part]).all() for part in frame_blocks(array))
 
 
 def _images_meta(images: Images | None, folder: Path) -> dict | None:

@@ -243,7 +243,9 @@ def fit_pictures(camera: str, picture: tuple[int, int], calibration: tuple[int, 
         return Fitting()
     width, height = (a / b for a, b in zip(picture, calibration, strict=True))
     scale = min(width, height)
-    if abs(width - height) <= _RATIO * scale and _whole_pixels(picture, calibration, scale):
+    # Rounding to even numbers changes a side by less than 2 px.
+    rounded = all(abs(a - scale * b) < 2 for a, b in zip(picture, calibration, strict=True))
+    if rounded and abs(width - height) <= _RATIO * scale:
         return Fitting((width + height) / 2)
     left, top = ((a - scale * b) / 2 for a, b in zip(picture, calibration, strict=True))
     if _is_black(sample, round(left), round(top)):
@@ -254,11 +256,6 @@ def fit_pictures(camera: str, picture: tuple[int, int], calibration: tuple[int, 
         f"camera {camera}: its pictures have {picture[0]} x {picture[1]} px, its calibration is for {calibration[0]} x "
         f"{calibration[1]} px; they are no copy of that in another size, with or without black borders; {advice}"
     )
-
-
-def _whole_pixels(picture: tuple[int, int], calibration: tuple[int, int], scale: float) -> bool:
-    """Return whether the sizes differ only by rounding. Rounding to even numbers changes a side by less than 2 px."""
-    return all(abs(a - scale * b) < 2 for a, b in zip(picture, calibration, strict=True))
 
 
 def _is_black(sample: np.ndarray, left: int, top: int) -> bool:

@@ -1,7 +1,7 @@
 """Choose cameras: simulated people, what each camera sees of them, and the search for the best rig."""
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -110,9 +110,13 @@ def gather(rehearsal: Rehearsal, candidates: CandidateCameras, detector: Detecto
     joints = done.joints[chosen][:, :, DETECTED]
     first = np.unique(candidates.place, return_index=True)[1]
     rank = np.searchsorted(candidates.place[first], candidates.place)
+    # Cameras at the same places that see nearly everything in front of them.
+    side, rig = [_WIDE_SIDE, _WIDE_SIDE], candidates.rig[first]
+    K = np.tile(intrinsics(_WIDE_FOCAL, side), (len(rig), 1, 1))
+    all_round = replace(rig.undistorted, K=K, size=np.tile(side, (len(rig), 1)))
     seen = joint_visibility(
         done.model, done.qpos[chosen], joints, done.depth[:, DETECTED], done.geom_ids,
-        _all_round(candidates.rig[first]), done.bodies[:, DETECTED], done.objects,
+        all_round, done.bodies[:, DETECTED], done.objects,
     )  # fmt: skip
     xy, along = candidates.rig.project(joints)
     inside = candidates.rig.inside(xy) & (along > 0)
@@ -146,15 +150,6 @@ def _evidence(joints: np.ndarray, rig: CameraRig, probability: np.ndarray, scale
         for array in (probability, np.nan_to_num(plane * weight[..., None]))
     ]
     return JointEvidence(*rows)
-
-
-def _all_round(rig: CameraRig) -> CameraRig:
-    """Return cameras at the same places that see nearly everything in front of them."""
-    side = [_WIDE_SIDE, _WIDE_SIDE]
-    return CameraRig(
-        rig.names, np.tile(intrinsics(_WIDE_FOCAL, side), (len(rig), 1, 1)), np.zeros((len(rig), 5)),
-        rig.cam_from_world, np.tile(side, (len(rig), 1)),
-    )  # fmt: skip
 
 
 # Choose cameras: add the best next camera repeatedly, then exchange each camera for a better one.

@@ -13,7 +13,7 @@ import numpy as np
 
 from dmae.data.rng import Stream, generator
 from dmae.detection.detectors.blazepose import PeopleDetector
-from dmae.detection.detectors.landmarks import Network, Region, pyramid_of
+from dmae.detection.detectors.landmarks import Network, pyramid_of
 from dmae.detection.pictures import cameras_of, find_cameras
 from dmae.detection.registry import PoseDetectorConfig
 from dmae.formats.reading import Clips, DataConfig
@@ -74,7 +74,10 @@ def people(pictures: Iterable[np.ndarray]) -> Iterator[dict[str, float]]:
         pyramid, size = pyramid_of(np.ascontiguousarray(picture)), picture.shape[1::-1]
         for person in search(picture):
             region = person.region
-            if region is None or region.side < _LEAST or not _is_inside(region, size):
+            if region is None or region.side < _LEAST:
+                continue
+            # The circle around the body must be within the picture, but for a tenth of its radius.
+            if np.minimum(region.centre, size - region.centre).min() <= 0.9 * region.radius:
                 continue
             pixels = region.cut(pyramid, network.size)
             # The logit that a pixel shows the person.
@@ -82,11 +85,6 @@ def people(pictures: Iterable[np.ndarray]) -> Iterator[dict[str, float]]:
             found = silhouette(pixels, mask[..., 0] > 0)
             if found:
                 yield found
-
-
-def _is_inside(region: Region, size: tuple[int, int]) -> bool:
-    """Return whether the circle around a body is within a picture, but for a tenth of its radius."""
-    return bool((np.minimum(region.centre, size - region.centre) > 0.9 * region.radius).all())
 
 
 def rendered(folders: Sequence[Path], every: int) -> list[list[dict[str, float]]]:

@@ -1,5 +1,6 @@
 """Build the MuJoCo model of a scene from its specification."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -100,10 +101,13 @@ def add_prop(world: mujoco.MjSpec, prefix: str, prop: PropSpec) -> np.ndarray:
     tint = child.material("tint")
     if tint is not None and prop.tint:
         tint.rgba = [*prop.tint, 1]
-    half = prop.yaw / 2
-    frame = world.worldbody.add_frame(pos=[*prop.at, 0], quat=[np.cos(half), 0, 0, np.sin(half)])
-    world.attach(child, prefix=prefix, frame=frame)
+    _attach(world, child, prefix, (*prop.at, 0), prop.yaw)
     return placed_discs(prop_size(prop.kind, prop.scale, prop.up).discs, prop.at, prop.yaw)
+
+
+def _attach(world: mujoco.MjSpec, child: mujoco.MjSpec, prefix: str, at: Sequence[float], yaw: float) -> None:
+    frame = world.worldbody.add_frame(pos=at, quat=[np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)])
+    world.attach(child, prefix=prefix, frame=frame)
 
 
 def _add_load(world: mujoco.MjSpec, prefix: str, load: Load, persons: tuple[PersonSpec, ...]) -> None:
@@ -117,9 +121,7 @@ def _add_load(world: mujoco.MjSpec, prefix: str, load: Load, persons: tuple[Pers
         for side, sign in SIDES.items():
             across = sign * load.half_width * (1 if number % 2 == 0 else -1)
             body.add_site(name=f"grip{number}{side}", pos=[0, across, grip.height])
-    half = load.yaw / 2
-    frame = world.worldbody.add_frame(pos=load.at, quat=[np.cos(half), 0, 0, np.sin(half)])
-    world.attach(child, prefix=prefix, frame=frame)
+    _attach(world, child, prefix, load.at, load.yaw)
     for number, grip in enumerate(load.grips):
         for side, sign in SIDES.items():
             holder, name = persons[grip.person].body, f"{prefix}grip{number}{side}"
