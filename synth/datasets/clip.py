@@ -118,7 +118,6 @@ def check(config: GenerateConfig) -> CameraRig:
     load_room(config.scene.arena)
     rig = until_success(lambda attempt: _rig(config, attempt_seed(config.seed, attempt), 0), config.retries)
     add_cameras(mujoco.MjSpec(), rig)
-    config.occlusion.check(rig)
     check_images(config, rig)
     with suppress(FailedSimulation):
         _scene(replace(config, occlusion=OcclusionConfig()), rig, config.seed, 0)

@@ -3,7 +3,6 @@
 import re
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import TYPE_CHECKING
 
 from dmae.data.labels import KINDS
 from dmae.parallel import Backend, check_workers
@@ -14,9 +13,6 @@ from synth.rendering.config import ImageQuality, ImagingConfig
 from synth.rigs.config import NO_RIG, RigConfig
 from synth.rooms.config import PropsConfig
 from synth.scene.config import MOST_CLIPS, SceneConfig
-
-if TYPE_CHECKING:
-    from dmae.data.cameras import CameraRig
 
 IMAGE_CHOICES = ("none", "all", *KINDS)
 """The values of `images=`: one of these or a list of them."""
@@ -64,14 +60,6 @@ class OcclusionConfig:
             )
         if self.views is not None and self.views < 1:
             raise ValueError(f"occlusion.views: expected 1 or more, got {self.views}")
-
-    def check(self, rig: "CameraRig") -> None:
-        """Raise ValueError if the target counts more cameras than the rig has."""
-        if self.target and (self.views or 0) > len(rig):
-            raise ValueError(
-                f"occlusion.views: a joint cannot be hidden in {self.views} cameras, the rig has {len(rig)}; "
-                f"expected 1 to {len(rig)}"
-            )
 
 
 @dataclass(frozen=True)

@@ -144,7 +144,11 @@ def sample_hidden_scene(
         FailedSimulation: no layout meets the target; the message says what would help.
         ValueError: the configuration cannot be met.
     """
-    config.check(rig)
+    if (config.views or 0) > len(rig):
+        raise ValueError(
+            f"occlusion.views: a joint cannot be hidden in {config.views} cameras, the rig has {len(rig)}; "
+            f"expected 1 to {len(rig)}"
+        )
     inset = _MARGIN * (config.target[1] - config.target[0])
     low, high = config.target[0] + inset, config.target[1] - inset
     aim = float(generator(seed, clip, Stream.LAYOUT).uniform(low, high))

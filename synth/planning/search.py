@@ -233,13 +233,7 @@ def choose(evidence: JointEvidence, place: np.ndarray, numbers: range) -> dict[i
 
     `place` (C,) is the index of each candidate's place; each place is used at most once. Each camera is exchanged for
     the best other one at most three times.
-
-    Raises:
-        ValueError: there are fewer places than cameras.
     """
-    places = len(set(place.tolist()))
-    if max(numbers) > places:
-        raise ValueError(f"cameras: {max(numbers)} cameras do not fit into {places} places; raise mount.places")
     chosen, found = [], {}
     for number in progress(range(1, max(numbers) + 1), "choosing cameras"):
         chosen = [*chosen, int(_scores(evidence, place, chosen).argmax())]
