@@ -85,14 +85,9 @@ def forecast(config: GenerateConfig) -> Forecast:
     """Forecast the time and the disk space of a data set, or of its missing clips and images.
 
     Short pieces of a clip with the median number of people are made in the requested number of processes, and a few
-    pictures rendered. Nothing is written to `config.out`. For a few clips, the forecast takes
-    about a third of their time. Raises as `generate`.
+    pictures rendered. Nothing is written to `config.out`. For a few clips, the forecast takes about a third of their
+    time. Raises as `generate`.
     """
-    with running_on(config.backend):
-        return _forecast(config)
-
-
-def _forecast(config: GenerateConfig) -> Forecast:
     rig = check(config)
     to_make, to_render = _missing(config)
     indices, frames = sorted([*to_make, *to_render]), config.scene.frames
@@ -101,7 +96,9 @@ def _forecast(config: GenerateConfig) -> Forecast:
     how = config.scene, config.interaction
     people = {index: max(1, count_people(*how, seed=config.seed, clip=index)) for index in indices}
     median = sorted(people.values())[len(people) // 2]
-    cost = _cost(config, [index for index in indices if people[index] == median], len(indices))
+    with running_on(config.backend):
+        cost = _cost(config, [index for index in indices if people[index] == median], len(indices))
+        processes = process_count(config.workers)
     # Labels are in proportion to people; pictures are not.
     labels = cost.clip_seconds + frames * cost.frame_seconds
     images = cost.image_clip_seconds + frames * cost.image_frame_seconds
@@ -109,7 +106,7 @@ def _forecast(config: GenerateConfig) -> Forecast:
     size = sum(people[index] for index in to_make) / median * (cost.clip_bytes + frames * cost.frame_bytes)
     size += len(indices) * cost.image_bytes
     pictures = len(indices) * frames * len(rig) if config.kinds else 0
-    took = makespan(seconds, process_count(config.workers))
+    took = makespan(seconds, processes)
     return Forecast(len(to_make), frames * len(to_make), pictures, float(took), float(size) / 1e6)
 
 
