@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from dmae.files.contents import COMPRESSED, read_unpacked, without_compression
-from dmae.numerics.paths import neighbours, pchip
+from dmae.numerics.paths import neighbours, pchip, runs
 
 _MOST_BYTES, _MOST_UNPACKED = 1 << 30, 1 << 28
 _CELLS = 200_000
@@ -75,12 +75,6 @@ def number_table(path: Path, lines: Sequence[int], rows: list[list[str]], column
             return values
     # Slow, but finds the line.
     return np.array([numbers(path, line, row, columns) for line, row in zip(lines, rows, strict=True)])
-
-
-def runs(mask: np.ndarray) -> list[tuple[int, int]]:
-    """Return the first index of each run of True in a mask (F,), and the one after its last."""
-    edges = np.flatnonzero(np.diff(mask, prepend=False, append=False)).tolist()
-    return list(zip(edges[::2], edges[1::2], strict=True))
 
 
 _LONGEST = 0.25
