@@ -56,10 +56,7 @@ def write_sheet(
         for frame, images in zip(frames.tolist(), pictures_of(clip, frames), strict=True)
     ]
     sheet = np.concatenate([header(overlay, pictures[0].shape[1]), *pictures])
-    written, data = cv2.imencode(".png", cv2.cvtColor(sheet, cv2.COLOR_RGB2BGR))
-    if not written:
-        raise OSError(f"{path}: could not write PNG")
-    write_atomic(path, data.tobytes())
+    write_atomic(path, cv2.imencode(".png", cv2.cvtColor(sheet, cv2.COLOR_RGB2BGR))[1].tobytes())
 
 
 def write_overlay_video(

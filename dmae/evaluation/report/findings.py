@@ -214,11 +214,11 @@ def residual_tables(measured: Groups, completed: Groups, names: Sequence[str]) -
     for name in (name for name in names if name in measured):
         rows = []
         for group, each in measured[name].items():
-            other = completed.get(name, {}).get(group)
-            if each.compared or (other and other.compared):
+            other = completed[name][group]  # the same cameras, persons and joints
+            if each.compared or other.compared:
                 figures = (each.mean, each.quantile(0.5), each.quantile(0.9))
                 row = (group, f"{each.compared:,}", *(number_text(figure) for figure in figures))
-                more = (f"{other.compared:,}" if other else "0", number_text(other and other.mean))
+                more = (f"{other.compared:,}", number_text(other.mean))
                 rows.append(row + more if some_completed else row)
         header = (name, "measured", "mean px", "median px", "90 % under")
         if some_completed:
