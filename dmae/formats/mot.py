@@ -59,7 +59,8 @@ def write_mot(poses: Poses3D, clip: Clip, path: Path) -> list[Path]:
             turn = None if name in _PLACES else 360
             values[:, column] = _without_gaps(estimates[:, column], known[:, column], turn)
         times = np.arange(len(values)) / clip.fps
-        header = [person_name(person), "version=1", f"nRows={len(values)}", f"nColumns={1 + len(names)}", "inDegrees=yes",
+        header = [person_name(person), "version=1", f"nRows={len(values)}", f"nColumns={1 + len(names)}",
+                  "inDegrees=yes",
                   f"Angles that the joints do not determine are filled here, and empty in {table.name}.",
                   "endheader", "\t".join(["time", *names])]  # fmt: skip
         rows = (
