@@ -40,12 +40,16 @@ class Images:
     # Names of the videos in `folder`, one per view, if they are not `rgb/<view>.mp4`. If `rgb` is `png`, names of
     # folders of image files instead. Frame n is then the n-th file, sorted by the numbers in their names.
     files: tuple[str, ...] = ()
+    # (left, top) px of the black border around colour images, one per view, that is cut off on all sides; () for none
+    borders: tuple[tuple[int, int], ...] = ()
 
     __repr__ = short_repr
 
     def __post_init__(self):
         if self.files and len(self.files) != len(self.views):
             raise ValueError(f"images: expected a file for each of {len(self.views)} views, got {len(self.files)}")
+        if self.borders and (len(self.borders) != len(self.views) or min(map(min, self.borders)) < 0):
+            raise ValueError(f"images: expected borders from 0 on for {len(self.views)} views, got {self.borders}")
         if self.rgb not in RGB_FILES:
             raise ValueError(f"images: expected colour as one of {', '.join(RGB_FILES)}, got {self.rgb!r}")
 
@@ -53,7 +57,8 @@ class Images:
         """Return the images of some frames (a slice or a list of indices) and of the given views (names)."""
         files = tuple(self.files[self.views.index(view)] for view in views) if self.files else ()
         chosen = tuple(int(i) for i in np.asarray(self.frames)[frames])
-        return replace(self, views=views, frames=chosen, files=files)
+        borders = tuple(self.borders[self.views.index(view)] for view in views) if self.borders else ()
+        return replace(self, views=views, frames=chosen, files=files, borders=borders)
 
     def read(self, kind: str, view: str) -> Iterator[np.ndarray]:
         """Yield the images of one kind and one view, as `at` returns them, in the order of frames.
@@ -88,7 +93,8 @@ class Images:
         self._check(kind, view)
         number = self.frames[frame]
         path = self.path(kind, view, number)
-        return kept_open(path).read(number) if kind == "rgb" and self.rgb == "h264" else _read_image(kind, path)
+        image = kept_open(path).read(number) if kind == "rgb" and self.rgb == "h264" else _read_image(kind, path)
+        return self._cut(image, view) if kind == "rgb" else image
 
     def path(self, kind: str, view: str, frame: int = 0) -> Path:
         """Return the path of an image; `frame` is the number of the frame in the files, as in `frames`."""
@@ -104,8 +110,19 @@ class Images:
         if kind not in self.kinds or view not in self.views:
             raise KeyError(f"no {kind} images of view {view!r}; there are {self.kinds} of {self.views}")
 
+    def _cut(self, image: np.ndarray, view: str) -> np.ndarray:
+        """Return a colour image (H, W, 3) of a view without its border."""
+        left, top = self.borders[self.views.index(view)] if self.borders else (0, 0)
+        height, width = image.shape[:2]
+        return image[top : height - top, left : width - left]
+
     def video(self, view: str) -> Iterator[Callable[[], np.ndarray]]:
         """Yield a function for each image of `read("rgb", view)`, which converts it: skipping a frame saves that."""
+        for convert in self._converters(view):
+            yield lambda convert=convert: self._cut(convert(), view)
+
+    def _converters(self, view: str) -> Iterator[Callable[[], np.ndarray]]:
+        """Yield a function for each colour image of a view, which converts it as it is in the file."""
         if self.rgb != "h264":
             for frame in self.frames:
                 yield partial(_read_image, "rgb", self.path("rgb", view, frame))

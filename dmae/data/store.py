@@ -91,7 +91,8 @@ def _images_meta(images: Images | None, folder: Path) -> dict | None:
     if images is None:
         return None
     where = os.path.relpath(images.folder.resolve(), folder.resolve())
-    names = ("views", "frames", "kinds", "parts", "rgb", *(("files",) if images.files else ()))
+    some = [name for name in ("files", "borders") if getattr(images, name)]
+    names = ("views", "frames", "kinds", "parts", "rgb", *some)
     return {"folder": where} | {name: getattr(images, name) for name in names}
 
 
@@ -133,6 +134,7 @@ def assemble_clip(folder: Path, meta: dict, arrays: dict[str, np.ndarray]) -> Cl
         # Clips of earlier versions have no images of parts and no names of parts, and colour images only as videos.
         older = {"parts": tuple(images.get("parts", ())), "rgb": images.get("rgb", "h264")}
         older["files"] = tuple(images.get("files", ()))
+        older["borders"] = tuple((int(left), int(top)) for left, top in images.get("borders", ()))
         images = Images(folder / images["folder"], *listed, **older)
     return Clip(
         id=meta["id"],

@@ -12,11 +12,12 @@ from scipy.optimize import linear_sum_assignment
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.skeleton import Skeleton
-from dmae.detection.pictures import CameraPictures, Fitting
+from dmae.detection.pictures import CameraPictures
 from dmae.detection.registry import PictureDetector, PoseDetectorConfig, pose_detector
 from dmae.files.arrays import read_arrays
 from dmae.files.checks import MOST_PIXELS
 from dmae.files.contents import write_atomic
+from dmae.formats.picture_sizes import Fitting
 from dmae.numerics.body import distance_to_bones
 from dmae.numerics.statistics import median_over_frames
 from dmae.parallel import in_parallel

@@ -19,11 +19,9 @@ from dmae.data.skeleton import COCO17, Skeleton, get_skeleton
 from dmae.detection.pictures import (
     Alignment,
     CameraPictures,
-    Fitting,
     align,
     cameras_of,
     find_cameras,
-    fit_pictures,
     pictures_in,
     pictures_of,
     read_files,
@@ -34,6 +32,7 @@ from dmae.files.checks import PICTURES, child
 from dmae.files.contents import write_atomic
 from dmae.files.pictures import read_upright, upright_size
 from dmae.formats.openpose import write_detections, write_people
+from dmae.formats.picture_sizes import Fitting, fit_pictures
 from dmae.formats.recordings import by_name, match_cameras, natural
 from dmae.numerics.filling import STILLS, are_stills
 from dmae.parallel import in_parallel

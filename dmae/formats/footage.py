@@ -5,10 +5,13 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from dmae.data.clip import Clip
 from dmae.data.images import Images, picture_files
 from dmae.files.checks import check_rate
-from dmae.files.pictures import check_picture, open_video
+from dmae.files.pictures import check_picture, kept_open, open_video, read_picture
+from dmae.formats.picture_sizes import fit_pictures
 from dmae.formats.recordings import by_name, match_cameras
 
 _ENDINGS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v")
@@ -31,8 +34,9 @@ def with_videos(clip: Clip, folder: Path) -> Clip:
     """Return the clip with the videos of a folder, one per camera as in `match_cameras`, as its colour images.
 
     Frame n of a video, counted from 0, is frame number n of the detections. If the videos are too short for this but
-    long enough for the clip, they start at its first frame. Videos with another image size than the calibration are
-    stretched when they are drawn. A note in `provenance["notes"]` reports each of these cases.
+    long enough for the clip, they start at its first frame. If images have another size than the calibration, a black
+    border is cut off and the rest scaled, as `dmae run` does; if that does not fit either, they are stretched when they
+    are drawn. A note in `provenance["notes"]` reports each of these cases.
 
     Raises:
         FileNotFoundError: the folder contains no videos.
@@ -42,14 +46,15 @@ def with_videos(clip: Clip, folder: Path) -> Clip:
     if not files:
         raise FileNotFoundError(f"{folder}: expected a video for each camera, <camera>.mp4, found none")
     ordered, notes = _by_camera(clip, Path(folder), files, "a video for each camera")
-    counts = []
+    counts: list[int | None] = []
+    borders: list[tuple[int, int]] = []
     for file, size, name in zip(ordered, clip.rig.size.tolist(), clip.rig.names, strict=True):
         with open_video(file) as video:
             stream = video.streams.video[0]
             counts.append(stream.frames or None)
             found = [stream.width, stream.height]
-        if found != size:
-            notes.append(_stretched(name, f"{file.name} has pictures of", found, size))
+        at = {0, (counts[-1] or 0) // 2} if found != size else ()
+        borders.append(_border(name, file.name, found, size, [kept_open(file).read(frame) for frame in at], notes))
     first = clip.provenance.get("first_frame", 0)
     least = min((count for count in counts if count), default=first + len(clip))
     if least < first + len(clip):
@@ -58,7 +63,7 @@ def with_videos(clip: Clip, folder: Path) -> Clip:
             raise ValueError(f"{short}: expected {len(clip)} frames or more as of the detections, found {least}")
         notes.append(f"the first frame of the videos is assumed to be frame {first}, as they have {least} frames")
         first = 0
-    return _with_images(clip, Path(folder), ordered, first, notes)
+    return _with_images(clip, Path(folder), ordered, first, notes, borders)
 
 
 def with_pictures(clip: Clip, folder: Path) -> Clip:
@@ -79,10 +84,11 @@ def with_pictures(clip: Clip, folder: Path) -> Clip:
     matching = {"what": "pictures", "options": "data.images=..."}
     ordered, notes = _by_camera(clip, Path(folder), folders, "pictures of each camera", **matching)
     files = [picture_files(each) for each in ordered]
+    borders: list[tuple[int, int]] = []
     for each, size, name in zip(files, clip.rig.size.tolist(), clip.rig.names, strict=True):
         found = list(check_picture(each[0]))
-        if found != size:
-            notes.append(_stretched(name, f"{each[0].name} has", found, size))
+        sample = [read_picture(each[0], (1, 3, 4))] if found != size else []
+        borders.append(_border(name, each[0].name, found, size, sample, notes))
         if len(each) < len(clip):
             parent = each[0].parent
             raise ValueError(f"{parent}: expected {len(clip)} pictures or more as of the detections, found {len(each)}")
@@ -92,15 +98,27 @@ def with_pictures(clip: Clip, folder: Path) -> Clip:
     if start is None or least < start + len(clip):
         start = first if least >= first + len(clip) else 0
         notes.append(f"the first of the {least} pictures is assumed to be frame {first - start}")
-    return _with_images(clip, Path(folder), ordered, start, notes, rgb="png")
+    return _with_images(clip, Path(folder), ordered, start, notes, borders, rgb="png")
 
 
-def _stretched(camera: str, what: str, found: list[int], size: list[int]) -> str:
-    pictures, calibrated = (" x ".join(map(str, each)) for each in (found, size))
-    return (
-        f"camera {camera}: {what} {pictures} px, the calibration says {calibrated}; they are stretched, so that people "
-        "can be drawn beside where they are seen"
-    )
+def _border(
+    camera: str, file: str, found: list[int], size: list[int], sample: list[np.ndarray], notes: list[str]
+) -> tuple[int, int]:
+    """Return (left, top) px of the black border of a camera's images, and note another size than the calibration's."""
+    if found == size:
+        return 0, 0
+    try:
+        fitting = fit_pictures(camera, (found[0], found[1]), (size[0], size[1]), np.stack(sample))
+    except ValueError:
+        pictures, calibrated = (" x ".join(map(str, each)) for each in (found, size))
+        notes.append(
+            f"camera {camera}: {file} has pictures of {pictures} px, the calibration says {calibrated}; they are "
+            "stretched, so that people can be drawn beside where they are seen"
+        )
+        return 0, 0
+    notes.append(f"camera {camera}: {fitting.note}")
+    left, top = fitting.margin
+    return round(left), round(top)
 
 
 def _by_camera(
@@ -116,10 +134,13 @@ def _by_camera(
     return [items[index.index(view)] for view in range(len(clip.rig))], [how] if how else []
 
 
-def _with_images(clip: Clip, folder: Path, ordered: list[Path], start: int, notes: list[str], **options) -> Clip:
+def _with_images(
+    clip: Clip, folder: Path, ordered: list[Path], start: int, notes: list[str], borders: list, **options
+) -> Clip:
     """Return the clip with images that begin at index `start` of the files."""
     frames, names = tuple(range(start, start + len(clip))), tuple(item.name for item in ordered)
-    images = Images(folder, clip.rig.names, frames, ("rgb",), files=names, **options)
+    cut = tuple(borders) if any(map(any, borders)) else ()
+    images = Images(folder, clip.rig.names, frames, ("rgb",), files=names, borders=cut, **options)
     provenance = clip.provenance | {"notes": [*clip.provenance.get("notes", ()), *notes]}
     return replace(clip, images=images, provenance=provenance)
 

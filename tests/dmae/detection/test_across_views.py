@@ -9,9 +9,10 @@ import pytest
 
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import BODY25
-from dmae.detection.pictures import CameraPictures, Fitting, find_cameras
+from dmae.detection.pictures import CameraPictures, find_cameras
 from dmae.detection.pipeline import Pictures, compare_views
 from dmae.detection.registry import PoseDetectorConfig
+from dmae.formats.picture_sizes import Fitting
 from tests.support.detected_people import FPS, detected_clip, standing, with_body
 
 MISSED = range(10, 20)

@@ -40,7 +40,35 @@ def test_pictures_without_the_numbers_of_the_frames_are_noted(tmp_path):
     pictures = write_pictures(tmp_path / "pictures", range(4), size=(300, 480), name="p{}.jpg")
     clip = dmae.read(tmp_path / "rec", fps=25, images=pictures)
     assert any("the first of the 4 pictures is assumed to be frame 100" in note for note in clip.provenance["notes"])
-    assert any("has 480 x 300 px, the calibration says" in note for note in clip.provenance["notes"])
+    assert (
+        "camera cam0: pictures are 0.5000 times the size of the calibration; this is undone" in clip.provenance["notes"]
+    )
+
+
+def test_black_borders_are_cut_off_as_dmae_run_does(tmp_path):
+    write_openpose_recording(recording(BODY25, 4), tmp_path / "rec")
+    width, height = recording(BODY25, 4).rig.size[0]
+    framed = np.zeros((height // 2, width // 2 + 100, 3), np.uint8)
+    framed[:, 50:-50] = 200
+    (tmp_path / "videos").mkdir()
+    for camera in range(4):
+        write_video(tmp_path / f"videos/cam{camera}.mp4", [framed] * 4, 25)
+        for frame in range(4):
+            write_image("rgb", tmp_path / f"pictures/cam{camera}/f{frame}.png", framed)
+    for given in ({"videos": str(tmp_path / "videos")}, {"images": str(tmp_path / "pictures")}):
+        clip = dmae.read(tmp_path / "rec", fps=25, **given)
+        assert any("black border of 50 px at the sides; this is undone" in note for note in clip.provenance["notes"])
+        dmae.save(clip, tmp_path / "clip")
+        clip = dmae.load(tmp_path / "clip").select(views=[2, 1])
+        for image in (clip.images.at("rgb", "cam2", 1), next(clip.images.read("rgb", "cam1"))):
+            assert image.shape == (height // 2, width // 2, 3) and image[:, 3:-3].min() > 180
+
+
+def test_pictures_of_another_shape_are_stretched_and_noted(tmp_path):
+    write_openpose_recording(recording(BODY25, 4), tmp_path / "rec")
+    clip = dmae.read(tmp_path / "rec", fps=25, images=write_pictures(tmp_path / "pictures", range(4), size=(900, 300)))
+    assert any("300 x 900 px, the calibration says" in note for note in clip.provenance["notes"])
+    assert clip.images.at("rgb", "cam3", 0).shape == (900, 300, 3)
 
 
 def test_what_lacks_pictures_is_refused_by_name(tmp_path):
