@@ -160,6 +160,9 @@ class StressConfig:
             raise ValueError(f"methods=[]: expected some of {', '.join([*completion_method, PAPER, *capture_method])}")
         if self.paper_weights and PAPER not in self.methods:
             raise ValueError(f"paper_weights={self.paper_weights}: expected {PAPER} among the methods")
+        for pair in self.pairs or ():
+            for name in pair.split("+"):
+                corruption.check(name)
 
 
 class BenchmarkSize(StrEnum):

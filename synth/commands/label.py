@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from dmae.data.store import clip_folders
+from dmae.reporting.tables import counted
 from synth.commands.config import LabelCommand
 from synth.datasets.physical_labels import label
 from synth.labels.physical_labels import FILE
@@ -10,7 +11,9 @@ from synth.labels.physical_labels import FILE
 
 def run(config: LabelCommand, out: None) -> None:
     made = label(config.data, config.labels, workers=config.workers)
-    print(f"{config.data}: {made} of {len(clip_folders(Path(config.data)))} clips have got {FILE}")
+    there = len(clip_folders(Path(config.data))) - made
+    had = f"; {counted(there, 'clip')} had them already" if there else ""
+    print(f"{config.data}: {', '.join(config.labels)} added to {counted(made, 'clip')} ({FILE}){had}")
 
 
 def interrupted(config: LabelCommand, out: None) -> str:

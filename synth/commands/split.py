@@ -73,8 +73,8 @@ def _list_takes(config: SplitCommand, path: Path, out: Path) -> None:
         part = [take for take in readable if take.listed.set == name]
         people = len({take.listed.subject for take in part})
         minutes = sum(take.seconds for take in part) / 60
-        print(f"{out}: set {name}: {len(part)} takes of {people} subjects, {minutes:.1f} minutes")
-    print(f"{out}: {len(readable)} takes, {len(found) - len(readable)} left out")
+        print(f"{out}: set {name}: {counted(len(part), 'take')} of {counted(people, 'subject')}, {minutes:.1f} minutes")
+    print(f"{out}: {counted(len(readable), 'take')}, {len(found) - len(readable)} left out")
     leaks = find_subject_leaks(take.listed for take in found)
     if leaks:
         raise ValueError(f"{path}: {len(leaks)} leaks; {leaks[0]}")
