@@ -148,11 +148,14 @@ def completer(
         >>> complete(dmae.capture(clip), clip.fps).skeleton.name
         'body25'
     """
-    return _loaded(str(weights) if weights else None, denoise, reject, smooth)(skeleton)
+    model = Path(weights or "", "model.json")
+    written = model.stat().st_mtime_ns if weights and model.is_file() else 0
+    return _loaded(str(weights) if weights else None, written, denoise, reject, smooth)(skeleton)
 
 
 @lru_cache(maxsize=4)
-def _loaded(weights: str | None, denoise: bool | None, reject: bool, smooth: float):
+def _loaded(weights: str | None, written: int, denoise: bool | None, reject: bool, smooth: float):
+    """Return `completers` of weights; `written`, when they were, as a model trained anew is loaded anew."""
     from dmae.completion.complete import completers
 
     return completers(Path(weights) if weights else None, denoise=denoise, reject=reject, smooth=smooth)

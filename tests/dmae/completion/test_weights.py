@@ -48,6 +48,18 @@ def test_weights_are_found_by_skeleton_or_else_by_most_common_joints(ours):
     assert find_shipped(HALPE26).name == "body25"
 
 
+def test_a_model_that_is_trained_anew_into_its_folder_is_loaded_anew(tmp_path):
+    poses, model = with_holes(circling(1), 1), untrained().model
+    record = {"denoises": False, "calibration": [[1] * CLASSES] * 2}
+    found = []
+    for shift in (0.0, 0.1):
+        with torch.no_grad():
+            model.head.bias += shift
+        save_model(model, SHELF14, tmp_path / "model", record)
+        found.append(dmae.complete(poses, FPS, weights=tmp_path / "model", denoise=False, smooth=0).xyz)
+    assert np.nanmax(np.abs(found[1] - found[0])) > 0.01
+
+
 def test_without_common_joints_the_shipped_skeletons_are_listed(ours, monkeypatch):
     (ours / "body25").mkdir()
     (ours / "body25" / "model.json").write_text("{}")
