@@ -255,7 +255,7 @@ class TableConfig:
     """Published systems that capture the same detections in rows of their own in tables 1 to 3; by default all, or
     with size=small none."""
     angles: bool = False
-    """Also score joint angles of hips, knees and ankles, degrees, in the tables with errors in mm: 3, 4 and 6. It takes
+    """Also score joint angles of hips and knees, degrees, in the tables with errors in mm: 3, 4 and 6. It takes
     about a second for 150 frames of a person and method."""
     weights: str | None = field(default=None, metadata={"reads": "model", "words": ("paper",)})
     """Folder that `dmae train` wrote, for `dmae`; by default the weights that come with the package."""

@@ -90,9 +90,11 @@ def compared_error(mean: dict) -> float | None:
 
 def _angles_table(turned: list[tuple[tuple[str, str], dict]]) -> Table:
     """Return the table of joint angles."""
+    no_feet = all(score["ankles"] is None for _, score in turned)
     return Table(
         "Joint angles of the legs: mean absolute errors, degrees, share of angles that joints determine, share of true "
-        "angles in the 90 % intervals, %, and expected calibration error",
+        "angles in the 90 % intervals, %, and expected calibration error"
+        + ("; ankles need joints of the feet, which skeleton=body25 has" if no_feet else ""),
         ("method", "views", *JUDGED, "determined", "in 90 %", "ECE"),
         [
             (*first, *(_text(score[name]) for name in (*JUDGED, "determined", "held")), _text(score["ece"], 2))

@@ -162,8 +162,8 @@ def scored_run(trial: Trial, poses: Poses3D, config: TableConfig) -> dict:
 
 
 def angle_columns(config: TableConfig) -> list[TableColumn]:
-    """Return the column of errors of joint angles, if they are scored."""
-    return [TableColumn("angles", "hips, knees, ankles", "°")] if config.angles else []
+    """Return the column of errors of joint angles, if they are scored; Shelf's joints have no feet to show ankles."""
+    return [TableColumn("angles", "hips and knees", "°")] if config.angles else []
 
 
 BETTER = "better of dmae and the paper's network, final"
