@@ -1,10 +1,10 @@
 """What is read: refuse a path that does not exist, or that holds something else, before the modules of a command load.
 
 They take seconds, with torch ten. A field of a configuration declares what it names by its metadata: `reads` is a kind
-below, or "skeleton", the name or file of one; `words` are names that it takes instead.
+below, or "skeleton", the name or file of one; `words` are names that it takes instead, or a function that returns them.
 """
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 
@@ -38,7 +38,7 @@ def check_inputs(configuration: object, options: Group) -> None:
             raise ValueError(f"{key}={path}: expected {_KINDS[kind]}, found {found}")
 
 
-def _inputs(configuration: object, prefix: str) -> Iterator[tuple[str, str, tuple[str, ...], str]]:
+def _inputs(configuration: object, prefix: str) -> Iterator[tuple[str, str, Collection[str], str]]:
     """Yield key, kind, words and path of all that is read."""
     for each in fields(configuration):
         value, key = getattr(configuration, each.name), f"{prefix}{each.name}"
@@ -47,7 +47,8 @@ def _inputs(configuration: object, prefix: str) -> Iterator[tuple[str, str, tupl
         elif "reads" in each.metadata:
             for path in value if isinstance(value, list) else [value]:
                 if path and path != REQUIRED:
-                    yield key, each.metadata["reads"], each.metadata.get("words", ()), str(path)
+                    words = each.metadata.get("words", ())
+                    yield key, each.metadata["reads"], words() if callable(words) else words, str(path)
 
 
 def _check_skeleton(key: str, name: str) -> None:

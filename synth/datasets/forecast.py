@@ -57,10 +57,10 @@ class Forecast:
     megabytes: float
 
     def __str__(self) -> str:
-        pictures = f", {self.pictures} pictures" if self.pictures else ""
+        pictures = f", {counted(self.pictures, 'picture')}" if self.pictures else ""
         took = duration(self.seconds)
         made = f"{counted(self.clips, 'clip')}, {counted(self.frames, 'frame')}{pictures}"
-        return f"{made}: about {took}, {self.megabytes:.0f} MB"
+        return f"{made}: about {took}, {self.megabytes:,.0f} MB"
 
 
 class _Cost(NamedTuple):

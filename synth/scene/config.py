@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from synth.people.body import MOST_PERSONS
-from synth.rooms.config import mjcf_names, room_folder
+from synth.rooms.config import room_choices
 
 _LONGEST, _FASTEST = 3600.0, 1000.0
 """Longest clip, s, and highest frame rate, 1/s."""
@@ -18,7 +18,7 @@ MOST_CLIPS = 1_000_000_000
 class SceneConfig:
     """Distributions from which scenes are drawn. Pairs are the least and the greatest value."""
 
-    arena: str = field(default="studio", metadata={"reads": "path", "words": mjcf_names(room_folder())})
+    arena: str = field(default="studio", metadata={"reads": "path", "words": room_choices})
     """Room of `scenes/`, or path of an MJCF file."""
     persons: list[int] = field(default_factory=list)
     """Number of people; with an interaction, of its participants. By default 2 to 4, within the numbers that the

@@ -138,8 +138,9 @@ def _c3d(path: Path, poses: Poses3D) -> np.ndarray:
 
 def _mot(path: Path, poses: Poses3D) -> None:
     lines = path.read_text().splitlines()
-    rows = np.array([[float(cell) for cell in line.split("\t")] for line in lines[7:]])
-    assert rows.shape == (len(poses.xyz), len(lines[6].split("\t"))) and np.isfinite(rows).all()
+    names = lines.index("endheader") + 1
+    rows = np.array([[float(cell) for cell in line.split("\t")] for line in lines[names + 1 :]])
+    assert rows.shape == (len(poses.xyz), len(lines[names].split("\t"))) and np.isfinite(rows).all()
     if find_spec("opensim"):
         import opensim
 

@@ -21,5 +21,5 @@ for name, module in list(sys.modules.items()):
 def test_capture_and_completion_compile_each_function_once():
     done = subprocess.run([sys.executable, "-c", CAPTURE_AND_COMPLETE], capture_output=True, text=True, check=True)
     found = [line for line in done.stdout.splitlines() if not line.startswith("0 ")]
-    assert len(found) > 20
+    assert len(found) > 15
     assert not [line for line in found if not line.startswith("1 ")]

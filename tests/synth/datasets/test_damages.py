@@ -78,11 +78,9 @@ def test_what_does_not_verify_is_refused(data):
             refuse_damaged(path, "x=true")
 
 
-def test_training_and_export_refuse_damaged_data_unless_told_otherwise(data, tmp_path):
+def test_training_and_export_refuse_damaged_data_unless_told_otherwise(data, sound, tmp_path):
     (data / "000001/notes.txt").write_text("?")
-    for arguments in (("train", f"data={data}"), ("train", "data=none", f"extra_data=[{data}]")):
-        if arguments[1] == "data=none":
-            (tmp_path / "none").mkdir()
+    for arguments in (("train", f"data={data}"), ("train", f"data={sound}", f"extra_data=[{data}]")):
         done = dmae(tmp_path, *arguments, "out=model")
         assert done.returncode == 1
         assert "notes.txt: a file that does not belong" in done.stderr

@@ -74,7 +74,9 @@ def test_a_forecast_makes_a_third_of_the_frames_at_most(config, clips, seconds, 
 
 
 def test_a_forecast_reads_well():
-    assert str(Forecast(8, 1000, 5000, 5400.0, 1234.5)) == "8 clips, 1000 frames, 5000 pictures: about 90 min, 1234 MB"
+    assert str(Forecast(8, 1000, 5000, 5400.0, 1234.5)) == (
+        "8 clips, 1,000 frames, 5,000 pictures: about 90 min, 1,234 MB"
+    )
     assert str(Forecast(1, 25, 0, 3.2, 1.0)) == "1 clip, 25 frames: about 3 s, 1 MB"
     assert str(Forecast(1, 25, 0, 10800.0, 1.0)).endswith("about 3.0 h, 1 MB")
 
