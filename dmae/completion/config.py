@@ -108,8 +108,9 @@ class ModelConfig:
             "fps": (self.fps, 0.01, 1e5),
         }
         for name, (value, least, most) in limits.items():
-            if not least <= value <= most:
-                raise ValueError(f"model.{name}: expected a number from {least:g} to {most:g}, found {value!r:.40}")
+            kind, noun = (int, "whole number") if least == 1 else (int | float, "number")
+            if isinstance(value, bool) or not isinstance(value, kind) or not least <= value <= most:
+                raise ValueError(f"model.{name}: expected a {noun} from {least:g} to {most:g}, found {value!r:.40}")
         for name, dim in (("encoder.dim", encoder.dim), ("decoder.dim", decoder.dim)):
             if dim % 2:
                 raise ValueError(f"model.{name}: expected an even number (sines and cosines), found {dim}")

@@ -18,7 +18,7 @@ _OUTLIER_SIZE = (0.05, 0.5)  # m; log-uniform between these
 
 
 def cut_gaps(truth: Poses3D, fps: float, *, rng: np.random.Generator) -> Poses3D:
-    """Return true poses with gaps like those that training masks. Each has a known sample before and after it."""
+    """Return true poses with gaps drawn as in training. Each gap has a known sample before and after it."""
     known = ~np.isnan(truth.xyz).any(-1)
     hidden = mask_bursts(*known.shape[:2], truth.skeleton, fps, MaskingConfig(), rng=rng)
     before, after = neighbours(known & ~hidden)

@@ -23,9 +23,9 @@ from dmae.numerics.kinematics import ISB, NoBody, body_motion, can_move
 from dmae.numerics.paths import linear, pchip
 
 Y_UP = np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])
-"""Rotation from our axes to those of OpenSim, and of people at rest in animation: who faces x in ours faces z there."""
+"""Rotation from our axes to the axes of OpenSim and of rest poses: people who face x in ours face z there."""
 WORLD_Y_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
-"""Rotation from our world to that of BVH and glTF, which importers into a world with z up turn back into ours."""
+"""Rotation from our world to the world of BVH and glTF. Programs with z up turn it back when they import a file."""
 _LIMBS = {"elbow": (0, 1, 0), "wrist": (0, 1, 0), "knee": (0, 0, -1), "ankle": (0, 0, -1)}
 """Directions of limbs of your own skeletons in the rest pose, a T-pose that faces x, for the left side."""
 _HEADING_SMOOTHING = 0.4  # s; standard deviation of the Gaussian weights that smooth the heading

@@ -603,7 +603,7 @@ def joint_angles(motion: BodyMotion, up: np.ndarray = ISB.T) -> tuple[np.ndarray
 def estimated_angles(motion: BodyMotion, up: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return `ANGLES` and their standard deviations (F, A), degrees, and (F, A) where the joints determine them.
 
-    Elsewhere they are those of a body at rest. Values are between -180 and 180; `up` as in `joint_angles`.
+    Where they do not, the angles belong to a body at rest. Values are between -180 and 180. `up`: see `joint_angles`.
     """
     names = {name: number for number, name in enumerate(motion.body.segments)}
     rotations, shape = _about_hip_joints(motion), (len(motion.root), len(ANGLES))

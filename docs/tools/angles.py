@@ -6,8 +6,8 @@
 DMAE_DATA names the folder with `cmu`, `cmu_more` and `pose2sim`. OpenSim's columns need `pip install opensim pose2sim`
 (the latter with `--no-deps`); without them they are left out.
 
-- people: four cameras around two or three people, detected with errors, captured and completed. Their true angles are
-  those of the simulated bodies; the pelvis is level in upright standing, as in ours. Errors by the longest gap among
+- people: four cameras around two or three people, detected with errors, captured and completed. True angles come
+  from the simulated bodies, with the pelvis level in upright standing. Errors by the longest gap among
   the joints of an angle, and by its cause.
 - bounds: what would be left of the errors of completed joints if one more thing were known.
 - trial: Pose2Sim's trial, without a truth: our angles against OpenSim's, on the same markers.

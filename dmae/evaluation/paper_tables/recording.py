@@ -114,7 +114,7 @@ def table_trials(
 
 
 def chosen_systems(config: TableConfig) -> Sequence[str]:
-    """Return the published systems that have rows: those of the configuration, by default all, or none if small."""
+    """Return the published systems that get a row: the configured ones; else all, or none in a small table."""
     if config.systems is not None:
         return config.systems
     return () if config.size == TableSize.small else [*capture_method]

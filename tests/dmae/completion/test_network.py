@@ -22,6 +22,21 @@ PAPER = replace(SMALL, residual=False, align_heading=False)
 JOINTS = 6
 
 
+@pytest.mark.parametrize(
+    "name, value, expected",
+    [
+        ("frames", 15.5, "a whole number from 1 to 1000"),
+        ("frames", True, "a whole number from 1 to 1000"),
+        ("frames", "15", "a whole number from 1 to 1000"),
+        ("dropout", float("nan"), "a number from 0 to 0.999"),
+        ("fps", "25", "a number from 0.01 to 100000"),
+    ],
+)
+def test_impossible_sizes_and_rates_are_refused(name, value, expected):
+    with pytest.raises(ValueError, match=f"model.{name}: expected {expected}, found"):
+        replace(SMALL, **{name: value})
+
+
 def model(config: ModelConfig, seed: int = 0) -> DMAE:
     """Return a model in evaluation mode, with a head that is not zero, as after some training."""
     with torch.random.fork_rng():
