@@ -85,9 +85,9 @@ RECORDED = {
         "2 minutes",
     ),
     "benchmark_occlusion_v2": (
-        "dmae benchmark name=occlusion-v2 size=full workers=2 methods=[measured,linear,linear_body,pchip_body,kalman,"
+        "dmae benchmark name=occlusion-v2 size=full angles=true methods=[measured,linear,linear_body,pchip_body,kalman,"
         "rays,gaussian_process,reject_pchip,reject_gaussian_process,dmae,dmae_reject]",
-        "5 minutes",
+        "an hour and a half",
     ),
     **{
         f"table_{number}": (
