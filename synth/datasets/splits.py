@@ -27,18 +27,13 @@ from synth.motion.source import read_take
 
 @dataclass(frozen=True)
 class Take:
-    """A take of a list.
+    """A take of a list."""
 
-    Attributes:
-        listed: File, subject and set of the take.
-        seconds, fps: Length, s, and true frame rate, 1/s; 0 if the take cannot be read.
-        notes: Notes on the reading and on repairs, or the reason why the take cannot be read.
-    """
-
-    listed: ListedTake
+    listed: ListedTake  # File, subject and set of the take
+    # seconds, fps: Length, s, and true frame rate, 1/s; 0 if the take cannot be read
     seconds: float
     fps: float
-    notes: str
+    notes: str  # Notes on the reading and on repairs, or the reason why the take cannot be read
 
     @property
     def readable(self) -> bool:

@@ -23,21 +23,13 @@ ENOUGH = 100
 
 @dataclass(frozen=True)
 class Row:
-    """One statistic of a recording and its simulation.
+    """One statistic of a recording and its simulation."""
 
-    Attributes:
-        what: Name of the statistic.
-        real: Value of the recording.
-        sim: Value of the simulation.
-        distance: Distance between both.
-        allowed: Greatest allowed distance; None if any distance is allowed.
-    """
-
-    what: str
-    real: float
-    sim: float
-    distance: float
-    allowed: float | None = None
+    what: str  # Name of the statistic
+    real: float  # Value of the recording
+    sim: float  # Value of the simulation
+    distance: float  # Distance between both
+    allowed: float | None = None  # Greatest allowed distance; None if any distance is allowed
 
     @property
     def exceeded(self) -> bool:

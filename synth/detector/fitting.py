@@ -267,17 +267,12 @@ _FEW_MISSES = 50
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted preset.
+    """A fitted preset."""
 
-    Attributes:
-        config: The detector.
-        undetermined: Parameters that are not changed, and the reason why the recording does not determine each.
-        statistics: Statistics of the clips that were simulated with this detector.
-    """
-
-    config: DetectorConfig
+    config: DetectorConfig  # The detector
+    # Parameters that are not changed, and the reason why the recording does not determine each
     undetermined: dict[str, str]
-    statistics: DetectorStatistics
+    statistics: DetectorStatistics  # Statistics of the clips that were simulated with this detector
 
 
 def redetect(clip: Clip, config: DetectorConfig, seed: int) -> Clip:

@@ -103,22 +103,15 @@ class Load:
 
 @dataclass(frozen=True)
 class Script:
-    """An interaction around the origin.
+    """An interaction around the origin."""
 
-    Attributes:
-        roles: One for each person.
-        clearance: Greatest distance that people keep between their hips, m; None for the clearance of the scene.
-        furniture: The props that it needs.
-        loads: The objects that are carried.
-        paired: Whether recordings of two people together, if there are any, are played unchanged.
-        reaches: Function from the people's poses to the reaches of their hands.
-    """
-
-    roles: tuple[Role, ...]
+    roles: tuple[Role, ...]  # One for each person
+    # Greatest distance that people keep between their hips, m; None for the clearance of the scene
     clearance: float | None = None
-    furniture: tuple[PlacedProp, ...] = ()
-    loads: tuple[Load, ...] = ()
-    paired: bool = False
+    furniture: tuple[PlacedProp, ...] = ()  # The props that it needs
+    loads: tuple[Load, ...] = ()  # The objects that are carried
+    paired: bool = False  # Whether recordings of two people together, if there are any, are played unchanged
+    # Function from the people's poses to the reaches of their hands
     reaches: Callable[[Poses], list[Reach]] = field(default=lambda poses: [])
 
 

@@ -26,21 +26,13 @@ LEAST_FPS = 12.0
 
 
 class Movement(NamedTuple):
-    """The motion of B bodies in F frames.
+    """The motion of B bodies in F frames."""
 
-    Attributes:
-        places: (F, B, 3) centres of mass, m, world.
-        velocities: (F, B, 3) m / s.
-        accelerations: (F, B, 3) m / s^2.
-        turning: (F, B, 3) angular velocities, rad / s, world.
-        spin_rates: (F, B, 3) rate of change of the angular momentum about the body's centre of mass, N m.
-    """
-
-    places: np.ndarray
-    velocities: np.ndarray
-    accelerations: np.ndarray
-    turning: np.ndarray
-    spin_rates: np.ndarray
+    places: np.ndarray  # (F, B, 3) centres of mass, m, world
+    velocities: np.ndarray  # (F, B, 3) m / s
+    accelerations: np.ndarray  # (F, B, 3) m / s^2
+    turning: np.ndarray  # (F, B, 3) angular velocities, rad / s, world
+    spin_rates: np.ndarray  # (F, B, 3) rate of change of the angular momentum about the body's centre of mass, N m
 
 
 def smoothed(values: np.ndarray, fps: float, derivative: int = 0) -> np.ndarray:
@@ -112,51 +104,29 @@ _MOMENT_LENGTH = 3.0
 
 
 class Places(NamedTuple):
-    """K places where people touch, or nearly touch, objects that stand still.
+    """K places where people touch, or nearly touch, objects that stand still."""
 
-    Attributes:
-        frame: (K,) int32 frame, sorted.
-        geoms: (K, 2) geom of the person, and geom of the object.
-        point: (K, 3) m, world.
-        normal: (K, 3) unit vector from the object to the person, world.
-        friction: (K,) coefficient.
-        gap: (K,) m, below 0 for an overlap.
-        speed: (K,) speed of the person's part along the surface, m/s.
-    """
-
-    frame: np.ndarray
-    geoms: np.ndarray
-    point: np.ndarray
-    normal: np.ndarray
-    friction: np.ndarray
-    gap: np.ndarray
-    speed: np.ndarray
+    frame: np.ndarray  # (K,) int32 frame, sorted
+    geoms: np.ndarray  # (K, 2) geom of the person, and geom of the object
+    point: np.ndarray  # (K, 3) m, world
+    normal: np.ndarray  # (K, 3) unit vector from the object to the person, world
+    friction: np.ndarray  # (K,) coefficient
+    gap: np.ndarray  # (K,) m, below 0 for an overlap
+    speed: np.ndarray  # (K,) speed of the person's part along the surface, m/s
 
 
 class SeenStates(NamedTuple):
-    """Positions and contacts in the states of a scene.
+    """Positions and contacts in the states of a scene."""
 
-    Attributes:
-        places: (F, nbody, 3) centres of mass of bodies, m, world.
-        turns: (F, nbody, 3, 3) orientations of their principal axes.
-        sites: (F, nsite, 3) positions of sites, m, world.
-        frame: (K,) int32 frame of each pair of geoms that touch, or nearly touch, sorted.
-        geoms: (K, 2) indices of the geoms.
-        point: (K, 3) m, world.
-        normal: (K, 3) unit vector from the first geom to the second, world.
-        friction: (K,) coefficient.
-        gap: (K,) m, below 0 for an overlap.
-    """
-
-    places: np.ndarray
-    turns: np.ndarray
-    sites: np.ndarray
-    frame: np.ndarray
-    geoms: np.ndarray
-    point: np.ndarray
-    normal: np.ndarray
-    friction: np.ndarray
-    gap: np.ndarray
+    places: np.ndarray  # (F, nbody, 3) centres of mass of bodies, m, world
+    turns: np.ndarray  # (F, nbody, 3, 3) orientations of their principal axes
+    sites: np.ndarray  # (F, nsite, 3) positions of sites, m, world
+    frame: np.ndarray  # (K,) int32 frame of each pair of geoms that touch, or nearly touch, sorted
+    geoms: np.ndarray  # (K, 2) indices of the geoms
+    point: np.ndarray  # (K, 3) m, world
+    normal: np.ndarray  # (K, 3) unit vector from the first geom to the second, world
+    friction: np.ndarray  # (K,) coefficient
+    gap: np.ndarray  # (K,) m, below 0 for an overlap
 
 
 def look(scene: Scene, qpos: np.ndarray) -> SeenStates:

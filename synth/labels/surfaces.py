@@ -31,19 +31,12 @@ _RAY_START = 1.0
 
 
 class _Rings(NamedTuple):
-    """Rings of points around the axis of a segment.
+    """Rings of points around the axis of a segment."""
 
-    Attributes:
-        directions: Names of the directions around the axis, evenly spaced.
-        first: The first direction, in T-pose.
-        second: The direction towards which the following ones turn, on the left side of the body.
-        shares: Positions of the rings along the axis: 0 at its beginning, 1 at its end.
-    """
-
-    directions: tuple[str, ...]
-    first: tuple[int, int, int]
-    second: tuple[int, int, int]
-    shares: tuple[float, ...]
+    directions: tuple[str, ...]  # Names of the directions around the axis, evenly spaced
+    first: tuple[int, int, int]  # The first direction, in T-pose
+    second: tuple[int, int, int]  # The direction towards which the following ones turn, on the left side of the body
+    shares: tuple[float, ...]  # Positions of the rings along the axis: 0 at its beginning, 1 at its end
 
 
 _X, _Y, _Z = np.eye(3, dtype=int).tolist()
@@ -78,17 +71,11 @@ from the middle, and `under` of a hand is its palm."""
 
 
 class SurfacePoints(NamedTuple):
-    """Points on P people, each in a triangle of a geom's mesh.
+    """Points on P people, each in a triangle of a geom's mesh."""
 
-    Attributes:
-        geoms: (P, 512) index of the geom that each point belongs to.
-        vertices: (P, 512, 3) indices into the model's `mesh_vert` of the corners of the triangle.
-        shares: (P, 512, 3) shares of the corners in the point, sum 1.
-    """
-
-    geoms: np.ndarray
-    vertices: np.ndarray
-    shares: np.ndarray
+    geoms: np.ndarray  # (P, 512) index of the geom that each point belongs to
+    vertices: np.ndarray  # (P, 512, 3) indices into the model's `mesh_vert` of the corners of the triangle
+    shares: np.ndarray  # (P, 512, 3) shares of the corners in the point, sum 1
 
     def at(self, model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
         """Return points, m, and outward unit normals, (P, 512, 3) each, world.
@@ -316,15 +303,11 @@ def _seen(
 
 
 class PixelAgreement(NamedTuple):
-    """The agreement between the labels of joints and the pixels at their projections.
+    """The agreement between the labels of joints and the pixels at their projections."""
 
-    Attributes:
-        compared: (4,) number of compared joints: visible, hidden by their own person, by another person, by an object.
-        agreeing: (4,) number of these joints with a pixel that agrees.
-    """
-
+    # (4,) number of compared joints: visible, hidden by their own person, by another person, by an object
     compared: np.ndarray
-    agreeing: np.ndarray
+    agreeing: np.ndarray  # (4,) number of these joints with a pixel that agrees
 
 
 def agreement(clip: Clip, margin: int = 5) -> PixelAgreement:

@@ -352,21 +352,16 @@ SKELETON = get_skeleton("body25+shelf14")
 
 
 class _Landmark(NamedTuple):
-    """A point that moves with a segment, on the left side.
+    """A point that moves with a segment, on the left side."""
 
-    Attributes:
-        segment: Segment that it moves with.
-        joint: Segment; the offset is relative to its origin in the T-pose.
-        x, y, z: Offset, fractions of stature; an offset from the head is also scaled by the size of the head.
-        radius: Depth in the limb, with clothes, for three quarters of the directions from which it is seen, fractions
-            of stature; it scales with girth. It is 0 for points on the skin of the head, which the head itself hides.
-    """
-
-    segment: str
-    joint: str
+    segment: str  # Segment that it moves with
+    joint: str  # Segment; the offset is relative to its origin in the T-pose
+    # x, y, z: Offset, fractions of stature; an offset from the head is also scaled by the size of the head
     x: float
     y: float
     z: float
+    # Depth in the limb, with clothes, for three quarters of the directions from which it is seen, fractions of stature;
+    # it scales with girth. It is 0 for points on the skin of the head, which the head itself hides.
     radius: float = 0.0
 
 

@@ -13,17 +13,11 @@ PATTERNS = ("plain", "stripes", "checks", "melange", "camouflage")
 
 @dataclass(frozen=True)
 class Garment:
-    """A shirt or a pair of trousers.
+    """A shirt or a pair of trousers."""
 
-    Attributes:
-        long: Whether sleeves reach the wrists or legs the ankles, rather than elbows or knees.
-        pattern: One of `PATTERNS`.
-        colours: Two RGB triples, 0..1.
-    """
-
-    long: bool
-    pattern: str
-    colours: tuple[tuple[float, float, float], tuple[float, float, float]]
+    long: bool  # Whether sleeves reach the wrists or legs the ankles, rather than elbows or knees
+    pattern: str  # One of `PATTERNS`
+    colours: tuple[tuple[float, float, float], tuple[float, float, float]]  # Two RGB triples, 0..1
 
     def __post_init__(self):
         if self.pattern not in PATTERNS:
@@ -33,29 +27,17 @@ class Garment:
 
 @dataclass(frozen=True)
 class PersonLooks:
-    """Colours, hair and clothes of a person; colours are RGB, 0..1.
+    """Colours, hair and clothes of a person; colours are RGB, 0..1."""
 
-    Attributes:
-        skin: Colour of the skin.
-        hair: One of `HAIRSTYLES`.
-        hair_colour: Colour of hair and brows.
-        top: Shirt.
-        bottom: Trousers.
-        shoes: Colour of the shoes.
-        sole: Colour of their soles.
-        untucked: Whether the shirt hangs over the trousers.
-        hands: Shapes of the left and the right hand, of `HANDS`.
-    """
-
-    skin: tuple[float, float, float]
-    hair: str
-    hair_colour: tuple[float, float, float]
-    top: Garment
-    bottom: Garment
-    shoes: tuple[float, float, float]
-    sole: tuple[float, float, float]
-    untucked: bool
-    hands: tuple[str, str] = ("relaxed", "relaxed")
+    skin: tuple[float, float, float]  # Colour of the skin
+    hair: str  # One of `HAIRSTYLES`
+    hair_colour: tuple[float, float, float]  # Colour of hair and brows
+    top: Garment  # Shirt
+    bottom: Garment  # Trousers
+    shoes: tuple[float, float, float]  # Colour of the shoes
+    sole: tuple[float, float, float]  # Colour of their soles
+    untucked: bool  # Whether the shirt hangs over the trousers
+    hands: tuple[str, str] = ("relaxed", "relaxed")  # Shapes of the left and the right hand, of `HANDS`
 
     def __post_init__(self):
         if len(self.hands) != 2 or set(self.hands) - set(HANDS):

@@ -26,44 +26,27 @@ _SOFT, _LOOSE = 12, 24
 
 
 class Part(NamedTuple):
-    """A part of the visible surface of a person, in the bind pose.
+    """A part of the visible surface of a person, in the bind pose."""
 
-    Attributes:
-        segment: Segment that it belongs to.
-        material: Name of its material, see `synth.people.mjcf`.
-        vertices: (N, 3) m; the mid point of the hip joints is the origin.
-        faces: (T, 3) vertex indices, counter-clockwise seen from outside.
-        normals: (N, 3) unit normals. Parts of one garment share them at their seams.
-        uv: (T, 3, 2) texture coordinates of the corners, 1 per repeat.
-        bones: (N, 4) bones that the vertices follow, see `synth.people.skinning`.
-        weights: (N, 4) their weights.
-    """
-
-    segment: str
-    material: str
-    vertices: np.ndarray
-    faces: np.ndarray
-    normals: np.ndarray
-    uv: np.ndarray
-    bones: np.ndarray
-    weights: np.ndarray
+    segment: str  # Segment that it belongs to
+    material: str  # Name of its material, see `synth.people.mjcf`
+    vertices: np.ndarray  # (N, 3) m; the mid point of the hip joints is the origin
+    faces: np.ndarray  # (T, 3) vertex indices, counter-clockwise seen from outside
+    normals: np.ndarray  # (N, 3) unit normals. Parts of one garment share them at their seams.
+    uv: np.ndarray  # (T, 3, 2) texture coordinates of the corners, 1 per repeat
+    bones: np.ndarray  # (N, 4) bones that the vertices follow, see `synth.people.skinning`
+    weights: np.ndarray  # (N, 4) their weights
 
 
 class _Sheet(NamedTuple):
-    """A surface with values at its vertices, which cuts interpolate.
+    """A surface with values at its vertices, which cuts interpolate."""
 
-    Attributes:
-        points, normals: (N, 3) m, and unit normals.
-        weights: (N, 16) weights of `SEGMENTS`.
-        along: (N, 16) position along each segment, 0 at its joint, 1 at the next.
-        faces: (T, 3).
-    """
-
+    # points, normals: (N, 3) m, and unit normals
     points: np.ndarray
     normals: np.ndarray
-    weights: np.ndarray
-    along: np.ndarray
-    faces: np.ndarray
+    weights: np.ndarray  # (N, 16) weights of `SEGMENTS`
+    along: np.ndarray  # (N, 16) position along each segment, 0 at its joint, 1 at the next
+    faces: np.ndarray  # (T, 3)
 
 
 @lru_cache(maxsize=64)

@@ -90,24 +90,17 @@ def pack(rotations: np.ndarray, origins: np.ndarray, rows: np.ndarray) -> np.nda
 
 @dataclass(frozen=True)
 class SkinOfPerson:
-    """N vertices, and the bones that they follow.
+    """N vertices, and the bones that they follow."""
 
-    Attributes:
-        name: The person's name in the model.
-        segments: (16,) indices of the bodies of the segments.
-        geoms: Indices of the geoms that bend. The vertices of their meshes, one mesh after the other, are the N.
-        bind: (B, 3, 4) rotation and origin, m, of each of `BONE_NAMES` in the bind pose.
-        which, weights: (N, 4) bones and their weights, largest first, sum 1.
-        rest: (N, 6) place, m, and normal in the bind pose.
-    """
-
-    name: str
-    segments: np.ndarray
+    name: str  # The person's name in the model
+    segments: np.ndarray  # (16,) indices of the bodies of the segments
+    # Indices of the geoms that bend. The vertices of their meshes, one mesh after the other, are the N.
     geoms: np.ndarray
-    bind: np.ndarray
+    bind: np.ndarray  # (B, 3, 4) rotation and origin, m, of each of `BONE_NAMES` in the bind pose
+    # which, weights: (N, 4) bones and their weights, largest first, sum 1
     which: np.ndarray
     weights: np.ndarray
-    rest: np.ndarray
+    rest: np.ndarray  # (N, 6) place, m, and normal in the bind pose
 
     def bones(self, data: mujoco.MjData) -> np.ndarray:
         """Return the (B, 3, 4) rotation and origin of each bone, m, world, for a state."""

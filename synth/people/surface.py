@@ -25,25 +25,15 @@ _UNIT = 5e-5
 
 @dataclass(frozen=True)
 class Assets:
-    """A surface of N vertices in S shapes. x points forward, y to the left, z up.
+    """A surface of N vertices in S shapes. x points forward, y to the left, z up."""
 
-    Attributes:
-        shapes: (S, N, 3) m. Shapes by age (1, 11, 18 to 45, and 85 years), in them by sex, in them by weight.
-        joints: (S, 56, 3) m. The origin of each segment; then, for each finger, three joints and the tip.
-        faces: (T, 3) triangles, counter-clockwise seen from outside; the surface is closed.
-        bones: (N, 4) index into `BONES`.
-        weights: (N, 4) weights of these bones, sum 1.
-        eyes: (S, 2, E, 3) balls of the left and the right eye, m.
-        eye_faces: (U, 3) triangles of either.
-    """
-
-    shapes: np.ndarray
-    joints: np.ndarray
-    faces: np.ndarray
-    bones: np.ndarray
-    weights: np.ndarray
-    eyes: np.ndarray
-    eye_faces: np.ndarray
+    shapes: np.ndarray  # (S, N, 3) m. Shapes by age (1, 11, 18 to 45, and 85 years), in them by sex, in them by weight.
+    joints: np.ndarray  # (S, 56, 3) m. The origin of each segment; then, for each finger, three joints and the tip.
+    faces: np.ndarray  # (T, 3) triangles, counter-clockwise seen from outside; the surface is closed
+    bones: np.ndarray  # (N, 4) index into `BONES`
+    weights: np.ndarray  # (N, 4) weights of these bones, sum 1
+    eyes: np.ndarray  # (S, 2, E, 3) balls of the left and the right eye, m
+    eye_faces: np.ndarray  # (U, 3) triangles of either
 
     def save(self, path: Path) -> None:
         """Write the file. Places are whole numbers of `_UNIT`, weights of 1/65535."""
@@ -83,21 +73,13 @@ _SOLE = 0.006
 
 @dataclass(frozen=True)
 class BareBody:
-    """The bare surface of a person in the bind pose.
+    """The bare surface of a person in the bind pose."""
 
-    Attributes:
-        vertices: (N, 3) m; the mid point of the hip joints is the origin.
-        weights: (N, 16) weights of `SEGMENTS`, sum 1.
-        rotations: (16, 3, 3) orientation of each segment, the identity in T-pose.
-        origins: (16, 3) origin of each segment, m.
-        eyes: (2, E, 3) balls of the eyes, m.
-    """
-
-    vertices: np.ndarray
-    weights: np.ndarray
-    rotations: np.ndarray
-    origins: np.ndarray
-    eyes: np.ndarray
+    vertices: np.ndarray  # (N, 3) m; the mid point of the hip joints is the origin
+    weights: np.ndarray  # (N, 16) weights of `SEGMENTS`, sum 1
+    rotations: np.ndarray  # (16, 3, 3) orientation of each segment, the identity in T-pose
+    origins: np.ndarray  # (16, 3) origin of each segment, m
+    eyes: np.ndarray  # (2, E, 3) balls of the eyes, m
 
 
 def volume(vertices: np.ndarray, faces: np.ndarray) -> float:

@@ -15,19 +15,13 @@ from synth.scene.build import STEPS_PER_CONTROL
 
 @dataclass(frozen=True)
 class JointAddresses:
-    """Slices of a model's arrays: P people one after the other, each with the joints in the order of `SEGMENTS`.
+    """Slices of a model's arrays: P people one after the other, each with the joints in the order of `SEGMENTS`."""
 
-    Attributes:
-        persons: Number of people.
-        qpos: Slice of positions; for each person 3 coordinates of the pelvis and 16 quaternions.
-        dofs: Slice of velocities and forces; for each person 3 of the pelvis' translation and 3 of each of 16
-            rotations.
-        bodies, joints: Slices of the model's bodies and joints; 16 for each person.
-    """
-
-    persons: int
-    qpos: slice
+    persons: int  # Number of people
+    qpos: slice  # Slice of positions; for each person 3 coordinates of the pelvis and 16 quaternions
+    # Slice of velocities and forces; for each person 3 of the pelvis' translation and 3 of each of 16 rotations
     dofs: slice
+    # bodies, joints: Slices of the model's bodies and joints; 16 for each person
     bodies: slice
     joints: slice
 
@@ -71,21 +65,13 @@ def find_joints(model: mujoco.MjModel, persons: int) -> JointAddresses:
 
 @dataclass(frozen=True)
 class ReferenceMotion:
-    """The reference motion of P people at each of S steps.
+    """The reference motion of P people at each of S steps."""
 
-    Attributes:
-        root: (S, P, 3) mid points of the hip joints, m.
-        velocity: (S, P, 3) velocity of those points, m / s.
-        quats: (S, P, 16, 4) orientation (w first) of each segment in its parent, of the pelvis in the world.
-        spin: (S, P, 16, 3) angular velocity of each segment relative to its parent, in its own axes, rad / s.
-        bearing: (S, P, 2) share of the weight that is on the left and the right foot.
-    """
-
-    root: np.ndarray
-    velocity: np.ndarray
-    quats: np.ndarray
-    spin: np.ndarray
-    bearing: np.ndarray
+    root: np.ndarray  # (S, P, 3) mid points of the hip joints, m
+    velocity: np.ndarray  # (S, P, 3) velocity of those points, m / s
+    quats: np.ndarray  # (S, P, 16, 4) orientation (w first) of each segment in its parent, of the pelvis in the world
+    spin: np.ndarray  # (S, P, 16, 3) angular velocity of each segment relative to its parent, in its own axes, rad / s
+    bearing: np.ndarray  # (S, P, 2) share of the weight that is on the left and the right foot
 
     def still(self) -> "ReferenceMotion":
         """Return the first pose, at rest, as a reference of one step."""

@@ -92,19 +92,12 @@ _ROUNDS = 12
 
 
 class PlannedMotion(NamedTuple):
-    """The motion of all people that the physics follows.
+    """The motion of all people that the physics follows."""
 
-    Attributes:
-        root: (F, P, 3) hips, m.
-        rotations: (F, P, 16, 3, 3) orientation of each of `SEGMENTS`, world.
-        bearing: (F, P, 2) shares of the weight on the left and the right foot.
-        beyond: Share of joints, over all frames, that exceeded their limits before they were limited.
-    """
-
-    root: np.ndarray
-    rotations: np.ndarray
-    bearing: np.ndarray
-    beyond: float
+    root: np.ndarray  # (F, P, 3) hips, m
+    rotations: np.ndarray  # (F, P, 16, 3, 3) orientation of each of `SEGMENTS`, world
+    bearing: np.ndarray  # (F, P, 2) shares of the weight on the left and the right foot
+    beyond: float  # Share of joints, over all frames, that exceeded their limits before they were limited
 
 
 def plan_motions(spec: SceneSpec, motions: list[Motion], obstacles: np.ndarray) -> PlannedMotion:

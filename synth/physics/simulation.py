@@ -172,31 +172,20 @@ _SETTLING = 0.25
 
 @dataclass(frozen=True)
 class Simulation:
-    """A simulated clip. Labels are read from its states, never from the reference motion.
+    """A simulated clip. Labels are read from its states, never from the reference motion."""
 
-    Attributes:
-        model: The scene, cameras included.
-        fps: Frames per second.
-        state: State of the bodies in each frame.
-        joints: (F, P, J, 3) float64 joints, m, world.
-        skeleton: `body25+shelf14`, J = 39.
-        depth: (P, J) greatest distance before a joint at which a ray that meets its own limb counts as seeing it, m.
-        bodies: (P, J) index of the model's body that each joint moves with.
-        geom_ids: (ngeom,) uint16: 1 + p for visible geoms of person p, 256 + k for those of object k, 0 for none.
-        objects: Names of the objects.
-        quality: What `assess` returns.
-    """
-
-    model: mujoco.MjModel
-    fps: float
-    state: BodyState
-    joints: np.ndarray
-    skeleton: Skeleton
+    model: mujoco.MjModel  # The scene, cameras included
+    fps: float  # Frames per second
+    state: BodyState  # State of the bodies in each frame
+    joints: np.ndarray  # (F, P, J, 3) float64 joints, m, world
+    skeleton: Skeleton  # `body25+shelf14`, J = 39
+    # (P, J) greatest distance before a joint at which a ray that meets its own limb counts as seeing it, m
     depth: np.ndarray
-    bodies: np.ndarray
+    bodies: np.ndarray  # (P, J) index of the model's body that each joint moves with
+    # (ngeom,) uint16: 1 + p for visible geoms of person p, 256 + k for those of object k, 0 for none
     geom_ids: np.ndarray
-    objects: tuple[str, ...]
-    quality: dict
+    objects: tuple[str, ...]  # Names of the objects
+    quality: dict  # What `assess` returns
 
     @property
     def qpos(self) -> np.ndarray:

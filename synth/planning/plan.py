@@ -187,19 +187,12 @@ class PlannedRig:
 
 @dataclass(frozen=True)
 class CameraPlan:
-    """The result of a plan.
+    """The result of a plan."""
 
-    Attributes:
-        config: The configuration.
-        rigs: A rig for each number of cameras.
-        candidates: Number of candidate cameras.
-        room: Descriptions of the missing parts of the room that were filled in, one clause each.
-    """
-
-    config: PlanConfig
-    rigs: tuple[PlannedRig, ...]
-    candidates: int
-    room: tuple[str, ...]
+    config: PlanConfig  # The configuration
+    rigs: tuple[PlannedRig, ...]  # A rig for each number of cameras
+    candidates: int  # Number of candidate cameras
+    room: tuple[str, ...]  # Descriptions of the missing parts of the room that were filled in, one clause each
 
     def __getitem__(self, number: int) -> PlannedRig:
         """Return the rig with this number of cameras."""

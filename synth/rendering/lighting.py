@@ -17,25 +17,15 @@ _STEEP = 2.5
 
 
 class ShadowMap(NamedTuple):
-    """What a lamp sees.
+    """What a lamp sees."""
 
-    Attributes:
-        axes: (3, 3) rows: right, down and forward axis of the lamp, in the frame of the camera.
-        origin: (3,) place of the lamp or, for the sun, of the map's plane, in the frame of the camera, m.
-        size: Radius of the lamp, m; of the sun, rad.
-        parallel: Whether this is the sun, whose rays are parallel.
-        corner: (2,) right and down of the first pixel: m for the sun, tangents for a lamp.
-        step: (2,) the same, from pixel to pixel.
-        depth: (M, M) float32 distance along the forward axis of the nearest surface, m.
-    """
-
-    axes: np.ndarray
-    origin: np.ndarray
-    size: float
-    parallel: bool
-    corner: np.ndarray
-    step: np.ndarray
-    depth: np.ndarray
+    axes: np.ndarray  # (3, 3) rows: right, down and forward axis of the lamp, in the frame of the camera
+    origin: np.ndarray  # (3,) place of the lamp or, for the sun, of the map's plane, in the frame of the camera, m
+    size: float  # Radius of the lamp, m; of the sun, rad
+    parallel: bool  # Whether this is the sun, whose rays are parallel
+    corner: np.ndarray  # (2,) right and down of the first pixel: m for the sun, tangents for a lamp
+    step: np.ndarray  # (2,) the same, from pixel to pixel
+    depth: np.ndarray  # (M, M) float32 distance along the forward axis of the nearest surface, m
 
 
 def covered(points: np.ndarray, axes: np.ndarray, origin: np.ndarray, parallel: bool) -> np.ndarray | None:

@@ -152,25 +152,19 @@ _SETTINGS = {
 
 
 class RenderedView(NamedTuple):
-    """Images of one view of one frame; None for kinds that were not requested.
+    """Images of one view of one frame; None for kinds that were not requested."""
 
-    Attributes:
-        rgb: (H, W, 3) uint8.
-        depth: (H, W) float32 m along the optical axis; NaN where there is no surface.
-        ids: (H, W) uint16: 0 nothing, 1 + p person p, 256 + k object k.
-        parts: (H, W) uint8: 1 + index in `synth.people.body.SEGMENTS`; 0 where there is no person.
-        normals: (H, W, 3) float32 unit normals of the surface, world; NaN where there is no surface.
-        flow: (H, W, 2) float32 px that the surface at a pixel moves until the next state, even if it is hidden there;
-            NaN where there is no surface, or no next state.
-        amodal: (H, W) uint32; bit p is 1 where person p would be visible if nothing else were there.
-    """
-
-    rgb: np.ndarray | None = None
-    depth: np.ndarray | None = None
-    ids: np.ndarray | None = None
+    rgb: np.ndarray | None = None  # (H, W, 3) uint8
+    depth: np.ndarray | None = None  # (H, W) float32 m along the optical axis; NaN where there is no surface
+    ids: np.ndarray | None = None  # (H, W) uint16: 0 nothing, 1 + p person p, 256 + k object k
+    # (H, W) uint8: 1 + index in `synth.people.body.SEGMENTS`; 0 where there is no person
     parts: np.ndarray | None = None
+    # (H, W, 3) float32 unit normals of the surface, world; NaN where there is no surface
     normals: np.ndarray | None = None
+    # (H, W, 2) float32 px that the surface at a pixel moves until the next state, even if it is hidden there; NaN where
+    # there is no surface, or no next state
     flow: np.ndarray | None = None
+    # (H, W) uint32; bit p is 1 where person p would be visible if nothing else were there
     amodal: np.ndarray | None = None
 
 
@@ -318,17 +312,11 @@ class Renderer:
 
 
 class RenderedImages(NamedTuple):
-    """Images on disk, and the numbers of pixels of each person in them.
+    """Images on disk, and the numbers of pixels of each person in them."""
 
-    Attributes:
-        images: The images.
-        visible: (F, V, P) int32 number of pixels that show each person; None without id images.
-        amodal: (F, V, P) int32 number of pixels that would show each person if nothing else were there; None without id
-            images.
-    """
-
-    images: Images
-    visible: np.ndarray | None
+    images: Images  # The images
+    visible: np.ndarray | None  # (F, V, P) int32 number of pixels that show each person; None without id images
+    # (F, V, P) int32 number of pixels that would show each person if nothing else were there; None without id images
     amodal: np.ndarray | None
 
 
