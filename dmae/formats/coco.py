@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -18,10 +18,11 @@ from dmae.files.contents import check_vacant, whole_folder, write_atomic
 from dmae.files.structured import read_json
 from dmae.formats.calibrations import write_calibration
 from dmae.formats.labelled_images import PersonLabel, Picture, array_pictures, joint_labels, read_pictures
-from dmae.formats.openpose import BY_COUNT, CALIBRATION
+from dmae.formats.openpose import CALIBRATION
 from dmae.formats.poses import covariance_entry
-from dmae.formats.recordings import Confidences, NumberedDetections, by_name, frame_number
+from dmae.formats.recordings import NumberedDetections, People, by_name, frame_number
 from dmae.formats.registry import pose_writer, reader, recording_writer
+from dmae.formats.skeletons import default_skeleton
 from dmae.formats.writing import exported_poses
 from dmae.progress import progress
 
@@ -55,14 +56,14 @@ def recognise_skeleton(path: Path, names: list[str] | None, joints: int | None) 
     for skeleton in SKELETONS.values():
         if names and names in (joint_names(skeleton), list(skeleton.joints)):
             return skeleton
-    if names is None and joints is None:
-        raise ValueError(f"{path}: no keypoints in any annotation, and no category that names them")
-    if names or joints not in BY_COUNT:
+    if names:
         raise ValueError(
-            f"{path}: no skeleton has the keypoints {names or joints}; there are {sorted(SKELETONS)}, "
-            "data.skeleton=... names the one to take them for"
+            f"{path}: no skeleton has the keypoints {names}; there are {sorted(SKELETONS)}, data.skeleton=... names "
+            "the one to take them for"
         )
-    return BY_COUNT[joints]
+    if joints is None:
+        raise ValueError(f"{path}: no keypoints in any annotation, and no category that names them")
+    return default_skeleton(path, joints)
 
 
 def image_entry(picture: Picture, number: int, file_name: str) -> dict:
@@ -167,18 +168,6 @@ _FRAMES = 512  # Number of frames that are written at a time, for clips without 
 _Id = int | str  # Type of the ids of images
 
 
-@dataclass
-class _Found:
-    """The content of the files that were read so far: people by camera and frame number, image sizes by camera."""
-
-    views: dict[str, dict[int, list]] = field(default_factory=dict)
-    sizes: dict[str, tuple[int, int]] = field(default_factory=dict)
-    fps: float | None = None
-    names: list[str] | None = None
-    joints: int | None = None
-    confidences: Confidences = field(default_factory=Confidences)
-
-
 @reader(
     "coco",
     signs=[["*keypoints*.json"], ["annotations*.json"], ["coco*.json"]],
@@ -210,7 +199,7 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
         raise FileNotFoundError(
             f"{path}: expected COCO annotations, *.json, found none; name them by data.detections=..."
         )
-    found = _Found()
+    people, sizes, fps, names = People(skeleton=skeleton), {}, None, None
     for file in files:
         content = read_json(file)
         images, annotations = _parts(file, content)
@@ -220,17 +209,14 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
                 raise ValueError(f"{file}: expected a file for each camera where files are lists of results, found one")
             images = _result_images(file, annotations)
         elif "categories" in content:
-            found.names = category_joints(file, content["categories"]) or found.names
-        places = _images(file, images, camera, found)
-        _annotations(file, annotations, places, found)
+            names = category_joints(file, content["categories"]) or names
+        _add_people(file, annotations, _places(file, images, camera, people, sizes), people)
         about = content.get("info") if isinstance(content, dict) else None
-        found.fps = found.fps or (about.get("fps") if isinstance(about, dict) else None)
-    skeleton = skeleton or recognise_skeleton(path, found.names, found.joints)
-    if found.joints not in (None, len(skeleton)):
-        raise ValueError(f"{path}: expected {len(skeleton)} keypoints as of {skeleton.name}, found {found.joints}")
-    empty = np.empty((0, len(skeleton), 3))
-    views = {name: {n: np.array(people or empty) for n, people in view.items()} for name, view in found.views.items()}
-    return NumberedDetections(skeleton, views, found.fps, notes=found.confidences.notes, sizes=found.sizes)
+        fps = fps or (about.get("fps") if isinstance(about, dict) else None)
+    skeleton = skeleton or recognise_skeleton(path, names, people.joints)
+    if people.joints not in (None, len(skeleton)):
+        raise ValueError(f"{path}: expected {len(skeleton)} keypoints as of {skeleton.name}, found {people.joints}")
+    return people.detections(skeleton, fps=fps, sizes=sizes)
 
 
 def _parts(file: Path, content) -> tuple[list | None, list]:
@@ -254,8 +240,10 @@ def _result_images(file: Path, results: list) -> list[dict]:
     return [{"id": image, "file_name": str(image)} for image in dict.fromkeys(ids)]
 
 
-def _images(file: Path, images: list, camera: str | None, found: _Found) -> dict:
-    """Return an empty list of people for each image id. `found.views` contains the same lists, by camera and frame."""
+def _places(
+    file: Path, images: list, camera: str | None, people: People, sizes: dict[str, tuple[int, int]]
+) -> dict[_Id, tuple[str, int]]:
+    """Return camera and frame of each image by its id; add frames to `people`, and widths and heights to `sizes`."""
     places: dict = {}
     for number, image in enumerate(images):
         if not isinstance(image, dict) or not isinstance(image.get("id"), _Id) or "file_name" not in image:
@@ -270,21 +258,21 @@ def _images(file: Path, images: list, camera: str | None, found: _Found) -> dict
         frame = image["frame"] if "frame" in image else frame_number(Path(f"{file}, {name}"), name.stem)
         if type(frame) is not int:
             raise ValueError(f"{file}: images[{number}]: expected a whole number as frame, found {frame!r:.60}")
-        frames = found.views.setdefault(str(view), {})
-        if image["id"] in places or frame in frames:
+        if image["id"] in places or frame in people.views.get(str(view), ()):
             raise ValueError(f"{file}: images[{number}]: image {image['id']}, frame {frame} of {view}, occurs twice")
-        places[image["id"]] = frames[frame] = []
+        places[image["id"]] = str(view), frame
+        people.frame(str(view), frame)
         if "width" in image and "height" in image:
             size = image["width"], image["height"]
-            first = found.sizes.setdefault(str(view), size)
+            first = sizes.setdefault(str(view), size)
             if first != size:
                 raise ValueError(f"{file}: images[{number}]: expected {first} px as before of {view}, found {size}")
     return places
 
 
-def _annotations(file: Path, annotations: list, places: dict, found: _Found) -> None:
-    """Add the people in the annotations to the lists in `places`, which are given by image id."""
-    people, scored = [], []
+def _add_people(file: Path, annotations: list, places: dict[_Id, tuple[str, int]], people: People) -> None:
+    """Add the people in the annotations; `places` are camera and frame by the id of an image."""
+    found, bare = [], []
     for number, annotation in enumerate(annotations):
         here = f"{file}: annotations[{number}]"
         image = annotation.get("image_id") if isinstance(annotation, dict) else None
@@ -296,25 +284,20 @@ def _annotations(file: Path, annotations: list, places: dict, found: _Found) -> 
         if annotation.get("iscrowd") or not keypoints:
             continue
         values = _numbers(f"{here}.keypoints", keypoints, 3)
-        found.joints = found.joints or len(values)
-        if len(values) != found.joints:
-            raise ValueError(f"{here}.keypoints: expected {found.joints} as before, found {len(values)}")
         scores = annotation.get("keypoint_scores")
         if scores is not None:
             scores = _numbers(f"{here}.keypoint_scores", scores, 1)[:, 0]
             if len(scores) != len(values):
                 raise ValueError(f"{here}.keypoint_scores: expected {len(values)}, found {len(scores)}")
             values[:, 2] = np.where(values[:, 2] == 0, 0, scores)
-        scored.append(scores is not None)
-        people.append((f"{here}.keypoints", places[annotation["image_id"]], values))
-    bare = [values[:, 2] for (*_, values), known in zip(people, scored, strict=True) if not known]
-    if bare and np.isin(bare, (0, 1, 2)).all():
+        else:
+            bare.append(values[:, 2])
+        found.append((*places[image], f"{here}.keypoints", values))
+    if bare and np.isin(np.concatenate(bare), (0, 1, 2)).all():
         for third in bare:
             third[:] = np.choose(third.astype(int), (0, HIDDEN_SCORE, 1))
-    for here, place, values in people:
-        values = found.confidences.clean(here, values)
-        if not np.isnan(values).all():
-            place.append(values)
+    for person in found:
+        people.add(*person)
 
 
 def _numbers(place: str, found, each: int) -> np.ndarray:

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import BODY25, Skeleton
-from dmae.files.checks import MOST_PIXELS, check_numbers, child, numbers_of
+from dmae.files.checks import child
 from dmae.files.contents import read_text, write_atomic
 from dmae.files.structured import parse_yaml
 from dmae.formats.calibrations import (
@@ -22,8 +22,7 @@ from dmae.formats.calibrations import (
     require,
     write_calibration,
 )
-from dmae.formats.openpose import OF_25_JOINTS
-from dmae.formats.recordings import Confidences, NumberedDetections, by_name, json_frames
+from dmae.formats.recordings import NumberedDetections, People, by_name, json_frames, listed
 from dmae.formats.registry import reader, recording_writer
 from dmae.formats.skeletons import guess_skeleton
 from dmae.progress import progress
@@ -162,22 +161,26 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
             in size, a frame occurs twice, or no file could be read.
     """
     folders = _camera_folders(Path(path))
-    views: dict[str, dict[int, np.ndarray]] = {name: {} for name in folders}
+    files = {name: sorted(folder.glob("*.json")) for name, folder in folders.items()}
     unreadable: dict[str, list[str]] = {}
     sizes: dict[str, tuple[int, int]] = {}
-    confidences = Confidences()
-    files = {name: sorted(folder.glob("*.json")) for name, folder in folders.items()}
+    people, notes = People(files, skeleton or BODY25), ()
     for name, number, file, content in json_frames(path, files, unreadable):
-        size, views[name][number] = _size(file, content), _people(file, content, skeleton or BODY25, confidences)
-        if size and sizes.setdefault(name, size) != size:
-            raise ValueError(f"{file}: expected images of {sizes[name]} px as before of camera {name!r}, found {size}")
-    notes = confidences.notes
+        people.frame(name, number)
+        for i, person in enumerate(listed(file, content, "annots")):
+            keypoints = person.get("keypoints") if isinstance(person, dict) else None
+            people.add(name, number, f"{file}: annots[{i}].keypoints", keypoints)
+        if "width" in content and "height" in content:
+            size = content["width"], content["height"]
+            if not all(isinstance(length, int) and length > 0 for length in size):
+                raise ValueError(f"{file}: expected positive whole width and height, found {size}")
+            if sizes.setdefault(name, size) != size:
+                raise ValueError(
+                    f"{file}: expected images of {sizes[name]} px as before of camera {name!r}, found {size}"
+                )
     if skeleton is None:
-        skeleton, guessed = guess_skeleton(
-            path, OF_25_JOINTS, (people for view in views.values() for people in view.values())
-        )
-        notes += guessed
-    return NumberedDetections(skeleton, views, unreadable=unreadable, sizes=sizes, notes=notes)
+        skeleton, notes = guess_skeleton(path, people.all())
+    return people.detections(skeleton, notes, unreadable=unreadable, sizes=sizes)
 
 
 def _camera_folders(path: Path) -> dict[str, Path]:
@@ -189,36 +192,6 @@ def _camera_folders(path: Path) -> dict[str, Path]:
     raise FileNotFoundError(
         f"{path}: expected {ANNOTATIONS}/<camera>/<frame number>.json, found none; name it by data.detections=..."
     )
-
-
-def _size(file: Path, content) -> tuple[int, int] | None:
-    """Return image width and height, px; None if the file does not state them."""
-    if not isinstance(content, dict) or "width" not in content or "height" not in content:
-        return None
-    size = content["width"], content["height"]
-    if not all(isinstance(length, int) and length > 0 for length in size):
-        raise ValueError(f"{file}: expected positive whole width and height, found {size}")
-    return size
-
-
-def _people(file: Path, content, skeleton: Skeleton, confidences: Confidences) -> np.ndarray:
-    """Return the people with at least one joint, (D, J, 3): x, y in px and confidence."""
-    people = content.get("annots") if isinstance(content, dict) else None
-    if not isinstance(people, list):
-        raise ValueError(f"{file}: expected an object with a list of annots, found {content!r:.60}")
-    found = np.empty((len(people), len(skeleton), 3))
-    for number, person in enumerate(people):
-        keypoints = person.get("keypoints") if isinstance(person, dict) else None
-        array = numbers_of(keypoints)
-        if array.shape != found.shape[1:]:
-            shape = f", of shape {array.shape}" if array.size else ""
-            raise ValueError(
-                f"{file}: annots[{number}].keypoints: expected x, y, confidence of the {len(skeleton)} joints of "
-                f"{skeleton.name}, found {keypoints!r:.60}{shape}; data.skeleton=... names another skeleton"
-            )
-        check_numbers(f"{file}: annots[{number}].keypoints", array, MOST_PIXELS)
-        found[number] = confidences.clean(f"{file}: annots[{number}].keypoints", array)
-    return found[~np.isnan(found).all((1, 2))]
 
 
 def write_detections(detections: Detections2D, rig: CameraRig, folder: Path, first: int = 0) -> None:

@@ -8,7 +8,7 @@ from dmae.data.skeleton import BLAZEPOSE33, Skeleton
 from dmae.files.checks import MOST_SCORE, check_numbers
 from dmae.files.structured import read_json
 from dmae.formats.calibrations import FOUND, CalibrationSource
-from dmae.formats.recordings import Confidences, NumberedDetections, camera_files, listed_frames, match_cameras
+from dmae.formats.recordings import NumberedDetections, People, camera_files, listed_frames, match_cameras
 from dmae.formats.registry import reader
 
 _FOLDER = "mediapipe"
@@ -44,18 +44,17 @@ def read_mediapipe(
     if skeleton not in (None, BLAZEPOSE33):
         raise ValueError(f"{path}: MediaPipe's landmarks are {BLAZEPOSE33.name}, not {skeleton.name}")
     rig, folder = calibration.read(path), Path(detections or path / _FOLDER)
-    files, confidences, views = camera_files(folder, "*.json"), Confidences(), {}
+    files = camera_files(folder, "*.json")
     index, _ = match_cameras([file.stem for file in files], rig, folder)
+    people = People((file.stem for file in files), BLAZEPOSE33)
     for file, view in zip(files, index, strict=True):
         content = read_json(file)
         content = content["frames"] if isinstance(content, dict) and "frames" in content else content
-        views[file.stem] = {
-            number: np.array([_person(place, person, rig.size[view], confidences) for person in people]).reshape(
-                -1, len(BLAZEPOSE33), 3
-            )
-            for number, place, people in listed_frames(file, content, _NUMBERS, _people)
-        }
-    return NumberedDetections(BLAZEPOSE33, views, notes=confidences.notes, rig=rig)
+        for number, place, found in listed_frames(file, content, _NUMBERS, _people):
+            people.frame(file.stem, number)
+            for person in found:
+                people.add(file.stem, number, place, _person(place, person, rig.size[view]))
+    return people.detections(BLAZEPOSE33, rig=rig)
 
 
 def _inner(found: object) -> object:
@@ -76,8 +75,8 @@ def _people(_: str, frame: object) -> list:
     return [found]
 
 
-def _person(place: str, person: object, size: np.ndarray, confidences: Confidences) -> np.ndarray:
-    """Return the landmarks of a person, (33, 3): x and y in px, confidence; NaN where absent."""
+def _person(place: str, person: object, size: np.ndarray) -> np.ndarray:
+    """Return the landmarks of a person, (33, 3): x and y in px, confidence."""
     count = len(BLAZEPOSE33)
     if not isinstance(person, list) or len(person) != count:
         what = f"{len(person)} of them" if isinstance(person, list) else f"{person!r:.40}"
@@ -90,4 +89,4 @@ def _person(place: str, person: object, size: np.ndarray, confidences: Confidenc
     check_numbers(f"{place}: visibility", rows[:, 2], MOST_SCORE)
     # In our convention, 0 is the centre of the first pixel.
     rows[:, :2] = rows[:, :2] * size - 0.5
-    return confidences.clean(place, rows)
+    return rows

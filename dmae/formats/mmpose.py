@@ -5,16 +5,13 @@ A pickle can run any code when Python loads it. `dmae.files.pickles` reads pickl
 
 from pathlib import Path
 
-import numpy as np
-
 from dmae.data.skeleton import COCO17, Skeleton
-from dmae.files.checks import MOST_PIXELS, check_numbers
 from dmae.files.contents import read_bytes
 from dmae.files.pickles import pickled_values
 from dmae.files.structured import read_json
-from dmae.formats.openpose import default_skeleton
-from dmae.formats.recordings import Confidences, NumberedDetections, by_name, listed_frames
+from dmae.formats.recordings import NumberedDetections, People, by_name, listed_frames
 from dmae.formats.registry import reader
+from dmae.formats.skeletons import default_skeleton
 
 _PICKLES = (".pkl", ".pickle")
 _FOLDERS = ("predictions", "")
@@ -38,32 +35,22 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
         ValueError: a file is malformed, a pickle would run code, or no known skeleton has the number of joints.
     """
     files = _files(Path(path))
-    confidences, joints = Confidences(), None
-    views: dict[str, dict[int, np.ndarray]] = {}
+    people = People(file.stem for file in files)
     for file in files:
-        views[file.stem] = {}
-        for number, place, people in listed_frames(file, _content(file), ("frame_id", "frame_index"), _people):
-            found = [_person(f"{place}[{i}]", person, confidences) for i, person in enumerate(people)]
-            for person in found:
-                joints = joints or len(person)
-                if len(person) != joints:
-                    raise ValueError(f"{place}: expected people of {joints} joints as before, found {len(person)}")
-            known = [person for person in found if np.isfinite(person).any()]
-            views[file.stem][number] = np.array(known) if known else np.empty((0, joints or 0, 3))
+        for number, place, found in listed_frames(file, _content(file), ("frame_id", "frame_index"), _people):
+            people.frame(file.stem, number)
+            for i, person in enumerate(found):
+                values = person if isinstance(person, dict) else {}
+                at, scores = f"{place}[{i}].keypoints", values.get("keypoint_scores")
+                people.add(file.stem, number, at, values.get("keypoints"), scores)
+    joints = people.joints
     if joints is None:
         raise ValueError(f"{path}: expected people in some frame, found none in {', '.join(f.name for f in files)}")
     if skeleton is None:
         skeleton = default_skeleton(path, len(COCO17) if joints == _WHOLE_BODY else joints)
     elif joints < len(skeleton):
         raise ValueError(f"{path}: expected {len(skeleton)} joints as of {skeleton.name}, found {joints}")
-    kept, notes = len(skeleton), confidences.notes
-    cut = {
-        name: {n: people[:, :kept] if len(people) else np.empty((0, kept, 3)) for n, people in view.items()}
-        for name, view in views.items()
-    }
-    if kept < joints:
-        notes += (f"of {joints} points of each person the first {kept} are read, those of {skeleton.name}",)
-    return NumberedDetections(skeleton, cut, notes=notes)
+    return people.detections(skeleton)
 
 
 def _files(path: Path) -> list[Path]:
@@ -112,22 +99,3 @@ def _people(place: str, frame: object) -> list:
     if not isinstance(people, list):
         raise ValueError(f"{place}: expected a list of people, or one as instances, found {frame!r:.60}")
     return people
-
-
-def _person(place: str, person, confidences: Confidences) -> np.ndarray:
-    """Return the joints of a person, (J, 3): x and y in px, confidence; NaN where absent."""
-    values = person if isinstance(person, dict) else {}
-    keypoints, scores = values.get("keypoints"), values.get("keypoint_scores")
-    try:
-        joints = np.array(keypoints, np.float64)
-        joints = joints.reshape(-1, 3) if joints.ndim == 1 and joints.size % 3 == 0 else joints
-        if scores is not None:
-            joints = np.concatenate([joints[:, :2], np.array(scores, np.float64).reshape(-1, 1)], -1)
-    except (TypeError, ValueError, OverflowError, IndexError):
-        joints = np.empty(0)
-    if joints.ndim != 2 or joints.shape[-1] != 3 or not len(joints):
-        raise ValueError(
-            f"{place}: expected keypoints, x, y and confidence of each joint, or keypoint_scores, found {person!r:.60}"
-        )
-    check_numbers(f"{place}.keypoints", joints, MOST_PIXELS)
-    return confidences.clean(f"{place}.keypoints", joints)

@@ -7,25 +7,14 @@ import numpy as np
 
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D, Poses3D, Source
-from dmae.data.skeleton import (
-    BLAZEPOSE33,
-    BODY21,
-    BODY25,
-    BODY25B,
-    COCO17,
-    COCO18,
-    HALPE26,
-    PANOPTIC19,
-    SHELF14,
-    Skeleton,
-)
-from dmae.files.checks import MOST_PIXELS, check_numbers, child, numbers_of
+from dmae.data.skeleton import BODY25, Skeleton
+from dmae.files.checks import child
 from dmae.files.contents import write_atomic
 from dmae.formats.calibrations import write_calibration
 from dmae.formats.poses import covariance_entry, pixel_covariances
-from dmae.formats.recordings import Confidences, NumberedDetections, by_name, json_frames
+from dmae.formats.recordings import NumberedDetections, People, by_name, json_frames, listed
 from dmae.formats.registry import pose_writer, reader, recording_writer
-from dmae.formats.skeletons import guess_skeleton
+from dmae.formats.skeletons import default_skeleton, guess_skeleton
 from dmae.progress import progress
 
 CALIBRATION = "calibration.toml"
@@ -34,11 +23,6 @@ FOLDERS = ("openpose", "keypoints", "pose", "json")
 """Folders in a recording that can contain the folders of the cameras. The recording itself is searched first."""
 _SUFFIXES = ("_keypoints", "_json")
 _PANOPTIC = "body3DScene"  # Start of the names of Panoptic's pose files, which are not detections
-_DEFAULT_SKELETONS = (BODY25, COCO18, COCO17, BODY21, HALPE26, PANOPTIC19, SHELF14, BLAZEPOSE33)
-BY_COUNT = {len(skeleton): skeleton for skeleton in _DEFAULT_SKELETONS}
-"""Default skeleton of detections, by number of joints."""
-OF_25_JOINTS = (BODY25, BODY25B)
-"""Skeletons with 25 joints. Only the positions of the joints distinguish them."""
 COMPLETED_SCORE = 0.5
 """Confidence that is written for completed joints. Measured joints have 1."""
 
@@ -63,27 +47,24 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
     """
     folders = camera_folders(Path(path))
     files = {name: sorted(filter(_is_frame, folder.glob("*.json"))) for name, folder in folders.items()}
-    views: dict[str, dict[int, list]] = {name: {} for name in files}
     unreadable: dict[str, list[str]] = {}
-    confidences = Confidences()
-    joints: tuple[int, Path] | None = None if skeleton is None else (len(skeleton), Path("data.skeleton"))
+    people = People(files, skeleton)
     for name, number, file, content in json_frames(path, files, unreadable):
-        people = _people(file, content, confidences)
-        for found in people:
-            joints = joints or (len(found), file)
-            if len(found) != joints[0]:
-                raise ValueError(
-                    f"{file}: expected people of {joints[0]} joints as in {joints[1]}, found {len(found)}; "
-                    "give data.skeleton=..., or keep recordings apart"
-                )
-        views[name][number] = people
-    if joints is None:
-        joints = (len(BODY25), Path(path))
-    empty = np.empty((0, joints[0], 3))
-    arrays = {name: {n: np.array([*found] or empty) for n, found in view.items()} for name, view in views.items()}
-    _check_pixels(path, arrays)
-    skeleton, note = (skeleton, ()) if skeleton else _recognise(path, arrays, *joints)
-    return NumberedDetections(skeleton, arrays, unreadable=unreadable, notes=(*note, *confidences.notes))
+        people.frame(name, number)
+        for i, person in enumerate(listed(file, content, "people")):
+            if person != {}:
+                values = person if isinstance(person, dict) else {}
+                keypoints = values.get("pose_keypoints_2d", values.get("pose_keypoints"))
+                people.add(name, number, f"{file}: people[{i}].pose_keypoints_2d", keypoints)
+    found, notes = people.all(), ()
+    # OpenPose can write fractions of the image instead of px.
+    if len(found) and (largest := np.nanmax(np.abs(found[..., :2]))) <= 1:
+        raise ValueError(
+            f"{path}: expected pixels, found no coordinate above {largest:g}; detect with keypoint_scale 0"
+        )
+    if skeleton is None and people.joints in (None, len(BODY25)):
+        skeleton, notes = guess_skeleton(path, found)
+    return people.detections(skeleton or default_skeleton(path, people.joints), notes, unreadable=unreadable)
 
 
 def camera_folders(path: Path) -> dict[str, Path]:
@@ -115,52 +96,6 @@ def _bare(name: str) -> str:
     for suffix in _SUFFIXES:
         name = name.removesuffix(suffix)
     return name
-
-
-def _people(file: Path, content, confidences: Confidences) -> list[np.ndarray]:
-    """Return one (J, 3) array of x, y in px and confidence for each person with at least one joint."""
-    if not isinstance(content, dict) or not isinstance(content.get("people"), list):
-        raise ValueError(f"{file}: expected an object with a list of people, found {content!r:.60}")
-    people = []
-    for number, person in enumerate(content["people"]):
-        if person == {}:
-            continue
-        keypoints = person.get("pose_keypoints_2d", person.get("pose_keypoints")) if isinstance(person, dict) else None
-        array = numbers_of(keypoints)
-        if array.ndim != 1 or len(array) % 3:
-            raise ValueError(
-                f"{file}: people[{number}].pose_keypoints_2d: expected x, y, confidence of each joint, "
-                f"found {keypoints!r:.60}"
-            )
-        check_numbers(f"{file}: people[{number}].pose_keypoints_2d", array, MOST_PIXELS)
-        array = confidences.clean(f"{file}: people[{number}].pose_keypoints_2d", array.reshape(-1, 3))
-        if not np.isnan(array).all():
-            people.append(array)
-    return people
-
-
-def _check_pixels(path: Path, views: dict[str, dict[int, np.ndarray]]) -> None:
-    """Raise ValueError if all coordinates are at most 1: OpenPose can write fractions of the image instead of px."""
-    people = [found for view in views.values() for found in view.values() if found.size]
-    largest = max((np.nanmax(np.abs(found[..., :2])) for found in people), default=np.inf)
-    if largest <= 1:
-        raise ValueError(
-            f"{path}: expected pixels, found no coordinate above {largest:g}; detect with keypoint_scale 0"
-        )
-
-
-def default_skeleton(file: Path, joints: int) -> Skeleton:
-    """Return the default skeleton of a number of joints; ValueError, with the file, if there is none."""
-    if joints not in BY_COUNT:
-        known = ", ".join(f"{count} ({skeleton.name})" for count, skeleton in sorted(BY_COUNT.items()))
-        raise ValueError(f"{file}: found people of {joints} joints, which is no skeleton known; there are {known}")
-    return BY_COUNT[joints]
-
-
-def _recognise(path: Path, views: dict, joints: int, file: Path) -> tuple[Skeleton, tuple[str, ...]]:
-    if joints != len(BODY25):
-        return default_skeleton(file, joints), ()
-    return guess_skeleton(path, OF_25_JOINTS, (people for view in views.values() for people in view.values()))
 
 
 def write_detections(

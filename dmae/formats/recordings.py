@@ -1,4 +1,4 @@
-"""What readers of recordings share: detections by camera and frame, their cameras, and their confidences.
+"""What readers of recordings share: people by camera and frame, and how cameras and calibration are matched.
 
 A reader returns `NumberedDetections`. `dmae.formats.reading` adds the calibration and makes a clip.
 """
@@ -13,6 +13,7 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.skeleton import Skeleton
+from dmae.files.checks import MOST_PIXELS, check_numbers, numbers_of
 from dmae.files.structured import read_json
 from dmae.progress import progress
 
@@ -146,33 +147,94 @@ def listed_frames(
         yield int(number), place, people(place, frame)
 
 
-@dataclass
-class Confidences:
-    """Makes joints without a positive confidence absent, and counts joints with an impossible confidence."""
+def listed(file: Path, content: object, key: str) -> list:
+    """Return the list in an object of JSON; ValueError, with the file, if there is none."""
+    found = content.get(key) if isinstance(content, dict) else None
+    if not isinstance(found, list):
+        raise ValueError(f"{file}: expected an object with a list of {key}, found {content!r:.60}")
+    return found
 
-    odd: int = 0  # Number of joints with x and y, but with a negative or null confidence
-    first: str = ""  # File and field of the first of these joints
 
-    def clean(self, place: str, joints: np.ndarray) -> np.ndarray:
-        """Return joints (..., 3), x, y and confidence, NaN where that is not positive. A note names their `place`."""
-        confidence = joints[..., 2]
-        odd = np.isfinite(joints[..., :2]).all(-1) & ((confidence < 0) | np.isnan(confidence))
+class People:
+    """The people that a reader finds, by camera and frame number, all with the same joints.
+
+    Joints without a positive confidence are absent, and people without joints are left out.
+
+    Args:
+        cameras: Cameras that have detections, maybe of nobody; others are added with their frames.
+        skeleton: Skeleton of the people; by default they have as many joints as the first.
+    """
+
+    def __init__(self, cameras: Iterable[str] = (), skeleton: Skeleton | None = None):
+        self.views: dict[str, dict[int, list[np.ndarray]]] = {camera: {} for camera in cameras}
+        self.joints: int | None = None  # Number of joints of each person; None before the first
+        self._like = ""  # Where the number of joints comes from, for messages
+        if skeleton is not None:
+            self.joints, self._like = len(skeleton), f"of {skeleton.name}"
+        self._odd, self._first_odd = (
+            0,
+            "",
+        )  # Number of joints with a negative or null confidence, and place of the first
+
+    def frame(self, camera: str, number: int) -> list[np.ndarray]:
+        """Add a frame, maybe of nobody. Return its people, (J, 3) each: x, y in px and confidence; NaN where absent."""
+        return self.views.setdefault(camera, {}).setdefault(number, [])
+
+    def add(self, camera: str, number: int, place: str, keypoints: object, scores: object = None) -> None:
+        """Add a person to a frame.
+
+        Args:
+            place: File and field of the keypoints, for messages.
+            keypoints: x, y in px and confidence of each joint, in rows or one after the other.
+            scores: Confidences, if they are apart.
+
+        Raises:
+            ValueError: these are other values, impossible ones, or of another number of joints.
+        """
+        rows = numbers_of(keypoints)
+        rows = rows.reshape(-1, 3) if rows.ndim == 1 and rows.size % 3 == 0 else rows
+        if scores is not None and rows.ndim == 2 and rows.shape[1] >= 2:
+            apart = numbers_of(scores).reshape(-1, 1)
+            rows = np.concatenate([rows[:, :2], apart], -1) if len(apart) == len(rows) else rows[:, :0]
+        if rows.ndim != 2 or rows.shape[1] != 3:
+            raise ValueError(f"{place}: expected x, y, confidence of each joint, found {keypoints!r:.60}")
+        check_numbers(place, rows, MOST_PIXELS)
+        if not len(rows):
+            return
+        if self.joints is None:
+            self.joints, self._like = len(rows), f"in {place}"
+        if len(rows) != self.joints:
+            raise ValueError(
+                f"{place}: expected people of {self.joints} joints as {self._like}, found {len(rows)}; give "
+                "data.skeleton=..., or keep recordings apart"
+            )
+        confidence = rows[:, 2]
+        odd = np.isfinite(rows[:, :2]).all(-1) & ((confidence < 0) | np.isnan(confidence))
         if odd.any():
-            self.first = self.first or place
-            self.odd += int(odd.sum())
-        return np.where(confidence[..., None] > 0, joints, np.nan)
+            self._odd, self._first_odd = self._odd + int(odd.sum()), self._first_odd or place
+        rows = np.where(confidence[:, None] > 0, rows, np.nan)
+        if not np.isnan(rows).all():
+            self.frame(camera, number).append(rows)
 
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """A note on the joints that were made absent; empty if all confidences were possible."""
-        if not self.odd:
-            return ()
-        joints = (
-            "1 joint has a negative or null confidence and is"
-            if self.odd == 1
-            else (f"{self.odd} joints have a negative or null confidence and are")
-        )
-        return (f"{joints} treated as absent, first in {self.first}",)
+    def all(self) -> np.ndarray:
+        """Return the people of all frames, (N, J, 3)."""
+        people = [person for view in self.views.values() for found in view.values() for person in found]
+        return np.array(people).reshape(len(people), self.joints or 0, 3)
+
+    def detections(self, skeleton: Skeleton, notes: tuple[str, ...] = (), **known) -> "NumberedDetections":
+        """Return the people on a skeleton of J joints or fewer, the first ones; `known` are further fields."""
+        kept, empty = len(skeleton), np.empty((0, len(skeleton), 3))
+        views = {
+            camera: {number: np.array(found)[:, :kept] if found else empty for number, found in view.items()}
+            for camera, view in self.views.items()
+        }
+        if self.joints is not None and kept < self.joints:
+            notes += (f"of {self.joints} points of each person the first {kept} are read, those of {skeleton.name}",)
+        if self._odd:
+            joints, are = ("1 joint has", "is") if self._odd == 1 else (f"{self._odd} joints have", "are")
+            what = f"a negative or null confidence and {are} treated as absent"
+            notes += (f"{joints} {what}, first in {self._first_odd}",)
+        return NumberedDetections(skeleton, views, notes=notes, **known)
 
 
 _MAX_SPAN = 20

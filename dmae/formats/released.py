@@ -14,7 +14,7 @@ from dmae.data.skeleton import BODY21, BODY25, SHELF14
 from dmae.files.arrays import read_npy
 from dmae.files.checks import MOST_METRES, MOST_PIXELS, check_numbers
 from dmae.formats.calibrations import CameraTable, ParsedCamera, make_rig
-from dmae.formats.recordings import NumberedDetections, frame_number, natural, to_clip
+from dmae.formats.recordings import NumberedDetections, People, frame_number, natural, to_clip
 from dmae.formats.registry import reader
 
 CAMERAS, DETECTIONS, TRUTH = "camera_params.npy", "*2d_detection_dict.npy", "*3d_eval*.npy"
@@ -78,20 +78,17 @@ def _detections(path: Path, rig: CameraRig) -> NumberedDetections:
         raise ValueError(f"{path}: expected detections by view and frame, found {content!r:.60}")
     # Coordinates are fractions of the image. The released code assumes the same image size for all cameras.
     scale = np.array([*(rig.size[0] - 1), 1.0])
-    views, joints = {}, None
-    for name in sorted(map(str, content), key=natural):
-        views[name] = {}
-        for frame, people in content.get(name, {}).items():
-            if not isinstance(people, list | tuple):
-                raise ValueError(f"{path}: {name}, {frame}: expected a list of people, found {people!r:.60}")
-            found = [_person(f"{path}: {name}, {frame}", person) for person in people]
-            joints = joints or next(map(len, found), None)
-            if any(len(person) != joints for person in found):
-                raise ValueError(f"{path}: {name}, {frame}: expected people of {joints} joints, found others")
-            values = np.array(found).reshape(-1, joints or len(BODY25), 3) * scale
-            values[~(values[..., 2] > 0)] = np.nan
-            views[name][frame_number(path, str(frame))] = values
-    return NumberedDetections(BODY21 if joints == len(BODY21) else BODY25, views)
+    names = sorted(map(str, content), key=natural)
+    people = People(names)
+    for name in names:
+        for frame, listed in content.get(name, {}).items():
+            place, number = f"{path}: {name}, {frame}", frame_number(path, str(frame))
+            if not isinstance(listed, list | tuple):
+                raise ValueError(f"{place}: expected a list of people, found {listed!r:.60}")
+            people.frame(name, number)
+            for person in listed:
+                people.add(name, number, place, _person(place, person) * scale)
+    return people.detections(BODY21 if people.joints == len(BODY21) else BODY25)
 
 
 def _person(place: str, person) -> np.ndarray:

@@ -2,13 +2,28 @@
 
 import json
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from dmae.data.skeleton import SKELETONS, Skeleton, decode_skeleton, define, encode
+from dmae.data.skeleton import (
+    BLAZEPOSE33,
+    BODY21,
+    BODY25,
+    BODY25B,
+    COCO17,
+    COCO18,
+    HALPE26,
+    PANOPTIC19,
+    SHELF14,
+    SKELETONS,
+    Skeleton,
+    decode_skeleton,
+    define,
+    encode,
+)
 from dmae.files.checks import MOST_PIXELS, check_numbers
 from dmae.files.structured import parse_json
 from dmae.formats.recordings import NumberedDetections
@@ -35,21 +50,33 @@ def read_skeleton_text(path: Path, text: str) -> Skeleton:
         raise ValueError(f"{path}: {error.args[0] if error.args else error}") from None
 
 
-def guess_skeleton(
-    path: Path, candidates: Sequence[Skeleton], people: Iterable[np.ndarray]
-) -> tuple[Skeleton, tuple[str, ...]]:
-    """Return the skeleton with the shortest bones in the image: with the wrong order of joints, bones cross the body.
+_BY_COUNT = {
+    len(skeleton): skeleton for skeleton in (BODY25, COCO18, COCO17, BODY21, HALPE26, PANOPTIC19, SHELF14, BLAZEPOSE33)
+}
+OF_25_JOINTS = (BODY25, BODY25B)
+"""Skeletons with 25 joints, the most common first. Only the positions of the joints distinguish them."""
 
-    For each person (D, J, 3) of `people`, x, y in px and confidence, the mean length of the bones, relative to the
-    extent of the person's joints, is compared between the candidates, the most common first. Each person counts as one
-    vote. Notes give the margin of the decision, unless the most common skeleton fits at least 95% of the people best.
+
+def default_skeleton(path: Path, joints: int) -> Skeleton:
+    """Return the default skeleton of a number of joints; ValueError, with the path, if there is none."""
+    if joints not in _BY_COUNT:
+        known = ", ".join(f"{count} ({skeleton.name})" for count, skeleton in sorted(_BY_COUNT.items()))
+        raise ValueError(f"{path}: found people of {joints} joints, which is no skeleton known; there are {known}")
+    return _BY_COUNT[joints]
+
+
+def guess_skeleton(path: Path, people: np.ndarray) -> tuple[Skeleton, tuple[str, ...]]:
+    """Return that of `OF_25_JOINTS` with the shortest bones in the image: with the other order, bones cross the body.
+
+    For each person of `people` (N, 25, 3), x, y in px and confidence, the mean length of the bones, relative to the
+    extent of the person's joints, is compared between the skeletons. Each person counts as one vote. Notes give the
+    margin of the decision, unless the most common skeleton fits at least 95% of the people best.
 
     Raises ValueError, with the path, if too few people show enough joints, or too few of them agree.
     """
-    arrays = [found[..., :2] for found in people if len(found)]
-    if not arrays:
+    candidates, xy = OF_25_JOINTS, people[..., :2]
+    if not len(xy):
         return candidates[0], ()
-    xy = np.concatenate(arrays)
     lengths = np.array([_mean_bone(skeleton, xy) for skeleton in candidates])
     lengths = lengths[:, np.isfinite(lengths).all(0)]
     votes = (

@@ -9,7 +9,7 @@ from dmae.detection.detectors.blazepose import PeopleDetector
 from dmae.detection.detectors.landmarks import Region, pyramid_of
 from dmae.detection.registry import PoseDetectorConfig, pose_detector
 from dmae.files.contents import check_file
-from dmae.formats.openpose import BY_COUNT
+from dmae.formats.skeletons import default_skeleton
 
 _MEAN, _DEVIATION = np.array((123.675, 116.28, 103.53), np.float32), np.array((58.395, 57.12, 57.375), np.float32)
 """Mean and standard deviation of the colours in ImageNet, with which these models are trained."""
@@ -123,8 +123,7 @@ def _skeleton(config: PoseDetectorConfig, joints: int) -> Skeleton:
         if len(found) != joints:
             raise ValueError(f"{config.path}: finds {joints} joints, {found.name} has {len(found)}")
         return found
-    if joints not in BY_COUNT:
-        raise ValueError(
-            f"{config.path}: finds {joints} joints, of no skeleton known; name it by detector.skeleton=..."
-        )
-    return BY_COUNT[joints]
+    try:
+        return default_skeleton(config.path, joints)
+    except ValueError as error:
+        raise ValueError(f"{error}; name it by detector.skeleton=...") from None

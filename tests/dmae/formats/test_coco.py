@@ -111,7 +111,7 @@ def test_crowds_and_boxes_are_no_persons(tmp_path):
         (lambda c: c["annotations"][2].update(image_id=999), r"annotations\[2\]: expected an object with the image_id"),
         (lambda c: c["annotations"][2].update(keypoints=[1, 2]), r"\[2\]\.keypoints: expected a list of numbers"),
         (lambda c: c["annotations"][2].update(keypoints=["x"] * 51), "expected a list of numbers"),
-        (lambda c: c["annotations"][2].update(keypoints=[1] * 54), "expected 17 as before, found 18"),
+        (lambda c: c["annotations"][2].update(keypoints=[1] * 54), "expected people of 17 joints as in .*, found 18"),
         (lambda c: c["annotations"][2].update(keypoint_scores=[1]), "keypoint_scores: expected 17, found 1"),
         (lambda c: c["categories"][0].update(keypoints=["tail"] * 17), r"no skeleton has the keypoints \['tail'"),
         (lambda c: c.update(categories=c["categories"] * 2), "expected one category with keypoints, found 2"),
@@ -129,7 +129,7 @@ def test_other_bad_input_is_refused(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"data\.detections=\.\.\."):
         read_detections(tmp_path)
     write(tmp_path, plain())
-    with pytest.raises(ValueError, match="expected 26 keypoints as of halpe26, found 17"):
+    with pytest.raises(ValueError, match="expected people of 26 joints as of halpe26, found 17"):
         read_detections(tmp_path, skeleton=HALPE26)
     (tmp_path / "keypoints.json").write_text(json.dumps(plain())[:-20])
     with pytest.raises(ValueError, match=r"keypoints\.json: expected JSON.*line 1 column"):

@@ -70,7 +70,7 @@ def test_synchronised_detections_come_first_and_options_before_all(trial):
     write_frames(recording(BODY25B, 5), trial / "pose", "{camera}_json/{camera}_{frame:06d}.json")
     assert len(read(trial, fps=30.0)) == 12
     assert len(read(trial, fps=30.0, detections=str(trial / "pose"))) == 5
-    with pytest.raises(ValueError, match=r"expected people of 26 joints as in data\.skeleton"):
+    with pytest.raises(ValueError, match="expected people of 26 joints as of halpe26"):
         read(trial, fps=30.0, skeleton="halpe26")
 
 

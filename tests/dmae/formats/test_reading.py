@@ -169,7 +169,7 @@ def test_easymocap(walk, tmp_path):
     same(read("easymocap", tmp_path, fps=25.0), walk)
     with pytest.raises(ValueError, match=r"data\.fps=\.\.\."):
         read("easymocap", tmp_path)
-    with pytest.raises(ValueError, match=r"joints of coco17"):
+    with pytest.raises(ValueError, match="joints as of coco17"):
         read("easymocap", tmp_path, fps=25.0, skeleton="coco17")
     other = recording(BODY25B)
     easymocap.write_detections(other.detections, other.rig, tmp_path)

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import dmae
-from dmae.data.skeleton import BODY25, PANOPTIC19
-from dmae.formats.recordings import Confidences, NumberedDetections, match_cameras, to_clip
+from dmae.data.skeleton import BODY25, COCO17, PANOPTIC19
+from dmae.formats.recordings import NumberedDetections, People, match_cameras, to_clip
 from tests.support.clips import looking_at_origin
 from tests.support.recordings import recording
 
@@ -148,7 +148,8 @@ def test_negative_and_null_confidences_are_absent_and_said(tmp_path, format, con
 
 
 def test_a_joint_that_is_null_altogether_is_merely_absent():
-    confidences = Confidences()
-    rows = np.array([[np.nan, np.nan, np.nan], [1, 2, 0.0], [1, 2, 0.5]])
-    np.testing.assert_array_equal(confidences.clean("f", rows)[:, 2], [np.nan, np.nan, 0.5])
-    assert confidences.notes == ()
+    people = People()
+    people.add("a", 0, "f", [[None, None, None], [1, 2, 0.0], [1, 2, 0.5], *[[0, 0, 0]] * 14])
+    found = people.detections(COCO17)
+    np.testing.assert_array_equal(found.views["a"][0][0, :3, 2], [np.nan, np.nan, 0.5])
+    assert found.notes == ()
