@@ -117,6 +117,18 @@ def light_reaching(depth, K, facing, key, other, lamp, radius):
             if radius > 0:
                 sky[r, c] = _open(depth, fx, fy, cx, cy, row, column, x, y, z, _RAYS[number], radius)
     sky = smoothed(sky, coarse)
+    # Patterns differ from pixel to pixel. Where one of them meets the edge of a shadow, all pixels around are computed:
+    # if only those were that meet it, the penumbra would be a screen of dots.
+    edge = np.zeros((rows, columns), np.bool_)
+    for r in range(rows):
+        for c in range(columns):
+            here, z = sun[r, c], coarse[r, c]
+            if here < 0 or (here in (0, 1) and _alike(sun, coarse, r, c)):
+                continue
+            for y in range(max(r - 2, 0), min(r + 3, rows)):
+                for x in range(max(c - 2, 0), min(c + 3, columns)):
+                    if abs(coarse[y, x] - z) < 0.03 * z:
+                        edge[y, x] = True
     share = np.ones((height, width), np.float32)
     for row in range(height):
         for column in range(width):
@@ -124,15 +136,16 @@ def light_reaching(depth, K, facing, key, other, lamp, radius):
             direct, ambient = key * facing[row, column], float(other[row, column])
             if not z > 0 or direct + ambient <= 0:
                 continue
-            least, most, open_sky, count = 1.0, 0.0, 0.0, 0
+            least, near_edge, open_sky, count = 1.0, False, 0.0, 0
             for r in range(row >> 1, min((row + 1 >> 1) + 1, rows)):
                 for c in range(column >> 1, min((column + 1 >> 1) + 1, columns)):
                     if abs(coarse[r, c] - z) < 0.02 * z:
-                        least, most = min(least, sun[r, c]), max(most, sun[r, c])
+                        least = min(least, sun[r, c])
+                        near_edge |= edge[r, c]
                         open_sky += sky[r, c]
                         count += 1
             sunlit = least
-            if count == 0 or least < 0 or (least < 1 and most > 0):
+            if count == 0 or least < 0 or near_edge:
                 number = 4 * (row & 3) + (column & 3)
                 x, y = (column - cx) / fx * z, (row - cy) / fy * z
                 sunlit = 1.0
@@ -144,6 +157,17 @@ def light_reaching(depth, K, facing, key, other, lamp, radius):
                         open_sky = _open(depth, fx, fy, cx, cy, row, column, x, y, z, _RAYS[number], radius)
             share[row, column] = (direct * sunlit + ambient * open_sky / max(count, 1)) / (direct + ambient)
     return share
+
+
+@compiled()
+def _alike(sun, depth, row, column):
+    """Return whether the pixels right of one and below it, if on the same surface, see the same share of the lamp."""
+    height, width = sun.shape
+    here, z = sun[row, column], depth[row, column]
+    for r, c in ((row, min(column + 1, width - 1)), (min(row + 1, height - 1), column)):
+        if sun[r, c] >= 0 and sun[r, c] != here and abs(depth[r, c] - z) < 0.03 * z:
+            return False
+    return True
 
 
 @compiled()

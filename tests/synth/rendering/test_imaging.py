@@ -169,13 +169,16 @@ def test_a_penumbra_shows_the_visible_part_of_a_round_lamp(gl, radius):
     config = ImagingConfig(lamp=radius, ambient_occlusion=0)
     # The plate is thin: light enters past its upper edge.
     shadowed = painted(xml.format(f'<geom type="box" pos="{edge - 1} 0 {plate}" size="1 3 .001"/>'), rig, config)
-    share = (shadowed / painted(xml.format(""), rig, config))[240]
+    shares = shadowed / painted(xml.format(""), rig, config)
+    share = shares[240]
     x = 2.5 + (np.arange(640) - 319.5) * 4 / 500
     on_floor = x > 0.3
     far = np.clip((x + (edge - x) * lamp / plate) / radius, -1, 1)
     expected = (np.arccos(far) - far * np.sqrt(1 - far**2)) / np.pi
     assert np.abs(share - expected)[on_floor & (np.abs(far) < 1)].mean() < 0.06
     assert np.abs(share - expected)[on_floor & (np.abs(far) == 1)].max() < 0.12
+    # Along the edge of the plate the light is even: no screen of dots, at the foot of the penumbra either.
+    assert shares[200:280].std(0)[on_floor].max() < 0.004
 
 
 @pytest.mark.gl
