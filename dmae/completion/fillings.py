@@ -15,8 +15,9 @@ from scipy.ndimage import maximum_filter1d
 from dmae.completion.methods import completion_method
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import Skeleton
+from dmae.numerics.compiled import compiled
 from dmae.numerics.filling import fill_body_frame, fill_world, take_estimate, without_infinite
-from dmae.numerics.paths import hold, linear, neighbours, pchip, pchip_between, surrounding_frames, take_samples
+from dmae.numerics.paths import cubic_between, hold, linear, neighbours, pchip
 
 
 @completion_method("measured", smooths=True)
@@ -91,27 +92,38 @@ def contradicted(xyz: np.ndarray, fps: float, acceleration: float = ACCELERATION
     found = np.zeros(flat.shape[:2], bool)
     remaining = np.arange(flat.shape[1])
     while len(remaining):
-        paths = np.where(found[:, remaining, None], np.nan, flat[:, remaining])
-        worst = np.max([_deviation(paths, fps, max(round(reach * fps), 1), acceleration) for reach in _REACHES], axis=0)
+        paths = np.ascontiguousarray(np.where(found[:, remaining, None], np.nan, flat[:, remaining]))
+        samples = paths, *neighbours(~np.isnan(paths).any(-1))
+        reaches = (max(round(reach * fps), 1) for reach in _REACHES)
+        worst = np.max([_deviation(*samples, reach, float(fps), float(acceleration)) for reach in reaches], axis=0)
         bad = (worst > 1) & (worst == maximum_filter1d(worst, near, axis=0, mode="constant"))
         found[:, remaining] |= bad
         remaining = remaining[bad.any(0)]
     return found.reshape(xyz.shape[:-1])
 
 
-def _deviation(paths: np.ndarray, fps: float, reach: int, acceleration: float) -> np.ndarray:
-    """Return the deviation of samples of paths (F, n, 3) as a multiple of the tolerance, (F, n); 0 where unknown."""
-    known = ~np.isnan(paths).any(-1)
-    before, after = neighbours(known)
-    frame, column = np.nonzero(known)
-    times = surrounding_frames(before, after, frame, column, reach)
-    predictable = (times[1] >= 0) & (times[2] < len(paths)) & (times[2] - times[1] <= _LONGEST * fps)
-    frame, column, times = frame[predictable], column[predictable], times[:, predictable]
-    predicted = pchip_between(times, take_samples(paths, times, column), frame)
-    deviation = np.zeros(known.shape)
-    tolerance = _ERROR + acceleration / 2 * (frame - times[1]) * (times[2] - frame) / fps**2
-    deviation[frame, column] = np.linalg.norm(paths[frame, column] - predicted, axis=-1) / tolerance
-    return deviation
+@compiled()
+def _deviation(paths, before, after, reach, fps, acceleration):
+    """Return the deviation of samples of paths (F, n, 3) as a multiple of the tolerance, (F, n); 0 where unknown.
+
+    Args:
+        before: (F, n) frame of the last sample, as `after` from `neighbours`.
+        reach: Samples fewer frames away than this are left out.
+    """
+    frames, columns = before.shape
+    found = np.zeros((frames, columns))
+    for frame in range(reach, frames - reach):
+        for column in range(columns):
+            low, high = before[frame - reach, column], after[frame + reach, column]
+            if before[frame, column] != frame or low < 0 or high == frames or high - low > _LONGEST * fps:
+                continue
+            square = 0.0
+            for k in range(3):
+                predicted = cubic_between(paths, before, after, low, high, column, k, frame)
+                square += (paths[frame, column, k] - predicted) ** 2
+            tolerance = _ERROR + acceleration / 2 * (frame - low) * (high - frame) / fps**2
+            found[frame, column] = np.sqrt(square) / tolerance
+    return found
 
 
 def reject(poses: Poses3D, fps: float) -> Poses3D:

@@ -105,7 +105,6 @@ def _pchip(values, before, after):
     """Return values (F, n, C) with monotone cubics in gaps; `before` and `after` as in `_linear`."""
     frames, columns, components = values.shape
     filled = np.full(values.shape, np.nan)
-    times = np.empty(4, np.int64)
     for frame in range(frames):
         for column in range(columns):
             low, high = before[frame, column], after[frame, column]
@@ -115,79 +114,31 @@ def _pchip(values, before, after):
                     for k in range(components):
                         filled[frame, column, k] = values[edge, column, k]
                 continue
-            times[1], times[2] = low, high
-            times[0] = before[low - 1, column] if low > 0 else -1
-            times[3] = after[high + 1, column] if high < frames - 1 else frames
             for k in range(components):
-                first = values[times[0], column, k] if times[0] >= 0 else np.nan
-                last = values[times[3], column, k] if times[3] < frames else np.nan
-                filled[frame, column, k] = _cubic(
-                    times, first, values[low, column, k], values[high, column, k], last, frame
-                )
+                filled[frame, column, k] = cubic_between(values, before, after, low, high, column, k, frame)
     return filled
 
 
-def surrounding_frames(
-    before: np.ndarray, after: np.ndarray, frame: np.ndarray, column: np.ndarray, reach: int = 0
-) -> np.ndarray:
-    """Return the frames of the two samples before and the two samples after each of n places (frame, column), (4, n).
-
-    They are negative, or at least F, if there is no such sample. Samples nearer than `reach` are skipped. `before` and
-    `after` (F, C) are results of `neighbours` for C columns.
-    """
-    frames = len(before)
-
-    def last(f: np.ndarray) -> np.ndarray:
-        return np.where(f >= 0, before[np.maximum(f, 0), column], -1)
-
-    def first(f: np.ndarray) -> np.ndarray:
-        return np.where(f < frames, after[np.minimum(f, frames - 1), column], frames)
-
-    low, high = last(frame - reach), first(frame + reach)
-    return np.stack([last(low - 1), low, high, first(high + 1)])
-
-
-def take_samples(values: np.ndarray, times: np.ndarray, column: np.ndarray) -> np.ndarray:
-    """Return samples (k, n, C) of values (F, columns, C), at frames `times` (k, n) of columns (n,), or NaN."""
-    inside = (times >= 0) & (times < len(values))
-    taken = values[np.where(inside, times, 0), column]
-    return np.where(inside[..., None], taken, np.nan)
-
-
-def pchip_between(times: np.ndarray, values: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Return values (n, C) of monotone cubics, each through four samples, between the second and the third sample.
+@compiled()
+def cubic_between(values, before, after, low, high, column, k, frame):
+    """Return component k of a column of values (F, n, C) at a frame, on the monotone cubic from sample `low` to `high`.
 
     The slope at a sample is the weighted harmonic mean of the slopes of the straight lines on both sides (Fritsch &
-    Butland 1984). If the first or the fourth sample is missing, the slope at its neighbour is the slope of a parabola
+    Butland 1984). If there is no sample before `low` or after `high`, the slope there is the slope of a parabola
     through three samples, limited so that the cubic stays monotone. With only two samples the cubic is a straight line.
-
-    Args:
-        times: (4, n) times of the samples, increasing.
-        values: (4, n, C) samples; the first and the fourth are NaN where missing.
-        at: (n,) times of the values to return.
+    `before` and `after` (F, n) are results of `neighbours`.
     """
-    return _pchip_between(np.ascontiguousarray(times.T), np.ascontiguousarray(values, np.float64), at)
-
-
-@compiled()
-def _pchip_between(times, values, at):
-    """Return the result of `pchip_between`, (n, C), for times (n, 4)."""
-    found = np.empty(values.shape[1:])
-    for i in range(found.shape[0]):
-        for k in range(found.shape[1]):
-            found[i, k] = _cubic(times[i], values[0, i, k], values[1, i, k], values[2, i, k], values[3, i, k], at[i])
-    return found
-
-
-@compiled()
-def _cubic(times, before, start, end, after, at):
-    """Return the value of a cubic of `pchip_between` for one component of one place."""
-    h0, h1, h2 = float(times[1] - times[0]), float(times[2] - times[1]), float(times[3] - times[2])
-    m0, m1, m2 = (start - before) / h0, (end - start) / h1, (after - end) / h2
-    first = _end_slope(h1, m1, h2, m2) if np.isnan(before) else _slope(h0, m0, h1, m1)
-    last = _end_slope(h1, m1, h0, m0) if np.isnan(after) else _slope(h1, m1, h2, m2)
-    s = (at - times[1]) / h1
-    return start + h1 * (m1 * s + s * (1 - s) * ((1 - s) * (first - m1) - s * (last - m1)))
+    earlier = before[low - 1, column] if low > 0 else -1
+    later = after[high + 1, column] if high < len(values) - 1 else len(values)
+    start, end = values[low, column, k], values[high, column, k]
+    first = values[earlier, column, k] if earlier >= 0 else np.nan
+    last = values[later, column, k] if later < len(values) else np.nan
+    h0, h1, h2 = float(low - earlier), float(high - low), float(later - high)
+    m0, m1, m2 = (start - first) / h0, (end - start) / h1, (last - end) / h2
+    at_start = _end_slope(h1, m1, h2, m2) if np.isnan(first) else _slope(h0, m0, h1, m1)
+    at_end = _end_slope(h1, m1, h0, m0) if np.isnan(last) else _slope(h1, m1, h2, m2)
+    s = (frame - low) / h1
+    return start + h1 * (m1 * s + s * (1 - s) * ((1 - s) * (at_start - m1) - s * (at_end - m1)))
 
 
 @compiled()

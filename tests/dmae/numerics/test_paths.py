@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import PchipInterpolator
 
-from dmae.numerics.paths import hold, linear, local_parabola, pchip, surrounding_frames, take_samples
+from dmae.numerics.paths import hold, linear, local_parabola, pchip
 
 
 @settings(max_examples=60, deadline=None)
@@ -46,24 +46,6 @@ def test_arrays_of_any_shape_are_filled_and_known_values_stay(through, shape):
     np.testing.assert_array_equal(np.delete(found, (1, 2), 0), np.delete(values, (1, 2), 0)) if len(
         values
     ) > 2 else None
-
-
-def test_surrounding_frames():
-    values = np.arange(10.0)[:, None, None]
-    values[[3, 4, 7]] = np.nan
-    known = ~np.isnan(values[..., 0])
-    index = np.arange(10)[:, None]
-    before = np.maximum.accumulate(np.where(known, index, -1), 0)
-    after = np.minimum.accumulate(np.where(known, index, 10)[::-1], 0)[::-1]
-    frame, column = np.array([4, 0, 5]), np.zeros(3, int)
-    times = surrounding_frames(before, after, frame, column)
-    assert times.T[0].tolist() == [1, 2, 5, 6]
-    far = surrounding_frames(before, after, frame, column, reach=2)
-    assert far.T[2].tolist() == [1, 2, 8, 9]
-    assert far[1, 1] < 0
-    taken = take_samples(values, far, column)[..., 0]
-    assert taken[:, 2].tolist() == [1, 2, 8, 9]
-    assert np.isnan(taken[0, 1])
 
 
 def test_some_frames_are_smoothed_as_in_the_whole_recording():
