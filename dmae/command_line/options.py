@@ -38,6 +38,11 @@ class Option:
     keyed: bool = False  # Whether it is a dictionary, and `key.anything=value` is allowed
     optional: bool = False  # Whether it can be `null`
 
+    @property
+    def may_be_one(self) -> bool:
+        """Whether one value is short for a list of it: as of names; numbers are ranges or places."""
+        return self.many and self.kind in ("text", "choice")
+
 
 @dataclass(frozen=True)
 class Group:

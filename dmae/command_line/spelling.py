@@ -7,7 +7,7 @@ own parser.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from difflib import SequenceMatcher, get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -66,24 +66,40 @@ def similar_path(path: str, words: Collection[str] = ()) -> str:
 
 
 def like(options: Group, key: str) -> str:
-    """Return the text for an unknown option: the option with the same last name, or else the most similar one."""
+    """Return the text for an unknown option: the option with the same last name, or else the most similar one.
+
+    If what precedes the last dot is a group, options of this group come first. They are listed if none is very similar,
+    with the options of the same last name in other groups.
+    """
     keys = [member.key for member in options.walk() if not key.startswith(f"{member.key}.")]
     if _CONFUSED.get(key) in keys:
         return f"did you mean {_CONFUSED[key]}?"
+    group, _, last = key.rpartition(".")
+    inside = [each.removeprefix(f"{group}.") for each in keys if group and each.startswith(f"{group}.")]
+    similar = _similar(last, inside) if inside else _similar(key, keys)
+    sure = [
+        each for each in similar if each.endswith(last) or sorted(each) == sorted(last) or _ratio(each, last) > 0.75
+    ]
+    if meant := [f"{group}.{each}" for each in sure] if inside else similar:
+        return f"did you mean {'one of ' * (len(meant) > 1)}{', '.join(meant[:6])}?"
+    members = (options.find(group) if inside else options).members
+    listed = ", ".join(each.key + ".*" * (bool(inside) and isinstance(each, Group)) for each in members)
+    elsewhere = ", ".join([each for each in keys if each.rpartition(".")[2] == last][:6])
+    return f"there are {listed}" + f"; elsewhere there is {elsewhere}" * bool(elsewhere)
+
+
+def _similar(key: str, keys: Sequence[str]) -> list[str]:
+    """Return the options with the last name of `key`, the most similar of them if it is near, or else a similar one."""
     last = key.rpartition(".")[2]
-    same = [each for each in keys if each.rpartition(".")[2] == last]
-    if len(same) > 1:
-        same = [nearest(key, same) or ""] if nearest(key, same) else same
-    if len(same) == 1:
-        return f"did you mean {same[0]}?"
-    if same:
-        return f"did you mean one of {', '.join(same[:6])}?"
+    if same := [each for each in keys if each.rpartition(".")[2] == last]:
+        return [near] if (near := nearest(key, same)) else same
     lasts = {each.rpartition(".")[2]: each for each in reversed(keys)}
-    similar = {near: SequenceMatcher(None, key, near).ratio() for near in [nearest(key, keys)] if near}
-    similar |= {lasts[near]: SequenceMatcher(None, last, near).ratio() for near in [nearest(last, lasts)] if near}
-    if similar:
-        return f"did you mean {max(similar, key=similar.get)}?"
-    return f"there are {', '.join(member.key for member in options.members)}"
+    found = [*filter(None, (nearest(key, keys), lasts.get(nearest(last, lasts))))]
+    return sorted(found, key=lambda each: -max(_ratio(key, each), _ratio(last, each.rpartition(".")[2])))[:1]
+
+
+def _ratio(a: str, b: str) -> float:
+    return SequenceMatcher(None, a, b).ratio()
 
 
 def meant(options: Group, word: str, required: Iterable[str] = ()) -> str:
@@ -200,7 +216,7 @@ def _expanded(options: Group, override: str) -> list[str]:
 
 
 def _checked(options: Group, override: str, sweep: bool) -> str:
-    """Check one override. Return it; `images=rgb`, if the option is a list of choices, as `images=[rgb]`."""
+    """Check one override. Return it; `images=rgb`, if the option is a list, as `images=[rgb]`."""
     from hydra.core.override_parser.types import OverrideType
 
     if "=" not in override and not override.startswith("~"):
@@ -232,8 +248,12 @@ def _checked(options: Group, override: str, sweep: bool) -> str:
             _check_preset(found, text, str(value))
         else:
             _check_value(found, text, value)
-    one = isinstance(found, Option) and found.many and found.choices
-    if one and values and not any(value is None or isinstance(value, list) for _, value in values):
+    if (
+        isinstance(found, Option)
+        and found.may_be_one
+        and values
+        and not any(value is None or isinstance(value, list) for _, value in values)
+    ):
         return f"{key}={','.join(f'[{text}]' for text, _ in values)}"
     return override
 
@@ -255,8 +275,7 @@ def _check_value(option: Option, text: str, value: object) -> None:
     if option.keyed or (value is None and option.optional):
         return
     listed, wrong = isinstance(value, list), ValueError(f"{option.key}={text}: expected {_expected(option)}")
-    # One choice is short for a list of it.
-    if value is None or isinstance(value, dict) or (option.many != listed and not (option.many and option.choices)):
+    if value is None or isinstance(value, dict) or (option.many != listed and not option.may_be_one):
         raise wrong
     node = {"whole number": IntegerNode, "number": FloatNode, "true or false": BooleanNode}.get(option.kind)
     for each in value if listed else [value]:

@@ -2,6 +2,8 @@
 
 import pytest
 
+from dmae.cli import DMAE
+from dmae.command_line.spelling import checked
 from tests.support.commands import run_command
 
 
@@ -34,6 +36,8 @@ def folder(tmp_path_factory):
         ("synth generate scene.persons=2", "scene.persons=2: expected a list of whole numbers"),
         ("synth generate scene.randomize=maybe", "scene.randomize=maybe: expected true or false"),
         ("synth generate scene=ofice", "scene=ofice: no such choice; did you mean office?"),
+        ("synth generate rig.count=4", "rig.count: no such option; there are rig.name, rig.path, rig.size"),
+        ("synth generate scene.views=4", "elsewhere there is rig.ring.views"),
         ("synth generate rig=moon", "rig=moon: no such choice; there are campus, dome"),
         ("synth generate rig.ring=3", "rig.ring=3: expected one of its options: rig.ring.views"),
         ("synth generate images=rbg", "images=rbg: no such choice; did you mean rgb?"),
@@ -100,6 +104,20 @@ def test_the_whole_error_is_shown_on_demand(folder, monkeypatch):
     monkeypatch.setenv("HYDRA_FULL_ERROR", "1")
     with pytest.raises(ValueError, match="nothing to report"):
         run_command(folder, "dmae", "report")
+
+
+@pytest.mark.parametrize(
+    ("command", "given", "taken"),
+    [
+        ("report", "scores=set", "scores=[set]"),
+        ("report", "scores=[set]", "scores=[set]"),
+        ("report", "scores='a,b'", "scores=['a,b']"),
+        ("capture", "data.cameras=left", "data.cameras=[left]"),
+        ("regress", "skip=clean", "skip=[clean]"),
+    ],
+)
+def test_one_name_is_short_for_a_list_of_it(command, given, taken):
+    assert checked(DMAE.commands[command].options(), [given], ["--info"]) == [taken]
 
 
 def test_entries_of_a_dictionary_are_options(folder):
