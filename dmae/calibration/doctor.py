@@ -39,7 +39,7 @@ from dmae.calibration.examination import BODIES, PARAMETERS, CameraDifference, E
 from dmae.calibration.faults import Correction, Fault, find_fault
 from dmae.calibration.matching import match_tracks
 from dmae.calibration.world import UPRIGHT, Floor, find_floor, relative_size, upright_direction
-from dmae.data.cameras import CameraRig
+from dmae.data.cameras import CameraRig, camera_label
 from dmae.data.clip import Clip
 from dmae.formats.config import METRES, Convention, LengthUnit, UpDirection
 from dmae.formats.reading import shift_views
@@ -142,7 +142,9 @@ def diagnose(
     frames = hypothesis.sample_frames(CHECKED_FRAMES)
     detected = np.isfinite(hypothesis.xy[..., 0]).any((0, 2, 3))
     unknown = tuple(
-        f"camera {name} detects no people" for name, some in zip(clip.rig.names, detected, strict=True) if not some
+        f"{camera_label(name)} detects no people"
+        for name, some in zip(clip.rig.names, detected, strict=True)
+        if not some
     )
     if len(clip.rig) < 2 or not len(frames):
         reason = "there is one camera" if len(clip.rig) < 2 else "no two cameras detect people in the same frame"
@@ -180,7 +182,7 @@ def diagnose(
     floor = None
     if disagreeing:
         findings.append(unexplained_fault(hypothesis, disagreeing))
-    unknown += tuple(f"camera {name} sees no people that the others see" for name in apart)
+    unknown += tuple(f"{camera_label(name)} sees no people that the others see" for name in apart)
     if len(disagreeing) < len(clip.rig):
         if sensitivity < _MIN_SENSITIVITY:
             unknown += ("people move too little to decide whether the cameras are synchronised",)
@@ -333,9 +335,8 @@ def named_camera(
     if frames:
         undone = undone.delayed(np.where(np.arange(len(hypothesis.rig)) == best.view, -frames, 0))
     amounts = " or ".join(_amount(each, hypothesis.fps) for each in kinds)
-    evidence = (
-        f"{amounts}; undone, the reprojection error of camera {name} is {after:.1f} px instead of {before:.1f} px"
-    )
+    now = f"{after:.1f} px instead of {before:.1f} px"
+    evidence = f"{amounts}; undone, the reprojection error of {camera_label(name)} is {now}"
     if len(kinds) > 1:
         by = dict.fromkeys(_DETERMINED_BY[each.kind] for each in kinds)
         evidence += f"; these fit about equally well; to distinguish them, record: {'; or '.join(by)}"
@@ -433,9 +434,9 @@ def _remedy(
     option = {Kind.focal: " focal=true", Kind.lens: " distortion=true", Kind.late: " offsets=true"}
     options = "".join(option.get(each.kind, "") for each in kinds[:1])
     what = {
-        Kind.focal: f"fx and fy of camera {name} times {np.exp(kinds[0].step[FOCAL]):.4f}",
-        Kind.lens: f"k1 of camera {name} {hypothesis.rig.dist[view, 0] + kinds[0].step[K1]:.2f}",
-    }.get(kinds[0].kind, f"calibrate camera {name} again")
+        Kind.focal: f"fx and fy of {camera_label(name)} times {np.exp(kinds[0].step[FOCAL]):.4f}",
+        Kind.lens: f"k1 of {camera_label(name)} {hypothesis.rig.dist[view, 0] + kinds[0].step[K1]:.2f}",
+    }.get(kinds[0].kind, f"calibrate {camera_label(name)} again")
     return f"{what}, or run dmae calibrate with the same data{options}"
 
 
@@ -598,7 +599,9 @@ def remedy(correction: Correction, before: Convention, has_options: bool, offset
         delay = correction.hypothesis.offsets
         if offsets is not None:
             return f"data.offsets={[int(k) for k in delay + offsets]}".replace(" ", "")
-        return "add to data.offsets " + ", ".join(f"{delay[view]:+d} for camera {rig.names[view]}" for view in views)
+        return "add to data.offsets " + ", ".join(
+            f"{delay[view]:+d} for {camera_label(rig.names[view])}" for view in views
+        )
     if fault == Fault.order:
         a, b = (rig.names[view] for view in views)
         return (

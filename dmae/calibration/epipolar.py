@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 
 from dmae.calibration.bundle_adjustment import coarse_skeleton
-from dmae.data.cameras import CameraRig
+from dmae.data.cameras import CameraRig, camera_label
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import Skeleton
 from dmae.formats.config import Convention
@@ -283,7 +283,7 @@ def draw_arrows(hypothesis: Hypothesis, title: str, images: list[np.ndarray | No
             figure.colorbar(quiver, ax=axes, label="px to the epipolar line", shrink=0.7)
         axes.set(xlim=(0, width), ylim=(height, 0), aspect="equal")
         median = f"median {np.median(length):.1f} px" if len(length) else "no detection matches another camera's"
-        axes.set_title(f"{title}, camera {hypothesis.rig.names[view]}: {median}; arrows 10 x", fontsize=10)
+        axes.set_title(f"{title}, {camera_label(hypothesis.rig.names[view])}: {median}; arrows 10 x", fontsize=10)
         figure.savefig(buffer := BytesIO(), format="png", dpi=90)
         pictures.append(buffer.getvalue())
     return pictures

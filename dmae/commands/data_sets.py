@@ -11,6 +11,7 @@ from tempfile import TemporaryDirectory
 
 from dmae.command_line import interruption
 from dmae.commands.config import CaptureCommand, CompleteCommand
+from dmae.data.cameras import camera_label
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.resume import claim_folder
 from dmae.data.store import CHECKSUMS, MANIFEST, clip_folders, read_manifest, save_clip, write_manifest
@@ -142,7 +143,7 @@ def describe_sides(clip: Clip, poses: Poses3D) -> list[str]:
     counts = exchanged_detections(clip, poses).sum(0)
     least = max(_FEW_EXCHANGES * len(clip), 2)
     return [
-        f"camera {name}: its detections have left and right exchanged in {count} of {len(clip)} frames"
+        f"{camera_label(name)}: its detections have left and right exchanged in {count} of {len(clip)} frames"
         for name, count in zip(clip.rig.names, counts, strict=True)
         if count >= least
     ]

@@ -14,6 +14,11 @@ from dmae.files.checks import LEAST_FOCAL, MOST_DISTORTION, MOST_FOCAL, MOST_MET
 _UNDISTORT_CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-12)
 
 
+def camera_label(name: str) -> str:
+    """Return how texts call a camera: `camera left`, but `cam_02` alone, as this name says that it is one."""
+    return name if name.lower().startswith("cam") else f"camera {name}"
+
+
 @dataclass(frozen=True)
 class CameraRig:
     """V calibrated cameras in OpenCV's convention (x right, y down, z forward).

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dmae.data.cameras import camera_label
 from dmae.data.clip import Clip
 from dmae.data.images import Images, picture_files
 from dmae.files.checks import check_rate
@@ -112,11 +113,11 @@ def _border(
     except ValueError:
         pictures, calibrated = (" x ".join(map(str, each)) for each in (found, size))
         notes.append(
-            f"camera {camera}: {file} has pictures of {pictures} px, the calibration says {calibrated}; they are "
-            "stretched, so that people can be drawn beside where they are seen"
+            f"{camera_label(camera)}: {file} has pictures of {pictures} px, the calibration says {calibrated}; they "
+            "are stretched, so that people can be drawn beside where they are seen"
         )
         return 0, 0
-    notes.append(f"camera {camera}: {fitting.note}")
+    notes.append(f"{camera_label(camera)}: {fitting.note}")
     left, top = fitting.margin
     return round(left), round(top)
 

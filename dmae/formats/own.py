@@ -9,7 +9,7 @@ For F frames, P persons and J joints the archive contains:
 | `source_names` | (4,) text | `absent`, `measured`, `denoised` (measured, then moved), `completed` (not measured) |
 | `cov` | (F, P, J, 3, 3) float32 | covariance of each joint, m^2; NaN where unknown |
 | `views` | (F, P, J) uint8 | number of cameras that measured the joint |
-| `names` | (J,) text | names of the joints |
+| `joint_names` | (J,) text | names of the joints |
 | `skeleton` | text | name of the skeleton, or the definition of your own skeleton as JSON |
 | `fps` | float64 | frames per second |
 
@@ -55,7 +55,7 @@ def export_npz(poses: Poses3D, fps: float, path: Path) -> None:
         "source_names": np.array([source.name.lower() for source in Source]),
         "cov": poses.cov,
         "views": poses.views,
-        "names": np.array(poses.skeleton.joints),
+        "joint_names": np.array(poses.skeleton.joints),
         "skeleton": np.array(skeleton_text(poses.skeleton)),
         "fps": np.array(fps, np.float64),
     }
@@ -77,9 +77,10 @@ def read_npz(path: Path) -> tuple[Poses3D, float]:
     Raises FileNotFoundError if there is no file, and ValueError, which names missing arrays, if it is no such archive.
     """
     path = Path(path)
-    needed = ("joints", "source", "views", "names", "skeleton", "fps")
+    needed = ("joints", "source", "views", "joint_names", "skeleton", "fps")
     arrays = read_arrays(path, "an .npz archive of poses", needed, ("cov",))
-    skeleton, joints = read_skeleton_text(path, str(arrays["skeleton"])), [*map(str, np.atleast_1d(arrays["names"]))]
+    skeleton = read_skeleton_text(path, str(arrays["skeleton"]))
+    joints = [*map(str, np.atleast_1d(arrays["joint_names"]))]
     if [*skeleton.joints] != joints:
         raise ValueError(f"{path}: expected the joints of {skeleton.name}, {[*skeleton.joints]}, found {joints}")
     try:

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dmae.data.cameras import camera_label
+
 _RATIO = 0.003
 """Largest relative difference between the scales of width and height of an image that was scaled without margins."""
 _BLACK = 40  # Largest mean brightness of a margin, of 255; compressed black is not quite black
@@ -64,8 +66,9 @@ def fit_pictures(camera: str, picture: tuple[int, int], calibration: tuple[int, 
     turned = tuple(picture) == tuple(calibration)[::-1]
     advice = "turn them" if turned else "calibrate at this size, or give the pictures as they were calibrated"
     raise ValueError(
-        f"camera {camera}: its pictures have {picture[0]} x {picture[1]} px, its calibration is for {calibration[0]} x "
-        f"{calibration[1]} px; they are no copy of that in another size, with or without black borders; {advice}"
+        f"{camera_label(camera)}: its pictures have {picture[0]} x {picture[1]} px, its calibration is for "
+        f"{calibration[0]} x {calibration[1]} px; they are no copy of that in another size, with or without black "
+        f"borders; {advice}"
     )
 
 

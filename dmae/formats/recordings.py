@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dmae.data.cameras import CameraRig
+from dmae.data.cameras import CameraRig, camera_label
 from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.skeleton import Skeleton
 from dmae.files.checks import MOST_PIXELS, check_numbers, numbers_of
@@ -357,7 +357,7 @@ def _absences(found: NumberedDetections, names: list[str], first: int, frames: i
     for name in names:
         absent, broken = frames - len(found.views[name]), found.unreadable.get(name, [])
         if absent or broken:
-            note = f"camera {name}: {absent} of frames {first} to {first + frames - 1} are absent"
+            note = f"{camera_label(name)}: {absent} of frames {first} to {first + frames - 1} are absent"
             notes.append(note + (f"; {len(broken)} files could not be read, first {broken[0]}" if broken else ""))
     return notes
 

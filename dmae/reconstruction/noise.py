@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dmae.data.cameras import CameraRig
+from dmae.data.cameras import CameraRig, camera_label
 from dmae.data.skeleton import Skeleton
 from dmae.reconstruction.config import NoiseModel
 from dmae.reconstruction.triangulation import Points
@@ -85,13 +85,15 @@ class DetectionNoise:
         text = f"detected joints scatter by {self.usual_px:.1f} px, {1000 * self.usual_m:.0f} mm on the person"
         far = self.floor_px > 2 * np.median(self.floor_px) + 1
         if far.any():
-            each = (f"camera {name} by {floor:.0f} px more" for name, floor in zip(names, self.floor_px, strict=True))
+            each = (
+                f"{camera_label(name)} by {floor:.0f} px more" for name, floor in zip(names, self.floor_px, strict=True)
+            )
             text += f"; {', '.join(one for one, off in zip(each, far, strict=True) if off)}"
         if self.constant.all():
             return f"{text}; confidences say nothing, so they are not used"
         if self.constant.any():
-            silent = ", ".join(name for name, one in zip(names, self.constant, strict=True) if one)
-            text += f"; confidences of camera {silent} say nothing"
+            silent = ", ".join(camera_label(name) for name, one in zip(names, self.constant, strict=True) if one)
+            text += f"; confidences of {silent} say nothing"
         if self.confidences[-1] < self.confidences[0]:
             return f"{text}; greater confidences mean greater errors, and are used so"
         return text

@@ -5,6 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from dmae.data.cameras import camera_label
 from dmae.data.clip import Clip, Poses3D, Source
 
 COMPLETED = "#e5262a"
@@ -35,7 +36,7 @@ def views_figure(clip: Clip, frame: int | None = None) -> Figure:
     pixels, _ = clip.rig.project(clip.poses.xyz[frame : frame + 1])
     for view, name in enumerate(clip.rig.names):
         _draw_view(axes[view], clip, frame, view, pixels[0, view])
-        axes[view].set_title(f"camera {name}", fontsize=10)
+        axes[view].set_title(camera_label(name), fontsize=10)
     _draw_world(axes[views], clip, frame, (0, 2), "side")
     _draw_world(axes[views + 1], clip, frame, (0, 1), "top")
     for spare in axes[views + 2 :]:

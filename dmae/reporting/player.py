@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from dmae.data.cameras import CameraRig
+from dmae.data.cameras import CameraRig, camera_label
 from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.conversion import convert
 from dmae.data.skeleton import Skeleton
@@ -203,7 +203,7 @@ def small_videos(clip: Clip) -> tuple[list[str | None], str | None]:
             lost.append(name)
     if not lost:
         return videos, None
-    cameras = f"camera {lost[0]}" if len(lost) == 1 else f"cameras {', '.join(lost)}"
+    cameras = camera_label(lost[0]) if len(lost) == 1 else f"cameras {', '.join(lost)}"
     return videos, f"The pictures of {cameras} cannot be read in the folder that the clip names."
 
 

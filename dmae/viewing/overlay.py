@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib import font_manager
 from PIL import Image, ImageDraw, ImageFont
 
-from dmae.data.cameras import CameraRig
+from dmae.data.cameras import CameraRig, camera_label
 from dmae.data.clip import Clip, Poses3D, Source, person_name
 from dmae.data.labels import Visibility
 from dmae.reporting.figures import COMPLETED, PERSONS
@@ -330,7 +330,7 @@ class Overlay:
         picture.paste(Image.fromarray(canvas))
         draw = ImageDraw.Draw(picture, "RGBA")
         letters = font(self._line - 3)
-        label = f"camera {self.clip.rig.names[view]}   {frame / self.clip.fps:.2f} s"
+        label = f"{camera_label(self.clip.rig.names[view])}   {frame / self.clip.fps:.2f} s"
         draw.rectangle((0, 0, draw.textlength(label, letters) + 12, self._line + 3), fill=(*PAPER, 205))
         draw.text((6, 1), label, INK, letters)
         self._number_people(draw, truth if poses is None else poses, frame, view, scale)

@@ -13,6 +13,7 @@ from scipy.ndimage import maximum_filter1d
 from scipy.special import gammaincinv
 
 from dmae.calibration.world import Floor, find_floor
+from dmae.data.cameras import camera_label
 from dmae.data.clip import Clip, Poses3D, Source, person_name
 from dmae.data.conversion import convert, scale_of
 from dmae.data.labels import Visibility
@@ -621,7 +622,7 @@ def worst_moments(clip: Clip, joints: Joints, reprojected: Reprojection) -> list
     for frame, person in peaks(reprojected.worst, _OF_A_KIND, apart):
         view, at = reprojected.where[frame, person]
         size = float(reprojected.worst[frame, person])
-        what = f"{clip.detections.skeleton.joints[at]}, camera {clip.rig.names[view]}"
+        what = f"{clip.detections.skeleton.joints[at]}, {camera_label(clip.rig.names[view])}"
         found.append(WorstMoment(frame, person, "reprojection", what, size, f"{size:.0f} px"))
     return found
 

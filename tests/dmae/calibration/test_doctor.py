@@ -156,7 +156,7 @@ def test_what_cannot_be_decided_is_reported_as_unknown():
     xy = clip.detections.xy.copy()
     xy[:, 2] = np.nan
     without = diagnose(seen(clip, xy, np.where(np.isnan(xy[..., 0]), np.nan, 0.5)), max_offset=5)
-    assert (without.findings, without.unknown) == ((), ("camera cam2 detects no people",))
+    assert (without.findings, without.unknown) == ((), ("cam2 detects no people",))
     still = np.repeat(clip.detections.xy[50:51], len(clip), 0)
     frozen = diagnose(seen(clip, still, np.repeat(clip.detections.score[50:51], len(clip), 0)), max_offset=5)
     assert frozen.findings == ()

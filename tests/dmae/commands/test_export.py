@@ -190,7 +190,7 @@ def test_a_recording_becomes_a_clip_with_what_was_absent_noted(tmp_path, capsys)
     source = write_openpose_recording(recording(BODY25), tmp_path / "source")
     (source / "cam1" / "cam1_000000000004_keypoints.json").write_text("{")
     convert_command.run(ConvertCommand(DataConfig("openpose", str(source), fps=25.0)), tmp_path / "clip")
-    assert "camera cam1: 1 of frames 0 to 11 are absent; 1 files could not be read" in capsys.readouterr().out
+    assert "cam1: 1 of frames 0 to 11 are absent; 1 files could not be read" in capsys.readouterr().out
     clip = load_clip(tmp_path / "clip")
     assert not clip.detections.observed[4, 1].any()
     assert len(clip.provenance["notes"]) == 1

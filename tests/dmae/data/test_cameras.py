@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from dmae.data.cameras import CameraRig
+from dmae.data.cameras import CameraRig, camera_label
 
 DISTORTIONS = {
     "pinhole": np.zeros(5),
@@ -227,3 +227,8 @@ def test_rays_of_the_real_shelf_rig_invert_its_projection(data_folder):
     along = ((xyz[:, None] - rig.centers) * direction).sum(-1, keepdims=True)
     # The published rotations are rounded, so the loop closes to their rounding only.
     np.testing.assert_allclose(rig.centers + along * direction, np.broadcast_to(xyz[:, None], (3, 5, 3)), atol=2e-3)
+
+
+@pytest.mark.parametrize(("name", "label"), [("left", "camera left"), ("3", "camera 3"), ("Camera1", "Camera1")])
+def test_a_name_that_says_camera_is_not_preceded_by_the_word(name, label):
+    assert camera_label(name) == label

@@ -40,9 +40,7 @@ def test_pictures_without_the_numbers_of_the_frames_are_noted(tmp_path):
     pictures = write_pictures(tmp_path / "pictures", range(4), size=(300, 480), name="p{}.jpg")
     clip = dmae.read(tmp_path / "rec", fps=25, images=pictures)
     assert any("the first of the 4 pictures is assumed to be frame 100" in note for note in clip.provenance["notes"])
-    assert (
-        "camera cam0: pictures are 0.5000 times the size of the calibration; this is undone" in clip.provenance["notes"]
-    )
+    assert "cam0: pictures are 0.5000 times the size of the calibration; this is undone" in clip.provenance["notes"]
 
 
 def test_black_borders_are_cut_off_as_dmae_run_does(tmp_path):

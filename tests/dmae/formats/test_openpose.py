@@ -69,7 +69,7 @@ def test_a_file_cut_short_is_an_absent_frame_and_said(tmp_path):
     xy[4, 1], score[4, 1] = np.nan, np.nan
     same_detections(found.detections, Detections2D(BODY25, xy, score))
     (note,) = found.provenance["notes"]
-    assert note.startswith("camera cam1: 1 of frames 0 to 11 are absent; 1 files could not be read, first")
+    assert note.startswith("cam1: 1 of frames 0 to 11 are absent; 1 files could not be read, first")
     assert str(file) in note
     assert "line 1 column" in note
 
@@ -85,7 +85,7 @@ def test_gaps_and_cameras_of_other_lengths_are_aligned_by_number_and_counted(tmp
     found = read(tmp_path, clip)
     same_detections(found.detections, Detections2D(BODY25, xy, score))
     assert [note.split(" of ")[0] for note in found.provenance["notes"]] == [
-        "camera cam0: 1", "camera cam2: 2", "camera cam3: 1",
+        "cam0: 1", "cam2: 2", "cam3: 1",
     ]  # fmt: skip
 
 

@@ -26,7 +26,7 @@ def test_loads_without_pickle_and_says_what_it_holds(tmp_path):
         assert found["joints"].shape == (12, 2, 14, 3)
         assert found["joints"].dtype == np.float32
         assert np.array_equal(np.isnan(found["joints"]).any(-1), found["source"] == 0)
-        assert found["names"].tolist() == list(SHELF14.joints)
+        assert found["joint_names"].tolist() == list(SHELF14.joints)
         assert str(found["skeleton"]) == "shelf14"
         assert found["fps"] == 25
         assert found["source_names"].tolist() == ["absent", "measured", "denoised", "completed"]
@@ -61,7 +61,7 @@ def test_what_is_no_archive_of_poses_is_refused_by_name(tmp_path):
     with pytest.raises(ValueError, match=r"bad\.npz: expected an \.npz archive"):
         read_npz(path)
     np.savez(path, joints=np.zeros(3))
-    with pytest.raises(ValueError, match=r"bad\.npz.*lacks \['fps', 'names', 'skeleton', 'source', 'views'\]"):
+    with pytest.raises(ValueError, match=r"bad\.npz.*lacks \['fps', 'joint_names', 'skeleton', 'source', 'views'\]"):
         read_npz(path)
     np.save(tmp_path / "bad.npy", np.zeros(3))
     with pytest.raises(ValueError, match=r"bad\.npy: expected an \.npz archive"):
@@ -72,10 +72,10 @@ def test_what_is_no_archive_of_poses_is_refused_by_name(tmp_path):
     ("changes", "message"),
     [
         ({"skeleton": np.array("body52")}, "no skeleton 'body52'"),
-        ({"names": np.array(SHELF14.joints)}, "expected the joints of body25"),
+        ({"joint_names": np.array(SHELF14.joints)}, "expected the joints of body25"),
         ({"joints": np.zeros((12, 2, 14, 3))}, "expected shape"),
         ({"source": np.zeros((12, 2, 25))}, "ABSENT exactly where"),
-        ({"names": np.array(list(BODY25.joints), object)}, "pickled Python objects, which are not read"),
+        ({"joint_names": np.array(list(BODY25.joints), object)}, "pickled Python objects, which are not read"),
     ],
 )
 def test_contents_that_do_not_fit_together_are_refused(tmp_path, changes, message):
