@@ -7,13 +7,11 @@ and several machines can fill one folder, each with its own `first` and `clips`.
 import json
 import os
 import shutil
-from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Collection
 from dataclasses import asdict
 from enum import Enum
 from pathlib import Path
 
-import numpy as np
 from filelock import FileLock
 
 from dmae.data.images import KINDS
@@ -25,7 +23,7 @@ from dmae.files.structured import read_json
 from dmae.parallel import in_parallel, running_on
 from dmae.progress import counted_progress, progress
 from synth.datasets.clip import attempt_seed, check, clip_id, simulate_clip
-from synth.datasets.config import GenerateConfig, image_kinds
+from synth.datasets.config import GenerateConfig, RenderConfig, image_kinds
 from synth.datasets.images import add_images, image_files, missing_kinds
 from synth.errors import FailedSimulation
 from synth.physics.body_state import FILE as STATE
@@ -64,31 +62,49 @@ def generate(config: GenerateConfig) -> list[dict]:
     if (out / MANIFEST).is_file():
         read_manifest(out)  # a damaged one is refused before any work
     checksums = begin_data_set(out)
-    tally = PictureTally(out, numbers)
-    if config.kinds:
-        tally.begin([config.scene.frames * len(rig)] * len(numbers))
+    names = {clip_id(number, config.prefix): number for number in numbers}
+    tasks = {name: (config, number, checksums.get(name)) for name, number in names.items()}
+    lines = make_clips(config, _make, tasks, checksums, config.scene.frames * len(rig) * len(tasks))
+    if all(line["status"] == "failed" for line in lines):
+        raise FailedSimulation(f"{out}: all {len(lines)} clips failed, the first because of this: {lines[0]['reason']}")
+    return lines
+
+
+def make_clips(
+    config: GenerateConfig | RenderConfig,
+    make: Callable[..., dict],
+    tasks: dict[str, tuple],
+    checksums: dict[str, Checksum | None],
+    pictures: int,
+) -> list[dict]:
+    """Make clips in parallel, and write the manifest and the checksums of their data set. Return the manifest.
+
+    Args:
+        make: Makes one clip on disk from its task, counts its pictures in the tally, and returns its manifest line.
+        tasks: Arguments of `make`, by the name of the clip.
+        checksums: Checksums of clips from before, from `begin_data_set`.
+        pictures: Number of views of frames of the clips.
+    """
+    out, made, tally = Path(config.out), [], PictureTally(config)
     limit_threads(config.workers)
-    made: list[dict] = []
-    tasks = ((config, number, checksums.get(clip_id(number, config.prefix))) for number in numbers)
+    if config.kinds:
+        tally.begin()
     try:
         with running_on(config.backend):
-            lines = in_parallel(_make, tasks, config.workers, ordered=False)
+            lines = in_parallel(make, tasks.values(), config.workers, ordered=False)
             if config.kinds:
-                lines = counted_progress(lines, "rendering pictures", tally.count)
+                lines = counted_progress(lines, "rendering pictures", lambda: tally.count(pictures))
             else:
-                lines = progress(lines, "generating clips", len(numbers))
+                lines = progress(lines, "generating clips", len(tasks))
             made += lines
     finally:
         # Processes that were stopped during a clip leave an incomplete folder.
-        for name in (clip_id(number, config.prefix) for number in numbers):
+        for name in tasks:
             for leftover in (out / f".{name}.partial", out / name / ".images"):
                 shutil.rmtree(leftover, ignore_errors=True)
         tally.end()
         seal(out, made, checksums)
-    lines = read_manifest(out)
-    if all(line["status"] == "failed" for line in lines):
-        raise FailedSimulation(f"{out}: all {len(lines)} clips failed, the first because of this: {lines[0]['reason']}")
-    return lines
+    return read_manifest(out)
 
 
 def seal(out: Path, made: list[dict], checksums: dict[str, Checksum | None]) -> None:
@@ -118,14 +134,14 @@ def _make(config: GenerateConfig, number: int, expected: Checksum | None) -> dic
     """Make one clip on disk, or only its images, and return its manifest line. Existing undamaged files are kept."""
     folder = Path(config.out) / clip_id(number, config.prefix)
     if _is_kept(folder, config, expected):
-        return _with_images(config, number, folder)
+        return _with_images(config, folder)
     shutil.rmtree(folder, ignore_errors=True)
     try:
         with whole_folder(folder) as partial:
             clip, state = simulate_clip(config, number)
             save_clip(clip, partial)
             save_state(state, partial)
-            line = _with_images(config, number, partial)
+            line = _with_images(config, partial)
             write_checksums(partial)
     except FailedSimulation as failure:
         seed = attempt_seed(config.seed, config.retries)
@@ -135,14 +151,14 @@ def _make(config: GenerateConfig, number: int, expected: Checksum | None) -> dic
     return line
 
 
-def _with_images(config: GenerateConfig, number: int, folder: Path) -> dict:
+def _with_images(config: GenerateConfig, folder: Path) -> dict:
     """Add the missing images of a clip in a folder, and return its manifest line."""
-    clip = load_clip(folder)
-    pictures = len(clip) * len(clip.rig) if missing_kinds(clip, config) else 0
-    with PictureTally(Path(config.out), config.numbers).clip(number, pictures) as seen:
-        if pictures:
-            add_images(clip, load_state(folder), folder, config, seen)
-            write_checksums(folder)
+    clip, tally = load_clip(folder), PictureTally(config)
+    if missing_kinds(clip, config):
+        add_images(clip, load_state(folder), folder, config, tally.add)
+        write_checksums(folder)
+    else:
+        tally.add(kept=len(clip) * len(clip.rig))
     return clip.provenance["manifest"]
 
 
@@ -200,34 +216,26 @@ def as_settings(config, leave: Collection[str] = ()) -> dict:
 
 
 class PictureTally:
-    """For each clip the numbers of its pictures and of those already rendered, in a file that processes share."""
+    """How many pictures processes have rendered: the marks in a file that they append to, if it exists."""
 
-    def __init__(self, folder: Path, numbers: range):
-        self._path, self._numbers = Path(folder) / f".pictures.{numbers.start}", numbers
+    def __init__(self, config: GenerateConfig | RenderConfig):
+        self._path = Path(config.out) / f".pictures.{getattr(config, 'first', 0)}"
 
-    def begin(self, pictures: Sequence[int]) -> None:
-        """Create the file, with the number of pictures of each clip."""
-        np.stack([np.zeros(len(self._numbers)), pictures], axis=1).astype(np.int64).tofile(self._path)
+    def begin(self) -> None:
+        """Create the file."""
+        self._path.write_bytes(b"")
 
     def end(self) -> None:
         """Remove the file."""
         self._path.unlink(missing_ok=True)
 
-    def count(self) -> tuple[int, int]:
-        """Return the number of rendered pictures, and the number of all pictures."""
-        return tuple(np.fromfile(self._path, np.int64).reshape(-1, 2).sum(0).tolist())
+    def add(self, kept: int = 0) -> None:
+        """Count a picture that was rendered, or so many that are kept and need not be."""
+        if self._path.is_file():
+            with self._path.open("ab") as file:
+                file.write(b"k" * kept or b"r")
 
-    @contextmanager
-    def clip(self, number: int, pictures: int) -> Iterator[Callable[[], None]]:
-        """Store a clip's number of pictures, and yield a function to call after each picture, if the file exists."""
-        if not self._path.is_file():
-            yield lambda: None
-            return
-        counts = np.memmap(self._path, np.int64, "r+", shape=(len(self._numbers), 2))
-        row = number - self._numbers.start
-        counts[row] = 0, pictures
-
-        def seen() -> None:
-            counts[row, 0] += 1
-
-        yield seen
+    def count(self, pictures: int) -> tuple[int, int]:
+        """Return the number of rendered pictures, and of all to render, which are `pictures` without the kept ones."""
+        marks = self._path.read_bytes()
+        return marks.count(b"r"), pictures - marks.count(b"k")

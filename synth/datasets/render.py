@@ -10,16 +10,15 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
 from dmae.data.json_values import decode
 from dmae.data.rng import Stream, generator
-from dmae.data.store import clip_folders, load_clip, read_manifest, save_clip
+from dmae.data.store import clip_folders, load_clip, save_clip
 from dmae.files.checksums import begin_data_set, find_damage, write_checksums
 from dmae.files.contents import whole_folder
 from dmae.files.structured import read_json
-from dmae.parallel import in_parallel, process_count, running_on
-from dmae.progress import counted_progress
+from dmae.parallel import process_count
 from synth.datasets.clip import label_clip
 from synth.datasets.config import OcclusionConfig, RenderConfig
 from synth.datasets.forecast import Forecast, bytes_in, makespan, picture_cost
-from synth.datasets.generate import CONFIG, PictureTally, as_settings, claim, limit_threads, seal
+from synth.datasets.generate import CONFIG, PictureTally, as_settings, claim, make_clips
 from synth.datasets.images import add_images, check_images, missing_kinds
 from synth.detector.config import DetectorConfig
 from synth.physics.body_state import BodyState, load_state, save_state
@@ -43,21 +42,9 @@ def render(config: RenderConfig) -> list[dict]:
     folders, settings, rig = _checked(config)
     claim(out, settings)
     lines = [read_json(folder / "clip.json")["provenance"]["manifest"] for folder in folders]
-    tally = PictureTally(out, range(len(folders)))
-    tally.begin([line["frames"] * len(rig) for line in lines])
-    limit_threads(config.workers)
-    checksums = begin_data_set(out)
-    made: list[dict] = []
-    tasks = ((config, settings, folder, number, len(folders)) for number, folder in enumerate(folders))
-    try:
-        with running_on(config.backend):
-            made += counted_progress(in_parallel(_render, tasks, config.workers), "rendering pictures", tally.count)
-    finally:
-        for leftover in out.glob(".*.partial"):
-            shutil.rmtree(leftover, ignore_errors=True)
-        tally.end()
-        seal(out, made, checksums)
-    return read_manifest(out)
+    pictures = sum(line["frames"] for line in lines) * len(rig)
+    tasks = {folder.name: (config, settings, folder) for folder in folders}
+    return make_clips(config, _render, tasks, begin_data_set(out), pictures)
 
 
 def forecast_rendering(config: RenderConfig) -> Forecast:
@@ -125,12 +112,13 @@ def _stage(settings: dict, spec: SceneSpec) -> Stage:
     return stage_of(arena_file(spec.arena), settings["scene"]["middle"], spec.radius)
 
 
-def _render(config: RenderConfig, settings: dict, folder: Path, number: int, clips: int) -> dict:
+def _render(config: RenderConfig, settings: dict, folder: Path) -> dict:
     """Render one clip into the new data set, if it is not there yet, and return its manifest line."""
-    target = Path(config.out) / folder.name
+    target, tally = Path(config.out) / folder.name, PictureTally(config)
     try:
         kept = load_clip(target)
         if not missing_kinds(kept, config) and not find_damage(target, fast=True):
+            tally.add(kept=len(kept) * len(kept.rig))
             return kept.provenance["manifest"]
     except (FileNotFoundError, ValueError):
         pass
@@ -146,8 +134,7 @@ def _render(config: RenderConfig, settings: dict, folder: Path, number: int, cli
     with whole_folder(target) as partial:
         save_clip(clip, partial)
         save_state(state, partial)
-        with PictureTally(Path(config.out), range(clips)).clip(number, len(clip) * len(clip.rig)) as seen:
-            add_images(clip, state, partial, config, seen)
+        add_images(clip, state, partial, config, tally.add)
         write_checksums(partial)
     return clip.provenance["manifest"]
 
