@@ -2,9 +2,11 @@
 
 from dataclasses import dataclass, field
 from enum import Enum
+from math import inf
 
 from dmae.detection.registry import PoseDetectorConfig
 from dmae.parallel import Backend
+from synth.checks import check_range
 from synth.datasets.config import MIN_SECONDS, AboutConfig, PictureFormat, SplitBy
 from synth.datasets.exporters import exporter
 from synth.detector.config import DetectorConfig, ErrorReference, Limits
@@ -120,9 +122,7 @@ class RealismCommand:
     """Folder of the results and the figure; by default `realism` in the data set."""
 
     def __post_init__(self):
-        for name in ("every", "shown"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name}: expected 1 or more, got {getattr(self, name)}")
+        check_range("", self, 1, inf, "every", "shown")
 
 
 @dataclass(frozen=True)

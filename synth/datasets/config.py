@@ -3,9 +3,11 @@
 import re
 from dataclasses import dataclass, field
 from enum import Enum
+from math import inf
 
 from dmae.data.labels import KINDS
 from dmae.parallel import Backend, check_workers
+from synth.checks import check_range
 from synth.detector.config import DetectorConfig
 from synth.interactions.registry import InteractionConfig
 from synth.motion.config import MotionConfig
@@ -58,8 +60,7 @@ class OcclusionConfig:
                 f"occlusion.target: expected [least, greatest] fraction of joints, 0 <= least < greatest <= 1, "
                 f"got {list(self.target)}"
             )
-        if self.views is not None and self.views < 1:
-            raise ValueError(f"occlusion.views: expected 1 or more, got {self.views}")
+        check_range("occlusion", self, 1, inf, "views")
 
 
 @dataclass(frozen=True)
@@ -120,9 +121,8 @@ class GenerateConfig:
     occlusion: OcclusionConfig = field(default_factory=OcclusionConfig)
 
     def __post_init__(self):
-        for name, least in (("seed", 0), ("first", 0), ("clips", 1), ("retries", 0)):
-            if getattr(self, name) < least:
-                raise ValueError(f"{name}: expected {least} or more, got {getattr(self, name)}")
+        check_range("", self, 0, inf, "seed", "first", "retries")
+        check_range("", self, 1, inf, "clips")
         check_workers(self.workers)
         if self.first + self.clips > MOST_CLIPS:
             raise ValueError(f"first and clips: expected clips up to number {MOST_CLIPS - 1}, got {self.first}")

@@ -4,12 +4,14 @@ The options are declared here, so that scipy is imported only where errors are a
 """
 
 from dataclasses import dataclass, field, replace
+from math import inf
 
 import numpy as np
 
 from dmae.data.labels import JointError, Visibility
 from dmae.data.skeleton import BODY25
-from synth.detector.parts import LEG_KINDS, check_amounts, check_beta, check_probabilities, joint_groups, kind_of
+from synth.checks import check_range
+from synth.detector.parts import LEG_KINDS, check_beta, joint_groups, kind_of
 from synth.detector.view import ErrorStream, View, height
 
 _MIRROR = list(BODY25.mirror)
@@ -41,8 +43,8 @@ class Noise:
     """Factor of the error at hidden joints that are detected, relative to visible ones."""
 
     def __post_init__(self):
-        check_amounts("noise", self, ("view_offset", "minimum", "blur", "truncation", "hidden"))
-        check_probabilities("noise", self, ("bias",))
+        check_range("detector.noise", self, 0, inf, "view_offset", "minimum", "blur", "truncation", "hidden")
+        check_range("detector.noise", self, 0, 1, "bias")
 
     def apply(self, view: View) -> View:
         """Add offsets and noise to each joint.
@@ -113,7 +115,7 @@ class Scores:
     """Joints with less confidence are not reported."""
 
     def __post_init__(self):
-        check_probabilities("scores", self, ("error_correlation", "minimum"))
+        check_range("detector.scores", self, 0, 1, "error_correlation", "minimum")
         check_beta("detector.scores.hidden", self.hidden)
 
     def apply(self, view: View) -> View:
@@ -187,11 +189,10 @@ class Misses:
     hidden legs is found more often than a person with a hidden trunk."""
 
     def __post_init__(self):
-        names = ("limb_correlation", "neighbour_correlation", "person", "hidden_person", "lost_from")
-        check_probabilities("misses", self, names)
-        check_amounts("misses", self, ("steepness", "trunk_weight"))
-        if not self.lost_from > 0:
-            raise ValueError(f"detector.misses.lost_from: expected a number above 0, got {self.lost_from}")
+        names = ("limb_correlation", "neighbour_correlation", "person", "hidden_person")
+        check_range("detector.misses", self, 0, 1, *names)
+        check_range("detector.misses", self, 0, 1, "lost_from", above=True)
+        check_range("detector.misses", self, 0, inf, "steepness", "trunk_weight")
 
     def apply(self, view: View) -> View:
         from dmae.numerics.statistics import bursts, multiscale_noise
@@ -283,9 +284,8 @@ class Inversions:
     """s; correlation time of `body`: the duration for which sides stay exchanged."""
 
     def __post_init__(self):
-        check_probabilities("inversions", self, ("legs", "arms", "body"))
-        if not 0 < self.seconds < float("inf"):
-            raise ValueError(f"detector.inversions.seconds: expected a time above 0 s, got {self.seconds}")
+        check_range("detector.inversions", self, 0, 1, "legs", "arms", "body")
+        check_range("detector.inversions", self, 0, inf, "seconds", above=True, unit=" s")
 
     def apply(self, view: View) -> View:
         from dmae.numerics.statistics import ar1_noise, bursts, multiscale_noise

@@ -5,12 +5,14 @@ The options are declared here, so that scipy is imported only where errors are a
 
 from dataclasses import dataclass, field, replace
 from itertools import combinations
+from math import inf
 
 import numpy as np
 
 from dmae.data.labels import JointError, Visibility
 from dmae.data.skeleton import BODY25
-from synth.detector.parts import LEG_KINDS, check_amounts, check_beta, check_probabilities, joint_groups, kind_of
+from synth.checks import check_range
+from synth.detector.parts import LEG_KINDS, check_beta, joint_groups, kind_of
 from synth.detector.view import ErrorStream, View, box, height
 
 
@@ -25,7 +27,7 @@ class Timing:
     """s; from the exposure of an image's first row to that of its last."""
 
     def __post_init__(self):
-        check_amounts("timing", self, ("unsynchronised", "rolling_shutter"))
+        check_range("detector.timing", self, 0, inf, "unsynchronised", "rolling_shutter")
 
     def apply(self, view: View) -> View:
         """Move the truth of a view to the times of exposure.
@@ -68,7 +70,7 @@ class Swaps:
     """Probability of a swap, for a joint that is hidden by another person or has that person's near by."""
 
     def __post_init__(self):
-        check_probabilities("swaps", self, ("probability",))
+        check_range("detector.swaps", self, 0, 1, "probability")
 
     def apply(self, view: View) -> View:
         from dmae.numerics.statistics import bursts, multiscale_noise
@@ -112,7 +114,7 @@ class Merges:
     """Probability that the other person's remaining joints are reported as well."""
 
     def __post_init__(self):
-        check_probabilities("merges", self, ("probability", "remainder"))
+        check_range("detector.merges", self, 0, 1, "probability", "remainder")
 
     def apply(self, view: View) -> View:
         from dmae.numerics.statistics import bursts, multiscale_noise
@@ -170,7 +172,7 @@ class Splits:
     """Probability that a person is split in a frame."""
 
     def __post_init__(self):
-        check_probabilities("splits", self, ("probability",))
+        check_range("detector.splits", self, 0, 1, "probability")
 
     def apply(self, view: View) -> View:
         from dmae.numerics.statistics import bursts, multiscale_noise
@@ -205,8 +207,8 @@ class Ghosts:
     """(a, b) of the Beta distribution of their confidence."""
 
     def __post_init__(self):
-        check_amounts("ghosts", self, ("count",))
-        check_probabilities("ghosts", self, ("joints",))
+        check_range("detector.ghosts", self, 0, inf, "count")
+        check_range("detector.ghosts", self, 0, 1, "joints")
         check_beta("detector.ghosts.score", self.score)
         if self.count and not 0 < self.joints < 1:
             raise ValueError(f"detector.ghosts.joints: expected a number above 0 and below 1, got {self.joints}")
@@ -251,7 +253,7 @@ class Drops:
     """Whether a lost frame repeats the detections of the previous frame."""
 
     def __post_init__(self):
-        check_probabilities("drops", self, ("probability",))
+        check_range("detector.drops", self, 0, 1, "probability")
 
     def apply(self, view: View) -> View:
         from dmae.numerics.statistics import ar1_noise, bursts

@@ -1,27 +1,13 @@
 """Detector errors by kind of joint of BODY25, and checks of their parameters."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
+from math import inf
 
 import numpy as np
 
 from dmae.data.skeleton import BODY25
-
-
-def check_probabilities(error: str, config: object, names: Iterable[str]) -> None:
-    """Raise ValueError if one of these fields of `detector.<error>` is not from 0 to 1."""
-    for name in names:
-        found = getattr(config, name)
-        if not 0 <= found <= 1:
-            raise ValueError(f"detector.{error}.{name}: expected a number from 0 to 1, got {found}")
-
-
-def check_amounts(error: str, config: object, names: Iterable[str]) -> None:
-    """Raise ValueError if one of these fields of `detector.<error>` is negative or not finite."""
-    for name in names:
-        found = getattr(config, name)
-        if not 0 <= found < float("inf"):
-            raise ValueError(f"detector.{error}.{name}: expected 0 or more, got {found}")
+from synth.checks import check_range
 
 
 def check_beta(name: str, shape: Sequence[float]) -> None:
@@ -73,14 +59,11 @@ class PartConfig:
             found = getattr(self, name)
             if len(found) != length:
                 raise ValueError(f"detector part: expected {length} numbers of {name}, got {list(found)}")
-        if not self.noise >= 0 or not self.tail > 0 or not all(0 <= miss <= 1 for miss in self.miss):
-            raise ValueError(
-                f"detector part: expected noise >= 0, tail > 0 and probabilities of misses from 0 to 1, got {self}"
-            )
-        if not min(self.hidden_noise, self.hidden_tail, self.covered_noise, self.covered_tail) >= 0:
-            raise ValueError(f"detector part: expected noise and tails of hidden joints of 0 or more, got {self}")
-        if not self.score_correlation >= 0:
-            raise ValueError(f"detector part: expected score_correlation of 0 or more, got {self.score_correlation}")
+        amounts = ("noise", "hidden_noise", "hidden_tail", "covered_noise", "covered_tail", "score_correlation")
+        check_range("detector part", self, 0, inf, *amounts)
+        check_range("detector part", self, 0, inf, "tail", above=True)
+        if not all(0 <= miss <= 1 for miss in self.miss):
+            raise ValueError(f"detector part.miss: expected probabilities from 0 to 1, got {list(self.miss)}")
         for name in ("score", "hidden_score", "covered_score"):
             if name == "score" or any(getattr(self, name)):
                 check_beta(f"detector part: {name}", getattr(self, name))

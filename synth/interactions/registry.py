@@ -7,8 +7,10 @@ of `interaction=`, their help, and the tests of all interactions come from this 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from math import inf
 
 from dmae.registry import Entry, Registry
+from synth.checks import check_range
 
 NO_INTERACTION = "none"
 """The kind without interaction: each person follows an independent motion."""
@@ -41,8 +43,7 @@ class InteractionConfig:
 
     def __post_init__(self):
         interaction.check(self.kind, NO_INTERACTION)
-        if self.bystanders < 0:
-            raise ValueError(f"interaction.bystanders: expected 0 people or more, got {self.bystanders}")
+        check_range("interaction", self, 0, inf, "bystanders", unit=" people")
         if self.bystanders and not self.together:
             raise ValueError(
                 f"interaction.bystanders={self.bystanders}, but there is no interaction; choose one by "

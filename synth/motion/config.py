@@ -5,6 +5,7 @@ from enum import Enum
 
 import numpy as np
 
+from synth.checks import check_pairs, check_range
 from synth.motion.readers import reader
 
 PROCEDURAL = "procedural"
@@ -35,16 +36,10 @@ class ProceduralConfig:
     """Share, 0 to 1, of the people who reach out or wave once."""
 
     def __post_init__(self):
-        for name in ("standing", "straight", "gesture"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise ValueError(f"motion.procedural.{name}: expected a share from 0 to 1, found {getattr(self, name)}")
+        check_range("motion.procedural", self, 0, 1, "standing", "straight", "gesture")
         # Beyond these bounds the published kinematics no longer hold, or feet cross on the inside of the turn.
-        for name, least, greatest in (("speed", 0.6, 1.7), ("radius", 1.0, np.inf)):
-            values = getattr(self, name)
-            if len(values) != 2 or not least <= values[0] <= values[1] <= greatest:
-                raise ValueError(
-                    f"motion.procedural.{name}: expected [least, greatest] within {least} to {greatest}, found {values}"
-                )
+        check_pairs("motion.procedural", self, 0.6, 1.7, "speed", unit=" m/s")
+        check_pairs("motion.procedural", self, 1, np.inf, "radius", unit=" m")
 
 
 class UpAxis(Enum):
@@ -99,10 +94,7 @@ class MotionConfig:
                 raise ValueError(f"motion.weights.{name}: expected 0 or more, got {weight}")
         if self.actions and not any(self.weights.get(name, 1) for name in self.actions):
             raise ValueError(f"motion.weights: expected one above 0 among motion.actions, {self.actions}; all are 0")
-        for name in ("fps", "unit"):
-            value = getattr(self, name)
-            if value is not None and not 0 < value < np.inf:
-                raise ValueError(f"motion.{name}: expected more than 0, got {value}")
+        check_range("motion", self, 0, np.inf, "fps", "unit", above=True)
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dmae.parallel import Backend, check_workers
+from synth.checks import check_pairs, check_range
 from synth.detector.config import DetectorConfig
 from synth.interactions.registry import InteractionConfig
 from synth.motion.config import MotionConfig
@@ -36,10 +37,8 @@ class MountConfig:
     are not valid for views from above."""
 
     def __post_init__(self):
-        for name in ("walls", "tripods"):
-            pair = getattr(self, name)
-            if pair and (len(pair) != 2 or not 0 < pair[0] <= pair[1] < np.inf):
-                raise ValueError(f"mount.{name}: expected [least, greatest] height, m, above 0, got {list(pair)}")
+        heights = [name for name in ("walls", "tripods") if getattr(self, name)]
+        check_pairs("mount", self, 0, np.inf, *heights, above=True, unit=" m")
         if not (self.walls or self.ceiling or self.tripods):
             raise ValueError("mount: no camera can be mounted anywhere; allow walls, ceiling or tripods")
         x0, y0, x1, y1 = self.area or (0, 0, 1, 1)
@@ -47,10 +46,8 @@ class MountConfig:
             raise ValueError(
                 f"mount.area: expected least x, least y, greatest x and greatest y, m, got {list(self.area)}"
             )
-        if not 2 <= self.places <= MOST_PLACES:
-            raise ValueError(f"mount.places: expected 2 to {MOST_PLACES} places, got {self.places}")
-        if not 0 < self.steepest_deg <= 90:
-            raise ValueError(f"mount.steepest_deg: expected more than 0 and at most 90, got {self.steepest_deg}")
+        check_range("mount", self, 2, MOST_PLACES, "places")
+        check_range("mount", self, 0, 90, "steepest_deg", above=True)
 
 
 @dataclass(frozen=True)
@@ -93,9 +90,8 @@ class SearchConfig:
     check_clips: int = 8
 
     def __post_init__(self):
-        for name, least in (("clips", 1), ("frames", 1), ("check_clips", 2)):
-            if getattr(self, name) < least:
-                raise ValueError(f"search.{name}: expected {least} or more, got {getattr(self, name)}")
+        check_range("search", self, 1, np.inf, "clips", "frames")
+        check_range("search", self, 2, np.inf, "check_clips")
 
 
 @dataclass(frozen=True)
@@ -133,14 +129,9 @@ class PlanConfig:
     """Folder of the page, the rigs and the lists to print; written whole or not at all."""
 
     def __post_init__(self):
-        numbers = list(self.views)
-        if len(numbers) != 2 or not 2 <= numbers[0] <= numbers[1] <= MOST_CAMERAS:
-            raise ValueError(
-                f"views: expected [least, greatest] number, from 2 (one camera measures no joint) to {MOST_CAMERAS}, "
-                f"got {numbers}"
-            )
-        if self.seed < 0:
-            raise ValueError(f"seed: expected 0 or more, got {self.seed}")
+        # One camera measures no joint.
+        check_pairs("", self, 2, MOST_CAMERAS, "views")
+        check_range("", self, 0, np.inf, "seed")
         check_workers(self.workers)
         self.setting()
 

@@ -2,6 +2,9 @@
 
 from dataclasses import dataclass
 from enum import Enum
+from math import inf
+
+from synth.checks import check_range
 
 
 class ImageQuality(Enum):
@@ -37,8 +40,5 @@ class ImagingConfig:
     """Quality of JPEG, 1 to 100, that the camera compresses images with before they are stored; 0 for none."""
 
     def __post_init__(self):
-        for name in ("lamp", "ambient_occlusion", "exposure", "white_balance", "electrons", "read_noise", "shutter"):
-            if not 0 <= getattr(self, name) < float("inf"):
-                raise ValueError(f"imaging.{name}: expected 0 or more, got {getattr(self, name)}")
-        if not 0 <= self.jpeg <= 100:
-            raise ValueError(f"imaging.jpeg: expected a quality from 1 to 100, or 0 for none, got {self.jpeg}")
+        check_range("imaging", self, 0, inf, *vars(self))
+        check_range("imaging", self, 0, 100, "jpeg")

@@ -7,23 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dmae.formats.config import LengthUnit, UpDirection
+from synth.checks import check_pairs, check_range
 
 if TYPE_CHECKING:
     from dmae.data.cameras import CameraRig
-
-
-def check_pairs(group: str, config, names: tuple[str, ...]) -> None:
-    """Raise ValueError if a field is not an ascending pair of numbers above 0; the message names the field."""
-    for name in names:
-        pair = getattr(config, name)
-        if len(pair) != 2 or not 0 < pair[0] <= pair[1] < np.inf:
-            raise ValueError(f"{group}.{name}: expected [least, greatest], more than 0, got {list(pair)}")
-
-
-def check_views(group: str, views: int) -> None:
-    """Raise ValueError if there is no camera."""
-    if views < 1:
-        raise ValueError(f"{group}.views: expected at least one camera, found {views}")
 
 
 def check_picture(group: str, focal: float, size: list[int]) -> None:
@@ -76,8 +63,8 @@ class RingConfig:
     """Image width and height, px."""
 
     def __post_init__(self):
-        check_views("rig.ring", self.views)
-        check_pairs("rig.ring", self, ("radius", "height"))
+        check_range("rig.ring", self, 1, np.inf, "views")
+        check_pairs("rig.ring", self, 0, np.inf, "radius", "height", above=True)
         check_picture("rig.ring", self.focal, self.size)
 
 
@@ -99,12 +86,9 @@ class DomeConfig:
     """Image width and height, px."""
 
     def __post_init__(self):
-        check_views("rig.dome", self.views)
-        check_pairs("rig.dome", self, ("elevation",))
-        if not 0 < self.radius < np.inf:
-            raise ValueError(f"rig.dome.radius: expected more than 0 m, got {self.radius}")
-        if self.elevation[1] > np.pi / 2:
-            raise ValueError(f"rig.dome.elevation: expected at most a right angle, in rad, got {list(self.elevation)}")
+        check_range("rig.dome", self, 1, np.inf, "views")
+        check_range("rig.dome", self, 0, np.inf, "radius", above=True, unit=" m")
+        check_pairs("rig.dome", self, 0, np.pi / 2, "elevation", above=True, unit=" rad")
         check_picture("rig.dome", self.focal, self.size)
 
 
@@ -144,8 +128,8 @@ class RandomConfig:
     """Image width and height, px."""
 
     def __post_init__(self):
-        check_views("rig.random", self.views)
-        check_pairs("rig.random", self, ("radius", "height", "target_height", "focal"))
+        check_range("rig.random", self, 1, np.inf, "views")
+        check_pairs("rig.random", self, 0, np.inf, "radius", "height", "target_height", "focal", above=True)
         check_picture("rig.random", self.focal[0], self.size)
         if not 0 <= self.views_at_least <= self.views:
             raise ValueError(
@@ -154,13 +138,6 @@ class RandomConfig:
             )
         if not self.lenses:
             raise ValueError(f"rig.random.lenses: expected at least one of {[lens.value for lens in Lens]}")
-
-
-def check_deviations(group: str, config) -> None:
-    """Raise ValueError if a field is not a valid standard deviation; the message names the field."""
-    for name, value in vars(config).items():
-        if not 0 <= value < np.inf:
-            raise ValueError(f"{group}.{name}: expected a standard deviation, 0 or more, got {value}")
 
 
 @dataclass(frozen=True)
@@ -176,7 +153,7 @@ class JitterConfig:
     """About each axis, rad."""
 
     def __post_init__(self):
-        check_deviations("rig.jitter", self)
+        check_range("rig.jitter", self, 0, np.inf, *vars(self))
 
 
 @dataclass(frozen=True)
@@ -199,7 +176,7 @@ class MiscalibrationConfig:
     """Of the camera's centre along each axis, m."""
 
     def __post_init__(self):
-        check_deviations("rig.error", self)
+        check_range("rig.error", self, 0, np.inf, *vars(self))
 
 
 class CameraPlacement(Enum):

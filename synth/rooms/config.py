@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from dmae.data.resources import resource_folder
+from synth.checks import check_range
 
 
 def room_choices() -> dict[str, str]:
@@ -61,7 +62,6 @@ class PropsConfig:
     """The axis of the files that points up."""
 
     def __post_init__(self):
-        if not 0 < self.scale < np.inf:
-            raise ValueError(f"props.scale: expected metres per unit of the mesh files, more than 0, got {self.scale}")
+        check_range("props", self, 0, np.inf, "scale", above=True, unit=" metres per unit of the mesh files")
         if not self.path and (self.scale != 1.0 or self.up is not MeshUp.auto):
             raise ValueError("props.scale and props.up say how meshes are read, but props.path names none")

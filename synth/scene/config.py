@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from synth.checks import check_pairs, check_range
 from synth.people.body import MOST_PERSONS
 from synth.rooms.config import room_choices
 
@@ -46,26 +47,14 @@ class SceneConfig:
     """Whether floor, walls, light and colours are random in each clip; otherwise as in the room's file."""
 
     def __post_init__(self):
-        for name, unit in (("persons", "people"), ("clearance", "m"), ("props", "props")):
-            pair = getattr(self, name)
-            if name == "persons" and not pair:
-                continue
-            if len(pair) != 2 or not 0 <= pair[0] <= pair[1] < np.inf:
-                raise ValueError(f"scene.{name}: expected [least, greatest] {unit}, not below 0, got {list(pair)}")
-        if self.persons and not 1 <= self.persons[0] <= self.persons[1] <= MOST_PERSONS:
-            raise ValueError(f"scene.persons: expected 1 to {MOST_PERSONS} people, got {list(self.persons)}")
-        for name, unit, most in (
-            ("seconds", "s", _LONGEST),
-            ("fps", "frames per second", _FASTEST),
-            ("radius", "m", 1000.0),
-            ("gathering", "m", 1000.0),
-        ):
-            if not 0 < getattr(self, name) <= most:
-                raise ValueError(
-                    f"scene.{name}: expected more than 0 and at most {most:g} {unit}, got {getattr(self, name)}"
-                )
-        if not 0 <= self.children <= 1:
-            raise ValueError(f"scene.children: expected a share from 0 to 1, got {self.children}")
+        if self.persons:
+            check_pairs("scene", self, 1, MOST_PERSONS, "persons", unit=" people")
+        check_pairs("scene", self, 0, np.inf, "clearance", unit=" m")
+        check_pairs("scene", self, 0, np.inf, "props")
+        check_range("scene", self, 0, _LONGEST, "seconds", above=True, unit=" s")
+        check_range("scene", self, 0, _FASTEST, "fps", above=True, unit=" frames per second")
+        check_range("scene", self, 0, 1000.0, "radius", "gathering", above=True, unit=" m")
+        check_range("scene", self, 0, 1, "children")
         if len(self.middle) != 2 or not np.isfinite(self.middle).all():
             raise ValueError(f"scene.middle: expected x and y, m, got {list(self.middle)}")
         if self.props[1] and not self.prop_kinds:

@@ -224,7 +224,7 @@ def test_labels_of_another_rig_are_refused(truth, occlusion, rig):
         (lambda: Scores(hidden=[1.0]), r"detector\.scores\.hidden: expected a > 0 and b >= 0"),
         (lambda: Ghosts(count=1.0, joints=1.0), r"detector\.ghosts\.joints: expected a number above 0"),
         (lambda: PartConfig(offset=[0.1]), r"expected 2 numbers of offset, got \[0\.1\]"),
-        (lambda: PartConfig(noise=-1.0), "noise >= 0"),
+        (lambda: PartConfig(noise=-1.0), r"detector part\.noise: expected 0 or more"),
         (lambda: PartConfig(score=[-1.0, 2.0]), "detector part: score: expected a > 0"),
     ],
 )

@@ -116,9 +116,9 @@ def test_people_are_missed_from_a_share_of_hidden_joints_on(scene):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"misses.lost_from": 0.0}, "lost_from: expected a number above 0"),
+        ({"misses.lost_from": 0.0}, "lost_from: expected more than 0 and at most 1"),
         ({"misses.steepness": -1.0}, "steepness: expected 0 or more"),
-        ({"inversions.seconds": 0.0}, "seconds: expected a time above 0"),
+        ({"inversions.seconds": 0.0}, "seconds: expected more than 0 s"),
         ({"inversions.body": 1.5}, "body: expected a number from 0 to 1"),
     ],
 )

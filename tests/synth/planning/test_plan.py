@@ -259,13 +259,13 @@ def test_a_forecast_writes_nothing(tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["views=[1,4]"], "views: expected [least, greatest] number, from 2"),
+        (["views=[1,4]"], "views: expected [least, greatest], a number from 2"),
         (["views=[5,4]"], "views: expected [least, greatest]"),
         (["views=[4,40]"], "to 32"),
         (["mount.places=3", "views=[4,4]"], "raise mount.places"),
         (["rig=shelf", "views=[4,6]"], "there are 5 cameras in the rig"),
         (["mount.walls=[2,9]"], "m high"),
-        (["mount.walls=[2]"], "mount.walls: expected [least, greatest] height"),
+        (["mount.walls=[2]"], "mount.walls: expected [least, greatest], more than 0 m"),
         (["mount.walls=[]", "mount.tripods=[]", "mount.ceiling=false"], "no camera can be mounted anywhere"),
         (["mount.area=[1,1,0,0]"], "mount.area: expected"),
         (["lens.view_deg=[200]"], "lens.view_deg"),

@@ -111,7 +111,7 @@ def test_paths_without_meshes_are_refused(tmp_path):
         find_meshes(str(tmp_path / "notes.txt"))
     with pytest.raises(FileNotFoundError, match=r"props.path: there is no file or folder"):
         find_meshes(str(tmp_path / "gone"))
-    with pytest.raises(ValueError, match=r"props.scale: expected metres per unit"):
+    with pytest.raises(ValueError, match=r"props.scale: expected more than 0 metres per unit"):
         PropsConfig(scale=0.0)
     with pytest.raises(ValueError, match=r"props.path names none"):
         PropsConfig(scale=0.001)
