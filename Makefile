@@ -5,6 +5,9 @@ PYTHON ?= python3
 BIN := .venv/bin
 comma := ,
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
+# Images of containers set this, and no command would keep the bytecode of what it imports: with torch, two seconds
+# each time.
+unexport PYTHONDONTWRITEBYTECODE
 # The first is read when packages are installed, the second when they are built.
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 export PIP_BUILD_CONSTRAINT := $(CURDIR)/constraints.txt

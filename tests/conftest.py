@@ -1,6 +1,7 @@
 """Fixtures and settings shared by all tests."""
 
 import os
+import sys
 from pathlib import Path
 
 # Tests share the machine: networks this small take three times the processor time on two threads. Set before
@@ -12,6 +13,10 @@ import hypothesis
 import pytest
 
 from tests.support.browser import find_chromium
+
+# Tests start a hundred processes. Without bytecode on disk each of them compiles what it imports, for seconds.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 # In continuous integration a red run means that a change broke something: the same examples are tried every time. An
 # example may take any time, because other processes can load the machine.

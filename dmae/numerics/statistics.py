@@ -1,7 +1,6 @@
 """Statistics: means and medians of known values, random processes over time, and the likely errors of joints."""
 
 import numpy as np
-from scipy.signal import lfilter
 from scipy.special import betaincinv, ndtri
 
 from dmae.data.clip import Poses3D, Source
@@ -35,6 +34,8 @@ def ar1_filter(white: np.ndarray, coefficient: float) -> np.ndarray:
     x[0] = white[0], x[n] = coefficient x[n - 1] + sqrt(1 - coefficient^2) white[n], with a coefficient from 0 to below
     1.
     """
+    from scipy.signal import lfilter  # it loads scipy.stats, for half a second, which only simulated noise needs
+
     gain = np.sqrt(1 - coefficient**2)
     start = white[:1] / gain
     return lfilter([gain], [1, -coefficient], np.concatenate([start, white[1:]]), axis=0)
