@@ -5,6 +5,7 @@ et al. (Datasheets for Datasets, CACM 2021). All of it follows from the export a
 """
 
 import json
+import re
 from collections import Counter
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import yaml
 from dmae.files.checksums import checksum
 from dmae.files.contents import write_atomic
 from dmae.files.structured import read_json
+from dmae.formats.labelled_images import DEPTH
 from dmae.reporting.tables import counted
 from synth.datasets.config import AboutConfig
 from synth.datasets.statistics import terms
@@ -67,6 +69,12 @@ _ANNOTATION_FIELDS = {
     "keypoints": "sc:Float",
 }  # fmt: skip
 """Fields of an annotation of COCO. Croissant's reader takes records of one length from a file, so images have none."""
+_HUB_LICENCES = {
+    "creativecommons.org/publicdomain/zero/1.0": "cc0-1.0", "apache.org/licenses/license-2.0": "apache-2.0",
+    "opensource.org/license/mit": "mit", "opensource.org/licenses/mit": "mit",
+    "opendatacommons.org/licenses/by/1-0": "odc-by", "opendatacommons.org/licenses/odbl/1-0": "odbl",
+}  # fmt: skip
+"""What the Hugging Face hub calls a licence, by the end of its address."""
 _LISTS = ("bbox", "keypoints", "xyz", "visibility")
 _AUTHORS = "The authors of this data set"
 
@@ -246,6 +254,46 @@ def _record_set(name: str, file: str, sources: dict[str, tuple[str, dict, dict]]
             for key, (kind, extract, transform) in sources.items()
         ],
     }
+
+
+def hub_metadata(out: Path, summary: dict, about: AboutConfig) -> str:
+    """Return the YAML at the top of a README that the Hugging Face hub reads: name, licence, tasks, size, tags.
+
+    Args:
+        out: Folder of the export, complete but for its README and metadata.
+        summary: Content of `export.json`.
+        about: What only the publisher knows.
+    """
+    pictures, masks = (sum(each.get(key, 0) for each in summary["splits"].values()) for key in ("pictures", "masks"))
+    tasks = {
+        "keypoint-detection": True,
+        "object-detection": True,
+        "image-segmentation": masks,
+        "depth-estimation": any(out.rglob(f"*.{DEPTH}")),
+    }
+    edges = [("n<1K", 10**3), ("1K<n<10K", 10**4), ("10K<n<100K", 10**5), ("100K<n<1M", 10**6), ("1M<n<10M", 10**7)]
+    content = {
+        "pretty_name": about.name or "Simulated people who hide each other",
+        **_hub_licence(about.licence),
+        "task_categories": [task for task, there in tasks.items() if there],
+        "size_categories": [next((name for name, most in edges if pictures < most), "n>10M")],
+        "annotations_creators": ["machine-generated"],
+        "tags": ["synthetic", "human-pose-estimation", "multi-view", "occlusion", "3d", "mujoco"],
+    }
+    return f"---\n{yaml.safe_dump(content, sort_keys=False, allow_unicode=True)}---\n\n"
+
+
+def _hub_licence(url: str | None) -> dict[str, str]:
+    """Return the licence as the hub names it: by a word if it has one for this address, otherwise with the address."""
+    if url is None:
+        return {"license": "unknown"}
+    address = url.lower().removesuffix("/").removesuffix("/legalcode").removesuffix("/deed.en").removesuffix(".txt")
+    if found := re.search(r"creativecommons\.org/licenses/(by(?:-nc)?(?:-sa|-nd)?)/(\d\.\d)$", address):
+        return {"license": f"cc-{found[1]}-{found[2]}"}
+    for end, word in _HUB_LICENCES.items():
+        if address.endswith(end):
+            return {"license": word}
+    return {"license": "other", "license_name": "see-link", "license_link": url}
 
 
 def datasheet(texts: dict[str, str], summary: dict, about: AboutConfig) -> str:

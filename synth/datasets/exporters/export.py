@@ -15,7 +15,7 @@ from dmae.parallel import check_workers
 from dmae.reporting.tables import counted, markdown_table
 from synth.datasets.config import AboutConfig, PictureFormat
 from synth.datasets.exporters import Exporter, exporter
-from synth.datasets.exporters.croissant import write_metadata
+from synth.datasets.exporters.croissant import hub_metadata, write_metadata
 from synth.datasets.exporters.selection import PARTS, Selection
 from synth.datasets.splits import read_splits
 from synth.labels.physical_labels import FILE as PHYSICS
@@ -71,7 +71,7 @@ def export(
         >>> synth.export("walks", "panoptic", "panoptic")["skeleton"]
         'panoptic19'
     """
-    data, out = Path(path), Path(out)
+    data, out, about = Path(path), Path(out), about or AboutConfig()
     entry = exporter.find(format)
     if pictures not in PictureFormat.__members__:
         raise ValueError(f"pictures={pictures!r}: expected one of {', '.join(PictureFormat.__members__)}")
@@ -99,8 +99,9 @@ def export(
         shutil.rmtree(partial / PARTS, ignore_errors=True)
         summary = _summary(entry, selection, found, len(names))
         write_atomic(partial / SUMMARY, json.dumps(summary, indent=1))
-        write_atomic(partial / CARD, card(summary, entry.pictures))
-        write_metadata(data, partial, summary, about or AboutConfig())
+        hub = hub_metadata(partial, summary, about) if entry.name == "huggingface" else ""
+        write_atomic(partial / CARD, hub + card(summary, entry.pictures))
+        write_metadata(data, partial, summary, about)
     return summary
 
 

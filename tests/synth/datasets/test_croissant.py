@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import yaml
 
 from dmae.datasets import FrameDataset
 from synth.datasets.config import AboutConfig
+from synth.datasets.exporters.croissant import hub_metadata
 from synth.datasets.exporters.export import export
 from tests.support.data_sets import pictured_set
 
@@ -54,6 +56,30 @@ def test_metadata_follows_from_the_provenance_of_the_clips(rows):
     assert ABOUT.licence in sheet and found["rai:dataBiases"] in sheet
     citation = yaml.safe_load((rows / "CITATION.cff").read_text())
     assert (citation["title"], citation["authors"]) == (ABOUT.name, [{"name": ABOUT.creator}])
+
+
+@pytest.mark.parametrize(
+    ("licence", "stated"),
+    [
+        (None, {"license": "unknown"}),
+        ("https://creativecommons.org/licenses/by-nc-sa/4.0/", {"license": "cc-by-nc-sa-4.0"}),
+        ("https://creativecommons.org/publicdomain/zero/1.0/", {"license": "cc0-1.0"}),
+        ("https://www.apache.org/licenses/LICENSE-2.0.txt", {"license": "apache-2.0"}),
+        (ABOUT.licence, {"license": "other", "license_name": "see-link", "license_link": ABOUT.licence}),
+    ],
+)
+def test_the_hub_reads_name_licence_tasks_and_size(licence, stated, rows):
+    hub = pytest.importorskip("huggingface_hub")
+    text = hub_metadata(rows, json.loads((rows / "export.json").read_text()), replace(ABOUT, licence=licence))
+    found = hub.DatasetCard(text).data.to_dict()
+    assert {key: value for key, value in found.items() if key.startswith("license")} == stated
+    assert (found["pretty_name"], found["size_categories"]) == (ABOUT.name, ["n<1K"])
+    assert found["task_categories"] == ["keypoint-detection", "object-detection", "image-segmentation"]
+
+
+def test_the_readme_of_rows_begins_with_what_the_hub_reads(rows):
+    hub = pytest.importorskip("huggingface_hub")
+    assert hub.DatasetCard.load(rows / "README.md").data.license_link == ABOUT.licence
 
 
 def test_checksums_are_of_all_files(rows):
