@@ -26,7 +26,7 @@ LAYERS = (
     ("dmae.online",),
     ("dmae.evaluation",),
     ("dmae.regression",),
-    ("synth.errors", "synth.textures"),
+    ("synth.checks", "synth.errors", "synth.textures"),
     ("synth.people",),
     ("synth.motion",),
     ("synth.rooms",),
