@@ -34,7 +34,7 @@ def add_texture(spec: mujoco.MjSpec, material: mujoco.MjsMaterial, image: np.nda
     material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = texture.name
 
 
-def _noise(x: np.ndarray, rng: np.random.Generator, sigma) -> np.ndarray:
+def noise(x: np.ndarray, rng: np.random.Generator, sigma) -> np.ndarray:
     """Return smooth periodic noise with the shape of `x` and a standard deviation of 1; sigma in px."""
     noise = gaussian_filter(rng.standard_normal(x.shape), sigma, mode="wrap")
     return noise / noise.std()
@@ -59,14 +59,14 @@ def _planks(x, y, rng):
     edge = np.minimum((y * boards) % 1, 1 - (y * boards) % 1)
     joint = np.abs((x - ends + 0.5) % 1 - 0.5)
     gap = (edge < 0.03) | (joint < 0.003)
-    return np.clip(tone + 0.18 * _noise(x, rng, (1, 22)), 0, 1), np.where(gap, -0.45, 0.02 * _noise(x, rng, 1))
+    return np.clip(tone + 0.18 * noise(x, rng, (1, 22)), 0, 1), np.where(gap, -0.45, 0.02 * noise(x, rng, 1))
 
 
 def _tiles(x, y, rng):
     tiles = 4
     cell = rng.uniform(0, 0.3, (tiles, tiles))[np.floor(y * tiles).astype(int), np.floor(x * tiles).astype(int)]
     edge = np.minimum(*(np.minimum((a * tiles) % 1, 1 - (a * tiles) % 1) for a in (x, y)))
-    return np.where(edge < 0.015, 1.0, cell), 0.025 * _noise(x, rng, 2)
+    return np.where(edge < 0.015, 1.0, cell), 0.025 * noise(x, rng, 2)
 
 
 def _paving(x, y, rng):
@@ -75,7 +75,7 @@ def _paving(x, y, rng):
     along = x * 4 + rng.random(rows)[row]
     edge = np.minimum(np.minimum((y * rows) % 1, 1 - (y * rows) % 1), np.minimum(along % 1, 1 - along % 1))
     tone = rng.uniform(0, 0.7, (rows, 4))[row, np.floor(along).astype(int) % 4]
-    return np.clip(tone + 0.1 * _noise(x, rng, 6), 0, 1), np.where(edge < 0.04, -0.3, 0.03 * _noise(x, rng, 1))
+    return np.clip(tone + 0.1 * noise(x, rng, 6), 0, 1), np.where(edge < 0.04, -0.3, 0.03 * noise(x, rng, 1))
 
 
 def _bricks(x, y, rng):
@@ -84,18 +84,18 @@ def _bricks(x, y, rng):
     along = x * rows / 2 + 0.5 * (row % 2)
     edge = np.minimum(np.minimum((y * rows) % 1, 1 - (y * rows) % 1), 2 * np.minimum(along % 1, 1 - along % 1))
     tone = rng.uniform(0, 0.35, (rows, rows // 2))[row.astype(int), np.floor(along).astype(int) % (rows // 2)]
-    return np.where(edge < 0.06, 1.0, tone), 0.04 * _noise(x, rng, 1) + 0.03 * _noise(x, rng, 8)
+    return np.where(edge < 0.06, 1.0, tone), 0.04 * noise(x, rng, 1) + 0.03 * noise(x, rng, 8)
 
 
 def _hair(x, y, rng):
     """Return strands that run upwards, in locks."""
-    strands, locks = _noise(x, rng, (28, 0.8)), _noise(x, rng, (48, 6))
-    return np.clip(0.45 + 0.22 * strands + 0.2 * locks, 0, 1), 0.04 * _noise(x, rng, (10, 1))
+    strands, locks = noise(x, rng, (28, 0.8)), noise(x, rng, (48, 6))
+    return np.clip(0.45 + 0.22 * strands + 0.2 * locks, 0, 1), 0.04 * noise(x, rng, (10, 1))
 
 
 def _cloth(x, rng):
     """Return the relative brightness of a weave with soft folds."""
-    return 0.02 * _noise(x, rng, 0.6) + 0.03 * _noise(x, rng, (30, 10))
+    return 0.02 * noise(x, rng, 0.6) + 0.03 * noise(x, rng, (30, 10))
 
 
 _BLENDS = {
@@ -103,23 +103,23 @@ _BLENDS = {
     "plain": lambda x, y, rng: (np.zeros_like(x), _cloth(x, rng)),
     "stripes": _stripes,
     "checks": _checks,
-    "melange": lambda x, y, rng: (np.clip(0.4 + 0.28 * _noise(x, rng, (1.4, 0.5)), 0, 1), _cloth(x, rng)),
+    "melange": lambda x, y, rng: (np.clip(0.4 + 0.22 * noise(x, rng, (0.9, 0.5)), 0, 1), _cloth(x, rng)),
     "camouflage": lambda x, y, rng: (
-        (_noise(x, rng, 18) > 0.2) * 0.6 + (_noise(x, rng, 14) > 0.6) * 0.4,
+        0.6 * np.clip(6 * noise(x, rng, 18) - 0.7, 0, 1) + 0.4 * np.clip(6 * noise(x, rng, 14) - 3.1, 0, 1),
         _cloth(x, rng),
     ),
     "planks": _planks,
     "tiles": _tiles,
-    "plaster": lambda x, y, rng: (np.clip(0.3 + 0.15 * _noise(x, rng, 20), 0, 1), 0.012 * _noise(x, rng, 1)),
-    "carpet": lambda x, y, rng: (np.clip(0.5 + 0.3 * _noise(x, rng, 1), 0, 1), 0.05 * _noise(x, rng, 16)),
+    "plaster": lambda x, y, rng: (np.clip(0.3 + 0.15 * noise(x, rng, 20), 0, 1), 0.012 * noise(x, rng, 1)),
+    "carpet": lambda x, y, rng: (np.clip(0.5 + 0.3 * noise(x, rng, 1), 0, 1), 0.05 * noise(x, rng, 16)),
     "concrete": lambda x, y, rng: (
-        np.clip(0.4 + 0.22 * _noise(x, rng, 24) + 0.12 * _noise(x, rng, 5), 0, 1),
-        0.02 * _noise(x, rng, 1),
+        np.clip(0.4 + 0.22 * noise(x, rng, 24) + 0.12 * noise(x, rng, 5), 0, 1),
+        0.02 * noise(x, rng, 1),
     ),
     "paving": _paving,
     "bricks": _bricks,
     # Corrugated steel with upright ribs
-    "sheet": lambda x, y, rng: (0.5 + 0.5 * np.sin(2 * np.pi * 8 * x), 0.02 * _noise(x, rng, (30, 3))),
+    "sheet": lambda x, y, rng: (0.5 + 0.5 * np.sin(2 * np.pi * 8 * x), 0.02 * noise(x, rng, (30, 3))),
 }
 """Functions of x and y (S, S), 0..1, and of `rng`. Each returns the blend of the two colours, 0..1, and the relative
 change of brightness, both (S, S)."""

@@ -19,6 +19,7 @@ from synth.people.body import (
 )
 from synth.people.clothing import PersonLooks
 from synth.people.outfit import Part, parts
+from synth.people.skin import paint_iris, paint_lips, paint_skin
 from synth.people.skinning import SKINNED, pack
 from synth.people.surface import BareBody, bare_body
 from synth.textures import add_texture, paint
@@ -133,7 +134,7 @@ def add_person(
     """
     prefix = f"person{person}/"
     spec.nuser_geom = 1
-    _add_materials(spec, prefix, looks, rng=rng)
+    _add_materials(spec, prefix, body, looks, rng=rng)
     bodies = _add_segments(spec, prefix, body, position)
     _add_capsules(bodies, prefix, person, body, looks.hands)
     _add_touch(spec, prefix)
@@ -221,29 +222,38 @@ def _touch(one: str, other: str) -> bool:
     return (name in _ARMS and other_name in _TORSO) or (other_name in _ARMS and name in _TORSO)
 
 
-def _add_materials(spec: mujoco.MjSpec, prefix: str, looks: PersonLooks, *, rng: np.random.Generator | None) -> None:
+def _add_materials(
+    spec: mujoco.MjSpec, prefix: str, body: Body, looks: PersonLooks, *, rng: np.random.Generator | None
+) -> None:
     flat = {
         "skin": looks.skin,
-        "brow": tuple(0.8 * c for c in looks.hair_colour),
-        "eye": (0.92, 0.92, 0.90),
+        "brow": tuple(0.6 * hair + 0.25 * skin for hair, skin in zip(looks.hair_colour, looks.skin, strict=True)),
+        "eye": (0.82, 0.78, 0.76),
         "iris": (0.13, 0.09, 0.07),
         "lip": tuple(c * f for c, f in zip(looks.skin, (0.86, 0.62, 0.60), strict=True)),
         "shoe": looks.shoes,
         "sole": looks.sole,
     }
+    strands = tuple(tuple(shade * c for c in looks.hair_colour) for shade in (0.75, 1.15))
+    woven = {
+        "top": (looks.top.pattern, looks.top.colours),
+        "bottom": (looks.bottom.pattern, looks.bottom.colours),
+        "hair": ("hair", strands),
+    }
     for material, colour in flat.items():
         spec.add_material(name=prefix + material, rgba=[*colour, 1], specular=0.15, shininess=0.2)
-    strands = tuple(tuple(shade * c for c in looks.hair_colour) for shade in (0.75, 1.15))
-    for material, pattern, colours in (
-        ("top", looks.top.pattern, looks.top.colours),
-        ("bottom", looks.bottom.pattern, looks.bottom.colours),
-        ("hair", "hair", strands),
-    ):
-        added = spec.add_material(name=prefix + material, specular=0.05, shininess=0.05)
-        if rng:
-            add_texture(spec, added, paint(pattern, colours, _TEXELS, rng=rng))
-        else:
-            added.rgba = [*np.mean(colours, axis=0), 1]
+    for material, (_, colours) in woven.items():
+        rgba = [*np.mean(colours, axis=0), 1]
+        spec.add_material(name=prefix + material, rgba=rgba, specular=0.05, shininess=0.05)
+    if rng:
+        painted = {name: paint(pattern, colours, _TEXELS, rng=rng) for name, (pattern, colours) in woven.items()}
+        painted["skin"] = paint_skin(body, looks, rng=rng)
+        painted["iris"] = paint_iris(looks, rng=rng)
+        painted["lip"] = paint_lips(body, looks, rng=rng)
+        for name, image in painted.items():
+            material = spec.material(prefix + name)
+            material.rgba = [1, 1, 1, 1]
+            add_texture(spec, material, image)
 
 
 def _add_mesh(spec: mujoco.MjSpec, name: str, part: Part, bare: BareBody, *, textured: bool) -> None:

@@ -13,8 +13,9 @@ from scipy.spatial import cKDTree
 
 from synth.people.body import ANKLE_HEIGHT, SEGMENTS, SIDES, Body, side_and_name
 from synth.people.clothing import PersonLooks
+from synth.people.skin import around_head, around_limb, on_disc
 from synth.people.skinning import blend
-from synth.people.surface import BareBody, assets, bare_body
+from synth.people.surface import EYES, BareBody, assets, bare_body
 
 _TILE = 0.3
 """Length of cloth that one repeat of a texture covers, m."""
@@ -412,14 +413,23 @@ def _texture(corners: np.ndarray, segment: int, material: str, bare: BareBody) -
     Where a top hangs over the thighs, its pattern goes on as on the trunk.
     """
     _, name = side_and_name(SEGMENTS[segment])
+    if material in ("iris", "lip"):
+        return on_disc(corners[..., 1:])
     own = (corners - bare.origins[segment]) @ bare.rotations[segment]
     if name in ("upper_arm", "forearm", "hand"):
         along, across, ahead = own[..., 1], own[..., 0], own[..., 2]
+    elif material == "skin":
+        along, across, ahead = own[..., 2], own[..., 1], own[..., 0]
     elif material == "top" or name in ("pelvis", "spine", "chest", "head"):
         along, across, ahead = corners[..., 2], corners[..., 1], corners[..., 0]
     else:
         along, across, ahead = own[..., 2], own[..., 1], own[..., 0]
     angle = np.arctan2(across, ahead)
     angle = angle[:, :1] + (angle - angle[:, :1] + np.pi) % (2 * np.pi) - np.pi
+    if material == "skin" and name == "head":
+        eyes = bare.eyes.mean((0, 1))[2] - bare.origins[segment, 2]
+        return around_head(angle, (along - eyes) * (EYES[1] / eyes))
+    if material == "skin":
+        return around_limb(angle, along)
     girth = 2 * np.pi * float(np.median(np.hypot(across, ahead)))
     return np.stack([angle / (2 * np.pi) * max(1, round(girth / _TILE)), along / _TILE], -1)

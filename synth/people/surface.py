@@ -246,7 +246,7 @@ def _frame(first: np.ndarray, second: np.ndarray, axes: tuple[int, int]) -> np.n
 
 
 # Where nose, eyes, ears and crown are, relative to the joint of the head, fractions of stature and of the head's size.
-_NOSE, _EYES, _EARS = (0.073, 0.068), (0.056, 0.091), (0.003, 0.046, 0.082)
+_NOSE, EYES, _EARS = (0.073, 0.068), (0.056, 0.091), (0.003, 0.046, 0.082)
 
 
 def _head_fit(body, shape, joints, eyes, weight, origin) -> tuple[np.ndarray, np.ndarray]:
@@ -260,9 +260,9 @@ def _head_fit(body, shape, joints, eyes, weight, origin) -> tuple[np.ndarray, np
     ear = own[own[:, 1] > own[:, 1].max() - 0.012].mean(0)
     size = body.stature * body.head
     places = [
-        ([nose[0], front[0], ear[0]], [_NOSE[0], _EYES[0], _EARS[0]]),
+        ([nose[0], front[0], ear[0]], [_NOSE[0], EYES[0], _EARS[0]]),
         ([-ear[1], ear[1]], [-_EARS[1], _EARS[1]]),
-        ([nose[2], front[2], ear[2], own[:, 2].max()], [_NOSE[1], _EYES[1], _EARS[2], HEAD_HEIGHT]),
+        ([nose[2], front[2], ear[2], own[:, 2].max()], [_NOSE[1], EYES[1], _EARS[2], HEAD_HEIGHT]),
     ]
     scale, shift = np.array([np.polyfit(here, np.array(there) * size, 1) for here, there in places]).T
     return scale, shift + origin
