@@ -10,8 +10,10 @@ angle that points the bone at the child, so that limbs do not twist.
 """
 
 import sys
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from math import ceil
+from typing import TypeVar
 
 import numpy as np
 
@@ -21,6 +23,8 @@ from dmae.numerics.body import bone_lengths, rotate_z, smooth_heading
 from dmae.numerics.filling import fill_body_frame
 from dmae.numerics.kinematics import ISB, NoBody, body_motion, can_move
 from dmae.numerics.paths import linear, pchip
+
+T = TypeVar("T")
 
 Y_UP = np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])
 """Rotation from our axes to the axes of OpenSim and of rest poses: people who face x in ours face z there."""
@@ -50,15 +54,31 @@ class JointRotations:
     placed: int = 0  # The node at `root`. Nodes before it stand at the origin of the world.
 
     @property
+    def rest(self) -> np.ndarray:
+        """(N, 3) positions of the nodes in the rest pose, m from the root."""
+        rest = self.offsets.copy()
+        for joint, parent in enumerate(self.parents):
+            if parent >= 0:
+                rest[joint] += rest[parent]
+        return rest
+
+    @property
+    def turned(self) -> np.ndarray:
+        """(F, N, 3, 3) rotations from the axes of the nodes to the world."""
+        turned = self.rotations.copy()
+        for joint, parent in enumerate(self.parents):
+            if parent >= 0:
+                turned[:, joint] = turned[:, parent] @ turned[:, joint]
+        return turned
+
+    @property
     def xyz(self) -> np.ndarray:
         """(F, N, 3) positions of the nodes, m, world."""
-        turned, xyz = self.rotations.copy(), np.zeros((len(self.root), len(self.joints), 3))
+        turned, xyz = self.turned, np.zeros((len(self.root), len(self.joints), 3))
         xyz[:, self.placed] = self.root
         for joint, parent in enumerate(self.parents):
             if joint > self.placed:
                 xyz[:, joint] = xyz[:, parent] + turned[:, parent] @ self.offsets[joint]
-            if parent >= 0:
-                turned[:, joint] = turned[:, parent] @ self.rotations[:, joint]
         return xyz
 
     def y_up(self, part: slice = slice(None)) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -103,8 +123,19 @@ def joint_rotations(poses: Poses3D, fps: float, person: int) -> JointRotations:
     return JointRotations(names, parents, offsets, xyz[:, 0].copy(), rotations)
 
 
-def say_left_out(lacking: list[NoBody], persons: int) -> None:
-    """Say on stderr who of the persons is left out of files, and why; raise NoBody if that is everybody."""
+def with_bodies(persons: int, motion: Callable[[int], T]) -> Iterator[tuple[int, T | None]]:
+    """Yield each person with its motion, None if it has no body, and say on stderr who is left out, and why.
+
+    Raises NoBody if nobody has a body.
+    """
+    lacking = []
+    for person in range(persons):
+        try:
+            found = motion(person)
+        except NoBody as error:
+            lacking.append(error)
+            found = None
+        yield person, found
     if len(lacking) == persons:
         raise lacking[0]
     for each in lacking:

@@ -10,12 +10,11 @@ from scipy.spatial.transform import Rotation
 from dmae.data.clip import Clip, Poses3D, person_name
 from dmae.files.contents import write_atomic, written
 from dmae.files.mapped import frame_blocks
-from dmae.formats.animation import JointRotations, joint_rotations, say_left_out
+from dmae.formats.animation import JointRotations, joint_rotations, with_bodies
 from dmae.formats.config import METRES, LengthUnit
 from dmae.formats.poses import person_paths
 from dmae.formats.registry import pose_writer
 from dmae.formats.rigs import CENTIMETRES, as_rig
-from dmae.numerics.kinematics import NoBody
 
 _END_LENGTH = 0.05  # m; length of the bone after the last joint of a limb. The format requires such a bone.
 _ORDER, _RIG_ORDER = "ZXY", "ZYX"  # Order of the rotation channels, of our skeletons and of other programs
@@ -26,28 +25,30 @@ def write_bvh(
     poses: Poses3D, clip: Clip, path: Path, *, unit: LengthUnit = LengthUnit.m, rig: str | None = None
 ) -> list[Path]:
     """Biovision BVH: joint angles on a T-pose, a file for each person."""
-    files, lacking = [], []
-    for person, file in enumerate(person_paths(path, poses.xyz.shape[1])):
-        try:
-            motion = joint_rotations(poses, clip.fps, person)
-            if rig is not None:
-                motion = as_rig(motion, rig, person_name(person))
-        except NoBody as error:
-            file.unlink(missing_ok=True)
-            lacking.append(error)
+    files, paths = [], person_paths(path, poses.xyz.shape[1])
+    metre, order = (METRES[unit], _ORDER) if rig is None else (CENTIMETRES, _RIG_ORDER)
+
+    def motion_of(person: int) -> JointRotations:
+        motion = joint_rotations(poses, clip.fps, person)
+        return motion if rig is None else as_rig(motion, rig, person_name(person))
+
+    for person, motion in with_bodies(len(paths), motion_of):
+        if motion is None:
+            paths[person].unlink(missing_ok=True)
             continue
-        metre, order = (METRES[unit], _ORDER) if rig is None else (CENTIMETRES, _RIG_ORDER)
-        write_atomic(file, written(chain(_hierarchy(motion, metre, order), _motion(motion, clip.fps, metre, order))))
-        files.append(file)
-    say_left_out(lacking, poses.xyz.shape[1])
+        lines, joints = _hierarchy(motion, metre, order)
+        write_atomic(paths[person], written(chain(lines, _motion(motion, joints, clip.fps, metre, order))))
+        files.append(paths[person])
     return files
 
 
-def _hierarchy(motion: JointRotations, metre: float, order: str) -> list[str]:
-    lines = ["HIERARCHY"]
+def _hierarchy(motion: JointRotations, metre: float, order: str) -> tuple[list[str], list[int]]:
+    """Return the lines of the tree, and its joints in their order: each is followed by all its descendants."""
+    lines, joints = ["HIERARCHY"], []
     offsets = motion.y_up(slice(0))[0] / metre
 
     def write(joint: int, depth: int) -> None:
+        joints.append(joint)
         indent, inner = "\t" * depth, "\t" * (depth + 1)
         channels = "6 Xposition Yposition Zposition" if joint <= motion.placed else "3"
         lines.append(f"{indent}{'JOINT' if joint else 'ROOT'} {motion.joints[joint]}")
@@ -64,12 +65,12 @@ def _hierarchy(motion: JointRotations, metre: float, order: str) -> list[str]:
         lines.append(f"{indent}}}")
 
     write(0, 0)
-    return lines
+    return lines, joints
 
 
-def _motion(motion: JointRotations, fps: float, metre: float, order: str) -> Iterator[str]:
+def _motion(motion: JointRotations, joints: list[int], fps: float, metre: float, order: str) -> Iterator[str]:
     yield from ("MOTION", f"Frames: {len(motion.root)}", f"Frame Time: {1 / fps:.9g}")
-    depth_first, last = _depth_first(motion.parents), None
+    last = None
     for part in frame_blocks(motion.rotations):
         _, root, turned = motion.y_up(part)
         angles = Rotation.from_matrix(turned.reshape(-1, 3, 3)).as_euler(order, degrees=True, suppress_warnings=True)
@@ -79,27 +80,13 @@ def _motion(motion: JointRotations, fps: float, metre: float, order: str) -> Ite
         angles = np.unwrap(np.concatenate([before, angles]), period=360, axis=0)[len(before) :]
         last = angles[-1]
         rows = []
-        for joint in depth_first:
+        for joint in joints:
             if joint == motion.placed:
                 rows.append(root / metre)
             elif joint < motion.placed:
                 rows.append(np.zeros((len(angles), 3)))
             rows.append(angles[:, joint])
         yield from map(_numbers, np.concatenate(rows, 1))
-
-
-def _depth_first(parents: tuple[int, ...]) -> list[int]:
-    """Return the joints in the order of a BVH: each joint is followed by all its descendants."""
-    order: list[int] = []
-
-    def visit(joint: int) -> None:
-        order.append(joint)
-        for child, parent in enumerate(parents):
-            if parent == joint:
-                visit(child)
-
-    visit(0)
-    return order
 
 
 def _numbers(row: np.ndarray) -> str:

@@ -6,6 +6,7 @@ assembles the file itself, because no known library writes animated skins.
 """
 
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +14,9 @@ from scipy.spatial.transform import Rotation
 
 from dmae.data.clip import Clip, Poses3D, Source, person_name
 from dmae.files.contents import write_atomic
-from dmae.formats.animation import JointRotations, joint_rotations, say_left_out
+from dmae.formats.animation import Y_UP, JointRotations, joint_rotations, with_bodies
 from dmae.formats.registry import pose_writer
 from dmae.numerics.body import continuous
-from dmae.numerics.kinematics import NoBody
 
 _COLOURS = ((0.12, 0.47, 0.71), (0.20, 0.63, 0.17), (0.42, 0.24, 0.60), (0.55, 0.34, 0.29), (0.09, 0.75, 0.81))
 """RGB colours of persons. None is red, because red marks joints that were not measured."""
@@ -32,15 +32,10 @@ _FACES = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2,
 @pose_writer("glb", table=True)
 def write_glb(poses: Poses3D, clip: Clip, path: Path) -> None:
     """glTF animated skeletons, all persons in one file."""
-    path, persons = Path(path), poses.xyz.shape[1]
     file = GltfFile(np.arange(len(poses.xyz)) / clip.fps)
     red = file.mesh("not measured", _MARKER * _CORNERS, _FACES, _RED)
-    lacking = []
-    for person in range(persons):
-        try:
-            motion = joint_rotations(poses, clip.fps, person)
-        except NoBody as error:
-            lacking.append(error)
+    for person, motion in with_bodies(poses.xyz.shape[1], partial(joint_rotations, poses, clip.fps)):
+        if motion is None:
             continue
         source = np.full((len(poses.source), len(motion.joints)), Source.MEASURED)
         for node, joint in enumerate(motion.joints):
@@ -48,7 +43,6 @@ def write_glb(poses: Poses3D, clip: Clip, path: Path) -> None:
                 source[:, node] = poses.source[:, person, poses.skeleton.index(joint)[0]]
         there = (poses.source[:, person] != Source.ABSENT).any(-1)
         _add_person(file, motion, source, there, person_name(person), _COLOURS[person % len(_COLOURS)], red)
-    say_left_out(lacking, persons)
     write_atomic(path, file.data())
 
 
@@ -141,7 +135,7 @@ def _add_person(
         file.animate(marker, "scale", np.repeat(unmeasured[:, None].astype(float), 3, 1), step=True)
     file.animate(nodes[0], "translation", root)
     file.animate(nodes[0], "scale", np.repeat(there[:, None].astype(float), 3, 1), step=True)
-    rest = _rest_positions(offsets, motion.parents)
+    rest = motion.rest @ Y_UP.T
     bind = np.tile(np.eye(4), (len(nodes), 1, 1))
     bind[:, :3, 3] = -rest
     # Matrices are stored column by column.
@@ -153,14 +147,6 @@ def _add_person(
     # Blender makes an armature of what is above the joints; the bodies of people without it share one.
     person = file.add("nodes", name=name, children=[nodes[0]])
     file.json["scenes"][0]["nodes"] += [person, body]
-
-
-def _rest_positions(offsets: np.ndarray, parents: tuple[int, ...]) -> np.ndarray:
-    rest = offsets.copy()
-    for joint, parent in enumerate(parents):
-        if parent >= 0:
-            rest[joint] += rest[parent]
-    return rest
 
 
 def _bones(rest: np.ndarray, parents: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

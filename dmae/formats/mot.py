@@ -14,6 +14,7 @@ of provenance.
 """
 
 from collections.abc import Iterator
+from functools import partial
 from itertools import chain
 from pathlib import Path
 
@@ -21,10 +22,10 @@ import numpy as np
 
 from dmae.data.clip import Clip, Poses3D, person_name
 from dmae.files.contents import write_atomic, written
-from dmae.formats.animation import Y_UP, say_left_out
+from dmae.formats.animation import Y_UP, with_bodies
 from dmae.formats.poses import SOURCE_WORDS, person_paths
 from dmae.formats.registry import pose_writer
-from dmae.numerics.kinematics import ANGLES, BodyMotion, NoBody, body_motion, defining_joints, estimated_angles
+from dmae.numerics.kinematics import ANGLES, BodyMotion, body_motion, defining_joints, estimated_angles
 
 _PLACES = ("pelvis_tx", "pelvis_ty", "pelvis_tz")
 _PELVIS = 3  # Number of angles of the pelvis, which come before its place
@@ -33,17 +34,14 @@ _PELVIS = 3  # Number of angles of the pelvis, which come before its place
 @pose_writer("mot", table=True)
 def write_mot(poses: Poses3D, clip: Clip, path: Path) -> list[Path]:
     """OpenSim's joint angles, a file for each person, with the standard deviation of each angle in a second file."""
-    files, lacking = [], []
+    files, paths = [], person_paths(path, poses.xyz.shape[1])
     names = [angle.name for angle in ANGLES]
     names[_PELVIS:_PELVIS] = _PLACES
-    for person, file in enumerate(person_paths(path, poses.xyz.shape[1])):
-        table = file.with_suffix(".angles.csv")
-        try:
-            motion = body_motion(poses, person)
-        except NoBody as error:
+    for person, motion in with_bodies(len(paths), partial(body_motion, poses)):
+        file, table = paths[person], paths[person].with_suffix(".angles.csv")
+        if motion is None:
             for stale in (file, table):
                 stale.unlink(missing_ok=True)
-            lacking.append(error)
             continue
         estimates, spread, known = estimated_angles(motion, Y_UP)
         place, place_sd = motion.root @ Y_UP.T, np.sqrt(np.diagonal(Y_UP @ motion.root_cov @ Y_UP.T, axis1=1, axis2=2))
@@ -70,7 +68,6 @@ def write_mot(poses: Poses3D, clip: Clip, path: Path) -> list[Path]:
         write_atomic(file, written(chain(header, rows)))
         write_atomic(table, written(_quality(motion, poses.source[:, person], poses, names, times, values, spread)))
         files += [file, table]
-    say_left_out(lacking, poses.xyz.shape[1])
     return files
 
 

@@ -74,6 +74,7 @@ def _soma() -> list[_Node]:
     return nodes + limbs
 
 
+# Parents come before children.
 _RIGS = {
     "soma": _soma(),
     "lafan1": _trunk(("Spine", "Spine1", "Spine2"), ("Neck",)) + _limbs("Spine2", ("UpLeg", "Leg", "Toe")),
@@ -106,12 +107,7 @@ def _axes(name: str) -> np.ndarray:
 
 def as_rig(motion: JointRotations, rig: str, name: str) -> JointRotations:
     """Return the motion of the person of this name on a rig of `RIGS`; NoBody if a limb was never known."""
-    turned = motion.rotations.copy()
-    rest = motion.offsets.copy()
-    for node, parent in enumerate(motion.parents):
-        if parent >= 0:
-            turned[:, node] = turned[:, parent] @ turned[:, node]
-            rest[node] += rest[parent]
+    turned, rest = motion.turned, motion.rest
     ours = {joint: number for number, joint in enumerate(motion.joints)}
     nodes: list[_Node] = []
     for node in _RIGS[rig]:
@@ -124,7 +120,6 @@ def as_rig(motion: JointRotations, rig: str, name: str) -> JointRotations:
     lacking = sorted({node.turns for node in nodes if node.turns} - ours.keys())
     if lacking:
         raise NoBody(f"{name}: skeleton={rig} needs a whole person; never known: {', '.join(lacking)}")
-    nodes = _parents_first(nodes)
     order = {node.name: number for number, node in enumerate(nodes)}
     parents = tuple(order.get(node.parent, -1) for node in nodes)
     frames = len(motion.root)
@@ -148,17 +143,3 @@ def as_rig(motion: JointRotations, rig: str, name: str) -> JointRotations:
     placed = order["Hips"]
     offsets[placed] = 0
     return JointRotations(tuple(node.name for node in nodes), parents, offsets, motion.root, rotations, placed)
-
-
-def _parents_first(nodes: list[_Node]) -> list[_Node]:
-    """Return the nodes depth first, as they stand in a BVH."""
-    children: dict[str, list[_Node]] = {}
-    names = {node.name for node in nodes}
-    for node in nodes:
-        children.setdefault(node.parent if node.parent in names else "", []).append(node)
-    found, waiting = [], children[""]
-    while waiting:
-        node, *waiting = waiting
-        found.append(node)
-        waiting = children.get(node.name, []) + waiting
-    return found
