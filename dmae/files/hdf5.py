@@ -2,14 +2,16 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import wraps
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
-from typing import TypeVar
+from typing import ParamSpec, TypeVar
 
 import numpy as np
 
 from dmae.files.contents import check_file
 
+P = ParamSpec("P")
 T = TypeVar("T")
 
 _LEAST_LIMIT, _EXPANSION = 1 << 28, 100
@@ -21,58 +23,62 @@ _HEAP, _HEAD = b"GCOL\x01\0\0\0", 16
 _SHORTEST = 48  # Smallest size of the block at the start of a file, bytes
 
 
+def _refused(read: Callable[P, T]) -> Callable[P, T]:
+    """Return a method of `Hdf5` that raises ValueError, with the path, for anything that is wrong with the file."""
+
+    @wraps(read)
+    def method(*args: P.args, **kwargs: P.kwargs) -> T:
+        try:
+            return read(*args, **kwargs)
+        # h5py raises errors of many types for damaged files. The methods only read them.
+        except Exception as error:
+            file = args[0]
+            raise ValueError(f"{file.path}: expected {file.what}; {error}") from None
+
+    return method
+
+
 class Hdf5:
     """An open HDF5 file. Links to other files are not followed. Methods raise ValueError if it is damaged."""
 
     def __init__(self, path: Path, what: str, file):
-        self._path, self._what, self._file = path, what, file
+        self.path, self.what, self._file = path, what, file
         self._most = max(_LEAST_LIMIT, _EXPANSION * path.stat().st_size)
 
+    @_refused
     def __contains__(self, name: str) -> bool:
-        return self._try(lambda: self._found(name) is not None)
+        return self._found(name) is not None
 
+    @_refused
     def array(self, name: str) -> np.ndarray:
         """Return an array of numbers, or a table with fields of numbers."""
+        found = self._dataset(name)
+        if found.dtype.hasobject or (found.dtype.names is None and found.dtype.kind not in "fiub"):
+            raise ValueError(f"expected numbers as {name}, found {found.dtype}")
+        return np.asarray(found[()])
 
-        def read() -> np.ndarray:
-            found = self._dataset(name)
-            if found.dtype.hasobject or (found.dtype.names is None and found.dtype.kind not in "fiub"):
-                raise ValueError(f"expected numbers as {name}, found {found.dtype}")
-            return np.asarray(found[()])
-
-        return self._try(read)
-
+    @_refused
     def texts(self, name: str) -> list[str]:
         """Return a list of texts."""
+        found = self._dataset(name)
+        if found.ndim != 1 or found.dtype.kind not in "SO" or len(found) > _MOST_TEXTS:
+            raise ValueError(f"expected up to {_MOST_TEXTS} texts as {name}, found {found.dtype} {found.shape}")
+        # One at a time, because many could refer to one long text.
+        return [_text(found[number]) for number in range(len(found))]
 
-        def read() -> list[str]:
-            found = self._dataset(name)
-            if found.ndim != 1 or found.dtype.kind not in "SO" or len(found) > _MOST_TEXTS:
-                raise ValueError(f"expected up to {_MOST_TEXTS} texts as {name}, found {found.dtype} {found.shape}")
-            # One at a time, because many could refer to one long text.
-            return [_text(found[number]) for number in range(len(found))]
-
-        return self._try(read)
-
+    @_refused
     def attribute(self, name: str, of: str = "/") -> object:
         """Return an attribute of a group or an array: a text or a number, or None if it does not exist."""
+        found = self._found(of) if of != "/" else self._file
+        value = None if found is None or name not in found.attrs else found.attrs[name]
+        if isinstance(value, np.ndarray) and value.size == 1:
+            value = value.reshape(-1)[0]
+        return _text(value, longest=None) if isinstance(value, bytes | str) else value
 
-        def read() -> object:
-            found = self._found(of) if of != "/" else self._file
-            value = None if found is None or name not in found.attrs else found.attrs[name]
-            if isinstance(value, np.ndarray) and value.size == 1:
-                value = value.reshape(-1)[0]
-            return _text(value, longest=None) if isinstance(value, bytes | str) else value
-
-        return self._try(read)
-
+    @_refused
     def axes(self, name: str) -> list[str]:
         """Return the names of the axes of an array, as netCDF stores them."""
-
-        def read() -> list[str]:
-            return [each[0].name.rpartition("/")[2] if len(each) else "" for each in self._dataset(name).dims]
-
-        return self._try(read)
+        return [each[0].name.rpartition("/")[2] if len(each) else "" for each in self._dataset(name).dims]
 
     def _found(self, name: str):
         import h5py
@@ -99,13 +105,6 @@ class Hdf5:
             raise ValueError(f"{name} of shape {found.shape} would take {found.nbytes:.3g} bytes")
         return found
 
-    def _try(self, read: Callable[[], T]) -> T:
-        try:
-            return read()
-        # h5py raises errors of many types for damaged files. The functions only read them.
-        except Exception as error:
-            raise ValueError(f"{self._path}: expected {self._what}; {error}") from None
-
 
 @contextmanager
 def open_hdf5(path: Path, what: str) -> Iterator[Hdf5]:
@@ -121,14 +120,11 @@ def open_hdf5(path: Path, what: str) -> Iterator[Hdf5]:
         older = "; it is netCDF 3, save it as netCDF 4" if start.startswith(b"CDF") else ""
         raise ValueError(f"{path}: expected {what}, found no HDF5 file{older}")
     try:
-        _check_heaps(path)
-    except ValueError as error:
-        raise ValueError(f"{path}: expected {what}; {error}") from None
-    try:
         import h5py
     except ImportError:
         raise ValueError(f"{path}: h5py reads {what}; pip install dmae-synth[animals]") from None
     try:
+        _check_heaps(path)
         file = h5py.File(path, "r", locking=False)
     except Exception as error:
         raise ValueError(f"{path}: expected {what}; {error}") from None

@@ -18,7 +18,7 @@ _HEADS = ["scorer", "individuals", "bodyparts", "coords"]
 _COORDS = ("x", "y", "likelihood")
 
 Labels = list[tuple[str, ...]]
-"""Labels of the columns of a table: individual, body part and coordinate of each column."""
+"""Labels of the columns of a table: individual, unless there is only one, body part and coordinate of each column."""
 
 
 @reader("deeplabcut", signs=[["*DLC*.h5"], ["*DLC*.csv"]], cameras=False)
@@ -39,9 +39,15 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
 
 
 def _read(file: Path) -> NamedDetections:
-    labels, frames, values = _read_table(file) if file.suffix == ".h5" else _read_csv(file)
-    names, people = _arranged(file, labels, values)
-    return NamedDetections(names, people, frames)
+    labels, index, values = _read_table(file) if file.suffix == ".h5" else _read_csv(file)
+    fine = index.ndim == 1 and index.dtype.kind in "fiu" and np.isfinite(index).all()
+    if not fine or not len(index) or ((index < 0) | (index > 1e9) | (index != np.round(index))).any():
+        raise ValueError(f"{file}: expected a row for each frame, by its number")
+    if len(np.unique(index)) < len(index):
+        raise ValueError(f"{file}: expected frames of different numbers")
+    # Files of a single animal name no individual.
+    names, people = _arranged(file, [("", *label) if len(label) == 2 else label for label in labels], values)
+    return NamedDetections(names, people, index)
 
 
 def _files(path: Path) -> dict[str, Path]:
@@ -64,7 +70,7 @@ def _files(path: Path) -> dict[str, Path]:
 
 
 def _read_csv(file: Path) -> tuple[Labels, np.ndarray, np.ndarray]:
-    """Return labels of the columns, frame numbers (F,) and values (F, columns)."""
+    """Return labels of the columns, the index (F,) and values (F, columns)."""
     lines = [line.split(",") for line in read_text(file).splitlines() if line.strip()]
     heads = []
     while len(heads) < len(lines) and lines[len(heads)][0] in _HEADS:
@@ -76,7 +82,7 @@ def _read_csv(file: Path) -> tuple[Labels, np.ndarray, np.ndarray]:
         raise ValueError(f"{file}: expected {_WHAT}, lines of {', '.join(_HEADS)}, found {lines[:1]!s:.80}")
     rows = csv_rows(file, lines[len(heads) :], columns, len(heads) + 1)
     labels = list(zip(*(head[1:] for head in heads[1:]), strict=True))
-    return _with_individuals(labels), _numbers(file, rows[:, 0]), rows[:, 1:]
+    return labels, rows[:, 0], rows[:, 1:]
 
 
 def _read_table(file: Path) -> tuple[Labels, np.ndarray, np.ndarray]:
@@ -92,7 +98,7 @@ def _read_table(file: Path) -> tuple[Labels, np.ndarray, np.ndarray]:
             index, values = table.array(f"{_KEY}/axis1"), table.array(f"{_KEY}/block0_values")
     if values.ndim != 2 or values.shape != (len(index), len(labels)) or values.dtype.kind not in "fiu":
         raise ValueError(f"{file}: expected {_WHAT}, {len(labels)} numbers a frame, found shape {values.shape}")
-    return _with_individuals(labels), _numbers(file, index), values.astype(np.float64)
+    return labels, index, values.astype(np.float64)
 
 
 def _pickled_labels(file: Path, table: Hdf5) -> Labels:
@@ -120,21 +126,6 @@ def _stored_labels(file: Path, table: Hdf5) -> Labels:
     return list(zip(*parts, strict=True))
 
 
-def _with_individuals(labels: Labels) -> Labels:
-    """Return labels with an individual in each. Files of a single animal name no individual; it becomes ""."""
-    return [("", *label) if len(label) == 2 else label for label in labels]
-
-
-def _numbers(file: Path, index: np.ndarray) -> np.ndarray:
-    """Return the frame numbers (F,); raise ValueError if they are not different whole numbers."""
-    fine = index.ndim == 1 and index.dtype.kind in "fiu" and np.isfinite(index).all()
-    if not fine or not len(index) or ((index < 0) | (index > 1e9) | (index != np.round(index))).any():
-        raise ValueError(f"{file}: expected a row for each frame, by its number")
-    if len(np.unique(index)) < len(index):
-        raise ValueError(f"{file}: expected frames of different numbers")
-    return index.astype(np.int64)
-
-
 def _arranged(file: Path, labels: Labels, values: np.ndarray) -> tuple[list[str], np.ndarray]:
     """Return the names of J joints, and the animals (F, D, J, 3): x, y in px and likelihood; NaN where absent."""
     wrong = [label for label in labels if len(label) != 3 or not all(isinstance(part, str) for part in label)]
@@ -143,13 +134,11 @@ def _arranged(file: Path, labels: Labels, values: np.ndarray) -> tuple[list[str]
     if len(set(labels)) < len(labels) or {label[2] for label in labels} != set(_COORDS):
         raise ValueError(f"{file}: expected x, y and likelihood of each joint once; labels of pictures have no "
                          "likelihood, analyse the videos instead")  # fmt: skip
-    animals = list(dict.fromkeys(label[0] for label in labels))
-    names = list(dict.fromkeys(label[1] for label in labels))
+    animals, names = (list(dict.fromkeys(label[level] for label in labels)) for level in (0, 1))
     if len(values) * len(animals) * len(names) > 100 * values.size:
         raise ValueError(f"{file}: expected the same joints of each animal")
     found = np.full((len(values), len(animals), len(names), 3), np.nan)
-    at = {name: number for number, name in enumerate(names)}
-    which = {name: number for number, name in enumerate(animals)}
-    for column, (animal, name, coordinate) in enumerate(labels):
-        found[:, which[animal], at[name], _COORDS.index(coordinate)] = values[:, column]
+    which, at = ({name: number for number, name in enumerate(part)} for part in (animals, names))
+    for (animal, name, coordinate), column in zip(labels, values.T, strict=True):
+        found[:, which[animal], at[name], _COORDS.index(coordinate)] = column
     return names, found

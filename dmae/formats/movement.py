@@ -31,7 +31,7 @@ from dmae.formats.skeletons import NamedDetections, named_detections, named_skel
 
 _WHAT = "a data set of movement"
 _AXES = ("time", "space", "keypoints", "individuals")
-_MOST = {"time": 10_000_000, "individuals": 1000}
+_MOST_FRAMES, _MOST_INDIVIDUALS = 10_000_000, 1000
 
 
 @reader("movement", signs=[["*.nc"]], cameras=False)
@@ -139,9 +139,7 @@ def _read(
         raise ValueError(f"{path}: expected {_WHAT} in {kind}, with space {', '.join(space)}; found {', '.join(found)}")
     position = _in_order(path, data_set, "position", _AXES)
     frames, persons, joints, _ = position.shape
-    if position.shape[2:] != (len(names), len(space)) or any(
-        count > most for count, most in zip((frames, persons), _MOST.values(), strict=True)
-    ):
+    if position.shape[2:] != (len(names), len(space)) or frames > _MOST_FRAMES or persons > _MOST_INDIVIDUALS:
         raise ValueError(f"{path}: expected positions of {len(names)} keypoints, found the shape {position.shape}")
     others = []
     for name in ("confidence", "source"):
@@ -152,7 +150,10 @@ def _read(
                 raise ValueError(f"{path}: expected {name} of shape {(frames, persons, joints)}, found {values.shape}")
         others.append(values)
     confidence = np.full((frames, persons, joints), np.nan) if others[0] is None else others[0]
-    return names, position, confidence, others[1], _rate(path, data_set)
+    rate = data_set.attribute("fps")
+    # Without a rate, time counts frames.
+    fps = None if rate is None or isinstance(rate, str) else check_rate(f"{path}: fps", rate)
+    return names, position, confidence, others[1], fps
 
 
 def _in_order(path: Path, data_set: Hdf5, name: str, axes: tuple[str, ...]) -> np.ndarray:
@@ -162,12 +163,6 @@ def _in_order(path: Path, data_set: Hdf5, name: str, axes: tuple[str, ...]) -> n
         raise ValueError(f"{path}: expected {name} with the axes {', '.join(axes)}, found {', '.join(there)}")
     wanted = ("time", "individuals", "keypoints", "space")
     return values.astype(np.float64).transpose([there.index(axis) for axis in wanted if axis in axes])
-
-
-def _rate(path: Path, data_set: Hdf5) -> float | None:
-    """Return the attribute `fps`, frames per second; None if there is none, because time then counts frames."""
-    rate = data_set.attribute("fps")
-    return None if rate is None or isinstance(rate, str) else check_rate(f"{path}: fps", rate)
 
 
 def _stated_skeleton(path: Path, data_set: Hdf5) -> Skeleton | None:

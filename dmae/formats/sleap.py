@@ -40,23 +40,19 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
 
 def _read(file: Path) -> NamedDetections:
     with open_hdf5(file, _WHAT) as analysis:
-        return _animals(file, analysis)
-
-
-def _animals(file: Path, analysis: Hdf5) -> NamedDetections:
-    names = analysis.texts("node_names")
-    xy = _in_order(file, analysis, "tracks", _MATLAB)
-    if xy.shape[2:] != (len(names), 2):
-        raise ValueError(f"{file}: expected tracks of {len(names)} nodes, found the shape {xy.shape}")
-    score = np.ones(xy.shape[:-1])
-    if "point_scores" in analysis:
-        score = _in_order(file, analysis, "point_scores", tuple(axis for axis in _MATLAB if axis != "xy"))
-        if score.shape != xy.shape[:-1]:
-            raise ValueError(f"{file}: expected point_scores of shape {xy.shape[:-1]}, found {score.shape}")
-        # Points that people placed have no score.
-        score = np.where(np.isnan(score) | (score == 0), 1.0, score)
+        names = analysis.texts("node_names")
+        xy = _in_order(file, analysis, "tracks", _MATLAB)
+        if xy.shape[2:] != (len(names), 2):
+            raise ValueError(f"{file}: expected tracks of {len(names)} nodes, found the shape {xy.shape}")
+        score = np.ones(xy.shape[:-1])
+        if "point_scores" in analysis:
+            score = _in_order(file, analysis, "point_scores", tuple(axis for axis in _MATLAB if axis != "xy"))
+            if score.shape != xy.shape[:-1]:
+                raise ValueError(f"{file}: expected point_scores of shape {xy.shape[:-1]}, found {score.shape}")
+            # Points that people placed have no score.
+            score = np.where(np.isnan(score) | (score == 0), 1.0, score)
+        edges = analysis.array("edge_inds") if "edge_inds" in analysis else np.empty(0)
     animals = np.concatenate([xy, score[..., None]], -1)
-    edges = analysis.array("edge_inds") if "edge_inds" in analysis else np.empty((0, 2), int)
     if edges.size == 0:
         return NamedDetections(names, animals)
     if edges.ndim != 2 or edges.shape[1] != 2 or not ((edges >= 0) & (edges < len(names))).all():
