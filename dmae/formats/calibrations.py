@@ -9,8 +9,8 @@ Readers raise FileNotFoundError if there is no file, and ValueError, which names
 states no image size. Writers raise ValueError if the format cannot store a lens or the name of a camera.
 """
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -136,6 +136,13 @@ class CameraTable:
         return size.astype(np.int64)
 
 
+def camera_tables(path: Path, cameras: object) -> Iterator[CameraTable]:
+    """Yield the cameras of an object of cameras by name; ValueError, with the file, if it is none."""
+    if not isinstance(cameras, dict):
+        raise ValueError(f"{path}: expected an object of cameras, found {cameras!r:.60}")
+    yield from (CameraTable(path, name, values) for name, values in cameras.items())
+
+
 class LacksSize(ValueError):
     """Raised when a calibration file states no image size and none is given; names the option that gives it."""
 
@@ -226,10 +233,6 @@ class CalibrationSource:
         except LacksSize as error:
             raise LacksSize(error.what, "data.size") from None
 
-    def convention(self, own: Convention) -> Convention:
-        """Return the convention `own`, changed to the unit, up axis and direction that are given here."""
-        return _convention(own, self.unit, self.up, self.inverse)
-
 
 FOUND = CalibrationSource()
 """The calibration in the folder of a recording, in the convention of its format."""
@@ -263,16 +266,7 @@ def read_calibration(
         raise FileNotFoundError(f"calibration {path}: no such file; expected a calibration, or a folder with one")
     path = find_calibration(path) if path.is_dir() else path
     format = calibration_format[recognise(path)]
-    return _convention(format.convention, unit, up, inverse).rig(format.function(path, size))
-
-
-def convention_of(
-    path: Path, *, unit: LengthUnit | None = None, up: UpDirection | None = None, inverse: bool | None = None
-) -> Convention:
-    """Return the convention by which `read_calibration` reads a file; arguments as in `read_calibration`."""
-    path = Path(path)
-    format = calibration_format[recognise(find_calibration(path) if path.is_dir() else path)]
-    return _convention(format.convention, unit, up, inverse)
+    return format.convention.changed(unit, up, inverse).rig(format.function(path, size))
 
 
 def write_calibration(
@@ -294,22 +288,17 @@ def write_calibration(
             store five coefficients, voxelpose stores no skew, and only pose2sim and caliscope store fisheyes.
     """
     found = calibration_format.find(format)
-    found.write(_convention(found.convention, unit, up, inverse).written_rig(rig), Path(path))
-
-
-def _convention(own: Convention, unit: LengthUnit | None, up: UpDirection | None, inverse: bool | None) -> Convention:
-    changes = {"unit": unit, "up": up, "inverse": inverse}
-    return replace(own, **{key: value for key, value in changes.items() if value is not None})
+    found.write(found.convention.changed(unit, up, inverse).written_rig(rig), Path(path))
 
 
 def recognise(path: Path) -> str:
-    """Return the name of the format of a calibration file.
+    """Return the name of the format of a calibration file, or of the one that `find_calibration` finds in a folder.
 
     Raises:
         FileNotFoundError: the file does not exist.
         ValueError: the file has none of the known formats, or is malformed.
     """
-    path = Path(path)
+    path = find_calibration(path) if path.is_dir() else path
     start = read_text(path).lstrip()
     # Only the module of its format parses OpenCV's dialect of YAML.
     syntax, content = "yaml", None

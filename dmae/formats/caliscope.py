@@ -14,7 +14,7 @@ from dmae.data.skeleton import BLAZEPOSE33, COCO17, HALPE26, Skeleton
 from dmae.files.checks import MOST_PIXELS, check_numbers
 from dmae.files.contents import read_text, write_atomic
 from dmae.files.structured import read_toml
-from dmae.formats.calibrations import CameraTable, calibration_format, make_rig, orthonormal, require
+from dmae.formats.calibrations import calibration_format, camera_tables, make_rig, orthonormal, require
 from dmae.formats.pose2sim import toml_camera
 from dmae.formats.recordings import NumberedDetections, csv_rows
 from dmae.formats.registry import reader
@@ -70,7 +70,7 @@ def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
     Return cam_from_world, m, of the cameras that the project does not ignore, named as their tables. Rotations are
     matrices or Rodrigues vectors.
     """
-    entries = (CameraTable(path, name, table) for name, table in _tables(read_toml(path)).items())
+    entries = camera_tables(path, _tables(read_toml(path)))
     return make_rig(path, (toml_camera(entry) for entry in entries if entry.values.get("ignore") is not True), size)
 
 
@@ -103,12 +103,12 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
     lacking = [name for name in columns if name not in header]
     if lacking:
         raise ValueError(f"{file}: expected the columns {', '.join(columns)}, found {', '.join(header)}")
-    index, cameras, point = (rows[:, header.index(name)] for name in columns[:3])
-    xy = rows[:, [header.index(name) for name in columns[3:]]]
+    known = rows[:, [header.index(name) for name in columns]]
+    whole, xy = known[:, :3], known[:, 3:]
     check_numbers(f"{file}: img_loc", xy, MOST_PIXELS)
-    whole = rows[:, [header.index(name) for name in columns[:3]]]
     if not (np.isfinite(whole) & (whole == np.round(whole)) & (whole >= 0) & (whole < 1e9)).all():
         raise ValueError(f"{file}: expected whole numbers of frames, cameras and points from 0 on")
+    index, cameras, point = whole.T
     body = point < len(skeleton)
     if not body.any():
         raise ValueError(f"{file}: found no point of {skeleton.name}, which have numbers below {len(skeleton)}")

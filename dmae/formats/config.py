@@ -54,6 +54,13 @@ class Convention:
     up: UpDirection = UpDirection.z  # Axis of the world that points up
     inverse: bool = False  # Whether extrinsics are world_from_cam instead of cam_from_world
 
+    def changed(
+        self, unit: LengthUnit | None = None, up: UpDirection | None = None, inverse: bool | None = None
+    ) -> "Convention":
+        """Return the convention with the values that are given."""
+        given = {"unit": unit, "up": up, "inverse": inverse}
+        return replace(self, **{name: value for name, value in given.items() if value is not None})
+
     def points(self, xyz: np.ndarray) -> np.ndarray:
         """Return points (..., 3), given in the convention of the file, in our world, m."""
         return METRES[self.unit] * np.asarray(xyz, np.float64) @ _Z_UP[self.up].T

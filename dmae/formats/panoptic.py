@@ -26,7 +26,7 @@ from dmae.formats.calibrations import (
 )
 from dmae.formats.config import Convention, LengthUnit, UpDirection
 from dmae.formats.poses import PoseFile
-from dmae.formats.recordings import NumberedDetections, json_frames
+from dmae.formats.recordings import NumberedDetections, json_frames, listed
 from dmae.formats.registry import pose_reader, pose_writer, reader
 from dmae.progress import progress
 
@@ -88,10 +88,7 @@ def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
 
     Return the cameras of the file: cam_from_world, cm, y down.
     """
-    content = read_json(path)
-    cameras = content.get("cameras") if isinstance(content, dict) else None
-    if not isinstance(cameras, list):
-        raise ValueError(f"{path}: expected an object with a list of cameras, found {content!r:.60}")
+    cameras = listed(path, read_json(path), "cameras")
     return make_rig(path, (_camera(path, number, values) for number, values in enumerate(cameras)), size)
 
 
@@ -126,7 +123,7 @@ def read_panoptic(
             raise
         found = None
     try:
-        poses = read_poses(path, replace(calibration, inverse=None).convention(CONVENTION))
+        poses = read_poses(path, CONVENTION.changed(calibration.unit, calibration.up))
     except FileNotFoundError as error:
         if found is not None:
             return found
@@ -231,11 +228,8 @@ def _matrices(six: np.ndarray) -> np.ndarray:
 
 def _bodies(file: Path, content, completed: bool) -> dict[int, np.ndarray]:
     """Return joints (19, 10) by body id: x, y, z, `Source`, and covariance as in the file; NaN where unknown."""
-    bodies = content.get("bodies") if isinstance(content, dict) else None
-    if not isinstance(bodies, list):
-        raise ValueError(f"{file}: expected an object with a list of bodies, found {content!r:.60}")
     found = {}
-    for number, body in enumerate(bodies):
+    for number, body in enumerate(listed(file, content, "bodies")):
         values = body if isinstance(body, dict) else {}
         name, place = values.get("id"), f"{file}: bodies[{number}]"
         if not isinstance(name, int) or name in found:
@@ -252,10 +246,8 @@ def _bodies(file: Path, content, completed: bool) -> dict[int, np.ndarray]:
             known &= completed | (source != Source.COMPLETED)
         cov = np.full((len(PANOPTIC19), 6), np.nan)
         if "joint_covariance" in values:
-            cov = _flat(
-                values["joint_covariance"], f"{place}.joint_covariance", 6 * len(PANOPTIC19), 1e4 * MOST_VARIANCE
-            )
-            cov = cov.reshape(-1, 6)
+            given, most = values["joint_covariance"], 1e4 * MOST_VARIANCE
+            cov = _flat(given, f"{place}.joint_covariance", 6 * len(PANOPTIC19), most).reshape(-1, 6)
         found[name] = np.where(known[:, None], np.concatenate([joints[:, :3], source[:, None], cov], 1), np.nan)
     return found
 

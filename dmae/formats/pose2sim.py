@@ -17,6 +17,7 @@ from dmae.formats.calibrations import (
     CameraTable,
     ParsedCamera,
     calibration_format,
+    camera_tables,
     make_rig,
     orthonormal,
     require,
@@ -95,7 +96,7 @@ def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
     `fisheye = true` k1 k2 k3 k4. `[metadata]` is not read.
     """
     tables = {name: table for name, table in read_toml(path).items() if name != _METADATA}
-    return make_rig(path, (toml_camera(CameraTable(path, name, table)) for name, table in tables.items()), size)
+    return make_rig(path, map(toml_camera, camera_tables(path, tables)), size)
 
 
 _LEVELS = 3

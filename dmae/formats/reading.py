@@ -15,7 +15,8 @@ from dmae.data.labels import NOT_DETECTED, DetectionLabels
 from dmae.data.skeleton import Skeleton, get_skeleton
 from dmae.data.store import clip_folders
 from dmae.files.checks import PICTURES, VIDEOS
-from dmae.formats.calibrations import CalibrationSource, convention_of
+from dmae.formats.calibrations import CalibrationSource, calibration_format
+from dmae.formats.calibrations import recognise as recognise_calibration
 from dmae.formats.config import Convention, DataConfig
 from dmae.formats.footage import with_pictures, with_videos
 from dmae.formats.recordings import to_clip
@@ -106,8 +107,8 @@ def written_convention(config: DataConfig) -> Convention | None:
     """Return the convention by which the calibration is read; None if the format takes no calibration."""
     if not _reader(config).takes("calibration"):
         return None
-    path = Path(config.calibration or config.path)
-    return convention_of(path, unit=config.unit, up=config.up, inverse=config.inverse)
+    format = calibration_format[recognise_calibration(Path(config.calibration or config.path))]
+    return format.convention.changed(config.unit, config.up, config.inverse)
 
 
 def recognise(path: Path) -> str:

@@ -13,7 +13,7 @@ from dmae.data.skeleton import BODY25, SHELF14
 from dmae.files.checks import MOST_METRES, child
 from dmae.files.contents import read_text, write_atomic
 from dmae.files.structured import read_json
-from dmae.formats.calibrations import CameraTable, ParsedCamera, calibration_format, make_rig, require
+from dmae.formats.calibrations import CameraTable, ParsedCamera, calibration_format, camera_tables, make_rig, require
 from dmae.formats.registry import reader
 
 FPS = 25.0
@@ -63,10 +63,7 @@ def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
 
     Return the cameras of the file: cam_from_world, m.
     """
-    cameras = read_json(path)
-    if not isinstance(cameras, dict) or not cameras:
-        raise ValueError(f"{path}: expected an object of cameras, found {cameras!r:.60}")
-    return make_rig(path, (_camera(CameraTable(path, name, values)) for name, values in cameras.items()), size)
+    return make_rig(path, map(_camera, camera_tables(path, read_json(path))), size)
 
 
 @reader("shelf", signs=[["calibration.json", "detection/*.txt"]])

@@ -8,7 +8,7 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from dmae.files.contents import write_atomic
 from dmae.files.structured import read_json
-from dmae.formats.calibrations import CameraTable, ParsedCamera, calibration_format, make_rig, require
+from dmae.formats.calibrations import CameraTable, ParsedCamera, calibration_format, camera_tables, make_rig, require
 from dmae.formats.config import Convention, LengthUnit
 
 
@@ -73,7 +73,4 @@ def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
     The published files contain no image sizes (Shelf 1032 x 776 px, Campus 360 x 288 px). Files from `write_cameras`
     contain them.
     """
-    cameras = read_json(path)
-    if not isinstance(cameras, dict):
-        raise ValueError(f"{path}: expected an object of cameras, found {cameras!r:.60}")
-    return make_rig(path, (_camera(CameraTable(path, name, values)) for name, values in cameras.items()), size)
+    return make_rig(path, map(_camera, camera_tables(path, read_json(path))), size)
