@@ -10,14 +10,13 @@ from typing import BinaryIO
 
 import numpy as np
 
-from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import SKELETONS, Skeleton
 from dmae.files.checks import MOST_PIXELS, check_numbers
 from dmae.files.contents import check_vacant, whole_folder, write_atomic
 from dmae.files.structured import read_json
 from dmae.formats.calibrations import write_calibration
-from dmae.formats.labelled_images import PersonLabel, Picture, array_pictures, joint_labels, read_pictures
+from dmae.formats.labelled_images import PersonLabel, Picture, detected_pictures, joint_labels, read_pictures
 from dmae.formats.openpose import CALIBRATION
 from dmae.formats.poses import covariance_entry
 from dmae.formats.recordings import NumberedDetections, People, by_name, frame_number
@@ -309,31 +308,6 @@ def _numbers(place: str, found, each: int) -> np.ndarray:
     return array
 
 
-def write_annotations(
-    path: Path,
-    rig: CameraRig,
-    fps: float,
-    skeleton: Skeleton,
-    xy: np.ndarray,
-    flags: np.ndarray,
-    *,
-    scores: np.ndarray | None = None,
-    first: int = 0,
-) -> None:
-    """Write annotations, to 0.001 px: one image per camera and frame from `first`, one annotation per person in it.
-
-    Additional keys: `camera` and `frame` of images, `fps` of `info`, and `keypoint_scores` of annotations if `scores`
-    are given.
-
-    Args:
-        xy: (F, V, D, J, 2) px.
-        flags: (F, V, D, J) 0 not labelled, 1 hidden or not measured, 2 visible.
-        scores: (F, V, D, J) confidences.
-    """
-    pictures = array_pictures(rig, xy, flags, scores, first)
-    write_json(path, {"fps": fps, "pictures": False}, skeleton, pictures)
-
-
 @pose_writer("coco")
 def write_coco_poses(poses: Poses3D, clip: Clip, path: Path) -> None:
     """COCO keypoints of poses as the cameras see them, with the images and masks of the clip, if it has them.
@@ -383,7 +357,5 @@ def _in_order(pictures: Iterable[Picture]) -> list[Picture]:
 def write_coco(clip: Clip, path: Path) -> None:
     """COCO keypoints of the detections, with a Pose2Sim calibration."""
     write_calibration(clip.rig, path / CALIBRATION, "pose2sim")
-    found, first = clip.detections, clip.provenance.get("first_frame", 0)
-    flags = np.where(found.observed, 2, 0)
-    file = path / KEYPOINTS
-    write_annotations(file, clip.rig, clip.fps, found.skeleton, found.xy, flags, scores=found.score, first=first)
+    info = {"fps": clip.fps, "pictures": False}
+    write_json(path / KEYPOINTS, info, clip.detections.skeleton, detected_pictures(clip))

@@ -9,7 +9,6 @@ from urllib.parse import quote
 import cv2
 import numpy as np
 
-from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.conversion import convert
 from dmae.data.images import depth_steps
@@ -228,33 +227,18 @@ def read_pictures(clip: Clip, labels: JointLabels, *, every: int = 1, depth: boo
             yield Picture(name, view, frame, first + frame, size, persons, colour, metres)
 
 
-def array_pictures(
-    rig: CameraRig, xy: np.ndarray, flags: np.ndarray, scores: np.ndarray | None, first: int
-) -> list[Picture]:
-    """Return pictures without colour or masks, frame by frame from `first`, with all people that have a labelled joint.
-
-    Args:
-        rig: V cameras.
-        xy: (F, V, D, J, 2) px.
-        flags: (F, V, D, J) COCO's v.
-        scores: (F, V, D, J) confidences, or None.
-    """
-
-    def label(frame: int, view: int, person: int) -> PersonLabel:
-        here, labelled = xy[frame, view, person], flags[frame, view, person]
-        box = joints_box(here, labelled > 0)
-        score = None if scores is None else scores[frame, view, person]
-        return PersonLabel(person, here, labelled, box, scores=score)
-
-    known = (flags > 0).any(-1)
-    return [
-        Picture(
-            name, view, frame, first + frame, tuple(rig.size[view].tolist()),
-            [label(frame, view, person) for person in np.flatnonzero(known[frame, view]).tolist()],
-        )
-        for frame in range(len(xy))
-        for view, name in enumerate(rig.names)
-    ]  # fmt: skip
+def detected_pictures(clip: Clip) -> Iterator[Picture]:
+    """Yield pictures without colour or masks, frame by frame, with all detections that have a joint."""
+    found, first = clip.detections, clip.provenance.get("first_frame", 0)
+    flags = np.where(found.observed, 2, 0)
+    for frame in range(len(clip)):
+        for view, name in enumerate(clip.rig.names):
+            persons = []
+            for number in np.flatnonzero(flags[frame, view].any(-1)).tolist():
+                xy, flag = found.xy[frame, view, number], flags[frame, view, number]
+                box, scores = joints_box(xy, flag > 0), found.score[frame, view, number]
+                persons.append(PersonLabel(number, xy, flag, box, scores=scores))
+            yield Picture(name, view, frame, first + frame, tuple(clip.rig.size[view].tolist()), persons)
 
 
 def label_persons(

@@ -1,13 +1,9 @@
-"""What formats of poses share: the reading of any of them, and tables of what a format cannot store.
-
-Tables next to pose files have the source and the covariance of each joint.
-"""
+"""What formats of poses share: the reading of any of them, and the table of the sources of joints next to a file."""
 
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatch
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -101,8 +97,6 @@ SOURCE_WORDS = {
 }
 """How the table of provenance calls the source of a joint."""
 _NOT_ITS = "delete it if it is not its"
-_AXES = ("xx", "xy", "xz", "yy", "yz", "zz")
-_ROWS, _COLUMNS = np.triu_indices(3)
 
 
 def write_provenance(path: Path, poses: Poses3D, fps: float, first: int) -> None:
@@ -177,71 +171,6 @@ def provenance_table(path: Path) -> Path:
     """Return the path of the table of sources that the pose files of one run share."""
     path = Path(path)
     return path.with_name(f"{_PERSON.sub('', path.stem)}.provenance.csv")
-
-
-def write_covariance_table(
-    path: Path,
-    names: Sequence[str],
-    cov: np.ndarray,
-    first: int = 1,
-    *,
-    axes: Sequence[int] = (0, 1, 2),
-    metre: float = 1.0,
-) -> None:
-    """Write `<name>.covariance.csv` beside a pose file: six columns per joint, xx to zz, in its axes and squared unit.
-
-    If no covariance is known, no table is written, and a table of earlier poses is removed.
-
-    Args:
-        cov: (F, J, 3, 3) m^2, world, of named joints, with frames from `first`; NaN, an empty cell, where unknown.
-        axes: The axes of the file in the order in which they are taken from the world's.
-        metre: m in a unit of the file.
-    """
-    if all(np.isnan(cov[part]).all() for part in frame_blocks(cov)):
-        covariance_table(path).unlink(missing_ok=True)
-        return
-    header = ",".join(["Frame#", *(f"{name}_{axes}" for name in names for axes in _AXES)])
-    rows = (
-        ",".join([str(frame), *("" if value != value else f"{value:.6g}" for value in values.tolist())])
-        for part in frame_blocks(cov)
-        for frame, values in enumerate(
-            _in_axes(cov[part], axes, metre)[:, :, _ROWS, _COLUMNS].reshape(part.stop - part.start, -1),
-            first + part.start,
-        )
-    )
-    write_atomic(covariance_table(path), written(chain([header], rows)))
-
-
-def _in_axes(cov: np.ndarray, axes: Sequence[int], metre: float) -> np.ndarray:
-    """Return covariances (..., 3, 3) in other axes and another unit."""
-    return cov.astype(np.float64)[..., axes, :][..., axes] / metre**2
-
-
-def read_covariance_table(path: Path, frames: int, joints: int) -> np.ndarray | None:
-    """Return the covariances (F, J, 3, 3) that `write_covariance_table` wrote beside a pose file, or None.
-
-    Raises ValueError if the table is malformed, or has other numbers of frames or joints.
-    """
-    table = covariance_table(path)
-    if not table.is_file():
-        return None
-    lines = [line.split(",") for line in read_text(table).splitlines()[1:]]
-    if len(lines) != frames or any(len(line) != 1 + len(_AXES) * joints for line in lines):
-        raise ValueError(
-            f"{table}: expected {frames} frames of {joints} markers as in {path.name}; delete it if it is not its"
-        )
-    try:
-        values = np.array([[float(cell) if cell.strip() else np.nan for cell in line[1:]] for line in lines])
-    except ValueError as error:
-        raise ValueError(f"{table}: expected numbers, {error}") from None
-    cov = np.empty((frames, joints, 3, 3))
-    cov[..., _ROWS, _COLUMNS] = cov[..., _COLUMNS, _ROWS] = values.reshape(frames, joints, len(_AXES))
-    return cov
-
-
-def covariance_table(path: Path) -> Path:
-    """Return the path of the table of covariances of a pose file."""
-    return Path(path).with_suffix(".covariance.csv")
 
 
 def person_paths(path: Path, persons: int) -> list[Path]:

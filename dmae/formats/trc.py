@@ -16,15 +16,14 @@ from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import SKELETONS, Skeleton, encode, read_skeleton
 from dmae.files.checks import MOST_METRES, check_numbers, check_rate
 from dmae.files.contents import read_text, write_atomic, written
+from dmae.files.mapped import frame_blocks
 from dmae.formats.config import METRES, LengthUnit
 from dmae.formats.poses import (
     PoseFile,
-    covariance_table,
     person_paths,
-    read_covariance_table,
     read_provenance,
-    write_covariance_table,
 )
+from dmae.formats.recordings import csv_rows
 from dmae.formats.registry import pose_reader, pose_writer
 
 # Indices that reorder axes from TRC to world, and from world to TRC: TRC (x, y, z) = world (y, z, x).
@@ -87,7 +86,10 @@ def read_trc(path: Path, skeleton: Skeleton | None = None) -> tuple[Poses3D, flo
     xyz[:, 0, joints] = rows[:, :, _WORLD] * METRES[header["Units"]]
     xyz[np.isnan(xyz).any(-1)] = np.nan
     try:
-        source = _read_source(path, xyz, skeleton, joints)
+        source, known = None, read_provenance(path, [skeleton.joints[joint] for joint in joints], len(xyz))
+        if known is not None:
+            source = np.zeros(xyz.shape[:-1], np.uint8)
+            source[:, 0, joints] = known
         poses = Poses3D(skeleton, xyz, source, _read_cov(path, xyz, joints, METRES[header["Units"]]))
         poses.check_numbers()
         return poses, check_rate("DataRate", header["DataRate"])
@@ -159,6 +161,10 @@ def _skeleton_file(path: Path) -> Path:
     return path.with_suffix(".skeleton.yaml")
 
 
+def _covariance_table(path: Path) -> Path:
+    return path.with_suffix(".covariance.csv")
+
+
 def _skeleton(path: Path, names: list[str]) -> Skeleton:
     if _skeleton_file(path).is_file():
         return read_skeleton(_skeleton_file(path))
@@ -205,7 +211,7 @@ def _person_files(path: Path) -> list[Path]:
 def write_trc_poses(poses: Poses3D, clip: Clip, path: Path, *, unit: LengthUnit = LengthUnit.m) -> list[Path]:
     """OpenSim's markers, a file for each person, with the covariances of joints in further files."""
     files = write_trc(poses, clip.fps, path, unit, clip.provenance.get("first_frame", 0))
-    beside = (each(file) for each in (covariance_table, _skeleton_file) for file in files)
+    beside = (each(file) for each in (_covariance_table, _skeleton_file) for file in files)
     return files + [file for file in beside if file.is_file()]
 
 
@@ -233,7 +239,7 @@ def write_trc(poses: Poses3D, fps: float, path: Path, unit: LengthUnit = LengthU
             write_atomic(_skeleton_file(file), yaml.safe_dump(encode(poses.skeleton), sort_keys=False))
         else:
             _skeleton_file(file).unlink(missing_ok=True)
-        write_covariance_table(file, names, poses.cov[:, person], first, axes=_TRC, metre=METRES[unit])
+        _write_cov(file, names, poses.cov[:, person], METRES[unit], first)
     return paths
 
 
@@ -254,19 +260,45 @@ def _rows_of(xyz: np.ndarray, metre: float, fps: float, digits: int, first: int)
         yield "\t".join([str(frame + first), f"{frame / fps:.6f}", *cells])
 
 
-def _read_source(path: Path, xyz: np.ndarray, skeleton: Skeleton, joints: list[int]) -> np.ndarray | None:
-    found = read_provenance(path, [skeleton.joints[joint] for joint in joints], len(xyz))
-    if found is None:
-        return None
-    source = np.zeros(xyz.shape[:-1], np.uint8)
-    source[:, 0, joints] = found
-    return source
+_ENTRIES = ("xx", "xy", "xz", "yy", "yz", "zz")
+_ROWS, _COLUMNS = np.triu_indices(3)
+
+
+def _write_cov(path: Path, names: list[str], cov: np.ndarray, metre: float, first: int) -> None:
+    """Write `<name>.covariance.csv` beside a TRC: six columns per joint, in its axes and the square of its unit.
+
+    If no covariance (F, J, 3, 3) m^2 is known, no table is written, and a table of earlier poses is removed. Unknown
+    ones are empty cells. The unit of the TRC is `metre` m.
+    """
+    if all(np.isnan(cov[part]).all() for part in frame_blocks(cov)):
+        _covariance_table(path).unlink(missing_ok=True)
+        return
+
+    def lines() -> Iterator[str]:
+        yield ",".join(["Frame#", *(f"{name}_{entry}" for name in names for entry in _ENTRIES)])
+        for part in frame_blocks(cov):
+            turned = cov[part].astype(np.float64)[..., _TRC, :][..., _TRC] / metre**2
+            rows = turned[:, :, _ROWS, _COLUMNS].reshape(len(turned), -1).tolist()
+            for frame, row in enumerate(rows, first + part.start):
+                yield ",".join([str(frame), *("" if value != value else f"{value:.6g}" for value in row)])
+
+    write_atomic(_covariance_table(path), written(lines()))
 
 
 def _read_cov(path: Path, xyz: np.ndarray, joints: list[int], metre: float) -> np.ndarray | None:
-    found = read_covariance_table(path, len(xyz), len(joints))
-    if found is None:
+    """Return the covariances (F, 1, J, 3, 3) m^2 beside a TRC, NaN where unknown; None if there is no table."""
+    table = _covariance_table(path)
+    if not table.is_file():
         return None
+    lines, columns = [line.split(",") for line in read_text(table).splitlines()[1:]], 1 + len(_ENTRIES) * len(joints)
+    if len(lines) != len(xyz) or any(len(line) != columns for line in lines):
+        raise ValueError(
+            f"{table}: expected {len(xyz)} frames of {len(joints)} markers as in {path.name}; delete it if it is of "
+            "another file"
+        )
+    values = csv_rows(table, lines, columns, 2)[:, 1:].reshape(len(xyz), len(joints), len(_ENTRIES))
+    found = np.empty((*values.shape[:2], 3, 3))
+    found[..., _ROWS, _COLUMNS] = found[..., _COLUMNS, _ROWS] = values
     cov = np.full((*xyz.shape, 3), np.nan)
     cov[:, 0, joints] = found[..., _WORLD, :][..., _WORLD] * metre**2
     cov[np.isnan(xyz).any(-1)] = np.nan

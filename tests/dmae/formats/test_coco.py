@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.skeleton import BODY25, COCO17, HALPE26
-from dmae.formats.coco import HIDDEN_SCORE, joint_names, read_detections, write_annotations
+from dmae.formats.coco import HIDDEN_SCORE, joint_names, read_detections, write_coco
 from dmae.formats.recordings import to_clip
 from dmae.formats.writing import write_poses
 from tests.support.clips import looking_at_origin
@@ -144,21 +144,21 @@ def test_read_after_write_is_equal(tmp_path_factory, frames, people, first, seed
     shape = (frames, 2, people, 25)
     score = np.where(rng.random(shape) < 0.3, np.nan, rng.uniform(0.01, 1, shape))
     xy = np.where(np.isnan(score)[..., None], np.nan, rng.uniform(-50, 4000, (*shape, 2)))
-    path = tmp_path_factory.mktemp("coco") / "keypoints.json"
-    write_annotations(path, rig, 29.97, BODY25, xy, np.where(np.isnan(score), 0, 2), scores=score, first=first)
-    found = read_detections(path)
+    path, detections = tmp_path_factory.mktemp("coco"), Detections2D(BODY25, xy, score)
+    write_coco(Clip("c", 29.97, rig, detections, provenance={"first_frame": first}), path)
+    found = read_detections(path / "keypoints.json")
     assert found.fps == 29.97
     assert found.skeleton == BODY25
     clip = to_clip(found, rig, found.fps, path)
     assert clip.provenance["first_frame"] == first
-    same_detections(clip.detections, Detections2D(BODY25, xy, score))
+    same_detections(clip.detections, detections)
 
 
 def test_what_is_written_is_what_coco_s_tools_ask_for(tmp_path):
     clip = recording(COCO17, 2, 2)
-    xy, score = clip.detections.xy, clip.detections.score
-    write_annotations(tmp_path / "k.json", clip.rig, 25.0, COCO17, xy, np.where(np.isnan(score), 0, 2))
-    content = json.loads((tmp_path / "k.json").read_text())
+    xy = clip.detections.xy
+    write_coco(clip, tmp_path)
+    content = json.loads((tmp_path / "keypoints.json").read_text())
     assert len(content["images"]) == 4
     assert content["images"][3] == {
         "id": 4, "width": 960, "height": 600, "file_name": "cam1/000001.jpg", "camera": "cam1", "frame": 1,

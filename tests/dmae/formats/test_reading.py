@@ -12,7 +12,7 @@ from dmae.data.skeleton import BODY25, BODY25B, PANOPTIC19, SHELF14
 from dmae.data.store import save_clip, write_manifest
 from dmae.formats import easymocap, panoptic
 from dmae.formats.calibrations import write_calibration
-from dmae.formats.coco import write_annotations
+from dmae.formats.coco import write_coco
 from dmae.formats.config import Convention, LengthUnit, UpDirection
 from dmae.formats.reading import Clips, DataConfig, select_views
 from tests.support.clips import full_clip, walkers
@@ -202,10 +202,7 @@ def test_panoptic_has_cameras_truth_and_rate_but_no_detections_of_its_own(walk, 
 
 
 def test_coco(walk, tmp_path):
-    found = walk.detections
-    flags = np.where(found.observed, 2, 0)
-    write_calibration(walk.rig, tmp_path / "calibration.toml", "pose2sim")
-    write_annotations(tmp_path / "keypoints.json", walk.rig, 25.0, BODY25, found.xy, flags, scores=found.score)
+    write_coco(walk, tmp_path)
     same(read("coco", tmp_path), walk)
     # The file may be named itself; its calibration is beside it.
     clip = read("coco", tmp_path / "keypoints.json")
