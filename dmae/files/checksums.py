@@ -63,8 +63,8 @@ def read_checksums(folder: Path) -> dict[str, Checksum] | None:
 
 def number_of(folder: Path) -> str | None:
     """Return one number for a clip or data set: the SHA-256 of its `checksums.json`; None if there is none."""
-    path = Path(folder) / CHECKSUMS
-    return checksum(path).sha256 if path.is_file() else None
+    found = clip_checksum(folder)
+    return found and found.sha256
 
 
 def begin_data_set(path: Path) -> dict[str, Checksum | None]:

@@ -23,8 +23,9 @@ _COLOURS = ((0.12, 0.47, 0.71), (0.20, 0.63, 0.17), (0.42, 0.24, 0.60), (0.55, 0
 _RED = (0.84, 0.15, 0.16)
 _THICKNESS, _MARKER = 0.12, 0.045  # Thickness of a bone as a share of its length, and size of a red marker in m
 _SIDES = 12  # Number of sides of a limb of the body
-_FLOAT, _BYTE, _SHORT, _INT = 5126, 5121, 5123, 5125
-_VERTICES, _INDICES = 34962, 34963
+FLOAT, BYTE, INT = 5126, 5121, 5125
+VERTICES, INDICES = 34962, 34963
+"""Numbers of glTF: types of components, and targets of buffers."""
 _CORNERS = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
 _FACES = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]])
 
@@ -61,8 +62,8 @@ class GltfFile:
         self.json[kind].append(fields)
         return len(self.json[kind]) - 1
 
-    def accessor(self, array: np.ndarray, type: str, component: int = _FLOAT, target: int = 0, bounds=False) -> int:
-        data = array.astype({_FLOAT: "<f4", _BYTE: "u1", _SHORT: "<u2", _INT: "<u4"}[component]).tobytes()
+    def accessor(self, array: np.ndarray, type: str, component: int = FLOAT, target: int = 0, bounds=False) -> int:
+        data = array.astype({FLOAT: "<f4", BYTE: "u1", INT: "<u4"}[component]).tobytes()
         view = {"buffer": 0, "byteOffset": len(self.buffer), "byteLength": len(data)}
         self.buffer += data + bytes(-len(data) % 4)
         view = self.add("bufferViews", **view, **({"target": target} if target else {}))
@@ -84,14 +85,14 @@ class GltfFile:
         normals = np.cross(flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0])
         normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-12)
         attributes = {
-            "POSITION": self.accessor(flat.reshape(-1, 3), "VEC3", target=_VERTICES, bounds=True),
-            "NORMAL": self.accessor(np.repeat(normals, 3, 0), "VEC3", target=_VERTICES),
+            "POSITION": self.accessor(flat.reshape(-1, 3), "VEC3", target=VERTICES, bounds=True),
+            "NORMAL": self.accessor(np.repeat(normals, 3, 0), "VEC3", target=VERTICES),
         }
         if joints is not None:
             bound = np.zeros((flat.shape[0] * 3, 4))
             bound[:, 0] = joints[faces].ravel()
-            attributes["JOINTS_0"] = self.accessor(bound, "VEC4", _BYTE, _VERTICES)
-            attributes["WEIGHTS_0"] = self.accessor(np.eye(4)[np.zeros(len(bound), int)], "VEC4", target=_VERTICES)
+            attributes["JOINTS_0"] = self.accessor(bound, "VEC4", BYTE, VERTICES)
+            attributes["WEIGHTS_0"] = self.accessor(np.eye(4)[np.zeros(len(bound), int)], "VEC4", target=VERTICES)
         return self.add("meshes", name=name, primitives=[{"attributes": attributes, **primitive}])
 
     def animate(self, node: int, path: str, values: np.ndarray, step: bool = False) -> None:

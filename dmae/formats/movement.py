@@ -73,8 +73,12 @@ def read_movement_poses(path: Path) -> PoseFile:
         skeleton, index, _ = named_skeleton(names, [], _stated_skeleton(path, data_set), path)
     check_numbers(f"{path}: position", position, MOST_METRES)
     xyz = np.where(np.isfinite(position).all(-1, keepdims=True), position, np.nan)[:, :, index]
+    if source is not None:
+        # Other values become 255, which is refused below.
+        fine = (source == np.round(source)) & (source >= 0) & (source <= 255)
+        source = np.where(fine, source, 255).astype(np.uint8)[:, :, index]
     try:
-        poses = Poses3D(skeleton, xyz, None if source is None else _as_uint8(source)[:, :, index])
+        poses = Poses3D(skeleton, xyz, source)
         poses.check_numbers()
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
@@ -168,9 +172,3 @@ def _in_order(path: Path, data_set: Hdf5, name: str, axes: tuple[str, ...]) -> n
 def _stated_skeleton(path: Path, data_set: Hdf5) -> Skeleton | None:
     stated = data_set.attribute("skeleton")
     return read_skeleton_text(path, stated) if isinstance(stated, str) else None
-
-
-def _as_uint8(source: np.ndarray) -> np.ndarray:
-    """Return sources as uint8. Values that are not whole numbers from 0 to 255 become 255, which is refused later."""
-    fine = np.isfinite(source) & (source == np.round(source)) & (source >= 0) & (source <= 255)
-    return np.where(fine, source, 255).astype(np.uint8)

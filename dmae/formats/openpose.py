@@ -77,7 +77,7 @@ def camera_folders(path: Path) -> dict[str, Path]:
         if not place.is_dir():
             continue
         found = by_name(folder for folder in place.iterdir() if any(map(_is_frame, folder.glob("*.json"))))
-        names = [_bare(folder.name) for folder in found]
+        names = [folder.name.removesuffix("_keypoints").removesuffix("_json") for folder in found]
         if len(set(names)) < len(names):
             raise ValueError(f"{place}: expected a folder for each camera, found two of the same: {names}")
         if found:
@@ -90,12 +90,6 @@ def camera_folders(path: Path) -> dict[str, Path]:
 
 def _is_frame(file: Path) -> bool:
     return not file.name.startswith(_PANOPTIC) and (file.stem.endswith(_SUFFIXES) or file.stem[-1:].isdigit())
-
-
-def _bare(name: str) -> str:
-    for suffix in _SUFFIXES:
-        name = name.removesuffix(suffix)
-    return name
 
 
 def write_detections(

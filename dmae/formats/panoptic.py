@@ -204,7 +204,9 @@ def read_poses(path: Path, convention: Convention = CONVENTION, *, completed: bo
     xyz = {number: convention.points(row[..., :3]) for number, row in rows.items()}
     source = {number: np.nan_to_num(row[..., 3]).astype(np.uint8) for number, row in rows.items()}
     turn = convention.points(np.eye(3))
-    cov = {number: turn.T @ _matrices(row[..., 4:]) @ turn for number, row in rows.items()}
+    # Symmetric matrices from xx, xy, xz, yy, yz, zz.
+    entries = np.array([[4, 5, 6], [5, 7, 8], [6, 8, 9]])
+    cov = {number: turn.T @ row[..., entries] @ turn for number, row in rows.items()}
     lost = unreadable.get("poses", [])
     notes = [f"{len(lost)} files of poses could not be read and are absent, first {lost[0]}"] if lost else []
     if ids != list(range(len(ids))):
@@ -219,11 +221,6 @@ def _pose_folder(path: Path) -> Path:
     if len(found) > 1:
         raise ValueError(f"{path}: expected one folder of poses, found {', '.join(map(str, found))}; name one of them")
     return found[0]
-
-
-def _matrices(six: np.ndarray) -> np.ndarray:
-    """Return symmetric matrices (..., 3, 3) from their entries (..., 6): xx, xy, xz, yy, yz, zz."""
-    return six[..., [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(*six.shape[:-1], 3, 3)
 
 
 def _bodies(file: Path, content, completed: bool) -> dict[int, np.ndarray]:

@@ -31,16 +31,16 @@ def match_cameras(
 
     Raises ValueError if the cameras do not match; the message lists both.
     """
-    calibrated, found = [_plain(name) for name in rig.names], [_plain(name) for name in names]
+    calibrated, found = [plain(name) for name in rig.names], [plain(name) for name in names]
     both = f"{what} of {', '.join(names)} and calibration of {', '.join(rig.names)}"
     if len(set(found)) < len(found) or len(set(calibrated)) < len(calibrated):
         raise ValueError(f"{path}: expected different cameras, found {both}")
     if set(found) <= set(calibrated):
-        spare = [name for name, plain in zip(rig.names, calibrated, strict=True) if plain not in found]
+        spare = [name for name, bare in zip(rig.names, calibrated, strict=True) if bare not in found]
         note = f"{len(spare)} calibrated cameras have no {what} and are left out: {', '.join(spare[:5])}"
         return [calibrated.index(name) for name in found], note if spare else None
     if set(found) & set(calibrated) or len(names) != len(rig):
-        lacking = [name for name, plain in zip(names, found, strict=True) if plain not in calibrated]
+        lacking = [name for name, bare in zip(names, found, strict=True) if bare not in calibrated]
         raise ValueError(
             f"{path}: expected a calibration of each camera that has {what}, found {both}: {', '.join(lacking)} "
             f"has none; give the cameras the same names, or name other files by {options}"
@@ -57,7 +57,8 @@ def match_cameras(
     return index, f"cameras of {what} and calibration are matched {how}: {pairs}"
 
 
-def _plain(name: str) -> str:
+def plain(name: str) -> str:
+    """Return the letters and digits of a name, in lower case."""
     return re.sub(r"[^a-z0-9]", "", name.lower())
 
 

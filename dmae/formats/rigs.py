@@ -79,8 +79,6 @@ _RIGS = {
     "soma": _soma(),
     "lafan1": _trunk(("Spine", "Spine1", "Spine2"), ("Neck",)) + _limbs("Spine2", ("UpLeg", "Leg", "Toe")),
 }
-RIGS = tuple(_RIGS)
-"""Names of the rigs."""
 CENTIMETRES = 0.01
 """m; both rigs are in cm."""
 
@@ -106,7 +104,7 @@ def _axes(name: str) -> np.ndarray:
 
 
 def as_rig(motion: JointRotations, rig: str, name: str) -> JointRotations:
-    """Return the motion of the person of this name on a rig of `RIGS`; NoBody if a limb was never known."""
+    """Return the motion of the person of this name on a rig, `soma` or `lafan1`; NoBody if a limb was never known."""
     turned, rest = motion.turned, motion.rest
     ours = {joint: number for number, joint in enumerate(motion.joints)}
     nodes: list[_Node] = []

@@ -111,21 +111,17 @@ class _Numbers:
         self.path, self.place, self.position = path, "header", 0
         self.tokens = read_text(path).split()
         try:
-            self.values = np.array(self.tokens, np.float64) if self.tokens else np.empty(0)
-            usable = np.abs(self.values) < MOST_METRES
-            self.finite = int(np.argmin(np.append(usable, False)))
+            self.values = np.array(self.tokens, np.float64)
         except ValueError:
-            self.position, self.place = next(i for i, token in enumerate(self.tokens) if not _is_number(token)), ""
-            raise self.error("a number", repr(self.tokens[self.position])) from None
+            self.values = np.array([_number(token) for token in self.tokens])
+        self.finite = int(np.argmin(np.append(np.abs(self.values) < MOST_METRES, False)))
 
     def error(self, expected: str, found: str) -> ValueError:
         """Return an error about the number at the current position."""
         ends = np.cumsum([len(line.split()) for line in read_text(self.path).splitlines()])
         line = max(min(np.searchsorted(ends, self.position, side="right") + 1, len(ends)), 1)
-        place = f", {self.place}" if self.place else ""
-        return ValueError(
-            f"{self.path}, line {line}, number {self.position + 1}{place}: expected {expected}, found {found}"
-        )
+        place = f"line {line}, number {self.position + 1}, {self.place}"
+        return ValueError(f"{self.path}, {place}: expected {expected}, found {found}")
 
     def take(self, length: int, what: str) -> np.ndarray:
         """Return the next `length` numbers."""
@@ -163,12 +159,11 @@ class _Numbers:
             raise self.error("the end of the file", f"{len(self.values) - self.position} more numbers")
 
 
-def _is_number(token: str) -> bool:
+def _number(token: str) -> float:
     try:
-        float(token)
+        return float(token)
     except ValueError:
-        return False
-    return True
+        return np.nan
 
 
 def _read_detections(path: Path, size: np.ndarray) -> list[np.ndarray]:

@@ -26,7 +26,7 @@ from dmae.data.skeleton import (
 )
 from dmae.files.checks import MOST_PIXELS, check_numbers
 from dmae.files.structured import parse_json
-from dmae.formats.recordings import NumberedDetections
+from dmae.formats.recordings import NumberedDetections, plain
 
 _MIN_BONES = 4
 """Smallest number of bones of each skeleton that a person must show to be compared.
@@ -171,19 +171,19 @@ def named_skeleton(
     is defined by the names, the edges (pairs of indices, the parent first), and left and right in the names. Raises
     ValueError, which lists joints of the file, if a joint occurs twice or a wanted one is missing.
     """
-    plain = [_plain(name) for name in names]
-    if len(set(plain)) < len(plain) or not names:
+    known = [plain(name) for name in names]
+    if len(set(known)) < len(known) or not names:
         raise ValueError(f"{path}: expected joints of different names, found {', '.join(names) or 'none'}")
-    same = (each for each in SKELETONS.values() if {_plain(joint) for joint in each.joints} == set(plain))
+    same = (each for each in SKELETONS.values() if {plain(joint) for joint in each.joints} == set(known))
     skeleton = wanted or next(same, None)
     if skeleton is not None:
-        lacking = [joint for joint in skeleton.joints if _plain(joint) not in plain]
+        lacking = [joint for joint in skeleton.joints if plain(joint) not in known]
         if lacking:
             raise ValueError(
                 f"{path}: its joints are not those of {skeleton.name}: it lacks {', '.join(lacking)}, and has "
                 f"{', '.join(names)}"
             )
-        index = [plain.index(_plain(joint)) for joint in skeleton.joints]
+        index = [known.index(plain(joint)) for joint in skeleton.joints]
         others = [name for number, name in enumerate(names) if number not in index]
         notes = (f"joints that {skeleton.name} lacks are left out: {', '.join(others)}",) if others else ()
         return skeleton, index, notes
@@ -233,7 +233,3 @@ def _other_side(name: str) -> str | None:
     if not found:
         return None
     return name[: found.start()] + _SIDES[found[0]] + name[found.end() :]
-
-
-def _plain(name: str) -> str:
-    return re.sub(r"[^a-z0-9]", "", name.lower())

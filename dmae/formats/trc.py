@@ -77,29 +77,33 @@ def read_trc(path: Path, skeleton: Skeleton | None = None) -> tuple[Poses3D, flo
     """
     path = Path(path)
     lines = _lines(path)
-    header, names = _header(path, lines)
-    skeleton = skeleton or _skeleton(path, names)
-    joints = _indices(path, names, skeleton)
+    rate, unit, names = _header(path, lines)
+    metre, skeleton = METRES[unit], skeleton or _skeleton(path, names)
+    named = [_joint(name, skeleton) for name in names]
+    unknown = [name for name, joint in zip(names, named, strict=True) if joint not in skeleton.joints]
+    if unknown:
+        raise KeyError(f"{path}: skeleton {skeleton.name!r} has no joints for the markers {unknown}")
+    joints = skeleton.index(*named)
     rows = _rows(path, lines, len(names))
     xyz = np.full((len(rows), 1, len(skeleton), 3), np.nan)
-    check_numbers(f"{path}: coordinates", rows, MOST_METRES / METRES[header["Units"]])
-    xyz[:, 0, joints] = rows[:, :, _WORLD] * METRES[header["Units"]]
+    check_numbers(f"{path}: coordinates", rows, MOST_METRES / metre)
+    xyz[:, 0, joints] = rows[:, :, _WORLD] * metre
     xyz[np.isnan(xyz).any(-1)] = np.nan
     try:
         source, known = None, read_provenance(path, [skeleton.joints[joint] for joint in joints], len(xyz))
         if known is not None:
             source = np.zeros(xyz.shape[:-1], np.uint8)
             source[:, 0, joints] = known
-        poses = Poses3D(skeleton, xyz, source, _read_cov(path, xyz, joints, METRES[header["Units"]]))
+        poses = Poses3D(skeleton, xyz, source, _read_cov(path, xyz, joints, metre))
         poses.check_numbers()
-        return poses, check_rate("DataRate", header["DataRate"])
+        return poses, check_rate("DataRate", rate)
     except ValueError as error:
         raise ValueError(str(error) if str(path.parent) in str(error) else f"{path}: {error}") from None
 
 
 def trc_rate(path: Path) -> float:
     """Return the frames per second of a TRC; ValueError as in `read_trc`."""
-    return _header(path, _lines(path))[0]["DataRate"]
+    return _header(path, _lines(path))[0]
 
 
 def _lines(path: Path) -> list[str]:
@@ -109,8 +113,8 @@ def _lines(path: Path) -> list[str]:
     return lines
 
 
-def _header(path: Path, lines: list[str]) -> tuple[dict, list[str]]:
-    """Return the header, with rate and unit, from lines 2 and 3, and the names of the markers from line 4."""
+def _header(path: Path, lines: list[str]) -> tuple[float, LengthUnit, list[str]]:
+    """Return rate and unit, from lines 2 and 3, and the names of the markers from line 4."""
     header = dict(zip(lines[1].split("\t"), lines[2].split("\t"), strict=False))
     try:
         rate, unit = float(header["DataRate"]), LengthUnit(header["Units"].strip())
@@ -121,7 +125,7 @@ def _header(path: Path, lines: list[str]) -> tuple[dict, list[str]]:
     names = [name.strip() for name in lines[3].split("\t")[2::3] if name.strip()]
     if not rate > 0 or not names or len(set(names)) < len(names):
         raise ValueError(f"{path}: expected a positive rate and different markers, found {rate:g} and {names}")
-    return {"DataRate": rate, "Units": unit}, names
+    return rate, unit, names
 
 
 def _rows(path: Path, lines: list[str], markers: int) -> np.ndarray:
@@ -147,14 +151,6 @@ def _joint(name: str, skeleton: Skeleton) -> str:
         return name
     joint = next((joint for joint in skeleton.joints if marker(joint) == name), None)
     return joint or _ALIASES.get(name, name)
-
-
-def _indices(path: Path, names: list[str], skeleton: Skeleton) -> list[int]:
-    joints = [_joint(name, skeleton) for name in names]
-    unknown = [name for name, joint in zip(names, joints, strict=True) if joint not in skeleton.joints]
-    if unknown:
-        raise KeyError(f"{path}: skeleton {skeleton.name!r} has no joints for the markers {unknown}")
-    return skeleton.index(*joints)
 
 
 def _skeleton_file(path: Path) -> Path:
@@ -232,7 +228,14 @@ def write_trc(poses: Poses3D, fps: float, path: Path, unit: LengthUnit = LengthU
     paths = person_paths(path, poses.xyz.shape[1])
     digits = {LengthUnit.m: 6, LengthUnit.cm: 4, LengthUnit.mm: 3}[unit]
     for person, file in enumerate(paths):
-        header = _written_header(file, names, len(poses.xyz), fps, unit, first)
+        frames, rate = len(poses.xyz), f"{fps:.10g}"
+        header = [
+            f"PathFileType\t4\t(X/Y/Z)\t{file.name}",
+            "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
+            f"{rate}\t{rate}\t{frames}\t{len(names)}\t{unit}\t{rate}\t{first}\t{frames}",
+            "Frame#\tTime\t" + "\t\t\t".join(names) + "\t\t",
+            "\t\t" + "\t".join(f"{axis}{number}" for number in range(1, len(names) + 1) for axis in "XYZ"),
+        ]
         rows = _rows_of(poses.xyz[:, person], METRES[unit], fps, digits, first)
         write_atomic(file, written(chain(header, rows)))
         if poses.skeleton.defined:
@@ -241,16 +244,6 @@ def write_trc(poses: Poses3D, fps: float, path: Path, unit: LengthUnit = LengthU
             _skeleton_file(file).unlink(missing_ok=True)
         _write_cov(file, names, poses.cov[:, person], METRES[unit], first)
     return paths
-
-
-def _written_header(path: Path, names: list[str], frames: int, fps: float, unit: LengthUnit, first: int) -> list[str]:
-    return [
-        f"PathFileType\t4\t(X/Y/Z)\t{path.name}",
-        "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
-        f"{fps:.10g}\t{fps:.10g}\t{frames}\t{len(names)}\t{unit}\t{fps:.10g}\t{first}\t{frames}",
-        "Frame#\tTime\t" + "\t\t\t".join(names) + "\t\t",
-        "\t\t" + "\t".join(f"{axis}{number}" for number in range(1, len(names) + 1) for axis in "XYZ"),
-    ]
 
 
 def _rows_of(xyz: np.ndarray, metre: float, fps: float, digits: int, first: int) -> Iterator[str]:

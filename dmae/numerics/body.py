@@ -161,9 +161,10 @@ def _fitted(points: np.ndarray, reference: np.ndarray) -> np.ndarray:
 
 
 def continuous(quaternions: np.ndarray) -> np.ndarray:
-    """Return the same rotations as quaternions (F, 4) with signs such that neighbours are near each other."""
+    """Return the same rotations as quaternions (F, ..., 4) with signs such that neighbours are near each other."""
     flips = np.sign((quaternions[1:] * quaternions[:-1]).sum(-1))
-    return quaternions * np.cumprod(np.r_[1.0, np.where(flips == 0, 1, flips)])[: len(quaternions), None]
+    signs = np.concatenate([np.ones_like(quaternions[:1, ..., 0]), np.where(flips == 0, 1, flips)])
+    return quaternions * np.cumprod(signs, 0)[..., None]
 
 
 def rotation_z(angle: np.ndarray) -> np.ndarray:

@@ -24,7 +24,8 @@ from dmae.data.cameras import CameraRig
 from dmae.data.conversion import convert
 from dmae.files.contents import write_atomic
 from dmae.formats.animation import WORLD_Y_UP
-from dmae.formats.glb import GltfFile
+from dmae.formats.glb import BYTE, INDICES, INT, VERTICES, GltfFile
+from dmae.numerics.body import continuous
 from synth.datasets.exporters import exporter
 from synth.datasets.exporters.selection import ClipTask, Selection
 from synth.people.body import PARENTS, SEGMENTS
@@ -144,7 +145,7 @@ def _scene(task: ClipTask) -> _SceneInMotion:
         for person in range(xyz.shape[1])
         for number, joint in enumerate(task.skeleton.joints)
     }
-    pieces, turns, rig = _pieces(model, persons), _continuous(turns), clip.rig
+    pieces, turns, rig = _pieces(model, persons), continuous(turns), clip.rig
     turned = Rotation.from_matrix(rig.cam_from_world[:, :3, :3].swapaxes(1, 2) @ _GL_FROM_CV).as_quat()
     return _SceneInMotion(
         np.arange(len(qpos)) * task.every / clip.fps,
@@ -163,12 +164,6 @@ def _light(model: mujoco.MjModel, light: int) -> _Light:
     strength = float(colour.max())
     intensity = strength * (_LIGHT_LUX if far else _LIGHT_CANDELA)
     return _Light(far, model.light_pos[light], turn, (colour / max(strength, 1e-9)).tolist(), intensity)
-
-
-def _continuous(turns: np.ndarray) -> np.ndarray:
-    """Return quaternions (F, B, 4) of which neighbours are near each other, to be interpolated the short way."""
-    signs = np.cumprod(np.sign((turns[1:] * turns[:-1]).sum(-1) + 1e-12), 0)
-    return np.concatenate([turns[:1], turns[1:] * signs[..., None]])
 
 
 def _skin(model: mujoco.MjModel, skin: SkinOfPerson, bones: np.ndarray) -> _SkinInMotion:
@@ -202,7 +197,7 @@ def _skin(model: mujoco.MjModel, skin: SkinOfPerson, bones: np.ndarray) -> _Skin
     turns = Rotation.from_matrix(bones[..., :3].reshape(-1, 3, 3)).as_quat().reshape(*bones.shape[:2], 4)
     return _SkinInMotion(
         skin.name, points + shift, normals, np.where(weights > 0, which, 0).astype(int), weights, looks,
-        bind, bones[..., 3], _continuous(turns),
+        bind, bones[..., 3], continuous(turns),
     )  # fmt: skip
 
 
@@ -266,8 +261,6 @@ def _pieces(model: mujoco.MjModel, persons: Sequence[SkinOfPerson]) -> dict[int,
 
 # glTF
 
-_BYTE, _INT, _VERTICES, _INDICES = 5121, 5125, 34962, 34963
-
 _BONE_PARENTS = (*PARENTS, *(SEGMENTS.index(bone.partition(" ")[0]) for bone in BONE_NAMES[len(PARENTS) :]))
 """For each bone, the one that it is attached to: a segment, or -1 for the pelvis. Parents come first."""
 
@@ -280,7 +273,7 @@ def _within_parents(places: np.ndarray, turns: np.ndarray) -> tuple[np.ndarray, 
             back = Rotation.from_quat(turns[:, parent]).inv()
             own[:, bone] = back.apply(places[:, bone] - places[:, parent])
             of_parent[:, bone] = (back * Rotation.from_quat(turns[:, bone])).as_quat()
-    return own, _continuous(of_parent)
+    return own, continuous(of_parent)
 
 
 def _write_glb(task: ClipTask) -> Counter:
@@ -300,14 +293,14 @@ def _write_glb(task: ClipTask) -> Counter:
 
     def painted(attributes: dict[str, int], faces: np.ndarray, name: str, colour: np.ndarray) -> dict:
         """Return the primitive of faces (m, 3) of points with these attributes, in a material of their own."""
-        indices = file.accessor(faces.reshape(-1), "SCALAR", _INT, _INDICES)
+        indices = file.accessor(faces.reshape(-1), "SCALAR", INT, INDICES)
         look = {"baseColorFactor": colour.tolist(), "metallicFactor": 0, "roughnessFactor": 0.8}
         material = file.add("materials", name=name, pbrMetallicRoughness=look, doubleSided=True)
         return {"attributes": attributes, "indices": indices, "material": material}
 
     for node, body in zip(list(children), scene.bodies, strict=True):
         for piece in body.pieces:
-            attributes = {"POSITION": file.accessor(piece.points, "VEC3", target=_VERTICES, bounds=True)}
+            attributes = {"POSITION": file.accessor(piece.points, "VEC3", target=VERTICES, bounds=True)}
             primitives = [painted(attributes, piece.faces, piece.name, piece.colour)]
             mesh = file.add("meshes", name=piece.name, primitives=primitives)
             file.json["nodes"][node]["children"].append(file.add("nodes", name=f"{piece.name} mesh", mesh=mesh))
@@ -327,10 +320,10 @@ def _write_glb(task: ClipTask) -> Counter:
             bones.append(node)
         # Bones alone place a mesh with a skin, so its points are already y up.
         attributes = {
-            "POSITION": file.accessor(skin.points @ WORLD_Y_UP.T, "VEC3", target=_VERTICES, bounds=True),
-            "NORMAL": file.accessor(skin.normals @ WORLD_Y_UP.T, "VEC3", target=_VERTICES),
-            "JOINTS_0": file.accessor(skin.which, "VEC4", _BYTE, _VERTICES),
-            "WEIGHTS_0": file.accessor(skin.weights, "VEC4", target=_VERTICES),
+            "POSITION": file.accessor(skin.points @ WORLD_Y_UP.T, "VEC3", target=VERTICES, bounds=True),
+            "NORMAL": file.accessor(skin.normals @ WORLD_Y_UP.T, "VEC3", target=VERTICES),
+            "JOINTS_0": file.accessor(skin.which, "VEC4", BYTE, VERTICES),
+            "WEIGHTS_0": file.accessor(skin.weights, "VEC4", target=VERTICES),
         }
         primitives = [painted(attributes, faces, name, colour) for name, (colour, faces) in skin.looks.items()]
         unbend = np.linalg.inv(skin.bind)

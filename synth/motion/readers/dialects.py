@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from dmae.files.contents import read_text
-from dmae.files.structured import parse_yaml
+from dmae.files.structured import read_yaml
 from synth.motion.readers.recording import SkeletonRecording
 
 _PARTS = (
@@ -214,9 +213,6 @@ def at_rest(recording: SkeletonRecording, joint: dict[str, int]) -> tuple[Skelet
     return turned, replace(OWN, rest=rest), turn
 
 
-_MOST_BYTES = 1 << 20
-
-
 def read_mapping(path: Path) -> dict[str, str]:
     """Read a YAML file of lines `their name: our name`.
 
@@ -226,10 +222,7 @@ def read_mapping(path: Path) -> dict[str, str]:
     """
     if not path.is_file():
         raise FileNotFoundError(f"motion.mapping: no such file {path}")
-    try:
-        mapping = parse_yaml(read_text(path, _MOST_BYTES))
-    except ValueError as error:
-        raise ValueError(f"{path}: expected YAML lines `their name: our name`: {error}") from error
+    mapping = read_yaml(path)
     if not isinstance(mapping, dict) or not mapping:
         raise ValueError(f"{path}: expected YAML lines `their name: our name`, found {type(mapping).__name__}")
     wrong = [f"{theirs!r}: {ours!r}" for theirs, ours in mapping.items() if not isinstance(ours, str)]

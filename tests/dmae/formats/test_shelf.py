@@ -117,7 +117,7 @@ MALFORMED = {
     "not a number": (
         "detection/0.txt",
         GOOD.replace("0.6", "O.6", 1),
-        ["line 8, number 10: expected a number, found 'O.6'"],
+        ["line 8, number 10, frame 0, neck: expected a finite number", "found O.6"],
     ),
     "not finite": ("detection/0.txt", GOOD.replace("0.6", "nan", 1), ["frame 0, neck", "finite", "found nan"]),
     "half a candidate": ("detection/0.txt", "4 1 1.5", ["line 1, number 3", "frame 0, nose", "whole number", "1.5"]),

@@ -126,7 +126,7 @@ def test_skeletons_that_do_not_rest_upright_are_refused(tmp_path):
         ("", ValueError, "expected YAML lines `their name: our name`, found NoneType"),
         ("- hip\n", ValueError, "found list"),
         ("Bone_hip: [pelvis]\n", ValueError, r"expected a name after each colon, found 'Bone_hip': \['pelvis'\]"),
-        ("{a: b", ValueError, r"expected YAML lines `their name: our name`: while parsing"),
+        ("{a: b", ValueError, r"names.yaml: expected YAML, while parsing"),
         ("!!python/object/apply:os.getcwd []\n", ValueError, "could not determine a constructor"),
         ("Hips: pelvis\n", ValueError, r"a name of motion\.mapping, which has Hips; found Bone_hip, "),
         ("Bone_hip: pelvis\nBone_chest: pelvis\n", ValueError, r"found several for pelvis"),
