@@ -64,6 +64,7 @@ if TYPE_CHECKING:
     from dmae.verbs.recordings import save as save
     from dmae.verbs.recordings import to_skeleton as to_skeleton
     from dmae.viewing.config import LayersConfig as LayersConfig
+    from dmae.viewing.config import ShowConfig as ShowConfig
 
 _HOMES = {
     "dmae.calibration.config": "RefineConfig",
@@ -80,7 +81,7 @@ _HOMES = {
     ),
     "dmae.verbs.motion": "calibrate capture card complete completer doctor pretrain run train triangulate",
     "dmae.verbs.recordings": "convert detect export load load_dataset preset read read_poses save to_skeleton",
-    "dmae.viewing.config": "LayersConfig",
+    "dmae.viewing.config": "LayersConfig ShowConfig",
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names.split()}
 

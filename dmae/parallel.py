@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
 from multiprocessing import resource_tracker
@@ -59,6 +60,19 @@ def check_workers(workers: int) -> None:
     """Raise ValueError for an impossible number of processes."""
     if workers == 0:
         raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProcessesConfig:
+    """Options of what runs in several processes."""
+
+    workers: int = 1
+    """Processes; -1 for one per core. The results are the same."""
+    backend: Backend = Backend.loky
+    """What runs the processes: this machine, or a cluster."""
+
+    def __post_init__(self):
+        check_workers(self.workers)
 
 
 def in_parallel(function: Callable, tasks: Iterable[tuple], workers: int, *, ordered: bool = True) -> Iterator:

@@ -22,6 +22,7 @@ from synth.errors import FailedSimulation
 if TYPE_CHECKING:
     import numpy as np
 
+    from dmae.viewing.config import ShowConfig
     from synth.datasets.config import GenerateConfig, RenderConfig
     from synth.datasets.forecast import Forecast
     from synth.datasets.motion_comparison import Difference
@@ -346,13 +347,13 @@ def contact_sheet(clip: Clip, out: str | Path, *, frames: int = 4, width: int = 
     write_sheet(clip, Path(out), chosen_layers(clip, LayersConfig()), rows=frames, width=width, rooms=_rooms(clip))
 
 
-def show(clip: Clip, out: str | Path, **options: object) -> list[Path]:
+def show(clip: Clip, out: str | Path, config: ShowConfig | None = None) -> list[Path]:
     """Draw a clip in its room: a contact sheet, a video, a recording for Rerun.
 
     Args:
         clip: Any clip. A clip that was not simulated is drawn without a room.
         out: Folder of the files.
-        options: Options of `dmae.show`: `frames`, `cameras`, `width`, `layers`, `video`, `rerun`.
+        config: As for `dmae.show`.
 
     Returns:
         The files: `sheet.png`, `clip.mp4`, `clip.rrd`.
@@ -362,14 +363,14 @@ def show(clip: Clip, out: str | Path, **options: object) -> list[Path]:
 
     Examples:
         >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
-        >>> files = synth.show(clip, "pictures", frames=1, width=240, cameras=["0", "2"])
+        >>> files = synth.show(clip, "pictures", dmae.ShowConfig(frames=1, width=240, cameras=["0", "2"]))
         >>> [file.name for file in files]
         ['sheet.png']
     """
-    from dmae.viewing.show import of_cameras, show_clip
+    from dmae.viewing.config import ShowConfig
+    from dmae.viewing.show import show_clip
 
-    clip = of_cameras(clip, options.pop("cameras", ()))
-    return show_clip(clip, Path(out), rooms=_rooms(clip), **options)
+    return show_clip(clip, Path(out), config or ShowConfig(), _rooms)
 
 
 def _rooms(clip: Clip) -> list[np.ndarray] | None:

@@ -153,7 +153,8 @@ class Program:
 def _group(configuration: type, key: str, values: dict[str, object]) -> Group:
     meanings, hints = _meanings(configuration), get_type_hints(configuration)
     members: list[Option | Group] = []
-    for each in fields(configuration):
+    # What many configurations inherit stands last.
+    for each in sorted(fields(configuration), key=lambda each: each.kw_only is True):
         name = f"{key}.{each.name}".lstrip(".")
         if is_dataclass(hints[each.name]):
             group = _group(hints[each.name], name, values)

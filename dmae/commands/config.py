@@ -10,10 +10,10 @@ from dmae.completion.config import DELAY
 from dmae.completion.methods import completion_method
 from dmae.data.resources import resource_folder
 from dmae.detection.registry import OutputConfig, PoseDetectorConfig
-from dmae.evaluation.config import TITLE
+from dmae.evaluation.config import TITLE, PartConfig
 from dmae.formats.config import DataConfig, LengthUnit, UpDirection
 from dmae.formats.registry import pose_writer, recording_writer
-from dmae.parallel import Backend, check_workers
+from dmae.parallel import ProcessesConfig
 from dmae.reconstruction.config import CaptureConfig
 
 REQUIRED: Any = "???"
@@ -118,7 +118,7 @@ class DetectCommand(FilmedConfig):
 
 
 @dataclass(frozen=True)
-class CaptureCommand:
+class CaptureCommand(PartConfig):
     """Turn the detections of several cameras into 3D poses, and print how far they reproject from the detections.
 
     Exits with status 1 where no person is found, and prints what is left after each step and what to change.
@@ -139,28 +139,21 @@ class CaptureCommand:
     learn what few cameras measure."""
     seed: int = 0
     """Seed of the cameras that are drawn."""
-    first: int = 0
-    """Number of the first clip of the data set, counted from 0."""
-    clips: int | None = None
-    """Number of clips; by default all from `first` on. Several machines can fill one folder, each with some clips."""
-    workers: int = 1
-    """Processes; -1 for one per core."""
-    backend: Backend = Backend.loky
-    """What runs the processes: this machine, or a cluster."""
     dry_run: bool = False
     """Only print the number of clips and frames to capture, and the time and disk space that this takes, measured on
     parts of some clips."""
     out: str = "runs/capture"
-    """Folder of the captured clip; of a data set a folder for each clip is made in it."""
+    """Folder of the captured clip; of a data set a folder for each clip is made in it. Several machines can fill it,
+    each with some clips."""
 
     def __post_init__(self):
         if not self.smooth >= 0:
             raise ValueError(f"smooth={self.smooth:g}: expected seconds, 0 (no smoothing) or more")
-        check_workers(self.workers)
+        super().__post_init__()
 
 
 @dataclass(frozen=True)
-class CompleteCommand:
+class CompleteCommand(ProcessesConfig):
     """Fill what no camera measured, marked as such."""
 
     clip: str = field(default="???", metadata={"reads": "clips"})
@@ -183,18 +176,11 @@ class CompleteCommand:
     """s; delay of `online`."""
     damaged: bool = False
     """Complete a data set even if files are missing or were changed."""
-    workers: int = 1
-    """Processes, each with a clip at a time; -1 for one per core."""
-    backend: Backend = Backend.loky
-    """What runs the processes: this machine, or a cluster."""
     dry_run: bool = False
     """Only print the number of clips and frames to complete, and the time and disk space that this takes, measured on
     parts of some clips."""
     out: str = "runs/complete"
     """Folder of the completed clip; of a data set a folder for each clip is made in it."""
-
-    def __post_init__(self):
-        check_workers(self.workers)
 
 
 @dataclass(frozen=True)

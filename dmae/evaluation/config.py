@@ -7,7 +7,7 @@ from dmae.completion.methods import completion_method
 from dmae.evaluation.corruption.registry import corruption
 from dmae.formats.config import DataConfig
 from dmae.metrics.registry import protocol
-from dmae.parallel import Backend, check_workers
+from dmae.parallel import ProcessesConfig
 from dmae.reconstruction.config import CaptureConfig, capture_method
 
 
@@ -31,8 +31,18 @@ class ReferencePoses(StrEnum):
     """Joints that all cameras together measured in three views or more: real gaps, and no annotation needed."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class PartConfig(ProcessesConfig):
+    """Options of what takes a part of a data set."""
+
+    first: int = 0
+    """Number of the first clip of the data set, counted from 0."""
+    clips: int | None = None
+    """Number of clips; by default all from `first` on."""
+
+
 @dataclass(frozen=True)
-class EvaluateConfig:
+class EvaluateConfig(PartConfig):
     """Score methods of completion over clips and subsets of cameras."""
 
     data: DataConfig = field(default_factory=DataConfig)
@@ -67,14 +77,6 @@ class EvaluateConfig:
     """`scores.json` of an earlier run, or its folder: exit status 2 if a figure is worse by more than its interval."""
     changed: list[str] = field(default_factory=list)
     """Options that differ from those of the baseline on purpose; figures are compared all the same."""
-    first: int = 0
-    """Number of the first clip of the data set, counted from 0."""
-    clips: int | None = None
-    """Number of clips; by default all from `first` on."""
-    workers: int = 1
-    """Processes, each with a clip at a time; -1 for one per core."""
-    backend: Backend = Backend.loky
-    """What runs the processes: this machine, or a cluster."""
     dry_run: bool = False
     """Only print the number of clips and frames to score, and the time that this takes, measured on parts of some
     clips."""
@@ -82,7 +84,7 @@ class EvaluateConfig:
     """Folder for `scores.json`."""
 
     def __post_init__(self):
-        check_workers(self.workers)
+        super().__post_init__()
         synthetic, captured = self.input != Input.captured_poses, self.reference == ReferencePoses.capture
         if self.skeleton and (synthetic or captured):
             raise ValueError(
@@ -113,7 +115,7 @@ class StressSize(StrEnum):
 
 
 @dataclass(frozen=True)
-class StressConfig:
+class StressConfig(PartConfig):
     """Corrupt clips step by step, and score every method at each step."""
 
     data: DataConfig = field(default_factory=DataConfig)
@@ -142,20 +144,13 @@ class StressConfig:
     method and a cell."""
     seed: int = 0
     """Seed of the random numbers."""
-    workers: int = 1
-    """Processes; -1 for one per core. The results are the same."""
-    backend: Backend = Backend.loky
-    """What runs the processes: this machine, or a cluster."""
-    first: int = 0
-    """Number of the first clip of the data set, counted from 0."""
-    clips: int | None = None
-    """Number of clips; by default all from `first` on."""
     dry_run: bool = False
     """Only print how many cells are to be computed, and what time that takes, as a few of them show."""
     out: str = "runs/stress"
     """Folder of `stress.json`, `stress.html`, and `cache.jsonl`, from which later runs reuse results."""
 
     def __post_init__(self):
+        super().__post_init__()
         if not self.methods:
             raise ValueError(f"methods=[]: expected some of {', '.join([*completion_method, PAPER, *capture_method])}")
         if self.paper_weights and PAPER not in self.methods:
@@ -173,7 +168,7 @@ class BenchmarkSize(StrEnum):
 
 
 @dataclass(frozen=True)
-class BenchmarkConfig:
+class BenchmarkConfig(ProcessesConfig):
     """Score completion and capture on a benchmark of occlusion, which is generated, not downloaded.
 
     Clips are simulated from a definition and its seed, and their checksums are compared with the published ones.
@@ -200,10 +195,6 @@ class BenchmarkConfig:
     """Earlier scores, a `scores.json` or its folder, to compare with: paired differences with intervals."""
     data_folder: str | None = None
     """Folder of the clips, which runs can share; by default `data` in `out`."""
-    workers: int = 1
-    """Processes; -1 for one per core."""
-    backend: Backend = Backend.loky
-    """What runs the processes: this machine, or a cluster."""
     out: str = "runs/benchmark"
     """Folder for `scores.json`, `benchmark.html` and the clips."""
 

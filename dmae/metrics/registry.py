@@ -44,7 +44,7 @@ class Protocol(Entry):
 
     missed_count: bool = True  # Whether limbs of a person without a prediction count as not correct
     at_half: bool = True  # Whether a limb with an error of exactly half its length is correct
-    head: str = "4da"  # How the ends of the annotated head are placed (`dmae.evaluation.paper_tables.recording`)
+    head: str = "4da"  # How the ends of the annotated head are placed (`dmae.evaluation.paper_tables.tables`)
 
 
 metric = Registry("metric", Metric, __package__)

@@ -1,11 +1,14 @@
 """Scores as tables: PCP, the columns of all metrics, errors by length of gap, and regions."""
 
+from collections.abc import Callable, Iterable, Sequence
+
 from dmae.data.clip import person_name
 from dmae.metrics.angles import JUDGED
 from dmae.metrics.position import COVERAGES, LARGE
 from dmae.metrics.registry import metrics
-from dmae.reporting.tables import Table
+from dmae.reporting.tables import Table, number_text
 
+_UNKNOWN = "not measured"
 _COLUMN_TABLES = {"joints": "Joints within 0.2 m", "identities": "Identities"}
 """Captions of the tables of the columns that metrics declare."""
 
@@ -16,66 +19,73 @@ def score_tables(scores: dict) -> list[Table]:
     They are narrow enough, at up to four persons, for a terminal of 80 columns.
     """
     results = scores["results"]
-    means = [result["mean"] for result in results]
-    firsts = [(result["method"], str(result["views"] or "-")) for result in results]
-    lengths = [gap["frames"] for gap in means[0]["gaps"]]
-    rows = list(zip(firsts, means, strict=True))
-    tables = [_pcp_table(scores, firsts), *(_columns_table(rows, *each) for each in _COLUMN_TABLES.items())]
-    poses = f" in {scores['poses']}" if "poses" in scores else ""
-    tables.append(
-        Table(
-            f"MPJPE, mm, of joints unmeasured{poses}, by frames at 25/s; only those that all methods filled",
-            ("method", "views", *lengths),
-            [
-                row
-                for views in dict.fromkeys(views for _, views in firsts)
-                for row in _gap_rows([(first, mean["gaps"]) for first, mean in rows if first[1] == views])
-            ],
-        )
-    )
-    regions = [
-        (*first, *(_text(gap["held"]) for gap in mean["gaps"]))
-        for first, mean in rows
-        if any(gap["stated"] for gap in mean["gaps"])
+    persons = [person_name(person) for person in range(len(results[0]["mean"].get("pcp_persons", ())))]
+    tables = [
+        _table(
+            results,
+            f"Strict PCP on {scores['skeleton']}, %",
+            ("mean", "worst", *persons),
+            lambda each: (each["mean"]["pcp"], each["worst"]["pcp"], *each["mean"].get("pcp_persons", ())),
+        ),
+        *(_columns_table(results, *each) for each in _COLUMN_TABLES.items()),
+        _gaps_table(results, f" in {scores['poses']}" if "poses" in scores else ""),
     ]
-    if regions:
+    if regions := [each for each in results if any(gap["stated"] for gap in each["mean"]["gaps"])]:
         caption = (
             "True joints within the 90 % regions that methods state, widened by the error of a measured or annotated "
             "truth, %, by how long they were unmeasured"
         )
-        tables.append(Table(caption, ("method", "views", *lengths), regions))
-    turned = [(first, mean["angles"]) for first, mean in rows if mean.get("angles")]
-    if turned:
-        tables.append(_angles_table(turned))
-    ranked = [(first, mean["ranking"]) for first, mean in rows if (mean.get("ranking") or {}).get("risk_100")]
-    if ranked:
-        tables.append(_ranking_table(ranked))
+        tables.append(
+            _table(regions, caption, _lengths(results), lambda each: [gap["held"] for gap in each["mean"]["gaps"]])
+        )
+    if turned := [each for each in results if each["mean"].get("angles")]:
+        caption = (
+            "Joint angles of the legs: mean absolute errors, degrees, share of angles that joints determine, share of "
+            "true angles in the 90 % intervals, %, and expected calibration error"
+        )
+        if all(each["mean"]["angles"]["ankles"] is None for each in turned):
+            caption += "; ankles need joints of the feet, which skeleton=body25 has"
+        names = (*JUDGED, "determined", "held")
+        tables.append(
+            _table(
+                turned,
+                caption,
+                (*JUDGED, "determined", "in 90 %", "ECE"),
+                lambda each: (*map(each["mean"]["angles"].get, names), _text(each["mean"]["angles"]["ece"], 2)),
+            )
+        )
+    if ranked := [each for each in results if (each["mean"].get("ranking") or {}).get("risk_100")]:
+        caption = (
+            "Unmeasured joints ranked by stated uncertainty: rank correlation with the error, area under the curve for "
+            f"errors over {LARGE:.0f} mm, and mm over the most certain share of them"
+        )
+        tables.append(
+            _table(
+                ranked,
+                caption,
+                ("Spearman", "AUC", *(f"{share} %" for share in COVERAGES)),
+                lambda each: (
+                    *(_text(each["mean"]["ranking"][name], 2) for name in ("spearman", "auc")),
+                    *(each["mean"]["ranking"][f"risk_{share}"] for share in COVERAGES),
+                ),
+            )
+        )
     return tables
 
 
 def overview(scores: dict) -> Table:
     """Return the table of the main figures, with a row for each method and number of views: PCP and mean errors."""
-    results = scores["results"]
-    lengths = [gap["frames"] for gap in results[0]["mean"]["gaps"]]
-    rows = [
-        (
-            result["method"],
-            str(result["views"] or "-"),
-            *(
-                "-" if value is None else _text(value)
-                for value in (
-                    result["mean"]["pcp"], result["mean"]["hidden"]["recall"], compared_error(result["mean"]),
-                    *(gap["mpjpe"] for gap in result["mean"]["gaps"]),
-                )
-            ),
-        )
-        for result in results
-    ]  # fmt: skip
     caption = (
         "Strict PCP; unmeasured joints: PCK@0.2, in which unfilled joints are missed, and MPJPE, mm, of those that all "
         "methods filled, of all lengths and by frames, at 25/s, without a measurement"
     )
-    return Table(caption, ("method", "views", "PCP %", "PCK %", "all", *lengths), rows)
+
+    def values(result: dict) -> list[str]:
+        mean = result["mean"]
+        errors = (compared_error(mean), *(gap["mpjpe"] for gap in mean["gaps"]))
+        return [number_text(each) for each in (mean["pcp"], mean["hidden"]["recall"], *errors)]
+
+    return _table(scores["results"], caption, ("PCP %", "PCK %", "all", *_lengths(scores["results"])), values)
 
 
 def compared_error(mean: dict) -> float | None:
@@ -88,52 +98,7 @@ def compared_error(mean: dict) -> float | None:
     return sum(gap["filled"] * gap["mpjpe"] for gap in filled) / joints if joints else None
 
 
-def _angles_table(turned: list[tuple[tuple[str, str], dict]]) -> Table:
-    """Return the table of joint angles."""
-    no_feet = all(score["ankles"] is None for _, score in turned)
-    return Table(
-        "Joint angles of the legs: mean absolute errors, degrees, share of angles that joints determine, share of true "
-        "angles in the 90 % intervals, %, and expected calibration error"
-        + ("; ankles need joints of the feet, which skeleton=body25 has" if no_feet else ""),
-        ("method", "views", *JUDGED, "determined", "in 90 %", "ECE"),
-        [
-            (*first, *(_text(score[name]) for name in (*JUDGED, "determined", "held")), _text(score["ece"], 2))
-            for first, score in turned
-        ],
-    )
-
-
-def _ranking_table(ranked: list[tuple[tuple[str, str], dict]]) -> Table:
-    """Return the table of how well stated uncertainty ranks unmeasured joints."""
-    return Table(
-        "Unmeasured joints ranked by stated uncertainty: rank correlation with the error, area under the curve for "
-        f"errors over {LARGE:.0f} mm, and mm over the most certain share of them",
-        ("method", "views", "Spearman", "AUC", *(f"{share} %" for share in COVERAGES)),
-        [
-            (
-                *first,
-                *(_text(score[name], 2) for name in ("spearman", "auc")),
-                *(_text(score[f"risk_{share}"]) for share in COVERAGES),
-            )
-            for first, score in ranked
-        ],
-    )
-
-
-def _pcp_table(scores: dict, firsts: list[tuple[str, str]]) -> Table:
-    results = scores["results"]
-    persons = [person_name(person) for person in range(len(results[0]["mean"].get("pcp_persons", ())))]
-    cells = [
-        (result["mean"]["pcp"], result["worst"]["pcp"], *result["mean"].get("pcp_persons", ())) for result in results
-    ]
-    return Table(
-        f"Strict PCP on {scores['skeleton']}, %",
-        ("method", "views", "mean", "worst", *persons),
-        [(*first, *map(_text, row)) for first, row in zip(firsts, cells, strict=True)],
-    )
-
-
-def _columns_table(rows: list[tuple[tuple[str, str], dict]], table: str, caption: str) -> Table:
+def _columns_table(results: Sequence[dict], table: str, caption: str) -> Table:
     """Return the table of the columns that metrics declare; columns are empty for scores older than their metric."""
     columns = [(metric.name, column) for metric in metrics() for column in metric.columns if column.table == table]
     columns.sort(key=lambda each: each[1].order)
@@ -141,26 +106,45 @@ def _columns_table(rows: list[tuple[tuple[str, str], dict]], table: str, caption
     captions = [
         f"{', '.join(column.heading for _, column in columns if column.unit == unit)} in {unit}" for unit in units
     ]
-    return Table(
+    return _table(
+        results,
         f"{caption}: {'; '.join(captions)}",
-        ("method", "views", *(column.heading for _, column in columns)),
-        [
-            (*first, *(_text(column.value(mean[name]) if name in mean else None) for name, column in columns))
-            for first, mean in rows
-        ],
+        [column.heading for _, column in columns],
+        lambda each: [column.value(each["mean"][name]) if name in each["mean"] else None for name, column in columns],
     )
 
 
-def _gap_rows(gaps: list[tuple[tuple[str, str], list[dict]]]) -> list[tuple[str, ...]]:
-    """Return the rows of the methods with one number of views, and a row with the number of compared joints."""
-    columns = list(zip(*(entries for _, entries in gaps), strict=True))
-    # A method that fills few joints is matched in fewer frames, and then fewer joints are known to be hidden.
-    counts = [(max(gap["filled"] for gap in column), max(gap["hidden"] for gap in column)) for column in columns]
-    return [
-        *((*first, *(_text(gap["mpjpe"]) for gap in entries)) for first, entries in gaps),
-        ("joints", gaps[0][0][1], *(f"{filled} of {hidden}" for filled, hidden in counts)),
+def _gaps_table(results: Sequence[dict], poses: str) -> Table:
+    """Return the table of errors by length of gap; after the methods of each number of views, the compared joints."""
+    caption = f"MPJPE, mm, of joints unmeasured{poses}, by frames at 25/s; only those that all methods filled"
+    rows = []
+    for views in dict.fromkeys(result["views"] for result in results):
+        some = [result for result in results if result["views"] == views]
+        columns = list(zip(*(result["mean"]["gaps"] for result in some), strict=True))
+        # A method that fills few joints is matched in fewer frames, and then fewer joints are known to be hidden.
+        counts = [(max(gap["filled"] for gap in column), max(gap["hidden"] for gap in column)) for column in columns]
+        rows += _table(some, "", (), lambda each: [gap["mpjpe"] for gap in each["mean"]["gaps"]]).rows
+        rows.append(("joints", str(views or "-"), *(f"{filled} of {hidden}" for filled, hidden in counts)))
+    return Table(caption, ("method", "views", *_lengths(results)), rows)
+
+
+def _lengths(results: Sequence[dict]) -> list[str]:
+    return [gap["frames"] for gap in results[0]["mean"]["gaps"]]
+
+
+def _table(
+    results: Sequence[dict],
+    caption: str,
+    columns: Iterable[str],
+    values: Callable[[dict], Iterable[str | float | None]],
+) -> Table:
+    """Return a table with a row for each result: its method, its number of views, and `values` of it."""
+    rows = [
+        (result["method"], str(result["views"] or "-"), *(_text(value) for value in values(result)))
+        for result in results
     ]
+    return Table(caption, ("method", "views", *columns), rows)
 
 
-def _text(value: float | None, digits: int = 1) -> str:
-    return "not measured" if value is None else f"{value:.{digits}f}"
+def _text(value: str | float | None, digits: int = 1) -> str:
+    return value if isinstance(value, str) else _UNKNOWN if value is None else f"{value:.{digits}f}"

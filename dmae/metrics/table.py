@@ -89,6 +89,9 @@ class Score:
             )
         return Score(self.value - other.value, self.drawn - other.drawn, self.blocks)
 
+    def __rsub__(self, number: float) -> "Score":
+        return Score(number - self.value, number - self.drawn, self.blocks)
+
 
 def score_of(
     table: pd.DataFrame,

@@ -11,6 +11,7 @@ from dmae.data.clip import Clip, Poses3D, Source
 from dmae.evaluation.config import StressConfig, TableConfig
 from dmae.evaluation.corruption import corrupt as corruption
 from dmae.evaluation.review import Decision, save_decisions, without_decided
+from dmae.viewing.config import ShowConfig
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
     from dmae.evaluation.gates import Gate
     from dmae.evaluation.report.findings import Doubt
     from dmae.regression.verdicts import Verdict
-    from dmae.viewing.config import LayersConfig
 
 
 def evaluate(clip: Clip, poses: Poses3D | None = None, *, skeleton: str | None = None) -> dict:
@@ -225,28 +225,15 @@ def regress(solver: Callable, *, skip: tuple[str, ...] = ()) -> list[Verdict]:
     return check(solver, skip)
 
 
-def show(
-    clip: Clip,
-    out: str | Path,
-    *,
-    frames: int = 4,
-    cameras: Sequence[str] = (),
-    width: int = 480,
-    layers: LayersConfig | None = None,
-    video: bool = False,
-    rerun: bool = False,
-) -> list[Path]:
+def show(clip: Clip, out: str | Path, config: ShowConfig | None = None) -> list[Path]:
     """Draw a clip, captured, completed, simulated or as recorded: a contact sheet, a video, a recording for Rerun.
 
     Args:
         clip: Any clip. Its images, detections, poses and truth are drawn, as far as it has them.
         out: Folder of the files.
-        frames: Number of frames on the sheet, one row each.
-        cameras: Names of the cameras to draw; by default all.
-        width: Width of a view, px.
-        layers: What is drawn; by default the poses, or the truth if there are none, and the detections of real clips.
-        video: Whether to write the video, all views of all frames.
-        rerun: Whether to write the recording for Rerun.
+        config: Frames, cameras, layers and files, as `dmae.ShowConfig(frames=2, video=True)`; by default a sheet with
+            the poses, or the truth if there are none, and the detections of real clips. The fields `data` and `out` are
+            not used.
 
     Returns:
         The files: `sheet.png`, `clip.mp4`, `clip.rrd`.
@@ -257,15 +244,13 @@ def show(
     Examples:
         >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
         >>> completed = dmae.complete(dmae.capture(clip), clip.fps)
-        >>> files = dmae.show(replace(clip, poses=completed), "pictures", frames=1, width=240)
+        >>> files = dmae.show(replace(clip, poses=completed), "pictures", dmae.ShowConfig(frames=1, width=240))
         >>> [file.name for file in files]
         ['sheet.png']
     """
     from dmae.viewing.show import show_clip
 
-    return show_clip(
-        clip, Path(out), frames=frames, cameras=cameras, width=width, layers=layers, video=video, rerun=rerun
-    )
+    return show_clip(clip, Path(out), config or ShowConfig())
 
 
 def review(clip: Clip, decisions: Sequence[Decision] = ()) -> list[Doubt]:
@@ -404,7 +389,7 @@ def table(number: int, data: str | Path, out: str | Path, config: TableConfig | 
         >>> sorted({row["origin"] for row in made["rows"]})
         ['measured here', 'not measured', 'published']
     """
-    from dmae.evaluation.paper_tables.data_sets import make_table
+    from dmae.evaluation.paper_tables.tables import make_table
     from dmae.formats.reading import recognise
 
     config = replace(config or TableConfig(), number=number)

@@ -9,7 +9,7 @@ import numpy as np
 
 from dmae.data.clip import Clip
 from dmae.formats.reading import Clips, camera_indices
-from dmae.viewing.config import LayersConfig, ShowConfig
+from dmae.viewing.config import ShowConfig
 from dmae.viewing.overlay import chosen_layers
 from dmae.viewing.sheet import write_overlay_video, write_sheet
 
@@ -29,7 +29,7 @@ def show(config: ShowConfig, out: Path, rooms: Rooms | None = None) -> None:
     for clip, folder in zip(clips, clips.folders, strict=True):
         for note in clip.provenance.get("notes", ()):
             print(f"{clip.id}: {note}")
-        clip = of_cameras(clip, config.cameras)
+        clip = _of_cameras(clip, config.cameras)
         lacking, backdrop = chosen_layers(clip, config.layers).lacking, None
         if lacking:
             print(f"clip {clip.id}: no {', no '.join(lacking)}")
@@ -38,60 +38,42 @@ def show(config: ShowConfig, out: Path, rooms: Rooms | None = None) -> None:
                 backdrop = rooms(clip)
             except (ValueError, OSError) as error:
                 print(f"only the floor of the room is drawn: {error}")
-        written = show_clip(
-            clip,
-            out / folder.name if clips.data_set else out,
-            frames=config.frames,
-            width=config.width,
-            layers=config.layers,
-            video=config.video,
-            rerun=config.rerun,
-            rooms=backdrop,
-        )
-        print(*written, sep="\n")
+        to = out / folder.name if clips.data_set else out
+        print(*show_clip(clip, to, replace(config, cameras=[]), backdrop), sep="\n")
 
 
 def show_clip(
-    clip: Clip,
-    out: Path,
-    *,
-    frames: int = 4,
-    cameras: Sequence[str] = (),
-    width: int = 480,
-    layers: LayersConfig | None = None,
-    video: bool = False,
-    rerun: bool = False,
-    rooms: Sequence[np.ndarray] | None = None,
+    clip: Clip, out: Path, config: ShowConfig, rooms: Rooms | Sequence[np.ndarray] | None = None
 ) -> list[Path]:
     """Draw one clip and return the paths of the files: `sheet.png`, `clip.mp4`, `clip.rrd`.
 
-    For its options see `ShowConfig`; `rooms` are the backgrounds of a clip without images. Raises ValueError if the
-    clip has no frames or no camera of a given name, frames or width are too small, or Rerun is requested but not
-    installed.
+    The fields `data` and `out` of the configuration are not used; `rooms` are the backgrounds of a clip without images.
+    Raises ValueError if the clip has no frames or no camera of a given name, frames or width are too small, or Rerun is
+    requested but not installed.
     """
-    for name, value, least in (("frames", frames, 1), ("width", width, 160)):
+    for name, value, least in (("frames", config.frames, 1), ("width", config.width, 160)):
         if value < least:
             raise ValueError(f"{name}={value}: expected {least} or more")
-    if rerun and util.find_spec("rerun") is None:
+    if config.rerun and util.find_spec("rerun") is None:
         raise ValueError("rerun=true: rerun-sdk is not installed; pip install 'dmae-synth[viz]' adds it")
     if not len(clip):
         raise ValueError(f"clip {clip.id!r}: expected frames to draw, found none")
-    clip = of_cameras(clip, cameras)
-    chosen = chosen_layers(clip, layers or LayersConfig())
-    files = [out / "sheet.png"]
-    write_sheet(clip, files[0], chosen, rows=frames, width=width, rooms=rooms)
-    if video:
+    clip = _of_cameras(clip, config.cameras)
+    rooms = rooms(clip) if callable(rooms) else rooms
+    layers, files = chosen_layers(clip, config.layers), [out / "sheet.png"]
+    write_sheet(clip, files[0], layers, rows=config.frames, width=config.width, rooms=rooms)
+    if config.video:
         files.append(out / "clip.mp4")
-        write_overlay_video(clip, files[-1], chosen, width=width, rooms=rooms)
-    if rerun:
+        write_overlay_video(clip, files[-1], layers, width=config.width, rooms=rooms)
+    if config.rerun:
         from dmae.viewing.rerun import write_recording
 
         files.append(out / "clip.rrd")
-        write_recording(clip, files[-1], chosen)
+        write_recording(clip, files[-1], layers)
     return files
 
 
-def of_cameras(clip: Clip, cameras: Sequence[str]) -> Clip:
+def _of_cameras(clip: Clip, cameras: Sequence[str]) -> Clip:
     """Return the clip with some cameras only. Its poses are kept unchanged, because they are only drawn."""
     if not cameras:
         return clip

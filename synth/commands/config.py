@@ -5,7 +5,7 @@ from enum import Enum
 from math import inf
 
 from dmae.detection.registry import PoseDetectorConfig
-from dmae.parallel import Backend
+from dmae.parallel import ProcessesConfig
 from synth.checks import check_range
 from synth.datasets.config import MIN_SECONDS, AboutConfig, PictureFormat, SplitBy
 from synth.datasets.exporters import exporter
@@ -19,7 +19,7 @@ LABELS = ("contacts", "forces", "surface")
 
 
 @dataclass(frozen=True)
-class LabelCommand:
+class LabelCommand(ProcessesConfig):
     """Add labels from physics to existing clips, in place. Nothing is simulated again.
 
     Contacts: the parts and objects that touch, the place, and the force. Forces: the ground reaction of each foot, and
@@ -31,10 +31,6 @@ class LabelCommand:
     """Data set that `synth generate` made, or one clip of it."""
     labels: list[str] = field(default_factory=lambda: list(LABELS), metadata={"choices": LABELS})
     """Labels to add. Existing labels of a clip are kept."""
-    workers: int = 1
-    """Processes; -1 for one per core."""
-    backend: Backend = Backend.loky
-    """What runs the processes: this machine, or a cluster."""
 
 
 @dataclass(frozen=True)
@@ -78,23 +74,19 @@ class SplitCommand:
 
 
 @dataclass(frozen=True)
-class StatsCommand:
+class StatsCommand(ProcessesConfig):
     """Describe a data set: occlusion by joint and cause, contacts, people, distances, angles, motion."""
 
     data: str = field(default="???", metadata={"reads": "clips"})
     """Folder of a data set, or of a clip."""
     extra_data: list[str] = field(default_factory=list, metadata={"reads": "clips"})
     """More data sets that the same page describes."""
-    workers: int = 1
-    """Processes; -1 for one per core."""
-    backend: Backend = Backend.loky
-    """What runs the processes: this machine, or a cluster."""
     out: str | None = None
     """Folder of the page, its figure and the numbers; by default `statistics` in the data set."""
 
 
 @dataclass(frozen=True)
-class RealismCommand:
+class RealismCommand(ProcessesConfig):
     """Run a detector on people in plain sight in rendered images, and measure how many it finds and the errors of their
     joints.
 
@@ -114,19 +106,16 @@ class RealismCommand:
     people in one table. Empty for none."""
     shown: int = 36
     """Number of people in the figure, those with the worst detections."""
-    workers: int = 1
-    """Processes; -1 for one per core."""
-    backend: Backend = Backend.loky
-    """What runs the processes: this machine, or a cluster."""
     out: str | None = None
     """Folder of the results and the figure; by default `realism` in the data set."""
 
     def __post_init__(self):
+        super().__post_init__()
         check_range("", self, 1, inf, "every", "shown")
 
 
 @dataclass(frozen=True)
-class ExportDataCommand:
+class ExportDataCommand(ProcessesConfig):
     """Write a data set in the layout of another program: images and annotations."""
 
     data: str = field(default="???", metadata={"reads": "clips"})
@@ -141,10 +130,6 @@ class ExportDataCommand:
     """Number of frames from one image to the next; 1 for all."""
     pictures: PictureFormat = PictureFormat.jpg
     """File format of images."""
-    workers: int = 1
-    """Processes; -1 for one per core."""
-    backend: Backend = Backend.loky
-    """What runs the processes: this machine, or a cluster."""
     damaged: bool = False
     """Export even if files are missing or damaged."""
     robot: str | None = field(default=None, metadata={"reads": "path"})
@@ -164,7 +149,7 @@ class CompareBy(Enum):
 
 
 @dataclass(frozen=True)
-class CompareCommand:
+class CompareCommand(ProcessesConfig):
     """Compare simulated clips with recordings: the detections of a recording with those of its simulation, or the
     motion of recorded people with that of generated people."""
 
@@ -184,20 +169,17 @@ class CompareCommand:
     longest: float = 10.0
     """Motion: longest part of a take, or of a person of a clip, that is used, s."""
     motion: ReadingConfig = field(default_factory=ReadingConfig)
-    workers: int = 1
-    """Processes; -1 for one per core."""
-    backend: Backend = Backend.loky
-    """What runs the processes: this machine, or a cluster."""
     out: str = "runs/compare"
     """Folder of the page."""
 
     def __post_init__(self):
+        super().__post_init__()
         if not self.longest >= MIN_SECONDS:
             raise ValueError(f"longest={self.longest}: expected {MIN_SECONDS} s or more")
 
 
 @dataclass(frozen=True)
-class FitDetectorCommand:
+class FitDetectorCommand(ProcessesConfig):
     """Fit a detector's preset to a recording: `detector/<name>.yaml` and `compare.html`."""
 
     detections: str = field(default="???", metadata={"reads": "path"})
@@ -226,10 +208,6 @@ class FitDetectorCommand:
     """Start of the fit. Options that the recording does not determine keep its values."""
     rounds: int = 8
     """Simulations."""
-    workers: int = 1
-    """Processes; -1 for one per core."""
-    backend: Backend = Backend.loky
-    """What runs the processes: this machine, or a cluster."""
     seed: int = 0
     """Seed of the clips and of the detector."""
     name: str = "fitted"
@@ -239,7 +217,7 @@ class FitDetectorCommand:
 
 
 @dataclass(frozen=True)
-class DetectorErrorsCommand:
+class DetectorErrorsCommand(ProcessesConfig):
     """Measure the errors of a detector against the truth, by the occluder of a joint, the distance in depth, the size
     of people, crowding, and the direction of view.
 
@@ -254,9 +232,5 @@ class DetectorErrorsCommand:
     """Presets of the simulated detector that are run on the same clips: names, or YAML files."""
     seed: int = 0
     """Seed of the simulated detectors."""
-    workers: int = 1
-    """Processes; -1 for one per core."""
-    backend: Backend = Backend.loky
-    """What runs the processes: this machine, or a cluster."""
     out: str | None = None
     """Folder of the results and the figure; by default `errors` in the data set."""

@@ -16,14 +16,11 @@ from dmae.reconstruction.pipeline import capture
 
 
 class NamedClips(Sequence):
-    """Clips of several data sets, named after their folders, because clip ids start at 0 in each set.
-
-    Args:
-        members: The set and the index of each clip.
-    """
+    """Clips of several data sets, named after their folders, because clip ids start at 0 in each set."""
 
     def __init__(self, members: Sequence[tuple[Clips, int]]):
         self.members = list(members)
+        """The set and the index of each clip."""
 
     @property
     def folders(self) -> list[Path]:
@@ -48,8 +45,7 @@ def load_sets(paths: Sequence[str]) -> NamedClips:
 def halves(data: DataConfig, paths: Sequence[str]) -> tuple[NamedClips, NamedClips]:
     """Return the first and the second half of the clips of each data set: to learn from, and to score.
 
-    Raises:
-        ValueError: a set has a single clip.
+    Raises ValueError if a set has a single clip.
     """
     learned, scored = [], []
     for clips in [Clips(data), *(Clips(DataConfig(path=path)) for path in paths)]:
@@ -82,11 +78,7 @@ def captured(clips: Sequence[Clip], config: CaptureConfig) -> Iterator[Clip]:
 
 
 def load_recording(config: TableConfig) -> Clip:
-    """Return the one clip that a table of a recording is about.
-
-    Raises:
-        ValueError: there are several, or it has no truth on Shelf's joints.
-    """
+    """Return the one clip that a table is about; ValueError if there are several, or no truth on Shelf's joints."""
     clips = Clips(config.data)
     if len(clips) != 1:
         raise ValueError(

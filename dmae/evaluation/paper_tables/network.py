@@ -66,12 +66,9 @@ TUNED_NOTE = (
 
 
 def paper_network(config: TableConfig, clip: Clip, out: Path) -> dict[str, Callable[[Poses3D, float], Poses3D]]:
-    """Return the paper's network after each of its stages, by the names of their rows.
+    """Return the paper's network after each of its stages, by the names of their rows, to score a recording.
 
-    Args:
-        config: `extra_data` are simulated clips, from which fusion is learned; without them there is one row.
-        clip: The annotated recording that is scored.
-        out: Folder for the models.
+    `extra_data` are simulated clips, from which fusion is learned; without them there is one row. Models go to `out`.
     """
     methods: dict[str, Callable] = {PRETRAINED: load_completer(weights_folder(SHIPPED))}
     if not config.extra_data:
@@ -209,13 +206,9 @@ _CODE_COLUMNS = tuple(
 def codes_table(config: TableConfig, out: Path) -> dict:
     """Return table 5.
 
-    Args:
-        config: `data` are clips with truth that are scored, `extra_data` clips with other people to learn from;
-            without them the first half of `data` is learned from.
-        out: Folder for the models that are trained.
-
-    Raises:
-        ValueError: a data set that is halved has a single clip, or a clip no truth.
+    `data` are clips with truth that are scored, `extra_data` clips with other people to learn from; without them the
+    first half of `data` is learned from. Raises ValueError if a data set that is halved has a single clip, or a clip
+    no truth.
     """
     if config.extra_data:
         learned, scored = load_sets(config.extra_data), load_sets([config.data.path])

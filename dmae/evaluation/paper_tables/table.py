@@ -19,17 +19,10 @@ _OPTIONAL = {"note", "second_hand"}
 
 
 def published_rows(number: int) -> list[dict]:
-    """Return the published rows of a table.
+    """Return the published rows of a table, in the order of the file.
 
-    Args:
-        number: Number of the table.
-
-    Returns:
-        In the order of the file: `name`, `data` (what it was scored on), `protocol`, `source`, `note`, and `values` by
-        the key of the column.
-
-    Raises:
-        ValueError: a row has other keys than it may have, or lacks one.
+    A row has `name`, `data` (what it was scored on), `protocol`, `source`, `note`, and `values` by the key of the
+    column. Raises ValueError if a row has other keys than it may have, or lacks one.
     """
     found, text = [], files(__package__).joinpath("published.toml").read_text(encoding="utf-8")
     for row in tomllib.loads(text)["row"]:
@@ -169,8 +162,7 @@ def _published(row: dict, columns: Sequence[TableColumn], reference: MeasuredRow
     for column in columns:
         value, ours = row["values"].get(column.key), reference.cells.get(column.key)
         if column.lead and value is not None and row["data"] == comparable:
-            low, high = ours.interval
-            differences[column.key] = _rounded(value - ours.value, value - high, value - low)
+            differences[column.key] = _cell(value - ours)
     return {
         "name": row["name"],
         "origin": str(Origin.published),
@@ -185,55 +177,25 @@ def _published(row: dict, columns: Sequence[TableColumn], reference: MeasuredRow
 def _cell(cell: Score | float | None) -> dict[str, float | None]:
     if isinstance(cell, Score):
         return cell.json(3)
-    return _rounded(np.nan if cell is None else float(cell), np.nan, np.nan)
-
-
-def _rounded(*numbers: float) -> dict[str, float | None]:
-    found = (None if np.isnan(number) else round(number, 3) for number in numbers)
-    return dict(zip(("value", "low", "high"), found, strict=True))
+    known = cell is not None and not np.isnan(cell)
+    return {"value": round(float(cell), 3) if known else None, "low": None, "high": None}
 
 
 def terminal_tables(table: dict) -> list[Table]:
-    """Return a table to print, and its compared pairs of rows if there are any.
-
-    Args:
-        table: What `dmae.evaluation.paper_tables.data_sets.make_table` returned, or its JSON.
-    """
+    """Return a table of `make_table`, or its JSON, to print, and its compared pairs of rows if there are any."""
     header, rows = _grid(table)
     pairs = [Table("Differences between rows.", *_pairs(table))] if table.get("pairs") else []
     return [Table(f"{table['title']}. {_scored(table)}", header, rows), *pairs]
 
 
 def markdown(table: dict) -> str:
-    """Return a table as a section of Markdown: title, grid, compared pairs of rows, notes and sources.
-
-    Args:
-        table: As for `terminal_tables`.
-    """
-    notes = _Notes()
+    """Return a table of `make_table` as a section of Markdown: title, grid, compared pairs, notes and sources."""
+    notes: dict[str, int] = {}
     grid = markdown_table(*_grid(table, notes))
     pairs = markdown_table(*_pairs(table)) if table.get("pairs") else ""
-    parts = [f"## {table['title']}", f"{_scored(table)}.", grid, pairs, notes.list(), *table["footnotes"]]
+    parts = [f"## {table['title']}", f"{_scored(table)}.", grid, pairs]
+    parts += ["\n".join(f"{number}. {text}" for text, number in notes.items()), *table["footnotes"]]
     return "\n\n".join(filter(None, parts)) + "\n"
-
-
-class _Notes:
-    """Numbered notes; a note that is used again keeps its number."""
-
-    def __init__(self):
-        self.texts: list[str] = []
-
-    def mark(self, *texts: str) -> str:
-        """Return the numbers of some notes, in brackets; empty ones have none."""
-        numbers = []
-        for text in filter(None, texts):
-            if text not in self.texts:
-                self.texts.append(text)
-            numbers.append(str(self.texts.index(text) + 1))
-        return f" ({', '.join(numbers)})" if numbers else ""
-
-    def list(self) -> str:
-        return "\n".join(f"{number}. {text}" for number, text in enumerate(self.texts, 1))
 
 
 def _scored(table: dict) -> str:
@@ -243,15 +205,18 @@ def _scored(table: dict) -> str:
     )
 
 
-def _grid(table: dict, notes: _Notes | None = None) -> tuple[list[str], list[list[str]]]:
-    """Return header and rows of text; with `notes` rows refer to them."""
+def _grid(table: dict, notes: dict[str, int] | None = None) -> tuple[list[str], list[list[str]]]:
+    """Return header and rows of text. Rows refer by number to their sources and notes, which are added to `notes`."""
     columns = table["columns"]
     leading = [column for column in columns if column["lead"]]
     header = ["", "", "protocol", *(f"{column['heading']}, {column['unit']}" for column in columns)]
     header += [f"from {table['against']}: {column['heading'].partition(' (')[0]}" for column in leading]
     rows = []
     for row in table["rows"]:
-        name = row["name"] + (notes.mark(row["source"], row["note"]) if notes else "")
+        name = row["name"]
+        texts = [] if notes is None else filter(None, (row["source"], row["note"]))
+        if marks := [str(notes.setdefault(text, len(notes) + 1)) for text in texts]:
+            name += f" ({', '.join(marks)})"
         unknown = "-" if row["origin"] == Origin.published else Origin.missing
         cells = [_cell_text(row["cells"][column["key"]], unknown) for column in columns]
         differences = [_difference(row["differences"].get(column["key"])) for column in leading]

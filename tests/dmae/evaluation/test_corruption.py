@@ -16,8 +16,7 @@ from dmae.evaluation.corruption.corrupt import (
     people_of_detections,
     share_of_time,
 )
-from dmae.evaluation.corruption.detector import nearest_other
-from dmae.evaluation.corruption.occlusions import clearance, clearance_of_self, companion, delayed
+from dmae.evaluation.corruption.corruptions import clearance, clearance_of_self, companion, delayed, nearest_other
 from dmae.evaluation.corruption.registry import corruption, corruptions
 from dmae.reconstruction.config import CaptureConfig
 from tests.support.clips import t_pose

@@ -129,7 +129,7 @@ def test_rerun_that_is_not_installed_is_refused_before_any_work(tmp_path: Path, 
     find_spec = util.find_spec
     monkeypatch.setattr("dmae.viewing.show.util.find_spec", lambda name: None if name == "rerun" else find_spec(name))
     with pytest.raises(ValueError, match=r"rerun-sdk is not installed; pip install 'dmae-synth\[viz\]' adds it"):
-        verbs.show(captured_clip(), tmp_path / "out", rerun=True)
+        verbs.show(captured_clip(), tmp_path / "out", verbs.ShowConfig(rerun=True))
     assert not (tmp_path / "out").exists()
 
 
@@ -145,7 +145,7 @@ def test_real_shelf_without_images_shows_its_detections(data_folder: Path, tmp_p
 
 def test_the_viewer_s_recording_holds_people_and_cameras(tmp_path: Path):
     pytest.importorskip("rerun")
-    files = verbs.show(with_images(captured_clip(), tmp_path), tmp_path, rerun=True, frames=1)
+    files = verbs.show(with_images(captured_clip(), tmp_path), tmp_path, verbs.ShowConfig(rerun=True, frames=1))
     data = files[-1].read_bytes()
     assert data.startswith(b"RRF")
     for entity in (b"P2", b"camera_c1"):

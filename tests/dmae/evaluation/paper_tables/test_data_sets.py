@@ -13,9 +13,9 @@ from dmae.completion.training import train
 from dmae.data.clip import Clip
 from dmae.data.store import save_clip, write_manifest
 from dmae.evaluation.config import TableConfig, TableSize
-from dmae.evaluation.paper_tables import data_sets, network, recording
-from dmae.evaluation.paper_tables.data_sets import make_table
+from dmae.evaluation.paper_tables import network, tables
 from dmae.evaluation.paper_tables.table import markdown, terminal_tables
+from dmae.evaluation.paper_tables.tables import make_table
 from dmae.formats.reading import DataConfig
 from tests.support.clips import full_clip
 from tests.support.scored_clips import seen
@@ -63,8 +63,8 @@ def test_error_and_recall_by_number_of_cameras(clips, tmp_path):
 
 
 def test_angles_by_number_of_cameras(clips, tmp_path, monkeypatch):
-    monkeypatch.setattr(data_sets, "_MOST_SUBSETS", 1)
-    monkeypatch.setitem(data_sets.METHODS, TableSize.small, ("dmae",))
+    monkeypatch.setattr(tables, "_MOST_SUBSETS", 1)
+    monkeypatch.setitem(tables.METHODS, TableSize.small, ("dmae",))
     made = table(tmp_path, 6, clips / "0", angles=True)
     cells = rows_of(made)["dmae"]["cells"]
     assert all(0 < cells[f"angles_{count}"]["value"] < 20 for count in (2, 3, 4))
@@ -73,10 +73,10 @@ def test_angles_by_number_of_cameras(clips, tmp_path, monkeypatch):
 
 
 def test_interactions_have_a_row_for_transfer_and_one_without(clips, tmp_path, monkeypatch):
-    monkeypatch.setitem(data_sets._TRANSFER_STEPS, TableSize.small, (2, 2))
+    monkeypatch.setitem(tables._TRANSFER_STEPS, TableSize.small, (2, 2))
     made = table(tmp_path, 3, clips, angles=True)
     rows = rows_of(made)
-    assert list(rows) == ["measured", "linear", "dmae", data_sets.TUNED_HERE, data_sets.ALONE]
+    assert list(rows) == ["measured", "linear", "dmae", tables.TUNED_HERE, tables.ALONE]
     assert made["recording"] == "2 simulated clips"
     for name, row in rows.items():
         assert row["origin"] == "measured here"
@@ -163,10 +163,10 @@ def test_fusion_has_rows_for_each_stage_and_the_better_of_two_says_so(clips, pre
     save_clip(seen(frames=80), tmp_path / "clip")
     made = table(tmp_path, 4, tmp_path / "clip", extra_data=[str(clips)])
     rows = rows_of(made)
-    assert list(rows) == ["linear", "dmae", *network.NETWORK, recording.BETTER]
-    for group in recording.GROUPS:
+    assert list(rows) == ["linear", "dmae", *network.NETWORK, tables.BETTER]
+    for group in tables.GROUPS:
         assert rows[network.TUNED]["cells"][group]["value"] is not None
-    better = rows[recording.BETTER]
+    better = rows[tables.BETTER]
     assert better["protocol"] == "hkbu, better of two by the truth"
     assert "no system can do so" in better["note"]
     for name in ("dmae", network.TUNED):
@@ -183,7 +183,7 @@ def test_fusion_has_rows_for_each_stage_and_the_better_of_two_says_so(clips, pre
 def test_fusion_without_simulated_clips_is_not_measured(pretrained, tmp_path):
     save_clip(seen(frames=60), tmp_path / "clip")
     rows = rows_of(table(tmp_path, 4, tmp_path / "clip"))
-    for name in (*network.NETWORK[1:], recording.BETTER):
+    for name in (*network.NETWORK[1:], tables.BETTER):
         assert rows[name]["origin"] == "not measured"
         assert "give extra_data=[...]" in rows[name]["note"]
         assert {cell["value"] for cell in rows[name]["cells"].values()} == {None}

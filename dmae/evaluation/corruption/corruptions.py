@@ -1,5 +1,8 @@
-"""What hides joints from cameras: objects, other people, the own body, edges of the image; and people who are added."""
+"""The corruptions: what hides joints, people who are added, errors of a detector, and what a recording lacks."""
 
+from dataclasses import replace
+
+import cv2
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import shortest_path
@@ -12,6 +15,7 @@ from dmae.evaluation.corruption.corrupt import (
     heights,
     limb_of_joint,
     middle,
+    people_of_detections,
     pixels_of_people,
     redetected,
     share_of_time,
@@ -20,6 +24,11 @@ from dmae.evaluation.corruption.corrupt import (
     undetected_nearest,
 )
 from dmae.evaluation.corruption.registry import corruption
+from dmae.formats.reading import shift_views
+from dmae.numerics import statistics
+from dmae.numerics.statistics import multiscale_noise
+
+# What hides joints from cameras: objects, other people, the own body, edges of the image; and people who are added.
 
 _PILLARS = 6
 _CANDIDATES = 40  # Number of candidate places for pillars; the ones farthest from all people are used
@@ -255,3 +264,166 @@ def _clearance(centres: np.ndarray, joints: np.ndarray, points: np.ndarray, radi
         square = (to_point**2).sum(-1)[:, None] + before * (before - 2 * along)
         found[frame] = (np.sqrt(np.maximum(square, 0)) - radii[known]).min(-1)
     return found.reshape(frames, len(centres), people, skeleton)
+
+
+# Errors of a detector: joints missed or off, sides and people confused or merged, people where there are none.
+
+_TIMES = (0.5, 0.1)  # s; correlation times of errors that come in bursts, mixed half and half
+_GHOST_TIMES = [3.0, 0.3]  # s; correlation times of a ghost's presence, mixed half and half
+_DUTY = 0.25  # Share of the time in which a ghost is detected
+_PLACES = 64
+"""Number of ghosts that are drawn for each view. The first ones are used, so that a higher level only adds ghosts. The
+greatest level is this number times `_DUTY`."""
+_JITTER = 0.01  # Standard deviation of a ghost's joints, as a share of its height
+
+
+@corruption("misses", order=20, unit="%", levels=(10, 20, 40, 60), small=(20, 40), most=100)
+def misses(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
+    """Joints that the detector misses, % of the detected joints, in bursts, in each view on its own."""
+    return undetected(clip, _events(clip, people_of_detections(clip), level, len(clip.detections.skeleton), rng=rng))
+
+
+@corruption("jitter", order=21, unit="% of height", levels=(0.5, 1, 2, 4), small=(1, 3))
+def jitter(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
+    """Noise of the detected joints, standard deviation along each axis as % of the person's height in the image.
+
+    It is Gaussian, and independent from frame to frame.
+    """
+    found = clip.detections
+    scale = heights(found.xy)[..., None, None] * level / 100
+    return redetected(clip, found.xy + scale * rng.standard_normal(found.xy.shape), found.score)
+
+
+@corruption("side_swaps", order=22, unit="%", levels=(5, 10, 20, 40), small=(10, 40), most=100)
+def side_swaps(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
+    """Left and right of a person confused by the detector, % of the time, in bursts, in each view on its own."""
+    swapped = _events(clip, people_of_detections(clip), level, rng=rng)[..., None]
+    found, mirror = clip.detections, list(clip.detections.skeleton.mirror)
+    xy = np.where(swapped[..., None], found.xy[..., mirror, :], found.xy)
+    return redetected(clip, xy, np.where(swapped, found.score[..., mirror], found.score))
+
+
+@corruption("person_swaps", order=23, unit="%", levels=(5, 10, 20, 40), small=(10, 40), most=100, people=2)
+def person_swaps(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
+    """Limbs detected on the nearest other person in the image, % of the time, in bursts, in each view on its own."""
+    limb = limb_of_joint(clip.detections.skeleton)
+    swapped = _events(clip, people_of_detections(clip), level, limb.max(initial=-1) + 1, rng=rng)[..., limb]
+    return redetected(clip, *_with_joints_of(clip, nearest_other(clip.detections.xy), swapped))
+
+
+@corruption("ghosts", order=24, unit="ghosts", levels=(0.5, 1, 2, 4), small=(1, 4), most=16)
+def ghosts(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
+    """People detected where there are none, mean number of them in an image.
+
+    Each has the shape and confidences of a detection of the clip, at a fixed place, and is there a quarter of the time.
+    """
+    found, number = clip.detections, int(np.ceil(level / _DUTY))
+    shape = (len(clip), len(clip.rig), _PLACES)
+    there = statistics.bursts(level / number, multiscale_noise(shape, clip.fps, _GHOST_TIMES, rng=rng)[:, :, :number])
+    drawn, place, scale = rng.random(shape[1:]), rng.random((*shape[1:], 2)), rng.uniform(0.5, 1, shape[1:])
+    xy = np.full((*there.shape, *found.xy.shape[3:]), np.nan)
+    score = np.full(xy.shape[:-1], np.nan)
+    wobble = rng.standard_normal((*shape, 1, 2))[:, :, :number]
+    for view in range(shape[1]):
+        frames, detections = np.nonzero(found.observed[:, view].sum(-1) > len(found.skeleton) // 2)
+        if not len(frames):
+            continue
+        one = (drawn[view, :number] * len(frames)).astype(int)
+        joints = found.xy[frames[one], view, detections[one]] * scale[view, :number, None, None]
+        still = joints - np.nanmean(joints, 1, keepdims=True) + place[view, :number, None] * clip.rig.size[view]
+        xy[:, view] = still + _JITTER * heights(still)[:, None, None] * wobble[:, view]
+        score[:, view] = found.score[frames[one], view, detections[one]]
+    score = np.where(there[..., None], score, np.nan)
+    return redetected(clip, np.concatenate([found.xy, xy], 2), np.concatenate([found.score, score], 2))
+
+
+@corruption("merges", order=25, unit="%", levels=(10, 20, 40, 60), small=(20, 40), most=100, people=2)
+def merges(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
+    """People detected as one with the nearest other person in the image, % of the time, in bursts.
+
+    Some limbs of the one detection are those of the other person; the other detection is lost.
+    """
+    limb, persons = limb_of_joint(clip.detections.skeleton), people_of_detections(clip)
+    other, detections = nearest_other(clip.detections.xy), range(persons.shape[2])
+    merged = _events(clip, persons, level, rng=rng) & (other != np.array(detections, int))
+    swapped = _events(clip, persons, 50, limb.max(initial=-1) + 1, rng=rng)[..., limb] & merged[..., None]
+    xy, score = _with_joints_of(clip, other, swapped)
+    lost = np.zeros(persons.shape, bool)
+    for detection in detections:  # If two people are each merged with the other, one of them remains.
+        frame, view = np.nonzero(merged[:, :, detection] & ~lost[:, :, detection])
+        lost[frame, view, other[frame, view, detection]] = True
+    return redetected(clip, xy, np.where(lost[..., None], np.nan, score))
+
+
+def _events(clip: Clip, persons: np.ndarray, percent: float, *items: int, rng: np.random.Generator) -> np.ndarray:
+    """Draw events (F, V, D, *items), True in `percent` of the time, for the persons (F, V, D) that detections show."""
+    shape = (len(clip.rig), clip.poses.xyz.shape[1] + 1, *items)
+    return taken(share_of_time(clip, shape, percent, _TIMES, rng=rng), persons)
+
+
+def _with_joints_of(clip: Clip, other: np.ndarray, swapped: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return places and scores with the joints of another detection (F, V, D) where `swapped` (F, V, D, J) is True."""
+    xy, score = clip.detections.xy, clip.detections.score
+    return np.where(swapped[..., None], taken(xy, other), xy), np.where(swapped, taken(score, other), score)
+
+
+def nearest_other(xy: np.ndarray) -> np.ndarray:
+    """Return the index (F, V, D) of the nearest other detection (F, V, D, J, 2) in the image, px; its own if alone."""
+    here = np.arange(xy.shape[2])
+    if not len(here):
+        return np.zeros(xy.shape[:3], int)
+    middles = middle(xy)
+    distance = np.linalg.norm(middles[:, :, :, None] - middles[:, :, None], axis=-1)
+    distance[:, :, here, here] = np.inf
+    distance = np.where(np.isnan(distance), np.inf, distance)
+    return np.where(np.isfinite(distance.min(-1)), distance.argmin(-1), here)
+
+
+# What a recording lacks: cameras, frames, synchronisation, a right calibration.
+
+
+@corruption(
+    "cameras", order=90, unit="cameras fewer", levels=(1, 2, 3), small=(1, 2, 3), fewer_cameras=True, whole=True
+)
+def cameras(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
+    """Cameras left out, drawn at random: of five, one fewer is four."""
+    kept = np.sort(rng.permutation(len(clip.rig))[int(level) :])
+    return replace(clip.select(views=kept.tolist()), poses=clip.poses)
+
+
+@corruption("frame_rate", order=91, unit="frames left out", levels=(1, 3, 7, 15), small=(3, 7), whole=True)
+def frame_rate(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
+    """Frames left out after each frame that is kept: 1 halves the frame rate.
+
+    Truth is left out with its frames. Nothing is drawn at random.
+    """
+    every = int(level) + 1
+    return replace(clip.select(frames=slice(None, None, every)), fps=clip.fps / every)
+
+
+@corruption("dropouts", order=31, unit="%", levels=(10, 20, 40, 60), small=(20, 40), most=100)
+def dropouts(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
+    """Cameras that deliver nothing, % of the time, in bursts, each on its own."""
+    lost = share_of_time(clip, (len(clip.rig),), level, (1.0, 0.1), rng=rng)
+    return undetected(clip, lost[..., None, None])
+
+
+@corruption("offsets", order=32, unit="frames", levels=(2, 4, 8, 16), small=(4, 8), whole=True)
+def offsets(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
+    """Frames by which half of the cameras, drawn at random, are late."""
+    late = rng.permutation(len(clip.rig)) < len(clip.rig) // 2
+    return shift_views(clip, (late * int(level)).tolist())
+
+
+@corruption("calibration", order=33, unit="degrees", levels=(0.2, 0.5, 1, 2), small=(0.5, 1), most=45)
+def calibration(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
+    """Degrees by which the calibrated direction of each camera is off; 0.1 is 1 cm at 6 m.
+
+    The camera is turned about a random axis across its line of sight. The detections stay.
+    """
+    angle = rng.uniform(0, 2 * np.pi, len(clip.rig))
+    axis = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], -1)
+    turned = clip.rig.cam_from_world.copy()
+    for view, vector in enumerate(axis * np.radians(level)):
+        turned[view, :3] = cv2.Rodrigues(vector)[0] @ turned[view, :3]
+    return replace(clip, rig=replace(clip.rig, cam_from_world=turned), true_rig=clip.actual_rig)
