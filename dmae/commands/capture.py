@@ -19,7 +19,7 @@ from dmae.evaluation.report.findings import (
     Groups,
     JointGroup,
     Reprojection,
-    added_groups,
+    added,
     reprojection,
     residual_tables,
 )
@@ -37,6 +37,7 @@ from dmae.reporting.tables import counted, print_tables
 _TRIED = 50  # Greatest number of frames of a clip that a forecast captures
 _WORST = 3  # Joints with the largest reprojection errors that are printed
 _FEW = 0.4  # Share of the detected joints; where people explain fewer, something is wrong
+interrupted = finished
 
 
 def run(config: CaptureCommand, out: Path) -> None:
@@ -74,7 +75,7 @@ def run(config: CaptureCommand, out: Path) -> None:
                 print(f"{captured.id}: {_world(captured, config.level)}")
             persons += poses.xyz.shape[1]
             errors = reprojection(captured)
-            measured, completed = added_groups(measured, errors.measured), added_groups(completed, errors.completed)
+            measured, completed = added(measured, errors.measured), added(completed, errors.completed)
             _print_doubts(captured, config.capture, poses.xyz.shape[1], errors)
     # A person 0 of one clip is not the person 0 of another, so there is no table by person for several clips.
     tables = residual_tables(measured, completed, ("camera", "person") if len(part) == 1 else ("camera",))
@@ -158,10 +159,6 @@ def _tried(config: CaptureCommand, clips: Clips) -> Iterator[tuple[int, Clip]]:
         one = clips.part(range(number, number + 1))
         frames = len(one[0])
         yield frames, _capture(config, one, min(_TRIED, 10 + frames // 5))[0]
-
-
-def interrupted(config: CaptureCommand, out: Path) -> str:
-    return finished(out)
 
 
 def _drawn(config: CaptureCommand, views: int, number: int) -> list[int]:

@@ -18,6 +18,7 @@ from dmae.progress import progress
 from dmae.reporting.tables import counted
 
 _TRIED = 200  # Frames of a clip that a forecast completes
+interrupted = finished
 
 
 def run(config: CompleteCommand, out: Path) -> None:
@@ -86,7 +87,3 @@ def _complete(config: CompleteCommand, folder: Path, frames: int | None = None) 
 def _completers(weights: str | None, denoise: bool | None, reject: bool, smooth: float):
     """Return the function of a skeleton that returns its completer; each process loads the weights once."""
     return completers(Path(weights) if weights else None, denoise=denoise, reject=reject, smooth=smooth)
-
-
-def interrupted(config: CompleteCommand, out: Path) -> str:
-    return finished(out)

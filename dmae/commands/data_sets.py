@@ -129,7 +129,7 @@ def settings_of(command: str, config, data: Path) -> dict:
     return {"command": command, "options": options, "data": content}
 
 
-def finished(out: Path) -> str:
+def finished(config, out: Path) -> str:
     """Say which clips of a data set an interrupted command has written."""
     whole = len(list(Path(out).glob(f"[!.]*/{CHECKSUMS}")))
     done = f"{out}: {counted(whole, 'whole clip')}, which can be used" if whole else "nothing was written"

@@ -77,7 +77,7 @@ def run(config: DetectCommand, out: Path, name: str | None = None) -> None:
 
 def interrupted(config: DetectCommand, out: Path) -> str:
     if config.clip is not None:
-        return finished(out)
+        return finished(config, out)
     pieces = len(list((Path(out) / _PIECES).glob("*.npz")))
     done = counted(pieces, "piece of the videos", "pieces of the videos")
     return f"done: {counted(pieces, 'photograph') if config.photos else done}; the same command continues"

@@ -9,6 +9,7 @@ from dmae.commands.config import RegressCommand
 from dmae.registry import load_function
 from dmae.regression.pack import cases
 from dmae.regression.verdicts import PURPOSES, REASONS, Verdict, check, text
+from dmae.reporting.page import Section, write_report
 from dmae.reporting.tables import Table, print_tables
 
 
@@ -19,8 +20,6 @@ def run(config: RegressCommand, out: Path | None) -> None:
     failed = [verdict for verdict in verdicts if not verdict.passed]
     print(*failed, sep="\n", end="\n\n" if failed else "")
     if config.report:
-        from dmae.reporting.page import write_report
-
         write_report(Path(config.report), f"Triangulation by {config.solver}", [regress_section(verdicts)])
         print(config.report)
     skipped = f", {len(config.skip)} skipped" if config.skip else ""
@@ -67,10 +66,8 @@ def _cell(verdict: Verdict, measure: str) -> str:
     return "/".join(text(measure, value).removesuffix(" mm").removesuffix("%") for value in values)
 
 
-def regress_section(verdicts: Sequence[Verdict]):
+def regress_section(verdicts: Sequence[Verdict]) -> Section:
     """Return the results, the purposes of the cases and the reasons of the bounds, for a report."""
-    from dmae.reporting.page import Section
-
     failed = [verdict for verdict in verdicts if not verdict.passed]
     return Section(
         f"{len(verdicts) - len(failed)} of {len(verdicts)} cases passed",

@@ -104,9 +104,13 @@ def in_region(error: np.ndarray, cov: np.ndarray) -> np.ndarray:
     """
     within = np.full(error.shape[:-1], np.nan)
     known = ~np.isnan(error).any(-1) & ~np.isnan(cov).any((-1, -2))
-    e, c = error[known], cov[known].astype(np.float64)
-    within[known] = (e * np.linalg.solve(c, e[..., None])[..., 0]).sum(-1) <= REGION_RADIUS**2
+    within[known] = squared_deviations(error[known], cov[known]) <= REGION_RADIUS**2
     return within
+
+
+def squared_deviations(error: np.ndarray, cov: np.ndarray) -> np.ndarray:
+    """Return the squares (n,) of errors (n, 3), in standard deviations of Gaussians of the covariances (n, 3, 3)."""
+    return (error * np.linalg.solve(cov.astype(np.float64), error[..., None])[..., 0]).sum(-1)
 
 
 def rank_scores(error: np.ndarray, stated: np.ndarray) -> dict[str, float]:

@@ -4,7 +4,6 @@ import base64
 import io
 import zlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from math import isfinite
 
@@ -28,45 +27,36 @@ _UNIT_SPREAD_M = 0.0005
 _LARGEST = 32000
 
 
-@dataclass(frozen=True)
-class Played:
-    """A clip in the player, and the data of its timeline."""
-
-    clip: Clip  # A short clip, with or without poses and images. `window` cuts a long one.
-    first: int = 0  # Number of its first frame in the clip that it was cut from
-    # (F,) mean error of the joints of each frame, mm; NaN where unknown. None without truth.
-    error: np.ndarray | None = None
-    notes: Sequence[str] = ()  # Sentences about missing data
-
-
 def window(frames: int, most: int, centre: int) -> slice:
     """Return the slice of the `most` frames around a centre, or of all frames if the clip has no more."""
     start = min(max(0, centre - most // 2), max(0, frames - most))
     return slice(start, min(frames, start + most))
 
 
-def player_data(played: Played) -> dict:
-    """Return the JSON-able data of one clip. Arrays are compressed and in base64, see `packed`."""
-    clip = played.clip
+def player_data(clip: Clip, first: int = 0, error: np.ndarray | None = None, notes: Sequence[str] = ()) -> dict:
+    """Return the JSON-able data of a short clip, with or without poses and images. `window` cuts a long one.
+
+    `first` is the number of its first frame in the clip that it was cut from; `error` (F,) the mean error of the joints
+    of each frame, mm, NaN where unknown, None without truth; `notes` are sentences about missing data. Arrays are
+    compressed and in base64, see `packed`.
+    """
     videos, problem = small_videos(clip)
     poses, truth = clip.poses, clip.truth
     if truth is not None:
         truth = _one_skeleton(truth, (poses or clip.detections).skeleton)
-    error = played.error
-    if error is not None:
-        error = [round(value, 1) if isfinite(value) else None for value in error.tolist()]
+    errors = None if error is None else [round(value, 1) if isfinite(value) else None for value in error.tolist()]
     return {
         "id": clip.id,
         "fps": clip.fps,
         "frames": len(clip),
-        "first": played.first,
+        "first": first,
         "colours": PERSONS,
         "cameras": [_camera(clip.rig, view) | {"video": videos[view]} for view in range(len(clip.rig))],
         "poses": None if poses is None else _poses(poses, with_source=True),
         "truth": None if truth is None else _poses(truth, with_source=False),
         "detections": _detections(clip.detections),
-        "error": error,
-        "notes": [*played.notes, *([problem] if problem else [])],
+        "error": errors,
+        "notes": [*notes, *([problem] if problem else [])],
     }
 
 

@@ -216,13 +216,13 @@ def first_joints(poses: Poses3D) -> list[int]:
     return [i for i, name in enumerate(poses.skeleton.joints) if name.rpartition(".")[0] == first]
 
 
-def drawn_detections(xy: np.ndarray, bones: list[tuple[int, int]]) -> Drawn:
-    """Return the drawing of detections (D, J, 2), px: crosses that are connected by thin lines."""
+def drawn_plainly(pixels: np.ndarray, bones: list[tuple[int, int]], mark: Mark, colours: Sequence[RGB]) -> Drawn:
+    """Return the drawing of detections or true joints (P, J, 2), px: marks in a colour each person, with thin lines."""
     drawn = Drawn()
-    for joints in xy:
+    for joints, colour in zip(pixels, colours, strict=True):
         known = np.isfinite(joints).all(-1)
-        drawn.lines += [(joints[list(bone)], DETECTED, False) for bone in bones if known[list(bone)].all()]
-        drawn.marks += [(joints[joint], Mark.CROSS, DETECTED) for joint in np.flatnonzero(known)]
+        drawn.lines += [(joints[list(bone)], colour, False) for bone in bones if known[list(bone)].all()]
+        drawn.marks += [(joints[joint], mark, colour) for joint in np.flatnonzero(known)]
     return drawn
 
 
@@ -248,17 +248,6 @@ def drawn_poses(pixels: np.ndarray, source: np.ndarray, bones: list[tuple[int, i
             elif layers.measured:
                 drawn.marks.append((joints[joint], Mark.DISC, person_colour(person)))
     return Drawn(drawn.lines + above.lines, drawn.marks + above.marks)
-
-
-def drawn_truth(pixels: np.ndarray, bones: list[tuple[int, int]], layers: Layers) -> Drawn:
-    """Return the drawing of true joints (P, J, 2), px: rings and thin lines, white if poses are drawn, too."""
-    drawn = Drawn()
-    for person, joints in enumerate(pixels):
-        known = np.isfinite(joints).all(-1)
-        colour = TRUE if layers.poses else person_colour(person)
-        drawn.lines += [(joints[list(bone)], colour, False) for bone in bones if known[list(bone)].all()]
-        drawn.marks += [(joints[joint], Mark.RING, colour) for joint in np.flatnonzero(known)]
-    return drawn
 
 
 def drawn_occlusion(pixels: np.ndarray, codes: np.ndarray, bones: list[tuple[int, int]]) -> Drawn:
@@ -341,14 +330,16 @@ class Overlay:
         """Yield the layers of a view from bottom to top, each with the thickness of its lines."""
         clip, thick = self.clip, max(1, self.width // 320)
         if self.layers.detections:
-            yield drawn_detections(clip.detections.xy[frame, view], clip.detections.skeleton.bones), 1
+            found = clip.detections.xy[frame, view]
+            yield drawn_plainly(found, clip.detections.skeleton.bones, Mark.CROSS, [DETECTED] * len(found)), 1
         if truth is not None:
             joints = first_joints(clip.truth)
             if self.layers.occlusion:
                 codes = clip.occlusion.visibility[frame, view][:, joints]
                 yield drawn_occlusion(truth, codes, self.bones(clip.truth)), thick
             else:
-                yield drawn_truth(truth, self.bones(clip.truth), self.layers), 1
+                colours = [TRUE if self.layers.poses else person_colour(person) for person in range(len(truth))]
+                yield drawn_plainly(truth, self.bones(clip.truth), Mark.RING, colours), 1
         if poses is not None:
             source = clip.poses.source[frame][:, first_joints(clip.poses)]
             yield drawn_poses(poses, source, self.bones(clip.poses), self.layers), thick

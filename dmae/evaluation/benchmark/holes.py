@@ -6,6 +6,7 @@ A hole is a run of frames in which a joint was not measured, or not seen. No met
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from enum import IntEnum
+from functools import partial
 
 import numpy as np
 
@@ -199,14 +200,14 @@ def completion_cells(holes: Holes, given: Poses3D, linear: Poses3D, poses: Poses
     filled = counted & ~np.isnan(distance)
     within = in_region(error, take_matched(poses.cov, holes.matches))
     stated = filled & ~np.isnan(within)
-    cell = _cell(holes)
+    sums = partial(_sums, AXES, _cell(holes))
     measured = take_matched(given.measured, holes.matches, False) & ~np.isnan(distance)
     return {
-        "holes": _counts(cell, counted),
-        "filled": _counts(cell, filled),
-        "mm": _sums(cell, counted, np.where(filled, distance, stand_in)),
-        "stated": _counts(cell, stated),
-        "held": _counts(cell, stated & (within == 1)),
+        "holes": sums(counted),
+        "filled": sums(filled),
+        "mm": sums(counted, np.where(filled, distance, stand_in)),
+        "stated": sums(stated),
+        "held": sums(stated & (within == 1)),
         "seen": int(measured.sum()),
         "seen_mm": round(float(distance[measured].sum()), 1),
     }
@@ -226,14 +227,14 @@ def capture_cells(sight: Holes, poses: Poses3D) -> dict:
     distance = 1000 * np.linalg.norm(matched - truth, axis=-1)
     near = distance <= 1000 * NEAR
     known = ~np.isnan(truth).any(-1)
-    found, seen, cell = ~np.isnan(distance), known & ~sight.hidden, _cell(sight)
+    found, seen, sums = ~np.isnan(distance), known & ~sight.hidden, partial(_sums, AXES, _cell(sight))
     correct, limbs = correct_limbs(matched, truth, sight.truth.skeleton)
     present = (~np.isnan(poses.xyz).any(-1)).any(-1).sum()
     return {
-        "holes": _counts(cell, sight.hidden),
-        "filled": _counts(cell, sight.hidden & found),
-        "near": _counts(cell, sight.hidden & near),
-        "mm": _sums(cell, sight.hidden & found, distance),
+        "holes": sums(sight.hidden),
+        "filled": sums(sight.hidden & found),
+        "near": sums(sight.hidden & near),
+        "mm": sums(sight.hidden & found, distance),
         "seen": int(seen.sum()),
         "seen_found": int((seen & found).sum()),
         "seen_near": int((seen & near).sum()),
@@ -263,17 +264,12 @@ def angle_cells(holes: Holes, true: np.ndarray, given: Poses3D, poses: Poses3D) 
     determined = counted & ~np.isnan(error)
     length, cause = longest_holes(holes, SHOWN_BY.values())
     index = np.broadcast_arrays(np.arange(len(JUDGED))[:, None], length + 1, cause + 1)
-    shape = tuple(len(classes) for classes in ANGLE_AXES.values())
-    cell = np.ravel_multi_index(index, shape)
-
-    def sums(which: np.ndarray, value: np.ndarray | None = None) -> list:
-        weights = None if value is None else value[which]
-        return np.bincount(cell[which], weights, minlength=np.prod(shape)).round(3).tolist()
-
+    cell = np.ravel_multi_index(index, [len(classes) for classes in ANGLE_AXES.values()])
+    sums = partial(_sums, ANGLE_AXES, cell)
     return {
         "angles": sums(counted),
         "determined": sums(determined),
-        "degrees": sums(determined, np.abs(error)),
+        "degrees": sums(determined, np.abs(error), digits=3),
         "held": sums(determined & in_interval(error, spread)),
     }
 
@@ -300,9 +296,9 @@ def _cell(holes: Holes) -> np.ndarray:
     return np.where(holes.hidden, np.ravel_multi_index(index, SHAPE), -1)
 
 
-def _counts(cell: np.ndarray, counted: np.ndarray) -> list[int]:
-    return np.bincount(cell[counted], minlength=np.prod(SHAPE)).tolist()
-
-
-def _sums(cell: np.ndarray, counted: np.ndarray, values: np.ndarray) -> list[float]:
-    return np.bincount(cell[counted], values[counted], minlength=np.prod(SHAPE)).round(1).tolist()
+def _sums(
+    axes: dict[str, list[str]], cell: np.ndarray, counted: np.ndarray, values: np.ndarray | None = None, digits: int = 1
+) -> list:
+    """Return in each cell of the axes the number of counted entries or, given `values`, their sum."""
+    weights, cells = None if values is None else values[counted], np.prod([len(classes) for classes in axes.values()])
+    return np.bincount(cell[counted], weights, minlength=cells).round(digits).tolist()

@@ -22,7 +22,7 @@ from dmae.evaluation.review import Decision, ReviewVerdict, checksum, decided
 from dmae.files.mapped import in_steps
 from dmae.formats.poses import SOURCE_WORDS
 from dmae.metrics.comparison import Comparison, gap_frames, match, take_matched
-from dmae.metrics.position import GAPS
+from dmae.metrics.position import GAPS, squared_deviations
 from dmae.numerics.body import bone_lengths
 from dmae.numerics.paths import runs
 from dmae.numerics.statistics import likely_error, mean_known, median_over_frames
@@ -79,18 +79,15 @@ Groups = dict[str, dict[str, JointGroup]]
 
 
 def added(*parts: dict) -> dict:
-    """Return groups of several clips or frames as one dictionary; what has the same name adds up."""
-    total = {}
+    """Return groups of several clips or frames, nested or not, as one dictionary; what has the same name adds up."""
+    total: dict = {}
     for part in parts:
         for name, each in part.items():
-            total[name] = total[name] + each if name in total else each
+            if isinstance(each, dict):
+                total[name] = added(total.get(name, {}), each)
+            else:
+                total[name] = total[name] + each if name in total else each
     return total
-
-
-def added_groups(*parts: Groups) -> Groups:
-    """Return the groups of several clips or frames, by breakdown, as one dictionary."""
-    names = dict.fromkeys(name for part in parts for name in part)
-    return {name: added(*(part.get(name, {}) for part in parts)) for name in names}
 
 
 # Joints of the true people or, without truth, of the captured people
@@ -184,8 +181,8 @@ def reprojection(clip: Clip) -> Reprojection:
         error = reprojection_errors(clip.select(frames=part), poses.select(part))
         source = np.broadcast_to(poses.source[part][:, None], error.shape)
         is_completed = source == Source.COMPLETED
-        measured = added_groups(measured, groups(np.where(is_completed, np.nan, error), source))
-        completed = added_groups(completed, groups(np.where(is_completed, error, np.nan), source))
+        measured = added(measured, groups(np.where(is_completed, np.nan, error), source))
+        completed = added(completed, groups(np.where(is_completed, error, np.nan), source))
         flat = np.where(is_completed, np.nan, error).transpose(0, 2, 1, 3).reshape(len(error), persons, -1)
         largest = np.where(np.isnan(flat), -1, flat).argmax(-1)
         worst[part] = np.take_along_axis(flat, largest[..., None], -1)[..., 0]
@@ -577,8 +574,7 @@ def counts_in_regions(joints: Joints) -> dict[str, np.ndarray]:
     cov = joints.comparison.cov
     known = np.isfinite(error).all(-1) & np.isfinite(cov).all((-1, -2)) & joints.counted
     known[known] = np.linalg.det(cov[known].astype(np.float64)) > 0
-    e = error[known]
-    squared = (e * np.linalg.solve(cov[known].astype(np.float64), e[..., None])[..., 0]).sum(-1)
+    squared = squared_deviations(error[known], cov[known])
     limits = 2 * gammaincinv(3 / 2, PROBABILITIES)  # quantiles of chi-squared with three degrees of freedom
     completed = joints.source[known] == Source.COMPLETED
     return {

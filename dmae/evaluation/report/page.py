@@ -19,7 +19,6 @@ from dmae.evaluation.report.findings import (
     JointGroup,
     State,
     added,
-    added_groups,
     examine,
     residual_tables,
 )
@@ -30,7 +29,7 @@ from dmae.metrics.score_tables import score_tables
 from dmae.progress import progress
 from dmae.reporting.figures import COMPLETED, PERSONS, gaps_figure, plain
 from dmae.reporting.page import CaptionedFigure, Section, write_report
-from dmae.reporting.player import Played, player_data, window
+from dmae.reporting.player import player_data, window
 from dmae.reporting.tables import Choices, Moment, Table, counted, number_text
 
 MOST_CLIPS = 6
@@ -80,7 +79,7 @@ def write_clips_report(
         title,
         sections,
         summary=[*about, *(() if clips is None else summary(findings))],
-        players=[player_data(_played(clips[index], findings[index], cut)) for index, cut in cuts.items()],
+        players=[_played(clips[index], findings[index], cut) for index, cut in cuts.items()],
     )
     return findings
 
@@ -103,7 +102,8 @@ def _worst_frame(findings: Findings) -> int:
     return findings.moments[0].frame if findings.moments else 0
 
 
-def _played(clip: Clip, findings: Findings, cut: slice) -> Played:
+def _played(clip: Clip, findings: Findings, cut: slice) -> dict:
+    """Return the data of a clip for the player, with notes on what it lacks."""
     notes = []
     if findings.state == State.not_captured:
         shown = "detections and its truth" if clip.truth else "detections"
@@ -113,7 +113,7 @@ def _played(clip: Clip, findings: Findings, cut: slice) -> Played:
     if cut.stop - cut.start < findings.frames:
         notes.append(f"The clip is long: the player shows frames {cut.start} to {cut.stop - 1} of {findings.frames}.")
     error = None if findings.error is None else findings.error[cut]
-    return Played(clip.select(frames=cut), cut.start, error, tuple(notes))
+    return player_data(clip.select(frames=cut), cut.start, error, notes)
 
 
 # In words
@@ -208,7 +208,7 @@ def _errors(findings: Sequence[Findings]) -> list[str]:
     if within:
         sentence = f"{' and '.join(within)} lie within their stated 90\N{NO-BREAK SPACE}% regions{_widened(findings)}."
         said.append(sentence[0].upper() + sentence[1:])
-    residual = added_groups(*(each.residuals for each in findings)).get("all", {}).get("all")
+    residual = added(*(each.residuals for each in findings)).get("all", {}).get("all")
     if residual is not None and residual.mean is not None:
         said.append(
             f"Measured joints reproject {residual.mean:.1f}\N{NO-BREAK SPACE}px from their detections on average."
@@ -328,7 +328,7 @@ def doubts_section(findings: Sequence[Findings], played: dict[str, range]) -> li
 
 def breakdown_sections(findings: Sequence[Findings]) -> list[Section]:
     """Return errors, or counts where there is no truth, by gap, joint, cause of occlusion and number of cameras."""
-    groups = added_groups(*(each.breakdowns for each in findings))
+    groups = added(*(each.breakdowns for each in findings))
     if not groups:
         return []
     truth = added(*(each.against_truth for each in findings))
@@ -376,8 +376,8 @@ def uncertainty_section(findings: Sequence[Findings]) -> list[Section]:
 
 def residuals_section(findings: Sequence[Findings]) -> list[Section]:
     """Return reprojection errors by camera, joint and, for a single clip, person."""
-    measured = added_groups(*(each.residuals for each in findings))
-    completed = added_groups(*(each.residuals_completed for each in findings))
+    measured = added(*(each.residuals for each in findings))
+    completed = added(*(each.residuals_completed for each in findings))
     names = ("camera", "person", "joint") if len(findings) == 1 else ("camera", "joint")
     tables = residual_tables(measured, completed, names)
     if not tables:

@@ -9,13 +9,14 @@ import hashlib
 import json
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, fields, is_dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cache
 from importlib import metadata
 from importlib.util import find_spec
 from itertools import product
 from pathlib import Path
 
+import joblib
 import numpy as np
 
 from dmae.completion.complete import SMOOTHING
@@ -326,22 +327,9 @@ def hash_of_clip(clip: Clip) -> str:
     It includes the format of the clip's files: the scored persons depend on it
     (`dmae.evaluation.scores.scored_actors`).
     """
-    digest = hashlib.sha256(str(clip.provenance.get("format")).encode())
-    for name in ("id", "fps", "rig", "true_rig", "detections", "truth"):
-        _update(digest, getattr(clip, name))
-    return digest.hexdigest()
-
-
-def _update(digest, value) -> None:
-    """Add a value of a clip to a hash. Arrays are added with their type and shape."""
-    if is_dataclass(value):
-        for field in fields(value):
-            _update(digest, getattr(value, field.name))
-    elif isinstance(value, np.ndarray):
-        digest.update(f"{value.dtype}{value.shape}".encode())
-        digest.update(np.ascontiguousarray(value).tobytes())
-    else:
-        digest.update(f"{value!r};".encode())
+    parts = (clip.rig, clip.true_rig, clip.detections, clip.truth)
+    arrays = [None if part is None else asdict(part) for part in parts]
+    return joblib.hash([clip.provenance.get("format"), clip.id, clip.fps, *arrays])
 
 
 @cache
@@ -495,22 +483,6 @@ HIDDEN_ERROR = 100.0
 """mm; a method is broken if its mean error of hidden joints is above this."""
 
 
-@dataclass(frozen=True)
-class Point:
-    """Scores of one method at one level of a corruption, over all clips and seeds."""
-
-    pcp: Score  # Strict PCP, %
-    hidden: Score  # Error of hidden joints, mm
-    angles: Score | None  # Error of the angles of the legs, degrees; None if they are not scored
-    means: dict[str, float]  # Scores without an interval by name, %
-
-    @property
-    def json(self) -> dict:
-        intervals = {"pcp": self.pcp, "hidden": self.hidden} | ({"angles": self.angles} if self.angles else {})
-        rounded = {name: [_number(value) for value in (each.value, *each.interval)] for name, each in intervals.items()}
-        return rounded | {name: _number(value) for name, value in self.means.items()}
-
-
 def curves(plan: Plan, contenders: Sequence[Contender], runs: list[dict], clips: Sequence[str], reference: str) -> dict:
     """Return all curves of a matrix, JSON-able. None stands for values that were not measured.
 
@@ -549,7 +521,7 @@ def curves(plan: Plan, contenders: Sequence[Contender], runs: list[dict], clips:
                 "points": [
                     {
                         "levels": list(level),
-                        "methods": {each.name: points[each.name, axis.active(level)].json for each in contenders},
+                        "methods": {each.name: _json(points[each.name, axis.active(level)]) for each in contenders},
                     }
                     for level in axis.levels
                 ],
@@ -581,47 +553,51 @@ def breaking_point(levels: np.ndarray, values: np.ndarray, broken: np.ndarray) -
     return found
 
 
-def _point(runs: list[dict]) -> Point:
+def _point(runs: list[dict]) -> dict[str, Score | float]:
+    """Return the scores of one method at one level, over all clips and seeds: see `curves`; some have no interval."""
     table = run_table(runs, "seed")
+    figures = ("pcp", "hidden", *(["angles"] if (table["figure"] == "angles").any() else []))
     singles = {
         "recall": [run["pck"]["recall"] for run in runs],
         "precision": [run["pck"]["precision"] for run in runs],
         "idf1": [run["idf1"] for run in runs],
         "absent": [run["shares"]["absent"] for run in runs],
     }
-    return Point(
-        figure_score(table, "pcp", "seed"),
-        figure_score(table, "hidden", "seed"),
-        figure_score(table, "angles", "seed") if (table["figure"] == "angles").any() else None,
-        {name: mean_known(np.array(values, float)) for name, values in singles.items()},
-    )
+    intervals = {figure: figure_score(table, figure, "seed") for figure in figures}
+    return intervals | {name: mean_known(np.array(values, float)) for name, values in singles.items()}
 
 
-def _along(axis: Axis, contenders: Sequence[Contender], points: dict[tuple, Point]) -> dict:
+def _json(point: dict[str, Score | float]) -> dict:
+    return {
+        name: [_number(value) for value in (each.value, *each.interval)] if isinstance(each, Score) else _number(each)
+        for name, each in point.items()
+    }
+
+
+def _along(axis: Axis, contenders: Sequence[Contender], points: dict[tuple, dict]) -> dict:
     entry = find_corruption(axis.name)
     levels = [(0.0,), *axis.levels]
     found_of = {each.name: [points[each.name, axis.active(level)] for level in levels] for each in contenders}
     methods = {
         name: {
-            "points": [{"level": level} | point.json for (level,), point in zip(levels, found, strict=True)],
+            "points": [{"level": level} | _json(point) for (level,), point in zip(levels, found, strict=True)],
             "breaks": _breaks(np.array(levels)[:, 0], found),
         }
         for name, found in found_of.items()
     }
-    last = {name: found[-1].pcp for name, found in found_of.items()}
+    last = {name: found[-1]["pcp"] for name, found in found_of.items()}
     return {"name": axis.name, "about": entry.help, "unit": entry.unit, "methods": methods} | _best(last)
 
 
-def _breaks(levels: np.ndarray, points: list[Point]) -> dict:
+def _breaks(levels: np.ndarray, points: list[dict]) -> dict:
     """Return the levels at which a method breaks, by PCP and by the error of hidden joints, see `curves`."""
     # If the clips are too short for an interval of a score, values derived from it have no interval either.
-    certain = np.isfinite(points[0].pcp.interval[0])
-
-    def curves_of(scores: list[Score]) -> np.ndarray:
-        """Return (1 + draws, L): the scores at each level, then those of each draw."""
-        return np.stack([np.append(each.value, each.drawn) for each in scores], 1)
-
-    pcp, hidden = curves_of([each.pcp for each in points]), curves_of([each.hidden for each in points])
+    certain = np.isfinite(points[0]["pcp"].interval[0])
+    # (1 + draws, L): the scores at each level, then those of each draw
+    pcp, hidden = (
+        np.stack([np.append(each[figure].value, each[figure].drawn) for each in points], 1)
+        for figure in ("pcp", "hidden")
+    )
     breaks = {}
     for figure, margin in (("pcp", pcp - pcp[:, :1] + PCP_DROP), ("hidden", HIDDEN_ERROR - hidden)):
         if np.isnan(margin[0]).all():

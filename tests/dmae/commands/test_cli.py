@@ -155,9 +155,7 @@ def test_a_recording_is_converted_and_captured_and_exported(folder):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["film"], "no command 'film'; there are run"),
         (["capture", "data=clip", "data.path=nowhere", "out=bad"], "nowhere"),
-        (["capture", "data=one", "cpture.th_v=3", "out=bad"], "cpture"),
         (["capture", "data=one", "capture.th_v=1", "out=bad"], "th_v=1"),
         (["capture", "data=one", "data.cameras=[0,9]", "out=bad"], "data.cameras=[0,9]: expected different cameras"),
         (["capture", "data=shelf", "data.path=one", "out=bad"], "one/calibration.json"),
@@ -167,10 +165,6 @@ def test_a_recording_is_converted_and_captured_and_exported(folder):
         (["capture", "data=panoptic", "data.path=openpose/cam0", "out=bad"], "data.detections=..."),
         (["capture", "data=pose2sim", "data.path=pose2sim", "out=bad"], "there are trials trial"),
         (["convert", "data=one", "data.fps=25", "out=bad"], "leave out data.fps"),
-        (["complete", "clip=one", "weights=one", "out=bad"], "model.json"),
-        (["evaluate", "data=one", "methods=[magic]", "out=bad"], "no method 'magic'"),
-        (["report", "out=bad/report.html"], "nothing to report"),
-        (["report", "clip=openpose", "out=bad/report.html"], "clip=openpose: expected the folder of a clip"),
     ],
 )
 def test_bad_input_is_one_clear_error_and_leaves_nothing_behind(folder, arguments, said):

@@ -67,11 +67,11 @@ def test_what_is_whole_is_a_data_set_even_after_an_error(tmp_path):
         raise KeyboardInterrupt
     assert read_manifest(tmp_path) == [{"id": "a", "status": "ok"}]
     assert find_data_set_damage(tmp_path, ["a"]) == []
-    assert finished(tmp_path) == f"{tmp_path}: 1 whole clip, which can be used; the same command continues"
+    assert finished(None, tmp_path) == f"{tmp_path}: 1 whole clip, which can be used; the same command continues"
     with ClipSet(tmp_path / "none", {"command": "dmae x"}):
         pass
     assert not (tmp_path / "none").exists()
-    assert finished(tmp_path / "none") == "nothing was written; the same command continues"
+    assert finished(None, tmp_path / "none") == "nothing was written; the same command continues"
 
 
 @pytest.fixture(scope="module")

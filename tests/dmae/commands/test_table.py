@@ -20,17 +20,3 @@ def test_a_table_is_written_as_json_and_markdown_and_printed(tmp_path):
     assert sorted(path.name for path in (tmp_path / "tables").iterdir()) == [
         "config.yaml", "table_1.json", "table_1.md"
     ]  # fmt: skip
-
-
-def test_bad_options_are_answered_in_a_line(tmp_path):
-    save_clip(seen(), tmp_path / "walkers")
-    for option, answer in (
-        ("number=7", "number=7: the tables are 1, PCP of each actor"),
-        ("protocol=mvpos", "did you mean mvpose?"),
-        ("size=tiny", "size=tiny"),
-    ):
-        done = dmae(tmp_path, "table", "data=walkers", option, "out=tables")
-        assert done.returncode == 1
-        assert answer in done.stderr
-        assert len(done.stderr.strip().splitlines()) == 1
-    assert not (tmp_path / "tables").exists()

@@ -246,20 +246,6 @@ def test_a_solver_that_is_not_there_is_one_clear_error(project, monkeypatch, sol
         load_solver(solver)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        ([], "expected solver=..."),
-        (["solver=their.tri:mine"], "solver=their.tri:mine: cannot import their.tri: ModuleNotFoundError: No module"),
-        (["solver=theirs.tri:mine", "skip=[clear]"], "no case 'clear'"),
-    ],
-)
-def test_bad_options_are_one_clear_error(project, arguments, said):
-    done = dmae(project, "regress", *arguments)
-    assert done.returncode == 1
-    assert said in done.stderr
-
-
 def test_help_describes_the_arrays(project):
     text = dmae(project, "regress", "--help").stdout
     assert "def solver(*, K, dist, cam_from_world, size, xy, confidence)" in text

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dmae.data.images import Images, write_video
-from dmae.reporting.player import Played, packed, player_data, small_videos, window
+from dmae.reporting.player import packed, player_data, small_videos, window
 from tests.support.clips import full_clip
 from tests.support.reported_clips import completed_clip, grey_of, with_pictures
 
@@ -34,7 +34,7 @@ def test_packed_numbers_are_the_rounded_ones():
 def test_a_wide_scene_keeps_its_shape():
     clip = completed_clip()
     far = replace(clip.poses, xyz=clip.poses.xyz + 500 * np.arange(2)[:, None, None])
-    data = player_data(Played(replace(clip, poses=far)))["poses"]
+    data = player_data(replace(clip, poses=far))["poses"]
     found = unpacked(data["xyz"], far.xyz.shape) * data["unit"] + data["origin"]
     np.testing.assert_allclose(found, far.xyz, atol=data["unit"])
     assert data["unit"] == pytest.approx(0.001, rel=10)
@@ -92,6 +92,6 @@ def test_arrays_of_five_cameras_and_four_people_fit_their_share_of_the_page():
         poses=replace(clip.truth, xyz=noisy, cov=np.broadcast_to(1e-4 * np.eye(3), (*noisy.shape, 3))),
         detections=replace(clip.detections, xy=xy),
     )
-    data = player_data(Played(clip))
+    data = player_data(clip)
     size = len(data["poses"]["xyz"]) + len(data["poses"]["spread"]) + len(data["detections"]["xy"])
     assert 2 * size < MINUTE_BYTES * 4 / 60 / 3  # two people here; a third of the page is for arrays

@@ -51,7 +51,6 @@ def test_a_data_set_is_not_continued_under_another_configuration(tmp_path):
         (["generate", "motion=bvh"], "motion.path"),
         (["generate", "scene.persons=[3,1]"], "scene.persons"),
         (["generate", "scene.arena=moon"], "moon"),
-        (["generate", "rig=moon"], "shelf"),
         (["generate", "detector.swap=2"], "swap"),
         (["generate", "clips=0"], "clips"),
     ],

@@ -170,30 +170,32 @@ def test_every_joint_of_every_skeleton_belongs_to_a_part(skeleton):
     assert {part_of(joint) for joint in skeleton.joints} <= set(range(len(PARTS)))
 
 
-def test_the_truth_scores_nothing_and_linear_filling_its_own_error():
+@pytest.fixture
+def waving():
+    """A clip of two people who wave, and their poses as captured, with one hole of 20 frames."""
     clip, truth = seen_clip()
     wave = truth.xyz.copy()
     wave[..., WRIST, 2] += 0.3 * np.sin(np.arange(60) / 4)[:, None]
     clip = replace(clip, truth=Poses3D(BODY25, wave))
-    given = without(clip.truth, slice(10, 30), 0, WRIST)
+    return clip, without(clip.truth, slice(10, 30), 0, WRIST)
+
+
+def test_the_truth_scores_nothing_and_linear_filling_its_own_error(waving):
+    clip, given = waving
     perfect = scored(clip, given, clip.truth)
     assert sum(perfect["holes"]) == sum(perfect["filled"]) == 20
     assert sum(perfect["mm"]) == 0 and perfect["seen_mm"] == 0
     linear = find_method("linear").function(given, clip.fps)
-    error = 1000 * np.linalg.norm(linear.xyz - wave, axis=-1)[10:30, 0, WRIST].sum()
+    error = 1000 * np.linalg.norm(linear.xyz - clip.truth.xyz, axis=-1)[10:30, 0, WRIST].sum()
     assert error > 500
     assert sum(scored(clip, given, linear)["mm"]) == pytest.approx(error, abs=0.1)
 
 
-def test_an_open_hole_has_the_error_of_linear_filling():
-    clip, truth = seen_clip()
-    wave = truth.xyz.copy()
-    wave[..., WRIST, 2] += 0.3 * np.sin(np.arange(60) / 4)[:, None]
-    clip = replace(clip, truth=Poses3D(BODY25, wave))
-    given = without(clip.truth, slice(10, 30), 0, WRIST)
+def test_an_open_hole_has_the_error_of_linear_filling(waving):
+    clip, given = waving
     half = without(clip.truth, slice(20, 30), 0, WRIST)
     linear = find_method("linear").function(given, clip.fps)
-    error = 1000 * np.linalg.norm(linear.xyz - wave, axis=-1)[20:30, 0, WRIST].sum()
+    error = 1000 * np.linalg.norm(linear.xyz - clip.truth.xyz, axis=-1)[20:30, 0, WRIST].sum()
     found = scored(clip, given, half)
     assert sum(found["filled"]) == 10 and sum(found["holes"]) == 20
     assert sum(found["mm"]) == pytest.approx(error, abs=0.1)

@@ -172,12 +172,6 @@ def test_fusion_has_rows_for_each_stage_and_the_better_of_two_says_so(clips, pre
     for name in ("dmae", network.TUNED):
         assert better["cells"]["average"]["value"] >= rows[name]["cells"]["average"]["value"] - 0.5
     assert made["frames"] == {"actor 1": 80, "actor 2": 80}
-    assert [(pair["name"], pair["against"]) for pair in made["pairs"]] == list(network.STAGES)
-    cells = [rows[name]["cells"]["average"]["value"] for name in network.STAGES[0]]
-    gain = made["pairs"][0]["differences"]["average"]
-    assert gain["value"] == pytest.approx(cells[0] - cells[1], abs=2e-3)
-    assert f"{network.TUNED}, from {network.PRETRAINED} | " in markdown(made)
-    assert [len(printed.rows) for printed in terminal_tables(made)] == [len(made["rows"]), len(network.STAGES)]
 
 
 def test_fusion_without_simulated_clips_is_not_measured(pretrained, tmp_path):

@@ -17,7 +17,6 @@ from dmae.evaluation.report.findings import (
     JointGroup,
     State,
     added,
-    added_groups,
     examine,
     peaks,
 )
@@ -143,13 +142,6 @@ def test_peaks_are_apart_and_runs_have_ends():
     assert runs(np.array([0, 0, 1, 1], bool)) == [(2, 4)]
 
 
-def test_clips_add_up(clip, found):
-    assert added(found.against_truth, found.against_truth)["completed"].joints == 40
-    groups = added_groups(found.breakdowns, found.breakdowns)
-    assert groups[BY_GAP]["6–15 frames"].mean == pytest.approx(100, abs=1e-3)
-    assert groups[BY_GAP]["6–15 frames"].joints == 40
-
-
 def test_the_summary_is_true_of_each_state(clip, found):
     measured = replace(clip, poses=Poses3D(clip.truth.skeleton, clip.truth.xyz))
     said = " ".join(summary([examine(measured)]))
@@ -232,6 +224,8 @@ def test_groups_of_the_same_name_add_up():
     one = JointGroup.of(np.array([1.0]), np.array([Source.MEASURED]))
     both = added({"a": one, "b": one}, {"b": one, "c": one})
     assert {name: each.joints for name, each in both.items()} == {"a": 1, "b": 2, "c": 1}
+    nested = added({"by": {"a": one}}, {"by": {"a": one}, "of": {"b": one}})
+    assert nested["by"]["a"].joints == 2 and nested["of"]["b"] is one
 
 
 def test_regions_are_widened_by_the_error_that_the_truth_states():

@@ -282,17 +282,3 @@ class TestCommand:
         assert done.returncode == 0, done.stderr
         axes = json.loads((folder / "shelf/stress.json").read_text())["axes"]
         assert all(axis["methods"]["linear"]["points"][0]["pcp"][0] > 95 for axis in axes)
-
-    @pytest.mark.parametrize(
-        ("option", "message"),
-        [
-            ("axes=[jiter]", "axes=[jiter]: no axis 'jiter'; did you mean jitter?"),
-            ("levels.jiter=[1]", "levels of jiter: no such axis is used; there are jitter"),
-            ("methods=[liner]", "did you mean linear?"),
-        ],
-    )
-    def test_mistyped_options_are_answered(self, folder, option, message):
-        done = dmae(
-            folder, "stress", "data=set", *(["axes=[jitter]"] if "axes" not in option else []), "pairs=[]", option
-        )
-        assert done.returncode == 1 and message in done.stderr
