@@ -6,7 +6,7 @@ from enum import Enum
 from math import inf
 
 from dmae.data.labels import KINDS
-from dmae.parallel import Backend, check_workers
+from dmae.parallel import ProcessesConfig
 from synth.checks import check_range
 from synth.detector.config import DetectorConfig
 from synth.interactions.registry import InteractionConfig
@@ -80,7 +80,7 @@ class AboutConfig:
 
 
 @dataclass(frozen=True)
-class GenerateConfig:
+class GenerateConfig(ProcessesConfig):
     """Simulate clips with exact truth. The same configuration and seed give the same clips."""
 
     out: str = "runs/data"
@@ -93,10 +93,6 @@ class GenerateConfig:
     """Number of clips. Several machines can fill one folder, each with its own `first` and `clips`."""
     recheck: bool = False
     """Compare the contents of existing images with their checksums, not only their sizes."""
-    workers: int = 1
-    """Processes; -1 for one per core."""
-    backend: Backend = Backend.loky
-    """What runs the processes: this machine, or a cluster."""
     dry_run: bool = False
     """Only print the number of clips, frames and images, and a forecast of time and disk space. A few short clips are
     made and deleted for the forecast."""
@@ -123,7 +119,7 @@ class GenerateConfig:
     def __post_init__(self):
         check_range("", self, 0, inf, "seed", "first", "retries")
         check_range("", self, 1, inf, "clips")
-        check_workers(self.workers)
+        super().__post_init__()
         if self.first + self.clips > MOST_CLIPS:
             raise ValueError(f"first and clips: expected clips up to number {MOST_CLIPS - 1}, got {self.first}")
         if not re.fullmatch(r"([A-Za-z0-9_][A-Za-z0-9_.-]*)?", self.prefix):
@@ -142,7 +138,7 @@ class GenerateConfig:
 
 
 @dataclass(frozen=True)
-class RenderConfig:
+class RenderConfig(ProcessesConfig):
     """Render simulated clips again: as other images, at another quality, or from other cameras. Nothing is simulated
     again.
 
@@ -160,10 +156,6 @@ class RenderConfig:
     """Quality of the images."""
     rgb: RgbFormat = RgbFormat.h264
     """Files of colour images: one video per camera, or one file per image."""
-    workers: int = 1
-    """Processes; -1 for one per core."""
-    backend: Backend = Backend.loky
-    """What runs the processes: this machine, or a cluster."""
     dry_run: bool = False
     """Only print the number of clips, frames and images, and a forecast of time and disk space, from a few images."""
     rig: RigConfig = field(default_factory=lambda: NO_RIG)
@@ -171,7 +163,7 @@ class RenderConfig:
     imaging: ImagingConfig = field(default_factory=ImagingConfig)
 
     def __post_init__(self):
-        check_workers(self.workers)
+        super().__post_init__()
         image_kinds(self.images)
 
     @property

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dmae.parallel import Backend, check_workers
+from dmae.parallel import ProcessesConfig
 from synth.checks import check_pairs, check_range
 from synth.detector.config import DetectorConfig
 from synth.interactions.registry import InteractionConfig
@@ -95,7 +95,7 @@ class SearchConfig:
 
 
 @dataclass(frozen=True)
-class PlanConfig:
+class PlanConfig(ProcessesConfig):
     """Plan where to mount cameras: the best places for 4, 5, ... cameras, and the expected capture for each number.
 
     People are simulated once. Cameras are chosen by the visibility of joints. The resulting rigs are checked by
@@ -119,10 +119,6 @@ class PlanConfig:
     search: SearchConfig = field(default_factory=SearchConfig)
     seed: int = 0
     """Seed of people, detector and ties; 0 is a valid seed."""
-    workers: int = 1
-    """Processes; -1 for one per core."""
-    backend: Backend = Backend.loky
-    """What runs the processes: this machine, or a cluster."""
     dry_run: bool = False
     """Only print what would be simulated and captured, and an estimate of the time."""
     out: str = "runs/plan"
@@ -132,7 +128,7 @@ class PlanConfig:
         # One camera measures no joint.
         check_pairs("", self, 2, MOST_CAMERAS, "views")
         check_range("", self, 0, np.inf, "seed")
-        check_workers(self.workers)
+        super().__post_init__()
         self.setting()
 
     @property
