@@ -4,7 +4,7 @@ from pathlib import Path
 
 from dmae.data.json_values import json_text
 from dmae.evaluation.config import TableConfig
-from dmae.evaluation.paper_tables.table import markdown, terminal_tables
+from dmae.evaluation.paper_tables.layout import markdown, terminal_tables
 from dmae.evaluation.paper_tables.tables import make_table
 from dmae.files.contents import write_atomic
 from dmae.reporting.tables import print_tables

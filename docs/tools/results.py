@@ -181,7 +181,7 @@ def distances_table(name: str) -> str:
 
 def paper_table(name: str) -> str:
     """Return a table of the paper with its notes, as `dmae table` writes it."""
-    from dmae.evaluation.paper_tables.table import markdown
+    from dmae.evaluation.paper_tables.layout import markdown
 
     return markdown(load(name)["table"]).rstrip()
 

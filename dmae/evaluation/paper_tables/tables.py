@@ -28,6 +28,7 @@ from dmae.data.skeleton import BODY25, SHELF14, Skeleton
 from dmae.evaluation.config import EvaluateConfig, TableConfig, TableSize
 from dmae.evaluation.evaluate import Trial, filled_trials, load_methods
 from dmae.evaluation.paper_tables.clips import NamedClips, captured, check_truth, halves, load_recording, load_sets
+from dmae.evaluation.paper_tables.layout import NOISE_NOTE, MeasuredRow, TableColumn, mean_score, paper_table
 from dmae.evaluation.paper_tables.network import (
     MISSING,
     NETWORK,
@@ -38,7 +39,6 @@ from dmae.evaluation.paper_tables.network import (
     codes_table,
     paper_network,
 )
-from dmae.evaluation.paper_tables.table import NOISE_NOTE, MeasuredRow, TableColumn, mean_score, paper_table
 from dmae.evaluation.scores import annotated_persons, figure_score, run_table, score, summary
 from dmae.metrics.angles import leg_angles
 from dmae.metrics.pcp import better_limbs, correct_limbs, count_limbs, limb_names
@@ -443,7 +443,7 @@ _MAKERS = {1: actor_table, 2: camera_table, 3: interaction_table, 4: fusion_tabl
 
 
 def make_table(config: TableConfig, out: Path) -> dict:
-    """Return a table of the paper, see `dmae.evaluation.paper_tables.table.paper_table`.
+    """Return a table of the paper, see `dmae.evaluation.paper_tables.layout.paper_table`.
 
     `out` is a folder for models: a training that was interrupted is continued, one that is finished is not repeated.
     Raises ValueError if the data does not fit the table (no truth, another skeleton, or more or fewer clips than it is

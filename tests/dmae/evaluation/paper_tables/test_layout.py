@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-import dmae.evaluation.paper_tables.table as published
+import dmae.evaluation.paper_tables.layout as published
 from dmae.evaluation.config import NUMBERS
-from dmae.evaluation.paper_tables.table import published_rows
+from dmae.evaluation.paper_tables.layout import published_rows
 from dmae.metrics.registry import protocol
 
 ROWS = tomllib.loads((Path(published.__file__).parent / "published.toml").read_text())["row"]

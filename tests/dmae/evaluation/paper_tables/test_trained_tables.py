@@ -14,7 +14,7 @@ from dmae.data.clip import Clip
 from dmae.data.store import save_clip, write_manifest
 from dmae.evaluation.config import TableConfig, TableSize
 from dmae.evaluation.paper_tables import network, tables
-from dmae.evaluation.paper_tables.table import markdown, terminal_tables
+from dmae.evaluation.paper_tables.layout import markdown, terminal_tables
 from dmae.evaluation.paper_tables.tables import make_table
 from dmae.formats.reading import DataConfig
 from tests.support.clips import full_clip

@@ -11,7 +11,7 @@ from dmae.data.skeleton import BODY25, SHELF14, get_skeleton
 from dmae.data.store import save_clip, write_manifest
 from dmae.evaluation.config import TableConfig, TableSize
 from dmae.evaluation.evaluate import evaluate
-from dmae.evaluation.paper_tables.table import markdown, terminal_tables
+from dmae.evaluation.paper_tables.layout import markdown, terminal_tables
 from dmae.evaluation.paper_tables.tables import convert_with_head, make_table
 from dmae.formats.reading import DataConfig
 from dmae.metrics.registry import protocol
