@@ -22,6 +22,8 @@ _TILE = 0.3
 _CLOTH, _EDGE, _UNDER, _TUCKED, _TUCK = 0.005, 0.004, 0.025, 0.05, 0.03
 """Thickness of cloth, width of the edge of a hem, how far skin and cloth continue under other cloth, and how far a
 shirt reaches into trousers, m."""
+_JOINT = 0.1
+"""Length of cloth over which its pattern turns from one segment of a limb to the next, m."""
 _SOFT, _LOOSE = 12, 24
 """Numbers of times that weights around shoulders, and those of clothes around hips, are averaged over neighbours."""
 
@@ -408,22 +410,24 @@ def _split(sheet: _Sheet, material: str, bare: BareBody) -> list[Part]:
 
 
 def _texture(corners: np.ndarray, segment: int, material: str, bare: BareBody) -> np.ndarray:
-    """Return the (T, 3, 2) texture coordinates of corners (T, 3, 3), wound around the axis of their segment.
+    """Return the (T, 3, 2) texture coordinates of corners (T, 3, 3), wound around the axis of limb or trunk.
 
     Where a top hangs over the thighs, its pattern goes on as on the trunk.
     """
     _, name = side_and_name(SEGMENTS[segment])
     if material in ("iris", "lip"):
         return on_disc(corners[..., 1:])
-    own = (corners - bare.origins[segment]) @ bare.rotations[segment]
-    if name in ("upper_arm", "forearm", "hand"):
-        along, across, ahead = own[..., 1], own[..., 0], own[..., 2]
-    elif material == "skin":
-        along, across, ahead = own[..., 2], own[..., 1], own[..., 0]
-    elif material == "top" or name in ("pelvis", "spine", "chest", "head"):
-        along, across, ahead = corners[..., 2], corners[..., 1], corners[..., 0]
+    chain = next((each for each in (_ARM, _LEG) if name in each), ())
+    if chain and material != "skin":
+        own = _on_limb(corners, segment - chain.index(name), 1 if chain == _ARM else 2, bare)
     else:
+        own = (corners - bare.origins[segment]) @ bare.rotations[segment]
+    if chain == _ARM:
+        along, across, ahead = own[..., 1], own[..., 0], own[..., 2]
+    elif material == "skin" or (chain and material != "top"):
         along, across, ahead = own[..., 2], own[..., 1], own[..., 0]
+    else:
+        along, across, ahead = corners[..., 2], corners[..., 1], corners[..., 0]
     angle = np.arctan2(across, ahead)
     angle = angle[:, :1] + (angle - angle[:, :1] + np.pi) % (2 * np.pi) - np.pi
     if material == "skin" and name == "head":
@@ -431,5 +435,28 @@ def _texture(corners: np.ndarray, segment: int, material: str, bare: BareBody) -
         return around_head(angle, (along - eyes) * (EYES[1] / eyes))
     if material == "skin":
         return around_limb(angle, along)
-    girth = 2 * np.pi * float(np.median(np.hypot(across, ahead)))
-    return np.stack([angle / (2 * np.pi) * max(1, round(girth / _TILE)), along / _TILE], -1)
+    if chain and (chain == _ARM or material != "top"):
+        repeats = 1 if chain == _ARM else 2
+    else:
+        repeats = max(1, round(2 * np.pi * float(np.median(np.hypot(across, ahead))) / _TILE))
+    return np.stack([angle / (2 * np.pi) * repeats, along / _TILE], -1)
+
+
+def _on_limb(corners: np.ndarray, first: int, axis: int, bare: BareBody) -> np.ndarray:
+    """Return corners (T, 3, 3) in a frame that bends with a limb in the bind pose, so that patterns pass its joint.
+
+    Args:
+        first: Number of the limb's first segment.
+        axis: Column of its rotation that is lengthwise.
+    """
+    upper, lower = bare.rotations[first : first + 2]
+    one, other = upper[:, axis], lower[:, axis]
+    # The least rotation that turns the first axis into the second.
+    cross = np.cross(np.eye(3), np.cross(one, other))
+    lower = (np.eye(3) + cross + cross @ cross / (1 + one @ other)) @ upper
+    joint = (bare.origins[first + 1] - bare.origins[first]) @ upper
+    before = (corners - bare.origins[first]) @ upper
+    after = (corners - bare.origins[first + 1]) @ lower
+    after[..., axis] += joint[axis]
+    share = np.clip(0.5 + (before[..., axis] / joint[axis] - 1) * abs(joint[axis]) / _JOINT, 0, 1)[..., None]
+    return before + share * (after - before)

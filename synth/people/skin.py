@@ -44,14 +44,16 @@ def paint_skin(body: Body, looks: PersonLooks, *, rng: np.random.Generator) -> n
         """Return a spot on both sides of the face, 1 in the middle: degrees, and fractions as of `around_head`."""
         return head * np.exp(-(((np.abs(angle) - aside) / wide) ** 2) - ((above - height) / tall) ** 2)
 
-    blotches = np.where(head, noise(x, rng, (5, 4)), noise(x, rng, (2, 10)))
+    # A pixel of limbs is 4 mm long and about 0.5 mm wide.
+    blotches = np.where(head, noise(x, rng, (5, 4)), noise(x, rng, (2, 15)))
+    grain = np.where(head, noise(x, rng, 0.8), noise(x, rng, (0.6, 5)))
     red = (
         0.25 * blotches
         + 0.9 * spot(38, -0.022, 14, 0.013)
         + 0.8 * spot(0, -0.022, 7, 0.008)
         + spot(90, -0.01, 12, 0.02)
     )
-    dark = 0.012 * noise(x, rng, 0.8) + 0.012 * blotches
+    dark = 0.012 * grain + 0.012 * blotches
     dark += 0.16 * spot(18, -0.001, 7, 0.006) + 0.06 * spot(18, -0.010, 7, 0.005)
     colour = np.array(looks.skin) * (1 - dark[..., None])
     # Blood takes green and blue from light skin; on dark skin it hardly shows.

@@ -168,6 +168,27 @@ def test_no_skin_is_left_under_cloth_around_the_waist(body, untucked):
     assert not any((np.abs(part.vertices[:, 2] / body.stature - 0.05) < 0.1).any() for part in trunk)
 
 
+@pytest.mark.parametrize(("material", "upper", "lower"), [("top", "upper_arm", "forearm"), ("bottom", "thigh", "shin")])
+@pytest.mark.parametrize("side", ["l", "r"])
+def test_patterns_go_on_past_elbows_and_knees(material, upper, lower, side):
+    long = replace(_SHORT, long=True)
+    found = {part.segment: part for part in parts(BODIES[1], replace(BARE, top=long, bottom=long))
+             if part.material == material}  # fmt: skip
+    one, other = (found[f"{side}_{name}"] for name in (upper, lower))
+    places, uv = (
+        [(part.vertices[part.faces] if kind else part.uv).reshape(-1, 2 + kind) for part in (one, other)]
+        for kind in (1, 0)
+    )
+    apart, same = cKDTree(places[0]).query(places[1])
+    seam = apart < 1e-6
+    difference = uv[0][same[seam]] - uv[1][seam]
+    assert seam.sum() > 5
+    # Around the limb, whole turns are the same place.
+    repeats = 1 if material == "top" else 2
+    difference[:, 0] -= repeats * np.round(difference[:, 0] / repeats)
+    assert np.abs(difference).max() < 1e-6
+
+
 def test_stripes_go_on_where_a_shirt_hangs_over_the_thighs():
     sides = {part.segment: part for part in parts(BODIES[1], BARE) if part.material == "top"}
     corners = [
