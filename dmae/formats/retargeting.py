@@ -491,9 +491,10 @@ _LEAD_SPEED = 2.0  # m/s at which a hand is led away from where the person holds
 _ADVANCES = 6  # Steps in which hands are moved until they touch
 _OFF, _CORRECTIONS = 1e-4, 4  # m; farthest that a standing foot may be from its place, and how often a step is solved
 _FIRST = 40  # Steps to the first pose, without limits of speed, and as many to come apart there
-_APART, _NEAR = 12.0, 0.1
-"""Cost of overlap of two robots' collision shapes, and m between shapes below which it is looked for."""
-_APPROACH, _RETREAT = 0.5, 0.3
+_APART, _LEGS_APART, _NEAR = 40.0, 12.0, 0.1
+"""Costs of overlap of two robots' collision shapes: well above `_TOUCHING`, and below `_STANDING` for two legs, as a
+foot that stands stays; m between shapes below which it is looked for."""
+_APPROACH, _RETREAT = 0.5, 1.0
 """Share of a distance that one robot may use up in a step, and m/s at which shapes that overlap come apart."""
 
 
@@ -553,12 +554,12 @@ def _momentum_task(model: "mujoco.MjModel") -> "BaseTask":
     return Momentum()
 
 
-def _apart(own: "_Follower", others: list["_Follower"], dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return G (n, nv) and h (n,): with G dq <= h no collision shape of a robot enters another robot."""
+def _apart(own: "_Follower", others: list["_Follower"], dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return G (n, nv), h (n,) and costs (n,): with G dq <= h no collision shape of a robot enters another robot."""
     import mujoco
 
     model, data = own.configuration.model, own.configuration.data
-    rows, bounds, jacobian = [], [], np.empty((3, model.nv))
+    rows, bounds, costs, jacobian = [], [], [], np.empty((3, model.nv))
     mine = own.shapes()
     for other in others:
         theirs = other.shapes()
@@ -578,7 +579,9 @@ def _apart(own: "_Follower", others: list["_Follower"], dt: float) -> tuple[np.n
             rows.append(-normals[pair] / lengths[pair] @ jacobian)
             gap = float(gaps[pair])
             bounds.append(_APPROACH * gap if gap > 0 else max(gap, -_RETREAT * dt))
-    return np.array(rows).reshape(-1, model.nv), np.array(bounds)
+            legs = own.legs[mine.body[one[pair]]] and own.legs[theirs.body[two[pair]]]
+            costs.append(_LEGS_APART if legs else _APART)
+    return np.array(rows).reshape(-1, model.nv), np.array(bounds), np.array(costs)
 
 
 @dataclass(frozen=True)
@@ -660,6 +663,8 @@ class _Follower:
         capsule, sphere = mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_SPHERE
         self.used = np.flatnonzero(np.isin(model.geom_type, (capsule, sphere)) & (model.geom_bodyid > 0))
         self.along = (model.geom_size[:, 1] * (model.geom_type == capsule))[self.used]
+        names = [model.body(number).name for number in range(model.nbody)]
+        self.legs = np.array([any(part in name for part in ("hip", "knee", "ankle")) for name in names])
         self.led = np.zeros((2, 3))  # m, how far palms are led from where the person holds them
         self.moved_shapes: _Shapes | None = None  # of `shapes`, until the robot moves
         links = model.geom_bodyid[self.used]
@@ -696,10 +701,10 @@ class _Follower:
         for _ in range(_CORRECTIONS):
             self.momentum.step = self.moved - moved
             problem = mink.build_ik(self.configuration, tasks, dt, _DAMPING, self.limits)
-            rows, bounds = _apart(self, others, dt)
+            rows, bounds, costs = _apart(self, others, dt)
             # Overlap costs as its square does: where it cannot be avoided, feet and limits come first.
             slack = np.eye(len(bounds))
-            problem.P = block_diag(problem.P, _APART**2 * slack)
+            problem.P = block_diag(problem.P, costs**2 * slack)
             problem.q = np.r_[problem.q, 0 * bounds]
             problem.G = np.block([[problem.G, np.zeros((len(problem.h), len(slack)))], [rows, -slack]])
             problem.h = np.r_[problem.h, bounds]
