@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from dmae.command_line.presets import copy_presets
 from dmae.commands.data_sets import SETTINGS, ClipSet
 from dmae.data.images import write_image, write_video
 from dmae.data.resume import claim_folder
@@ -117,32 +116,12 @@ def _read_lines(folder: Path) -> list:
     return [read_frame(line, ("left", "right"), BODY25)[0] for line in lines]
 
 
-def _write_presets(folder: Path) -> None:
-    (folder / "capture").mkdir()
-    (folder / "capture/mine.yaml").write_text("defaults: [default, _self_]\nth_p: 0.2\ntracking: {coasting_s: 0.5}\n")
-
-
-@cache
-def _capture_options():
-    from dmae.cli import DMAE
-
-    return DMAE.commands["capture"].options()
-
-
-def _read_presets(folder: Path) -> None:
-    import tempfile
-
-    with tempfile.TemporaryDirectory() as copy:
-        copy_presets(_capture_options(), folder, Path(copy))
-
-
 OWN_FILES = [
     Reader("detection/videos", _write_videos, _read_videos),
     Reader("detection/folders of pictures", _write_folders, _read_videos),
     Reader("detection/onnx", lambda folder: (folder / "model.onnx").write_bytes(_onnx_model()), _read_onnx),
     Reader("option/function", lambda folder: (folder / "option.txt").write_text("dmae.regression.solvers:ours"),
            _read_function, unnamed=True),
-    Reader("preset/capture", _write_presets, _read_presets),
     Reader("data set/whole clips", _write_data_set, lambda folder: sorted(ClipSet(folder, _SETTINGS).whole),
            (SETTINGS, "a/checksums.json")),
     Reader("clip/checksums", _write_sealed, _read_sealed, ("checksums.json",)),

@@ -2,19 +2,17 @@
 
 import hashlib
 import os
+import tempfile
 from dataclasses import asdict
 from functools import cache, partial
 from pathlib import Path
 
 from dmae.cli import DMAE
+from dmae.command_line.options import Program
 from dmae.command_line.presets import copy_presets
 from dmae.completion.training import CHECKPOINT, CheckedCheckpoints, newest_checkpoint
 from dmae.completion.weights import load_model, model_card
-from dmae.data.cameras import CameraRig
-from dmae.data.images import (
-    KINDS,
-    Images,
-)
+from dmae.data.images import KINDS, Images
 from dmae.data.resume import claim_folder
 from dmae.data.skeleton import get_skeleton
 from dmae.data.store import load_clip
@@ -40,11 +38,12 @@ from synth.scene.spec import SceneSpec
 from tests.fuzz.own_files import OWN_FILES
 from tests.fuzz.reader import Reader, repair_sums
 from tests.fuzz.seed_files import (
+    CAPTURE_PRESETS,
     FPS,
+    PRESETS,
     TAKES,
     WRITE_RECORDING,
     spec,
-    write_calibration,
     write_checkpoint,
     write_clip,
     write_compressed,
@@ -62,7 +61,7 @@ from tests.fuzz.seed_files import (
 )
 from tests.fuzz.seed_pictures import write_colours, write_pictures
 from tests.support.animal_files import SPIDER, write_deeplabcut, write_dogs_nc
-from tests.support.calibrations import TEXTS
+from tests.support.calibrations import TEXTS, write
 from tests.support.clips import walkers
 from tests.support.tracked_recordings import write_mmpose
 
@@ -96,10 +95,6 @@ def _read_checkpoint(folder: Path):
     return path and list(CheckedCheckpoints().load_checkpoint(path).get("state_dict", {}).values())
 
 
-def _read_scores(folder: Path) -> None:
-    read_shown_scores(folder)
-
-
 def _read_room(folder: Path) -> dict:
     prop_size.cache_clear()
     model = compile_mjcf(folder / "room.xml")
@@ -108,15 +103,13 @@ def _read_room(folder: Path) -> dict:
 
 
 @cache
-def _options(program: str, command: str):
-    return {"dmae": DMAE, "synth": SYNTH}[program].commands[command].options()
+def _options(program: Program, command: str):
+    return program.commands[command].options()
 
 
-def _read_presets(folder: Path) -> None:
-    import tempfile
-
+def _read_presets(program: Program, command: str, folder: Path) -> None:
     with tempfile.TemporaryDirectory() as copy:
-        copy_presets(_options("synth", "generate"), folder, Path(copy))
+        copy_presets(_options(program, command), folder, Path(copy))
 
 
 def _read_motion(kind: str, folder: Path):
@@ -130,15 +123,14 @@ def _read_physics(folder: Path):
     return found.contacts.persons, found.forces.residual, found.surface.visibility
 
 
-def _read_calibration(folder: Path) -> CameraRig:
-    return read_calibration(folder, size=(1000, 600))
-
-
 _CLIP = partial(repair_sums, "clip.json", "arrays.safetensors")
 _WEIGHTS = partial(repair_sums, "model.json", "weights.safetensors")
 
 READERS = [
-    *(Reader(f"calibration/{format}", partial(write_calibration, format), _read_calibration) for format in TEXTS),
+    *(
+        Reader(f"calibration/{format}", partial(write, format=format), partial(read_calibration, size=(1000, 600)))
+        for format in TEXTS
+    ),
     *(
         Reader(f"recording/{name}", write, partial(_read_recording, name), repair=_CLIP if name == "clip" else None)
         for name, write in WRITE_RECORDING.items()
@@ -169,7 +161,8 @@ READERS = [
              finite=True)
       for suffix in MESHES),
     Reader("room/mjcf", write_room, _read_room, finite=True),
-    Reader("preset/generate", write_presets, _read_presets),
+    Reader("preset/generate", partial(write_presets, PRESETS), partial(_read_presets, SYNTH, "generate")),
+    Reader("preset/capture", partial(write_presets, CAPTURE_PRESETS), partial(_read_presets, DMAE, "capture")),
     Reader("clip/clip", write_clip, load_clip, repair=_CLIP),
     Reader("clip/physics", write_physics, _read_physics),
     Reader("clip/decisions", write_decisions, lambda folder: load_decisions(folder, walkers(3, 2))),
@@ -187,7 +180,7 @@ READERS = [
     Reader("model/card", write_weights, lambda folder: model_card(folder, [], "make"),
            ("model.json", "training.json", "config.yaml")),
     Reader("model/checkpoint", write_checkpoint, _read_checkpoint, (CHECKPOINT,), _repair_checkpoint),
-    Reader("scores/scores", write_scores, _read_scores),
+    Reader("scores/scores", write_scores, lambda folder: read_shown_scores(folder) and None),
     *OWN_FILES,
 ]  # fmt: skip
 

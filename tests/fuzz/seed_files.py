@@ -26,7 +26,6 @@ from synth.motion.readers.npz import write_npz as write_smpl
 from synth.scene.config import SceneConfig
 from synth.scene.sampling import sample_scene
 from tests.support.animal_files import write_deeplabcut, write_movement, write_sleap
-from tests.support.calibrations import write as write_camera
 from tests.support.clips import full_clip, walkers
 from tests.support.completers import SMALL
 from tests.support.marker_files import c3d
@@ -73,7 +72,6 @@ def write_panoptic(folder: Path) -> None:
 
 
 def write_pose2sim(folder: Path) -> None:
-
     clip = recording(BODY25, 3, 2)
     write_frames(clip, folder / "pose", "{camera}_json/{camera}_{frame:06d}.json")
     (folder / "calibration").mkdir()
@@ -218,8 +216,11 @@ PRESETS = {
 }
 
 
-def write_presets(folder: Path) -> None:
-    for group, text in PRESETS.items():
+CAPTURE_PRESETS = {"capture": "defaults: [default, _self_]\nth_p: 0.2\ntracking: {coasting_s: 0.5}\n"}
+
+
+def write_presets(presets: dict[str, str], folder: Path) -> None:
+    for group, text in presets.items():
         (folder / group).mkdir()
         (folder / group / "mine.yaml").write_text(text)
 
@@ -236,8 +237,7 @@ def write_motion(kind: str, folder: Path) -> None:
         step = np.arange(12)[:, None] * (0.01, 0, 0)
         c3d(folder / "take.c3d", {name: place + step for name, place in marker_t_pose().items()}, frames=12)
     else:
-        motion = sample_motion()
-        write_smpl(folder / "take.npz", motion)
+        write_smpl(folder / "take.npz", sample_motion())
 
 
 TAKES = "file\tsubject\tset\tseconds\na/02_01.bvh\t2\ttrain\t3.5\n60_01.amc\t60\ttest\t12.1\n"
@@ -255,10 +255,6 @@ def sample_motion():
     from synth.motion.source import load_motion
 
     return load_motion(MotionConfig(), seconds=0.5, fps=30, rng=np.random.default_rng(0))
-
-
-def write_calibration(format: str, folder: Path) -> None:
-    write_camera(folder, format)
 
 
 def write_poses(folder: Path) -> None:

@@ -304,15 +304,3 @@ def test_more_frames_than_a_c3d_counts_go_into_several(clip, tmp_path, monkeypat
     ]
     whole = ezc3d.c3d(str(tmp_path / "walk.c3d"))["data"]
     np.testing.assert_array_equal(np.concatenate([part["points"] for part in parts], -1), whole["points"])
-
-
-@pytest.mark.parametrize("format", ["bvh", "glb", "c3d"])
-def test_clips_without_frames_or_people_are_written_or_refused(clip, tmp_path, format):
-    nothing = replace(clip.poses, xyz=clip.poses.xyz * np.nan, source=np.zeros_like(clip.poses.source), cov=None)
-    none = replace(clip, poses=nothing)
-    if format == "c3d":
-        write_poses(none, tmp_path / "x.c3d", format)
-    else:
-        with pytest.raises(ValueError, match="never known"):
-            write_poses(none, tmp_path / f"x.{format}", format)
-    assert not list(tmp_path.glob(".*"))

@@ -7,10 +7,7 @@ import numpy as np
 import pytest
 
 from dmae.data.skeleton import BODY25, COCO17
-from dmae.formats.calibrations import find_calibration, read_calibration, write_calibration
-from dmae.formats.easymocap import read_detections, write_detections
-from dmae.formats.recordings import to_clip
-from tests.support.clips import full_clip
+from dmae.formats.easymocap import read_detections
 
 
 def person(x: float, joints: int = 25) -> dict:
@@ -109,15 +106,3 @@ def test_frames_twice_none_at_all_and_none_readable(recording, tmp_path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(FileNotFoundError, match=r"annots/<camera>/<frame number>\.json, found none"):
         read_detections(tmp_path / "empty")
-
-
-def test_a_whole_recording_written_and_read_again(tmp_path):
-    clip = full_clip(5, 3)
-    write_calibration(clip.rig, tmp_path, "easymocap")
-    write_detections(clip.detections, clip.rig, tmp_path, first=40)
-    rig = read_calibration(find_calibration(tmp_path))
-    again = to_clip(read_detections(tmp_path), rig, clip.fps, tmp_path)
-    assert again.provenance["first_frame"] == 40
-    assert again.rig.names == clip.rig.names
-    np.testing.assert_allclose(again.detections.xy, clip.detections.xy, atol=1e-3)
-    np.testing.assert_allclose(again.detections.score, clip.detections.score, atol=1e-3)

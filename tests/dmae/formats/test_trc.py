@@ -86,18 +86,6 @@ def test_frames_have_the_numbers_of_the_recording_and_times_count_from_the_first
     assert "P1,nose,100,104,0.000000,0.160000,measured" in (tmp_path / "walk.provenance.csv").read_text().splitlines()
 
 
-def test_opensim_reads_a_file_whose_last_marker_is_absent(tmp_path):
-    opensim = pytest.importorskip("opensim")
-    poses = holed()
-    xyz = poses.xyz.copy()
-    xyz[1:3, :, -1] = np.nan
-    export(Poses3D(BODY25, xyz), tmp_path / "walk.trc")
-    read = opensim.TimeSeriesTableVec3(str(tmp_path / "walk.trc"))
-    last = read.getDependentColumn(read.getColumnLabels()[-1])
-    found = np.array([[last[frame][axis] for axis in range(3)] for frame in range(len(xyz))])
-    np.testing.assert_allclose(found[:, [2, 0, 1]], xyz[:, 0, -1], atol=1e-6)
-
-
 def test_markers_are_called_as_in_the_models_for_opensim():
     assert opensim_marker("mid_hip", BODY25) == "CHip" and opensim_marker("mid_hip", HALPE26) == "Hip"
     assert opensim_marker("head_top", BODY25B) == "Head" and opensim_marker("l_big_toe", BODY25) == "LBigToe"
