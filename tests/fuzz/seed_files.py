@@ -33,7 +33,13 @@ from tests.support.marker_files import t_pose as marker_t_pose
 from tests.support.motion_files import amc, bvh
 from tests.support.physical_labels import made_labels
 from tests.support.recordings import recording, write_frames, write_openpose_recording
-from tests.support.tracked_recordings import write_caliscope, write_freemocap, write_mediapipe, write_mmpose
+from tests.support.tracked_recordings import (
+    write_caliscope,
+    write_freemocap,
+    write_mediapipe,
+    write_mmpose,
+    write_released,
+)
 
 FPS = 25.0
 
@@ -85,21 +91,8 @@ def write_pose2sim_video(folder: Path) -> None:
     write_video(folder / "videos/cam0.mp4", np.zeros((3, 16, 16, 3), np.uint8), 30)
 
 
-def write_released(folder: Path) -> None:
-    clip = recording(BODY25, 3, 2)
-    rig = clip.rig
-    cameras = [
-        {"K": rig.K[v].tolist(), "R": rig.cam_from_world[v, :3, :3].tolist(), "T": rig.cam_from_world[v, :3, 3],
-         "res": [960.0, 600.0], "id": v, "Pos": rig.centers[v][:, None]}
-        for v in range(2)
-    ]  # fmt: skip
-    np.save(folder / "camera_params.npy", cameras, allow_pickle=True)
-    values = np.nan_to_num(np.concatenate([clip.detections.xy / (959, 599), clip.detections.score[..., None]], -1))
-    found = {
-        f"img_{v}": {f"{n:04d}": [{"identity": i, "meta": p} for i, p in enumerate(values[n, v])] for n in range(3)}
-        for v in range(2)
-    }
-    np.save(folder / "shelf_eval_2d_detection_dict.npy", found, allow_pickle=True)
+def write_released_with_truth(folder: Path) -> None:
+    write_released(folder)
     truth = np.empty((3, 2), object)
     for place in np.ndindex(truth.shape):
         truth[place] = np.ones((15, 3)) if place[1] else []
@@ -275,6 +268,6 @@ WRITE_RECORDING = {
     "openpose": lambda folder: write_openpose_recording(recording(BODY25, 3, 2), folder),
     "panoptic": write_panoptic,
     "pose2sim": write_pose2sim,
-    "released": write_released,
+    "released": write_released_with_truth,
     "shelf": write_shelf,
 }

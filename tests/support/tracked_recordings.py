@@ -1,4 +1,4 @@
-"""Recordings as Caliscope, FreeMoCap, MMPose and MediaPipe write them, made without the project's own writers."""
+"""Recordings as Caliscope, FreeMoCap, MMPose, MediaPipe and the paper's code write them, made without our writers."""
 
 import json
 import pickle
@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from dmae.data.clip import Clip, Detections2D
-from dmae.data.skeleton import BLAZEPOSE33, COCO17, Skeleton
+from dmae.data.skeleton import BLAZEPOSE33, BODY21, BODY25, COCO17, Skeleton
 from dmae.formats.calibrations import write_calibration
 from tests.support.recordings import recording
 
@@ -106,4 +106,28 @@ def write_mediapipe(folder: Path, clip: Clip | None = None) -> Clip:
     (folder / "mediapipe").mkdir()
     for view, name in enumerate(clip.rig.names):
         (folder / f"mediapipe/{name}.json").write_text(json.dumps(mediapipe_frames(clip, view)))
+    return clip
+
+
+def write_released(folder: Path, clip: Clip | None = None, joints: str = "meta") -> Clip:
+    """What the paper's scripts write of a recording: lists of dictionaries of arrays, in pickles."""
+    clip = clip or recording(BODY25, 3, 2)
+    rig = clip.rig
+    cameras = [
+        {"P": rig.projections[v].tolist(), "K": rig.K[v].tolist(), "R": rig.cam_from_world[v, :3, :3].tolist(),
+         "T": rig.cam_from_world[v, :3, 3], "res": [960.0, 600.0], "id": v, "Pos": rig.centers[v][:, None]}
+        for v in range(len(rig))
+    ]  # fmt: skip
+    np.save(folder / "camera_params.npy", cameras, allow_pickle=True)
+    values = np.nan_to_num(np.concatenate([clip.detections.xy / (959, 599), clip.detections.score[..., None]], -1))
+    if joints == "filtered_skel":
+        values = values[..., [j for j, joint in enumerate(BODY25.joints) if joint in BODY21.joints], :]
+    found = {
+        f"img_{v}": {
+            f"{300 + n:04d}": [{"identity": i, joints: person} for i, person in enumerate(values[n, v])]
+            for n in range(len(clip))
+        }
+        for v in range(len(rig))
+    }
+    np.save(folder / "shelf_eval_2d_detection_dict.npy", found, allow_pickle=True)
     return clip

@@ -14,25 +14,35 @@ def write_pictures(folder, frames: range, cameras: int = 4, size: tuple[int, int
     """Pictures in which every camera has its own grey, and every frame is a little lighter."""
     for camera in range(cameras):
         for frame in frames:
-            write_image(
-                "rgb",
-                folder / f"cam{camera}" / name.format(frame),
-                np.full((*size, 3), 40 * camera + 3 * frame, np.uint8),
-            )
+            grey = np.full((*size, 3), 40 * camera + 3 * frame, np.uint8)
+            write_image("rgb", folder / f"cam{camera}" / name.format(frame), grey)
     return str(folder)
 
 
-def test_pictures_are_those_of_the_frame_and_camera(tmp_path):
+def write_videos(folder, frames: range, cameras: int = 4, size: tuple[int, int] = (600, 960), name="cam{}.mp4"):
+    """Videos of the same pictures; their first frame is number 0."""
+    for camera in range(cameras):
+        grey = [np.full((*size, 3), 40 * camera + 3 * frame, np.uint8) for frame in range(frames.stop)]
+        write_video(folder / name.format(camera), grey, 25)
+    return str(folder)
+
+
+KINDS = {"images": write_pictures, "videos": write_videos}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_pictures_are_those_of_the_frame_and_camera(tmp_path, kind):
     write_openpose_recording(recording(BODY25, 4), tmp_path / "rec", first=8)
-    pictures = write_pictures(tmp_path / "pictures", range(7, 14))
-    clip = dmae.read(tmp_path / "rec", fps=25, images=pictures, cameras=["cam3", "cam1"], frames=[1, 3])
+    footage = {kind: KINDS[kind](tmp_path / "footage", range(7, 14))}
+    clip = dmae.read(tmp_path / "rec", fps=25, cameras=["cam3", "cam1"], frames=[1, 3], **footage)
     assert clip.provenance["notes"] == ["data.cameras: cam3, cam1, 2 of 4 cameras"]
     for view, camera in enumerate((3, 1)):
-        # f9 comes before f10: by number, not by letter.
-        assert clip.images.at("rgb", clip.rig.names[view], 1).mean() == pytest.approx(40 * camera + 3 * 10)
+        # f9 comes before f10: by number, not by letter. The first frame is number 9 of the recording.
+        grey = clip.images.at("rgb", clip.rig.names[view], 1).mean()
+        assert grey == pytest.approx(40 * camera + 3 * 10, abs=2 * (kind == "videos"))
     dmae.save(clip, tmp_path / "clip")
-    frames = list(dmae.load(tmp_path / "clip").images.read("rgb", "cam1"))
-    assert [frame.mean() for frame in frames] == [40 + 3 * 9, 40 + 3 * 10]
+    frames = [frame.mean() for frame in dmae.load(tmp_path / "clip").images.read("rgb", "cam1")]
+    assert frames == pytest.approx([40 + 3 * 9, 40 + 3 * 10], abs=2 * (kind == "videos"))
 
 
 def test_pictures_without_the_numbers_of_the_frames_are_noted(tmp_path):
@@ -69,17 +79,34 @@ def test_pictures_of_another_shape_are_stretched_and_noted(tmp_path):
     assert clip.images.at("rgb", "cam3", 0).shape == (900, 300, 3)
 
 
-def test_what_lacks_pictures_is_refused_by_name(tmp_path):
+@pytest.mark.parametrize(
+    ("kind", "nothing", "few"),
+    [
+        ("images", "expected a folder of PNG or JPEG files for each camera", "cam0: expected 4 pictures or more"),
+        ("videos", "expected a video for each camera", r"cam0\.mp4: expected 4 frames or more"),
+    ],
+)
+def test_what_lacks_pictures_is_refused_by_name(tmp_path, kind, nothing, few):
     write_openpose_recording(recording(BODY25, 4), tmp_path / "rec")
     (tmp_path / "none").mkdir()
-    with pytest.raises(FileNotFoundError, match="expected a folder of PNG or JPEG files for each camera"):
-        dmae.read(tmp_path / "rec", fps=25, images=str(tmp_path / "none"))
+    with pytest.raises(FileNotFoundError, match=nothing):
+        dmae.read(tmp_path / "rec", fps=25, **{kind: str(tmp_path / "none")})
     with pytest.raises(ValueError, match="found none of cam3"):
-        dmae.read(tmp_path / "rec", fps=25, images=write_pictures(tmp_path / "three", range(4), cameras=3))
-    with pytest.raises(ValueError, match="cam0: expected 4 pictures or more as of the detections, found 2"):
-        dmae.read(tmp_path / "rec", fps=25, images=write_pictures(tmp_path / "few", range(2)))
+        dmae.read(tmp_path / "rec", fps=25, **{kind: KINDS[kind](tmp_path / "three", range(4), cameras=3)})
+    with pytest.raises(ValueError, match=f"{few} as of the detections, found 2"):
+        dmae.read(tmp_path / "rec", fps=25, **{kind: KINDS[kind](tmp_path / "few", range(2))})
     with pytest.raises(ValueError, match="expected one of them"):
         dmae.read(tmp_path / "rec", fps=25, images="a", videos="b")
+
+
+def test_videos_that_begin_with_the_clip_or_have_another_size_are_noted(tmp_path):
+    write_openpose_recording(recording(BODY25, 4), tmp_path / "rec", first=100)
+    videos = write_videos(tmp_path / "videos", range(4), size=(600, 952), name="Cam_{}.mp4")
+    clip = dmae.read(tmp_path / "rec", fps=25, videos=videos)
+    notes = clip.provenance["notes"]
+    assert "the first frame of the videos is assumed to be frame 100, as they have 4 frames" in notes
+    assert any("has pictures of 952 x 600 px, the calibration says 960 x 600; they are" in note for note in notes)
+    assert clip.images.at("rgb", "cam0", 2).mean() == pytest.approx(6, abs=2)
 
 
 def test_offsets_are_given_in_order_or_by_name(tmp_path):
@@ -94,50 +121,3 @@ def test_offsets_are_given_in_order_or_by_name(tmp_path):
     by_name, in_order = (dmae.read(tmp_path / "rec", fps=25, offsets=each) for each in (["cam2:1"], [0, 0, 1, 0]))
     np.testing.assert_array_equal(by_name.detections.xy, in_order.detections.xy)
     assert by_name.provenance["offsets"] == [0, 0, 1, 0]
-
-
-# Videos of a recording: the backgrounds of reports and pictures.
-
-
-def write_videos(folder, frames: int = 6, cameras: int = 4, size: tuple[int, int] = (600, 960), name="cam{}.mp4"):
-    """Videos in which every camera has its own grey, and every frame is a little lighter."""
-    for camera in range(cameras):
-        grey = [np.full((*size, 3), 40 * camera + 8 * frame, np.uint8) for frame in range(frames)]
-        write_video(folder / name.format(camera), grey, 25)
-    return str(folder)
-
-
-def test_pictures_of_videos_are_those_of_the_frame_and_camera(tmp_path):
-    write_openpose_recording(recording(BODY25, 4), tmp_path / "rec", first=2)
-    videos = write_videos(tmp_path / "videos")
-    clip = dmae.read(tmp_path / "rec", fps=25, videos=videos, cameras=["cam3", "cam1"], frames=[1, 3])
-    assert clip.provenance["notes"] == ["data.cameras: cam3, cam1, 2 of 4 cameras"]
-    # The first frame is number 3 of the recording.
-    for view, camera in enumerate((3, 1)):
-        grey = clip.images.at("rgb", clip.rig.names[view], 0).mean()
-        assert grey == pytest.approx(40 * camera + 8 * 3, abs=3)
-    dmae.save(clip, tmp_path / "clip")
-    again = dmae.load(tmp_path / "clip")
-    frames = list(again.images.read("rgb", "cam1"))
-    assert len(frames) == 2 and frames[1].mean() == pytest.approx(40 + 8 * 4, abs=3)
-
-
-def test_videos_that_begin_with_the_clip_or_have_another_size_are_noted(tmp_path):
-    write_openpose_recording(recording(BODY25, 4), tmp_path / "rec", first=100)
-    videos = write_videos(tmp_path / "videos", frames=4, size=(600, 952), name="Cam_{}.mp4")
-    clip = dmae.read(tmp_path / "rec", fps=25, videos=videos)
-    notes = clip.provenance["notes"]
-    assert "the first frame of the videos is assumed to be frame 100, as they have 4 frames" in notes
-    assert any("has pictures of 952 x 600 px, the calibration says 960 x 600; they are" in note for note in notes)
-    assert clip.images.at("rgb", "cam0", 2).mean() == pytest.approx(16, abs=3)
-
-
-def test_what_lacks_videos_is_refused_by_name(tmp_path):
-    write_openpose_recording(recording(BODY25, 4), tmp_path / "rec")
-    (tmp_path / "none").mkdir()
-    with pytest.raises(FileNotFoundError, match="expected a video for each camera"):
-        dmae.read(tmp_path / "rec", fps=25, videos=str(tmp_path / "none"))
-    with pytest.raises(ValueError, match="found none of cam3"):
-        dmae.read(tmp_path / "rec", fps=25, videos=write_videos(tmp_path / "three", cameras=3))
-    with pytest.raises(ValueError, match=r"cam0\.mp4: expected 4 frames or more as of the detections, found 2"):
-        dmae.read(tmp_path / "rec", fps=25, videos=write_videos(tmp_path / "short", frames=2))

@@ -11,6 +11,7 @@ from dmae.files.arrays import read_npy
 from dmae.formats.reading import Clips, DataConfig
 from dmae.formats.released import read_cameras
 from tests.support.recordings import recording, same_detections
+from tests.support.tracked_recordings import write_released
 
 
 def save(path, content) -> None:
@@ -19,35 +20,7 @@ def save(path, content) -> None:
 
 @pytest.fixture
 def folder(tmp_path):
-    """What the paper's scripts write of a recording: lists of dictionaries of arrays, in pickles."""
-    clip = recording(BODY25)
-    cameras = [
-        {
-            "P": clip.rig.projections[view].tolist(),
-            "K": clip.rig.K[view].tolist(),
-            "R": clip.rig.cam_from_world[view, :3, :3].tolist(),
-            "T": clip.rig.cam_from_world[view, :3, 3].tolist(),
-            "res": [960.0, 600.0],
-            "id": view,
-            "Pos": clip.rig.centers[view][:, None],
-        }
-        for view in range(4)
-    ]
-    save(tmp_path / "camera_params.npy", cameras)
-    values = np.concatenate([clip.detections.xy / (959, 599), clip.detections.score[..., None]], -1)
-    values = np.nan_to_num(values)
-    cut = [j for j, joint in enumerate(BODY25.joints) if joint in BODY21.joints]
-    detections = {
-        f"img_{view}": {
-            f"{300 + frame:04d}": [
-                {"identity": n, "meta": person, "joint_define": {0: "Nose"}, "filtered_skel": person[cut]}
-                for n, person in enumerate(values[frame, view].astype(np.float32))
-            ]
-            for frame in range(12)
-        }
-        for view in range(4)
-    }
-    save(tmp_path / "shelf_eval_2d_detection_dict.npy", detections)
+    write_released(tmp_path, recording(BODY25))
     return tmp_path
 
 
@@ -64,15 +37,9 @@ def test_a_recording_of_them(folder):
     assert clip.truth is None
 
 
-def test_people_cut_to_the_paper_s_joints(folder):
-    path = folder / "shelf_eval_2d_detection_dict.npy"
-    content = read_npy(path)
-    for view in content.values():
-        for people in view.values():
-            for person in people:
-                del person["meta"]
-    save(path, content)
-    assert read(folder).detections.skeleton == BODY21
+def test_people_cut_to_the_paper_s_joints(tmp_path):
+    write_released(tmp_path, joints="filtered_skel")
+    assert read(tmp_path).detections.skeleton == BODY21
 
 
 def test_truth_stands_in_the_frames_of_the_detections(folder):
