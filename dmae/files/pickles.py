@@ -34,9 +34,9 @@ _PUSHED = {
     *("SHORT_BINSTRING", "UNICODE", "BINUNICODE", "SHORT_BINUNICODE", "BINUNICODE8", "BINBYTES", "SHORT_BINBYTES"),
     "BINBYTES8",
 }  # fmt: skip
-_CONSTANTS = {"NONE": None, "NEWTRUE": True, "NEWFALSE": False}
-_MADE = {"EMPTY_LIST": list, "EMPTY_DICT": dict, "EMPTY_TUPLE": tuple}
+_CONSTANTS = {"NONE": None, "NEWTRUE": True, "NEWFALSE": False, "EMPTY_TUPLE": ()}
 _SHORT_TUPLES = {"TUPLE1": 1, "TUPLE2": 2, "TUPLE3": 3}
+_OF_A_MARK = {"APPENDS", "SETITEMS", "LIST", "TUPLE", "DICT", "POP_MARK"}  # Opcodes that take all above a mark
 
 
 @dataclass(frozen=True)
@@ -69,118 +69,91 @@ def pickled_values(data: bytes):
 
     Raises ValueError if it is malformed, refers to anything else, or contains more values than its size justifies.
     """
-    machine = _Machine()
     try:
         with warnings.catch_warnings(action="ignore"):  # warnings about invalid escape sequences
-            for opcode, argument, position in pickletools.genops(io.BytesIO(data)):
-                if machine.step(opcode.name, argument):
-                    break
-                if len(machine.stack) > _MOST_STACK or len(machine.below) > 2 * MOST_DEPTH:
-                    raise ValueError(f"it has too many values within each other at byte {position}")
+            value = _interpret(data)
     except (IndexError, KeyError, TypeError, OverflowError, AttributeError) as error:
         raise ValueError(f"its pickle is damaged: {error}") from None
-    if len(machine.stack) != 1 or machine.below:
-        raise ValueError("its pickle is cut short")
-    (value,) = machine.stack
     if _expanded(value, {}, 0)[0] > max(_LEAST_LIMIT, _EXPANSION * len(data)):
         raise ValueError("the same containers occur in it too often")
     return value
 
 
-class _Machine:
-    """The stack of a pickle, the stacks below its marks, and its memo."""
-
-    def __init__(self):
-        self.stack: list = []
-        self.below: list[list] = []
-        self.memo: dict[int, object] = {}
-
-    def step(self, name: str, argument) -> bool:
-        """Apply an opcode; return whether it is the last."""
-        stack = self.stack
+def _interpret(data: bytes):
+    """Return the value that the opcodes of a pickle leave on the stack."""
+    stack: list = []
+    below: list[list] = []  # The stacks below the marks
+    memo: dict[int, object] = {}
+    for opcode, argument, position in pickletools.genops(io.BytesIO(data)):
+        name = opcode.name
         if name in _PUSHED:
             stack.append(argument)
-        elif name in _CONSTANTS:
-            stack.append(_CONSTANTS[name])
-        elif name in _MADE:
-            stack.append(_MADE[name]())
-        elif name in _SHORT_TUPLES:
-            count = _SHORT_TUPLES[name]
-            items = tuple(stack[-count:])
-            if len(items) < count:
-                raise ValueError("its pickle is damaged: a tuple lacks items")
-            stack[-count:] = [items]
         elif name in ("PUT", "BINPUT", "LONG_BINPUT", "MEMOIZE"):
-            place = len(self.memo) if name == "MEMOIZE" else argument
-            self.memo[place] = stack[-1]
+            place = len(memo) if name == "MEMOIZE" else argument
+            memo[place] = stack[-1]
             if isinstance(stack[-1], _Unfilled):
                 stack[-1].places.append(place)
         elif name in ("GET", "BINGET", "LONG_BINGET"):
-            stack.append(self.memo[argument])
+            stack.append(memo[argument])
+        elif name in _CONSTANTS:
+            stack.append(_CONSTANTS[name])
+        elif name == "EMPTY_LIST":
+            stack.append([])
+        elif name == "EMPTY_DICT":
+            stack.append({})
+        elif name in _SHORT_TUPLES:
+            count = _SHORT_TUPLES[name]
+            if len(stack) < count:
+                raise ValueError("its pickle is damaged: a tuple lacks items")
+            stack[-count:] = [tuple(stack[-count:])]
+        elif name == "APPEND":
+            item = stack.pop()
+            _expect(stack[-1], list).append(item)
+        elif name == "SETITEM":
+            item = [stack.pop(-2), stack.pop()]
+            _expect(stack[-1], dict).update(_dictionary(item))
+        elif name == "MARK":
+            below.append(stack)
+            stack = []
+        elif name in _OF_A_MARK:
+            items, stack = stack, below.pop()
+            if name == "APPENDS":
+                _expect(stack[-1], list).extend(items)
+            elif name == "SETITEMS":
+                _expect(stack[-1], dict).update(_dictionary(items))
+            elif name != "POP_MARK":
+                stack.append({"LIST": list, "TUPLE": tuple, "DICT": _dictionary}[name](items))
         elif name in ("GLOBAL", "STACK_GLOBAL"):
             asked = argument.split(" ", 1) if name == "GLOBAL" else [stack.pop(-2), stack.pop()]
-            stack.append(_global(*asked))
+            if not all(isinstance(part, str) for part in asked) or tuple(asked) not in _GLOBALS:
+                raise ValueError(f"it requests {asked[0]}.{asked[-1]}, which is not loaded")
+            stack.append(_Global(_GLOBALS[asked[0], asked[1]]))
         elif name == "REDUCE":
             arguments = stack.pop()
             stack.append(_call(stack.pop(), arguments))
         elif name == "BUILD":
-            state = stack.pop()
-            self._fill(state)
-        elif name == "MARK":
-            self.below.append(stack)
-            self.stack = []
-        elif not self._collect(name):
-            return self._end(name)
-        return False
-
-    def _end(self, name: str) -> bool:
-        if name == "POP":
-            self.stack.pop()
-        elif name not in ("PROTO", "FRAME", "STOP"):
+            state, target = stack.pop(), stack[-1]
+            if isinstance(target, _Type):
+                _, order, *parts = _expect(state, tuple)
+                if order not in ("<", ">", "|", "=") or parts[:3] != [None] * 3:
+                    raise ValueError("it holds an array of elements that are no numbers")
+                target.order = order
+            elif isinstance(target, _Unfilled):
+                stack[-1] = _array(*_expect(state, tuple)[1:])
+                memo.update(dict.fromkeys(target.places, stack[-1]))
+            else:
+                raise ValueError(f"it sets the attributes of a {type(target).__name__}, which is not read")
+        elif name == "POP":
+            stack.pop()
+        elif name == "STOP":
+            break
+        elif name not in ("PROTO", "FRAME"):
             raise ValueError(f"it requests the operation {name}, which is not read")
-        return name == "STOP"
-
-    def _collect(self, name: str) -> bool:
-        """Apply an opcode if it adds to a container; return whether it does."""
-        if name == "APPEND":
-            items = [self.stack.pop()]
-        elif name == "SETITEM":
-            items = [self.stack.pop(-2), self.stack.pop()]
-        elif name in ("APPENDS", "SETITEMS", "LIST", "TUPLE", "DICT", "POP_MARK"):
-            items, self.stack = self.stack, self.below.pop()
-        else:
-            return False
-        if name in ("LIST", "TUPLE"):
-            self.stack.append(items if name == "LIST" else tuple(items))
-        elif name == "DICT":
-            self.stack.append(_dictionary(items))
-        elif name in ("APPEND", "APPENDS"):
-            _expect(self.stack[-1], list).extend(items)
-        elif name in ("SETITEM", "SETITEMS"):
-            _expect(self.stack[-1], dict).update(_dictionary(items))
-        return True
-
-    def _fill(self, state) -> None:
-        """Set the byte order of the type, or the contents of the array, on top of the stack."""
-        target = self.stack[-1]
-        if isinstance(target, _Type):
-            _, order, *parts = _expect(state, tuple)
-            if order not in ("<", ">", "|", "=") or parts[:3] != [None] * 3:
-                raise ValueError("it holds an array of elements that are no numbers")
-            target.order = order
-        elif isinstance(target, _Unfilled):
-            array = _array(*_expect(state, tuple)[1:])
-            self.stack[-1] = array
-            self.memo.update(dict.fromkeys(target.places, array))
-        else:
-            raise ValueError(f"it sets the attributes of a {type(target).__name__}, which is not read")
-
-
-def _global(module, name) -> _Global:
-    try:
-        return _Global(_GLOBALS[module, name])
-    except (KeyError, TypeError):
-        raise ValueError(f"it requests {module}.{name}, which is not loaded") from None
+        if len(stack) > _MOST_STACK or len(below) > 2 * MOST_DEPTH:
+            raise ValueError(f"it has too many values within each other at byte {position}")
+    if len(stack) != 1 or below:
+        raise ValueError("its pickle is cut short")
+    return stack[0]
 
 
 def _call(function, arguments):
