@@ -26,7 +26,7 @@ from dmae.formats.calibrations import (
 )
 from dmae.formats.config import Convention, LengthUnit, UpDirection
 from dmae.formats.poses import PoseFile
-from dmae.formats.recordings import NumberedDetections, json_frames, listed
+from dmae.formats.recordings import NumberedDetections, check_span, json_frames, listed
 from dmae.formats.registry import pose_reader, pose_writer, reader
 from dmae.progress import progress
 
@@ -96,6 +96,7 @@ POSES = "hdPose3d_stage1_coco19"
 _SCENE = "body3DScene_"
 _VALUES = 10  # Number of values per joint: x, y, z, source, and six entries of the covariance
 _UPPER = np.triu_indices(3)
+_MATRIX = np.array([[4, 5, 6], [5, 7, 8], [6, 8, 9]])  # Places of the entries of the covariance among the values
 
 
 @reader(
@@ -143,37 +144,34 @@ def read_panoptic(
 @pose_reader("panoptic", signs=["hdPose3d_stage1_coco19", "body3DScene_*.json"])
 def read_panoptic_poses(path: Path) -> PoseFile:
     """A folder of CMU Panoptic's poses; frames without a file between the first and the last are absent."""
-    found = read_poses(path, completed=True)
-    numbers = range(min(found.xyz), max(found.xyz) + 1)
-
-    def stacked(frames: dict[int, np.ndarray], absent: float) -> np.ndarray:
-        empty = np.full_like(next(iter(frames.values())), absent)
-        return np.array([frames.get(number, empty) for number in numbers])
-
-    xyz, source, cov = stacked(found.xyz, np.nan), stacked(found.source, Source.ABSENT), stacked(found.cov, np.nan)
-    source = np.where(np.isnan(xyz).any(-1), Source.ABSENT, np.where(source == Source.ABSENT, Source.MEASURED, source))
-    return PoseFile(Poses3D(PANOPTIC19, xyz, source, cov), found.fps)
+    rows, fps, _ = _read_rows(Path(path), completed=True)
+    check_span(path, rows, len(rows))
+    absent = np.full_like(next(iter(rows.values())), np.nan)
+    found = np.array([rows.get(number, absent) for number in range(min(rows), max(rows) + 1)])
+    xyz, stated = CONVENTION.points(found[..., :3]), np.nan_to_num(found[..., 3]).astype(np.uint8)
+    source = np.where(stated == Source.ABSENT, Source.MEASURED, stated)
+    turn = CONVENTION.points(np.eye(3))
+    cov = turn.T @ found[..., _MATRIX] @ turn
+    return PoseFile(Poses3D(PANOPTIC19, xyz, np.where(np.isnan(xyz).any(-1), Source.ABSENT, source), cov), fps)
 
 
 @dataclass(frozen=True)
-class PanopticPoses:
-    """The content of 3D pose files."""
+class PanopticTruth:
+    """True poses, of 3D pose files."""
 
     # By frame number, (P, 19, 3) m, world; NaN where absent. Each body id in the files is one person. All frames have
     # the same P persons, in the order of their ids.
     xyz: dict[int, np.ndarray]
-    source: dict[int, np.ndarray]  # By frame number, (P, 19) `Source`; measured if the files do not state it
-    cov: dict[int, np.ndarray]  # By frame number, (P, 19, 3, 3) m^2; NaN if the files do not state it
     fps: float | None  # Frames per second; None if the files do not state it
     notes: tuple[str, ...]  # Files that could not be read, and the ids of the persons if they are not 0 to P - 1
 
 
-def read_poses(path: Path, convention: Convention = CONVENTION, *, completed: bool = False) -> PanopticPoses:
+def read_poses(path: Path, convention: Convention = CONVENTION) -> PanopticTruth:
     """Read `hdPose3d_stage1_coco19/body3DScene_<frame number>.json`: PANOPTIC19 joints, cm, y down.
 
-    Joints without positive confidence are absent, and, unless `completed`, those that `write_poses` marked as
-    completed, because they are not truth. If a file is not valid JSON, for example because it is cut short, its frame
-    is absent, and `notes` names the first such file.
+    Joints without positive confidence are absent, and those that `write_poses` marked as completed, because they are
+    not truth. If a file is not valid JSON, for example because it is cut short, its frame is absent, and `notes` names
+    the first such file.
 
     Args:
         path: The recording, or the folder that contains the files.
@@ -184,10 +182,16 @@ def read_poses(path: Path, convention: Convention = CONVENTION, *, completed: bo
         ValueError: there are several folders of poses, a file is JSON but not Panoptic's, an id occurs twice in
             a frame, frame rates differ, or no file could be read.
     """
+    rows, fps, notes = _read_rows(Path(path), completed=False)
+    return PanopticTruth({number: convention.points(row[..., :3]) for number, row in rows.items()}, fps, notes)
+
+
+def _read_rows(path: Path, completed: bool) -> tuple[dict[int, np.ndarray], float | None, tuple[str, ...]]:
+    """Return joints (P, 19, 10) as `_bodies` does, by frame number, frames per second, and notes."""
     frames: dict[int, dict[int, np.ndarray]] = {}
     rates: dict[float, Path] = {}
     unreadable: dict[str, list[str]] = {}
-    files = sorted(_pose_folder(Path(path)).glob(f"{_SCENE}*.json"))
+    files = sorted(_pose_folder(path).glob(f"{_SCENE}*.json"))
     for _, number, file, content in json_frames(path, {"poses": files}, unreadable):
         frames[number] = _bodies(file, content, completed)
         rate = re.fullmatch(r"[a-z]+_(\d+)(?:_(\d+))?", str(content.get("fpsType")))
@@ -201,17 +205,11 @@ def read_poses(path: Path, convention: Convention = CONVENTION, *, completed: bo
         number: np.array([bodies.get(body, absent) for body in ids]).reshape(-1, *absent.shape)
         for number, bodies in frames.items()
     }
-    xyz = {number: convention.points(row[..., :3]) for number, row in rows.items()}
-    source = {number: np.nan_to_num(row[..., 3]).astype(np.uint8) for number, row in rows.items()}
-    turn = convention.points(np.eye(3))
-    # Symmetric matrices from xx, xy, xz, yy, yz, zz.
-    entries = np.array([[4, 5, 6], [5, 7, 8], [6, 8, 9]])
-    cov = {number: turn.T @ row[..., entries] @ turn for number, row in rows.items()}
     lost = unreadable.get("poses", [])
     notes = [f"{len(lost)} files of poses could not be read and are absent, first {lost[0]}"] if lost else []
     if ids != list(range(len(ids))):
         notes.append(f"persons 0 to {len(ids) - 1} of the truth are the bodies of ids {ids}")
-    return PanopticPoses(xyz, source, cov, next(iter(rates), None), tuple(notes))
+    return rows, next(iter(rates), None), tuple(notes)
 
 
 def _pose_folder(path: Path) -> Path:

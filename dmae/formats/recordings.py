@@ -4,7 +4,7 @@ A reader returns `NumberedDetections`. `dmae.formats.reading` adds the calibrati
 """
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -273,6 +273,15 @@ class NumberedDetections:
         return sizes.pop() if len(sizes) == 1 and set(self.sizes) == set(self.views) else None
 
 
+def check_span(path: Path, numbers: Collection[int], files: int) -> None:
+    """Raise ValueError, with the path, unless numbers can be those of frames, of which a camera has so many files."""
+    if max(numbers) - min(numbers) >= _MAX_SPAN * files + 1000:
+        raise ValueError(
+            f"{path}: expected files numbered by frame, found {len(numbers)} that count from {min(numbers)} to "
+            f"{max(numbers)}; name files <anything><frame number>.json"
+        )
+
+
 def to_clip(found: NumberedDetections, rig: CameraRig, fps: float, path: Path) -> Clip:
     """Return detections and cameras as a clip, from the first to the last frame that any camera has.
 
@@ -295,12 +304,8 @@ def to_clip(found: NumberedDetections, rig: CameraRig, fps: float, path: Path) -
             raise ValueError(
                 f"{path}: camera {name!r} has no readable frame{': ' * bool(broken)}{'; '.join(broken[:1])}"
             )
+    check_span(path, numbers, max(len(view) for view in found.views.values()))
     first, frames = min(numbers), max(numbers) - min(numbers) + 1
-    if frames > _MAX_SPAN * max(len(view) for view in found.views.values()) + 1000:
-        raise ValueError(
-            f"{path}: expected files numbered by frame, found {len(numbers)} that count from {first} to "
-            f"{max(numbers)}; name files of detections <anything><frame number>.json"
-        )
     for name, view in zip(found.views, index, strict=True):
         expected = tuple(rig.size[view].tolist())
         if found.sizes.get(name, expected) != expected:

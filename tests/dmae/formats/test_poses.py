@@ -55,6 +55,10 @@ def test_frames_that_panoptic_left_out_are_absent(tmp_path: Path):
     poses = read_poses(tmp_path / "a").poses
     assert poses.skeleton == PANOPTIC19
     assert np.isnan(poses.xyz[2]).all() and len(poses.xyz) == 6
+    last = tmp_path / "a/hdPose3d_stage1_coco19/body3DScene_00000005.json"
+    last.rename(last.with_name("body3DScene_99999999.json"))
+    with pytest.raises(ValueError, match="numbered by frame, found 5 that count from 0 to 99999999"):
+        read_poses(tmp_path / "a")
 
 
 def test_persons_of_different_lengths_are_refused(tmp_path: Path):
