@@ -17,7 +17,7 @@ from dmae.detection.registry import PictureDetector, PoseDetectorConfig, pose_de
 from dmae.files.arrays import read_arrays
 from dmae.files.checks import MOST_PIXELS
 from dmae.files.contents import write_atomic
-from dmae.formats.picture_sizes import Fitting
+from dmae.formats.footage import Fitting
 from dmae.numerics.body import distance_to_bones
 from dmae.numerics.statistics import median_over_frames
 from dmae.parallel import in_parallel

@@ -31,8 +31,8 @@ from dmae.detection.registry import FlatFormat, OutputConfig, PoseDetectorConfig
 from dmae.files.checks import PICTURES, child
 from dmae.files.contents import write_atomic
 from dmae.files.pictures import read_upright, upright_size
+from dmae.formats.footage import Fitting, fit_pictures
 from dmae.formats.openpose import write_detections, write_people
-from dmae.formats.picture_sizes import Fitting, fit_pictures
 from dmae.formats.recordings import by_name, match_cameras, natural
 from dmae.numerics.filling import STILLS, are_stills
 from dmae.parallel import in_parallel

@@ -12,7 +12,7 @@ from dmae.data.skeleton import BODY25
 from dmae.detection.pictures import CameraPictures, find_cameras
 from dmae.detection.pipeline import Pictures, compare_views
 from dmae.detection.registry import PoseDetectorConfig
-from dmae.formats.picture_sizes import Fitting
+from dmae.formats.footage import Fitting
 from tests.support.detected_people import FPS, detected_clip, standing, with_body
 
 MISSED = range(10, 20)

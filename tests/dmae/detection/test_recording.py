@@ -9,7 +9,7 @@ import pytest
 from dmae.data.images import write_image, write_video
 from dmae.detection.pictures import CameraPictures, align, find_cameras
 from dmae.detection.recording import open_recording
-from dmae.formats.picture_sizes import fit_pictures
+from dmae.formats.footage import fit_pictures
 from tests.support.clips import looking_at_origin
 
 
