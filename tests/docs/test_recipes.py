@@ -140,6 +140,21 @@ def test_a_skeleton(tmp_path: Path):
     assert np.nanmedian(error) < 0.02
 
 
+@pytest.mark.slow
+def test_joint_angles_without_a_recording(tmp_path: Path):
+    """The page's commands run as they stand, and write what it says."""
+    section = (PAGES / "biomechanics.md").read_text().split("\n## To try")[1]
+    (commands,) = re.findall(r"```text\n(.*?)```", section.split("\n## ")[0], re.DOTALL)
+    for line in commands.splitlines():
+        done = run_command(tmp_path, *line.split())
+        assert done.returncode == 0, done.stderr
+    assert all((tmp_path / name).is_file() for name in ("walk.mot", "walk.angles.csv", "walk.trc"))
+    angles, *_ = (
+        line.split() for line in done.stdout.split("Joint angles of the legs")[1].splitlines() if " dmae " in line
+    )
+    assert all(0 < float(error) < 10 for error in angles[2:5])
+
+
 @pytest.fixture(scope="module")
 def small_clip():
     return next(synth.generate(seconds=1, clips=1, seed=2)).select(views=[0, 1, 3])

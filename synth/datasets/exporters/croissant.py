@@ -19,6 +19,8 @@ from dmae.reporting.tables import counted
 from synth.datasets.config import AboutConfig
 from synth.datasets.statistics import terms
 
+TITLE = "Simulated people who hide each other"
+"""Heading of the README if the publisher names none."""
 CROISSANT, DATASHEET, CITATION, SUMS = "croissant.json", "DATASHEET.md", "CITATION.cff", "SHA256SUMS"
 
 _CONTEXT = {
@@ -109,9 +111,7 @@ def describe(summary: dict, scenes: Counter, seed: int | None) -> dict[str, str]
     recorded = any(key.startswith("motion=") and key != "motion=procedural" for key in scenes)
     rooms = ", ".join(sorted(key.removeprefix("arena=") for key in scenes if key.startswith("arena="))) or "unknown"
     counts = {key: sum(split.get(key, 0) for split in summary["splits"].values()) for key in ("clips", "pictures")}
-    origin = (
-        "recorded takes, replayed with contacts" if recorded else "motion that code makes from published kinematics"
-    )
+    origin = "recorded takes, replayed with contacts" if recorded else "procedural motion with published kinematics"
     return {
         "dataCollection": (
             f"Simulated by {summary['made_by']}: {counted(counts['clips'], 'clip')}, "
@@ -124,7 +124,9 @@ def describe(summary: dict, scenes: Counter, seed: int | None) -> dict[str, str]
             "in manifest.jsonl of the data set, with the reason."
         ),
         "dataPreprocessingProtocol": (
-            f"Joints are converted to the skeleton {summary['skeleton']}; one frame in {summary['every']} is exported."
+            f"Joints are converted to the skeleton {summary['skeleton']}. "
+            + ("Every frame is" if summary["every"] == 1 else f"One frame of {summary['every']} is")
+            + " exported."
         ),
         "dataAnnotationProtocol": (
             "No human annotation. Joints are those of the simulated bodies. A ray from each camera to each joint tests "
@@ -154,7 +156,7 @@ def describe(summary: dict, scenes: Counter, seed: int | None) -> dict[str, str]
         "personalSensitiveInformation": (
             "No image of a real person. The motion is that of recorded people, whose terms apply."
             if recorded
-            else "None: no person was recorded."
+            else "No person was recorded."
         ),
         "dataReleaseMaintenancePlan": (
             "The data set can be made again from its configuration; errors are corrected in a new version."
@@ -273,7 +275,7 @@ def hub_metadata(out: Path, summary: dict, about: AboutConfig) -> str:
     }
     edges = [("n<1K", 10**3), ("1K<n<10K", 10**4), ("10K<n<100K", 10**5), ("100K<n<1M", 10**6), ("1M<n<10M", 10**7)]
     content = {
-        "pretty_name": about.name or "Simulated people who hide each other",
+        "pretty_name": about.name or TITLE,
         **_hub_licence(about.licence),
         "task_categories": [task for task, there in tasks.items() if there],
         "size_categories": [next((name for name, most in edges if pictures < most), "n>10M")],

@@ -15,7 +15,7 @@ from dmae.parallel import check_workers
 from dmae.reporting.tables import counted, markdown_table
 from synth.datasets.config import AboutConfig, PictureFormat
 from synth.datasets.exporters import Exporter, exporter
-from synth.datasets.exporters.croissant import hub_metadata, write_metadata
+from synth.datasets.exporters.croissant import TITLE, hub_metadata, write_metadata
 from synth.datasets.exporters.selection import PARTS, Selection
 from synth.datasets.splits import read_splits
 from synth.labels.physical_labels import FILE as PHYSICS
@@ -100,7 +100,7 @@ def export(
         summary = _summary(entry, selection, found, len(names))
         write_atomic(partial / SUMMARY, json.dumps(summary, indent=1))
         hub = hub_metadata(partial, summary, about) if entry.name == "huggingface" else ""
-        write_atomic(partial / CARD, hub + card(summary, entry.pictures))
+        write_atomic(partial / CARD, hub + card(summary, entry.pictures, about.name or TITLE))
         write_metadata(data, partial, summary, about)
     return summary
 
@@ -155,11 +155,13 @@ def _summary(entry: Exporter, selection: Selection, found: dict[str, Counter], c
     }
 
 
-def card(summary: dict, annotated: bool) -> str:
+def card(summary: dict, annotated: bool, title: str) -> str:
     """Return the text of the README of an export, in Markdown.
 
     Args:
+        summary: Content of `export.json`.
         annotated: Whether the layout has a box and the joints of each person in each picture.
+        title: Its heading.
     """
     splits = summary["splits"]
     total = sum((Counter({key: each[key] for key in _COUNTED if key in each}) for each in splits.values()), Counter())
@@ -169,7 +171,7 @@ def card(summary: dict, annotated: bool) -> str:
     frames = "every frame" if summary["every"] == 1 else f"one frame of {summary['every']}"
     notes = _notes(total, summary["clips_of_the_data_set"] - total["clips"], annotated)
     lines = "\n".join(f"- {note}" for note in notes)
-    return f"""# Simulated people who hide each other
+    return f"""# {title}
 
 Exported by {summary["made_by"]} as `{summary["exporter"]}`, version {summary["format"]} of its layout
 (`docs/reference/exports.md` of the project). Skeleton `{summary["skeleton"]}`, {frames} of the clips.

@@ -79,7 +79,8 @@ def test_the_hub_reads_name_licence_tasks_and_size(licence, stated, rows):
 
 def test_the_readme_of_rows_begins_with_what_the_hub_reads(rows):
     hub = pytest.importorskip("huggingface_hub")
-    assert hub.DatasetCard.load(rows / "README.md").data.license_link == ABOUT.licence
+    card = hub.DatasetCard.load(rows / "README.md")
+    assert card.data.license_link == ABOUT.licence and card.text.strip().startswith(f"# {ABOUT.name}\n")
 
 
 def test_checksums_are_of_all_files(rows):
