@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dmae.data.cameras import CameraRig
-from dmae.data.clip import Clip, Detections2D
+from dmae.data.clip import Clip
 from dmae.data.skeleton import BODY25, Skeleton
 from dmae.files.checks import child
 from dmae.files.contents import read_text, write_atomic
@@ -194,15 +194,21 @@ def _camera_folders(path: Path) -> dict[str, Path]:
     )
 
 
-def write_detections(detections: Detections2D, rig: CameraRig, folder: Path, first: int = 0) -> None:
-    """Write `annots/<camera>/<frame number>.json` into a recording's folder, to 0.001 px, with frames from `first`."""
-    values = np.concatenate([detections.xy.astype(np.float64), detections.score[..., None]], -1)
+@recording_writer("easymocap", lacks=["fps", "skeleton"])
+def write_easymocap(clip: Clip, path: Path) -> None:
+    """EasyMocap's calibration and detections.
+
+    Write `annots/<camera>/<frame number>.json` into a recording's folder, to 0.001 px.
+    """
+    write_calibration(clip.rig, path, "easymocap")
+    found, first = clip.detections, clip.provenance.get("first_frame", 0)
+    values = np.concatenate([found.xy.astype(np.float64), found.score[..., None]], -1)
     boxes = np.concatenate([np.fmin.reduce(values[..., :2], -2), np.fmax.reduce(values[..., :2], -2)], -1)
-    seen = detections.observed.any(-1)
-    folders = [child(Path(folder) / ANNOTATIONS, name, "camera") for name in rig.names]
+    seen = found.observed.any(-1)
+    folders = [child(Path(path) / ANNOTATIONS, name, "camera") for name in clip.rig.names]
     values, boxes = np.round(np.nan_to_num(values), 4), np.round(boxes, 4)
     for frame, views in enumerate(progress(values, "writing detections", len(values))):
-        for view, name in enumerate(rig.names):
+        for view, name in enumerate(clip.rig.names):
             people = [
                 {
                     "personID": int(number),
@@ -212,14 +218,7 @@ def write_detections(detections: Detections2D, rig: CameraRig, folder: Path, fir
                 }
                 for number in np.flatnonzero(seen[frame, view])
             ]
-            width, height = rig.size[view].tolist()
+            width, height = clip.rig.size[view].tolist()
             image = f"images/{name}/{first + frame:06d}.jpg"
             content = {"filename": image, "height": height, "width": width, "annots": people, "isKeyframe": False}
             write_atomic(folders[view] / f"{first + frame:06d}.json", json.dumps(content))
-
-
-@recording_writer("easymocap", lacks=["fps", "skeleton"])
-def write_easymocap(clip: Clip, path: Path) -> None:
-    """EasyMocap's calibration and detections."""
-    write_calibration(clip.rig, path, "easymocap")
-    write_detections(clip.detections, clip.rig, path, clip.provenance.get("first_frame", 0))

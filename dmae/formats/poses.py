@@ -109,7 +109,10 @@ def write_provenance(path: Path, poses: Poses3D, fps: float, first: int) -> None
     if not skeleton.defined and len(skeleton.parts) == 1:
         joints = (*skeleton.joints, *(joint for joint in DERIVED if joint not in skeleton.joints))
         skeleton = Skeleton("all", joints, (-1,) * len(joints))
-    source = _sources_on(poses, skeleton)
+    # In blocks of frames, as a long recording does not fit into memory.
+    source = empty((*poses.source.shape[:2], len(skeleton)), np.dtype(np.uint8))
+    for part in frame_blocks(poses.cov):
+        source[part] = convert(poses.select(part), skeleton).source
     names = [SOURCE_WORDS[kind] for kind in Source]
 
     def rows() -> Iterator[str]:
@@ -126,14 +129,6 @@ def write_provenance(path: Path, poses: Poses3D, fps: float, first: int) -> None
                     yield f"{person_name(person)},{joint},{frames},{names[kinds[at]]}"
 
     write_atomic(provenance_table(path), written(rows()))
-
-
-def _sources_on(poses: Poses3D, skeleton: Skeleton) -> np.ndarray:
-    """Return the sources (F, P, J) of poses on another skeleton, in little memory."""
-    source = empty((*poses.source.shape[:2], len(skeleton)), np.dtype(np.uint8))
-    for part in frame_blocks(poses.cov):
-        source[part] = convert(poses.select(part), skeleton).source
-    return source
 
 
 def read_provenance(path: Path, joints: Sequence[str], frames: int) -> np.ndarray | None:

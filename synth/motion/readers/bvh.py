@@ -43,7 +43,10 @@ def read_bvh(path: Path) -> SkeletonRecording:
     lines = read_lines(path)
     hierarchy, motion_line = _parse_hierarchy(path, lines)
     frames, frame_time, first = _parse_motion_header(path, lines, motion_line)
-    values = _parse_frames(path, lines, first, frames, sum(map(len, hierarchy.channels)))
+    filled = [i for i in range(first, len(lines)) if lines[i].strip()]
+    if len(filled) != frames:
+        raise malformed(path, len(lines) - 1, f"{frames} frames, as the header states", f"{len(filled)} frames")
+    values = number_table(path, filled, [lines[i].split() for i in filled], sum(map(len, hierarchy.channels)))
     check_size(path, lines, frames, len(hierarchy.joints))
     root, rotations = _decode(hierarchy, values)
     return SkeletonRecording(
@@ -103,14 +106,6 @@ def _parse_motion_header(path: Path, lines: list[str], motion_line: int) -> tupl
                 return int(frames), frame_time, filled[1] + 1
     found = " / ".join(lines[i].strip() for i in filled)
     raise malformed(path, motion_line, "'Frames: <count>' and 'Frame Time: <seconds>' after MOTION", found)
-
-
-def _parse_frames(path: Path, lines: list[str], first: int, frames: int, channels: int) -> np.ndarray:
-    """Return the numbers of all frames, (frames, channels)."""
-    filled = [i for i in range(first, len(lines)) if lines[i].strip()]
-    if len(filled) != frames:
-        raise malformed(path, len(lines) - 1, f"{frames} frames, as the header states", f"{len(filled)} frames")
-    return number_table(path, filled, [lines[i].split() for i in filled], channels)
 
 
 def _decode(tree: _Hierarchy, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

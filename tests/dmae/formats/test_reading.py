@@ -156,8 +156,7 @@ def test_calibrations_in_other_conventions(walk, tmp_path, unit, up, inverse):
 def test_easymocap(walk, tmp_path):
     with pytest.raises(FileNotFoundError, match=r"data\.detections=\.\.\."):
         read("easymocap", tmp_path, fps=25.0)
-    write_calibration(walk.rig, tmp_path, "easymocap")
-    easymocap.write_detections(walk.detections, walk.rig, tmp_path)
+    easymocap.write_easymocap(walk, tmp_path)
     same(read("easymocap", tmp_path, fps=50.0), walk)
     assert read("easymocap", tmp_path, fps=50.0).fps == 50
     with pytest.raises(ValueError, match=r"no file states the frame rate; give data\.fps=\.\.\."):
@@ -165,7 +164,7 @@ def test_easymocap(walk, tmp_path):
     with pytest.raises(ValueError, match="joints as of coco17"):
         read("easymocap", tmp_path, fps=25.0, skeleton="coco17")
     other = recording(BODY25B)
-    easymocap.write_detections(other.detections, other.rig, tmp_path)
+    easymocap.write_easymocap(other, tmp_path)
     same(read("easymocap", tmp_path, fps=25.0), other)
 
 
