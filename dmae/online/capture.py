@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import ceil
 from typing import TYPE_CHECKING
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from dmae.completion.config import DELAY
 from dmae.data.cameras import CameraRig
-from dmae.data.clip import Clip, Detections2D
+from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.conversion import resized_poses, resized_rig
 from dmae.data.skeleton import Skeleton
 from dmae.online.completion import TURN, FinishedFrame, OnlineCompleter, split_frames
@@ -18,8 +19,16 @@ from dmae.reconstruction.chance import resting_ghosts
 from dmae.reconstruction.config import ADAPTIVE, CaptureConfig, SubjectConfig
 from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.noise import DetectionNoise
-from dmae.reconstruction.people import false_positives, inside_volume, known_joints, merge, same_person, well_measured
-from dmae.reconstruction.pipeline import MeasuredJoints, measure
+from dmae.reconstruction.people import (
+    coincidental,
+    inside_volume,
+    known_joints,
+    merge,
+    same_person,
+    too_brief,
+    well_measured,
+)
+from dmae.reconstruction.pipeline import measure
 from dmae.reconstruction.pruning import LONGEST_JUMP
 from dmae.reconstruction.reassignment import LONGEST_GAP
 from dmae.reconstruction.tracking import TrackedFrame, Tracker, Tracks
@@ -103,7 +112,7 @@ class OnlineCapture:
         if look_ahead is not None:
             ahead = min(ahead, int(look_ahead * fps))
         self._ahead = ahead + self._batch - 1
-        self._measuring: tuple[MeasuredJoints, np.ndarray, int] | None = None
+        self._measuring: tuple[Callable[[int], Poses3D], np.ndarray, int] | None = None
         self._completing = None
         if complete:
             delay = DELAY if look_ahead is None else min(look_ahead, DELAY)
@@ -179,9 +188,9 @@ class OnlineCapture:
             both = np.isin(known, persons)
             before[number[both], np.searchsorted(persons, known[both])] = xyz[both]
         window = slice(past, past + ahead)
-        joints = measure(evidence, tracks, window, before, self._skeleton, self._fps)
-        self._measuring = joints, persons, count
-        self._measured += [(persons, xyz) for xyz in joints.points.xyz[:count]]
+        joints, poses = measure(evidence, tracks, window, before, self._skeleton, self._fps)
+        self._measuring = poses, persons, count
+        self._measured += [(persons, xyz) for xyz in joints[:count]]
         self._waiting -= count
         kept = self._memory + self._waiting
         self._tracked, self._detected = self._tracked[-kept:], self._detected[-kept:]
@@ -191,9 +200,9 @@ class OnlineCapture:
         """Return the frames whose joints were measured last, unless they were returned already."""
         if self._measuring is None:
             return []
-        joints, persons, count = self._measuring
+        poses_of, persons, count = self._measuring
         self._measuring = None
-        poses, scale = joints.poses(count, self._skeleton, self._fps), self._skeleton.scale
+        poses, scale = poses_of(count), self._skeleton.scale
         finished = split_frames(poses if scale == 1 else resized_poses(poses, scale), persons, self._number)
         self._number += count
         return finished
@@ -229,7 +238,8 @@ class OnlineCapture:
         number = np.unique(number)
         measured = well_measured(tracks, config.tracking.births(len(self._skeleton)))[:, window.start :]
         earlier = np.array([self._frames_of.get(p, (0, 0)) for p in number.tolist()], int).reshape(-1, 2).T
-        kept = ~false_positives(tracks, earlier + measured.sum(1), self._seen, fps, config)
+        brief = too_brief(earlier + measured.sum(1), self._seen, fps, config.tracking.min_duration_s)
+        kept = ~(brief | coincidental(tracks, config.th_v))
         settled = earlier + measured[:, : window.stop - window.start].sum(1)
         self._frames_of |= dict(zip(number.tolist(), settled.T, strict=True))
         number, tracks = number[kept], tracks.select(kept)

@@ -11,19 +11,9 @@ from dmae.data.skeleton import Skeleton
 from dmae.numerics.statistics import median_known
 from dmae.reconstruction.association import NONE, Candidates, count_pairs, find_groups
 from dmae.reconstruction.body_size import resized_clip, resized_config, sized
-from dmae.reconstruction.chance import resting_ghosts
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.evidence import Evidence
-from dmae.reconstruction.people import (
-    coincidental,
-    inside_volume,
-    leg_lengths,
-    merge,
-    same_person,
-    too_brief,
-    wanted_people,
-    well_measured,
-)
+from dmae.reconstruction.people import leg_lengths, steps_to_people, well_measured
 from dmae.reconstruction.tracking import MIN_JOINTS, Tracks, fewest_joints, longest_bone, track
 
 _FRAMES = 10  # Number of frames in which detections are compared
@@ -113,9 +103,13 @@ def explain_capture(clip: Clip, config: CaptureConfig) -> Explanation:
     tracks = track(clip, config)
     stages.append(("tracks that were started", tracks.xyz.shape[1]))
     if tracks.xyz.shape[1]:
-        more, suggestion = _kept(tracks, clip, config, evidence)
-        stages += more
-        suggestions = [*suggestions, *suggestion]
+        for step, kept in steps_to_people(clip, tracks, config, evidence.noise):
+            count = kept.xyz.shape[1]
+            stages.append((_STEPS[step].format(config.tracking.min_duration_s), count))
+            if not count:
+                suggestions += _instead(step, tracks, clip, config)
+                break
+            tracks = kept
     elif not suggestions:
         suggestions = [
             "cameras do not agree: dmae doctor, with the same data=..., examines calibration and synchronisation"
@@ -198,49 +192,37 @@ def _other_readings(evidence: Evidence, skeleton: Skeleton, frames: np.ndarray, 
     return suggestions
 
 
-def _kept(
-    tracks: Tracks, clip: Clip, config: CaptureConfig, evidence: Evidence
-) -> tuple[list[tuple[str, int]], list[str]]:
-    """Return the stages from tracks to people, and suggested changes so that some people remain."""
-    skeleton, fps, tracking = clip.detections.skeleton, clip.fps, config.tracking
-    tracks = merge(tracks, same_person(tracks.xyz, skeleton, fps, tracking.reentry_s))
-    stages, suggestions = [("people that they are of", tracks.xyz.shape[1])], []
-    if config.volume is not None:
+_STEPS = {
+    "people": "people that they are of",
+    "volume": "of these inside capture.volume",
+    "duration": "of these measured for {:g} s or more",
+    "agreement": "of these with views that agree on most joints",
+    "motion": "of these that move, or agree better than ghosts at rest would by chance",
+    "wanted": "of these asked for by capture.persons and capture.subject",
+}
+
+
+def _instead(step: str, tracks: Tracks, clip: Clip, config: CaptureConfig) -> list[str]:
+    """Return suggested changes so that some of the tracks before a step remain."""
+    skeleton = clip.detections.skeleton
+    if step == "volume":
         places = median_known(tracks.xyz)
-        tracks = inside_volume(tracks, config.volume)
-        tracks = tracks.select(~np.isnan(tracks.xyz[..., 0]).all((0, 2)))
-        stages.append(("of these inside capture.volume", tracks.xyz.shape[1]))
-        if not tracks.xyz.shape[1]:
-            low, high = np.nanmin(places, (0, 1)), np.nanmax(places, (0, 1))
-            return stages, [
-                f"all people are outside capture.volume: x is {low[0]:.1f} to {high[0]:.1f} m, y {low[1]:.1f} to "
-                f"{high[1]:.1f}, z {low[2]:.1f} to {high[2]:.1f}"
-            ]
-    measured = well_measured(tracks, tracking.births(len(skeleton))).sum(1)
-    brief = too_brief(measured, len(clip), fps, tracking.min_duration_s)
-    stages.append((f"of these measured for {tracking.min_duration_s:g} s or more", int((~brief).sum())))
-    if brief.all():
-        suggestions.append(
-            f"the longest was measured for {measured[1].max(initial=0) / fps:.2f} s: give a smaller "
-            "capture.tracking.min_duration_s, or check that the cameras agree with dmae doctor"
-        )
-        return stages, suggestions
-    tracks = tracks.select(~brief)
-    agreed = ~coincidental(tracks, config.th_v)
-    stages.append(("of these with views that agree on most joints", int(agreed.sum())))
-    if not agreed.any():
-        return stages, ["cameras agree by coincidence only: dmae doctor examines calibration and synchronisation"]
-    tracks = tracks.select(agreed)
-    ghosts = resting_ghosts(clip, tracks.assigned, tracks.xyz, config, evidence.noise)
-    stages.append(("of these that move, or agree better than ghosts at rest would by chance", int((~ghosts).sum())))
-    if ghosts.all():
-        return stages, ["nobody moves, and views agree no better than by chance: more cameras, or fewer ghosts, decide"]
-    tracks = tracks.select(~ghosts)
-    wanted = wanted_people(tracks, clip.rig, skeleton, fps, config).xyz.shape[1]
-    stages.append(("of these asked for by capture.persons and capture.subject", wanted))
-    if not wanted and config.subject.leg_m is not None:
-        legs = leg_lengths(tracks.xyz, skeleton)
-        suggestions.append(
-            f"legs are {', '.join(f'{leg:.2f}' for leg in legs)} m long, which capture.subject.leg_m leaves out"
-        )
-    return stages, suggestions
+        low, high = np.nanmin(places, (0, 1)), np.nanmax(places, (0, 1))
+        return [
+            f"all people are outside capture.volume: x is {low[0]:.1f} to {high[0]:.1f} m, y {low[1]:.1f} to "
+            f"{high[1]:.1f}, z {low[2]:.1f} to {high[2]:.1f}"
+        ]
+    if step == "duration":
+        longest = well_measured(tracks, config.tracking.births(len(skeleton)))[1].sum(0).max(initial=0) / clip.fps
+        return [
+            f"the longest was measured for {longest:.2f} s: give a smaller capture.tracking.min_duration_s, or check "
+            "that the cameras agree with dmae doctor"
+        ]
+    if step == "agreement":
+        return ["cameras agree by coincidence only: dmae doctor examines calibration and synchronisation"]
+    if step == "motion":
+        return ["nobody moves, and views agree no better than by chance: more cameras, or fewer ghosts, decide"]
+    if step == "wanted" and config.subject.leg_m is not None:
+        legs = ", ".join(f"{leg:.2f}" for leg in leg_lengths(tracks.xyz, skeleton))
+        return [f"legs are {legs} m long, which capture.subject.leg_m leaves out"]
+    return []

@@ -1,23 +1,53 @@
 """People: which tracks are one person, which are nobody, and which are wanted."""
 
-import itertools
-from collections.abc import Callable
-from itertools import permutations
+from collections.abc import Callable, Iterator
+from functools import partial
+from itertools import pairwise, permutations
 
 import numpy as np
 
 from dmae.data.cameras import CameraRig
+from dmae.data.clip import Clip
 from dmae.data.skeleton import Skeleton
 from dmae.files.mapped import by_frames, frame_blocks
 from dmae.numerics.body import bone_lengths, symmetric_bone_lengths
 from dmae.numerics.statistics import median_known, median_over_frames
+from dmae.reconstruction.appearance import appearance_differs, has_appearance
 from dmae.reconstruction.association import NONE
+from dmae.reconstruction.chance import resting_ghosts
 from dmae.reconstruction.config import CaptureConfig, SubjectConfig
+from dmae.reconstruction.noise import DetectionNoise
 from dmae.reconstruction.tracking import Tracks
 
 _DUPLICATE_DISTANCE = 0.15  # m; two tracks with a smaller median distance between their joints belong to one person
 _REENTRY_DISTANCE, _WALKING_SPEED = 0.5, 1.5  # m and m/s: largest distance of a re-entry from the place of exit
 _BUILD_DIFFERENCE = 0.15  # Relative difference of bone lengths above which two tracks belong to different people
+
+
+def steps_to_people(
+    clip: Clip, tracks: Tracks, config: CaptureConfig, noise: DetectionNoise
+) -> Iterator[tuple[str, Tracks]]:
+    """Yield what is left of tracks after each step, by its name: people, volume, duration, agreement, motion, wanted.
+
+    Raises:
+        ValueError: as `wanted_people`.
+    """
+    skeleton, fps, tracking = clip.detections.skeleton, clip.fps, config.tracking
+    differs = partial(appearance_differs, clip, tracks.assigned) if has_appearance(clip, config) else None
+    tracks = merge(tracks, same_person(tracks.xyz, skeleton, fps, tracking.reentry_s, differs))
+    yield "people", tracks
+    if config.volume is not None:
+        tracks = inside_volume(tracks, config.volume)
+        tracks = tracks.select((known_joints(tracks.xyz) > 0).any(0))
+        yield "volume", tracks
+    measured = well_measured(tracks, tracking.births(len(skeleton))).sum(1)
+    tracks = tracks.select(~too_brief(measured, len(clip), fps, tracking.min_duration_s))
+    yield "duration", tracks
+    tracks = tracks.select(~coincidental(tracks, config.th_v))
+    yield "agreement", tracks
+    tracks = tracks.select(~resting_ghosts(clip, tracks.assigned, tracks.xyz, config, noise))
+    yield "motion", tracks
+    yield "wanted", wanted_people(tracks, clip.rig, skeleton, fps, config)
 
 
 def same_person(
@@ -104,16 +134,6 @@ _MIN_AGREEMENT = 0.75
 more than 0.9, ghosts that line up by coincidence about 0.5."""
 
 
-def false_positives(tracks: Tracks, measured: np.ndarray, frames: int, fps: float, config: CaptureConfig) -> np.ndarray:
-    """Return (P,) True for tracks without a person: too brief tracks, and tracks with views that agree by coincidence.
-
-    Args:
-        measured: (2, P) numbers of frames in which each track was measured, and with support, see `well_measured`.
-        frames: Number of frames of the recording.
-    """
-    return too_brief(measured, frames, fps, config.tracking.min_duration_s) | coincidental(tracks, config.th_v)
-
-
 def known_joints(xyz: np.ndarray) -> np.ndarray:
     """Return the number (F, P) of joints (F, P, J, 3) that are known."""
     return by_frames(lambda xyz: (~np.isnan(xyz[..., 0])).sum(-1), xyz)
@@ -134,7 +154,8 @@ def too_brief(measured: np.ndarray, frames: int, fps: float, min_duration_s: flo
     """Return (P,) True for tracks measured in fewer frames than the shortest duration or half the recording.
 
     Args:
-        measured: (2, P) see `false_positives`.
+        measured: (2, P) numbers of frames in which each track was measured, and with support, see `well_measured`.
+        frames: Number of frames of the recording.
     """
     least = min(min_duration_s * fps, frames / 2)
     return (measured[0] < least) | (measured[1] < min(least, _SUPPORTED))
@@ -281,7 +302,7 @@ def _link_cost(
     # Every change from one group to the other must be within reach.
     owner = np.where(here, 0, np.where(there, 1, -1))
     frames = np.flatnonzero(owner >= 0)
-    for last, first in itertools.pairwise(frames):
+    for last, first in pairwise(frames):
         if owner[last] != owner[first]:
             ends = [
                 median_known(xyz[frame][a if owner[frame] == 0 else b].reshape(-1, 3))[:2] for frame in (last, first)

@@ -1,30 +1,29 @@
 """Adaptive Triangulation (Algorithm 1 of the paper): from the detections of a clip to its people in 3D."""
 
-from dataclasses import dataclass, replace
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
 from functools import lru_cache, partial
 from math import ceil
 
 import numpy as np
 
-from dmae.data.clip import Clip, Poses3D, Source
+from dmae.data.clip import NOT_KNOWN, Clip, Poses3D, Source
 from dmae.data.skeleton import Skeleton
 from dmae.files.mapped import empty, in_steps
 from dmae.numerics.filling import STILLS, are_stills, fill_body_frame
 from dmae.numerics.paths import pchip
 from dmae.progress import progress
-from dmae.reconstruction.appearance import appearance_differs, has_appearance
 from dmae.reconstruction.association import NONE
 from dmae.reconstruction.body_size import in_units_of_people, resized_clip, resized_config, sized
-from dmae.reconstruction.chance import resting_ghosts
 from dmae.reconstruction.config import ADAPTIVE, AssociationConfig, CaptureConfig, capture_method
 from dmae.reconstruction.evidence import Evidence, evidence_blocks
 from dmae.reconstruction.noise import DetectionNoise, fit, residuals
-from dmae.reconstruction.people import false_positives, inside_volume, merge, same_person, wanted_people, well_measured
+from dmae.reconstruction.people import steps_to_people
 from dmae.reconstruction.pruning import prune
 from dmae.reconstruction.reassignment import expected_paths, most_confident_rays, reassign
 from dmae.reconstruction.sides import Sides, correct_sides
 from dmae.reconstruction.tracking import MIN_JOINTS, Tracker, Tracks, track
-from dmae.reconstruction.triangulation import Points
 
 _WIDE_PX, _WIDE_M = 0.006, 0.06
 """Noise that is assumed before anything is known: share of the width of the image, and m on the person."""
@@ -106,17 +105,8 @@ def _capture(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None) ->
 
 def _people_of(clip: Clip, tracks: Tracks, config: CaptureConfig, noise: DetectionNoise) -> Poses3D:
     """Return the people that tracks are of, with joints measured again."""
-    skeleton, fps, tracking = clip.detections.skeleton, clip.fps, config.tracking
-    differs = None
-    if has_appearance(clip, config):
-        differs = partial(appearance_differs, clip, tracks.assigned)
-    tracks = merge(tracks, same_person(tracks.xyz, skeleton, fps, tracking.reentry_s, differs))
-    tracks = inside_volume(tracks, config.volume)
-    measured = well_measured(tracks, tracking.births(len(skeleton))).sum(1)
-    tracks = tracks.select(~false_positives(tracks, measured, len(clip), fps, config))
-    tracks = tracks.select(~resting_ghosts(clip, tracks.assigned, tracks.xyz, config, noise))
-    tracks = wanted_people(tracks, clip.rig, skeleton, fps, config)
-    return _measured_people(clip, tracks, config, noise)
+    ((_, people),) = deque(steps_to_people(clip, tracks, config, noise), maxlen=1)
+    return _measured_people(clip, people, config, noise)
 
 
 def _captured_stills(clip: Clip, config: CaptureConfig, noise: DetectionNoise) -> Poses3D:
@@ -151,9 +141,8 @@ def _captured_still(clip: Clip, frame: int, config: CaptureConfig, noise: Detect
 def _joined(parts: list[Poses3D]) -> Poses3D:
     """Return poses one after the other, with places for the people of the part that has most."""
     count, people = sum(len(part.xyz) for part in parts), max(part.xyz.shape[1] for part in parts)
-    nobody = {"xyz": np.nan, "source": Source.ABSENT, "cov": np.nan, "views": 0, "rays": np.nan}
     arrays = {}
-    for name, absent in nobody.items():
+    for name, absent in NOT_KNOWN.items():
         first = getattr(parts[0], name)
         arrays[name], row = empty((count, people, *first.shape[2:]), first.dtype), 0
         for part in parts:
@@ -223,10 +212,9 @@ def _learned(clip: Clip, config: CaptureConfig) -> DetectionNoise:
 def _measured_people(clip: Clip, tracks: Tracks, config: CaptureConfig, noise: DetectionNoise) -> Poses3D:
     """Measure the joints of the people of a whole clip, as `measure` does, in blocks of frames that fit in memory."""
     skeleton, fps, reassignment = clip.detections.skeleton, clip.fps, config.reassignment
-    (frames, persons, views, joints), sides = tracks.assigned.shape, Sides.of(skeleton)
     th_p = reassignment.th_p if reassignment.distance_m > 0 else config.th_p
-    paths = expected_paths(tracks.xyz, skeleton, fps, noise.usual_m)
-    blocks = evidence_blocks(clip, persons)
+    paths, sides = expected_paths(tracks.xyz, skeleton, fps, noise.usual_m), Sides.of(skeleton)
+    blocks = evidence_blocks(clip, tracks.assigned.shape[1])
 
     # If there is a single block, its evidence is computed only once.
     @lru_cache(maxsize=1)
@@ -235,29 +223,21 @@ def _measured_people(clip: Clip, tracks: Tracks, config: CaptureConfig, noise: D
         evidence = Evidence.of(clip, th_p, config, part, noise)
         return correct_sides(evidence, tracks.assigned[part], paths[part], sides)
 
-    def evidence_of(part: slice) -> Evidence:
-        return evidence_between(part.start, part.stop)
-
-    shape = frames, persons, joints
-    assigned = empty(tracks.assigned.shape, np.int16)
-    types = ((3,), np.float64), ((3, 3), np.float32), ((views,), np.bool_), ((), np.float32)
-    points = Points(*(empty((*shape, *inner), kind) for inner, kind in types))
-    for part in in_steps(blocks):
-        evidence, first_pass = evidence_of(part), tracks.assigned[part]
-        if reassignment.distance_m > 0:
-            first_pass = reassign(evidence, first_pass, paths[part], evidence.config.reassignment.distance_m)
-        assigned[part] = first_pass
-        found = evidence.triangulate(first_pass)
-        for array, values in zip(vars(points).values(), vars(found).values(), strict=True):
-            array[part] = values
-    xyz = prune(points.xyz, skeleton, fps, noise.usual_m) if config.prune else points.xyz
-    arrays = {"xyz": np.float32, "source": np.uint8, "cov": np.float32, "views": np.uint8, "rays": np.float32}
+    kinds = {"xyz": np.float32, "source": np.uint8, "cov": np.float32, "views": np.uint8, "rays": np.float32}
     inner = {"xyz": (3,), "cov": (3, 3), "rays": (2, 3)}
-    made = {name: empty((*shape, *inner.get(name, ())), kind) for name, kind in arrays.items()}
+    made = {name: empty((*tracks.xyz.shape[:3], *inner.get(name, ())), kind) for name, kind in kinds.items()}
+    assigned, xyz = empty(tracks.assigned.shape, np.int16), empty(tracks.xyz.shape, np.float64)
     for part in in_steps(blocks):
+        evidence = evidence_between(part.start, part.stop)
+        assigned[part] = reassign(evidence, tracks.assigned[part], paths[part], evidence.config.reassignment.distance_m)
+        points = evidence.triangulate(assigned[part])
+        xyz[part], made["cov"][part], made["views"][part] = points.xyz, points.cov, points.views
+    if config.prune:
+        xyz = prune(xyz, skeleton, fps, noise.usual_m)
+    for part in in_steps(blocks):
+        evidence, known = evidence_between(part.start, part.stop), (xyz[part], made["cov"][part], made["views"][part])
         expected = _expected(skeleton, fps, xyz, part, _EXPECTED_IN_CLIPS)
-        known = Points(xyz[part], *(getattr(points, name)[part] for name in ("cov", "used", "residual")))
-        poses = _poses(skeleton, known, evidence_of(part), expected, assigned[part], tracks.assigned[part])
+        poses = _poses(skeleton, known, evidence, expected, assigned[part], tracks.assigned[part])
         for name, array in made.items():
             array[part] = getattr(poses, name)
     return Poses3D(skeleton, **made)
@@ -274,53 +254,36 @@ def _expected(skeleton: Skeleton, fps: float, xyz: np.ndarray, window: slice, se
 
 def _poses(
     skeleton: Skeleton,
-    points: Points,
+    known: tuple[np.ndarray, np.ndarray, np.ndarray],
     evidence: Evidence,
     expected: np.ndarray,
     assigned: np.ndarray,
     first_pass: np.ndarray,
 ) -> Poses3D:
-    """Return points (F, P, J) as poses, with the rays of joints that were not measured.
+    """Return joints as poses, with the rays of joints that were not measured.
 
     Args:
+        known: (F, P, J, 3) m, joints after pruning, NaN where absent; their covariances (F, P, J, 3, 3), m^2, and
+            numbers of views (F, P, J) before pruning.
         expected: (F, P, J, 3) m, expected places of the joints.
         assigned: (F, P, V, J) detections that the joints were measured from, or `NONE`.
         first_pass: (F, P, V, J) detections that tracking assigned.
     """
-    absent = np.isnan(points.xyz[..., 0])
+    xyz, cov, views = known
+    absent = np.isnan(xyz[..., 0])
     return Poses3D(
         skeleton,
-        points.xyz,
+        xyz,
         np.where(absent, Source.ABSENT, Source.MEASURED),
-        np.where(absent[..., None, None], np.nan, points.cov),
-        np.where(absent, 0, points.views),
+        np.where(absent[..., None, None], np.nan, cov),
+        np.where(absent, 0, views),
         most_confident_rays(evidence, absent, expected, assigned, first_pass),
     )
 
 
-@dataclass(frozen=True)
-class MeasuredJoints:
-    """Joints of P known people in a window of F frames, as they were triangulated."""
-
-    evidence: Evidence  # Detections of the window, with corrected sides
-    tracks: Tracks  # The people over N frames, from before the window to after it
-    window: slice  # The F frames among the N
-    assigned: np.ndarray  # (F, P, V, J) detections that the joints were measured from, or `NONE`
-    points: Points  # (F, P, J) joints before pruning
-    xyz: np.ndarray  # (window.stop, P, J, 3) m, joints after pruning, with those before the window
-
-    def poses(self, count: int, skeleton: Skeleton, fps: float) -> Poses3D:
-        """Return the first `count` frames of the window, with the rays of joints that were not measured."""
-        window = slice(self.window.start, self.window.start + count)
-        nearby = np.concatenate([self.xyz, self.tracks.xyz[self.window.stop :]])
-        expected = _expected(skeleton, fps, nearby, window, _EXPECTED_BY)
-        points = Points(self.xyz[window], *(getattr(self.points, name)[:count] for name in ("cov", "used", "residual")))
-        return _poses(skeleton, points, self.evidence, expected, self.assigned[:count], self.tracks.assigned[window])
-
-
 def measure(
     evidence: Evidence, tracks: Tracks, window: slice, before: np.ndarray, skeleton: Skeleton, fps: float
-) -> MeasuredJoints:
+) -> tuple[np.ndarray, Callable[[int], Poses3D]]:
     """Measure the joints of known people in a window of frames: reassign, triangulate and prune.
 
     Args:
@@ -328,15 +291,24 @@ def measure(
         tracks: P people over N frames, from before the window to after it.
         window: The F frames among the N.
         before: (window.start, P, J, 3) m, joints triangulated in the frames before the window.
+
+    Returns:
+        The joints (F, P, J, 3), m, before pruning; and a function that returns so many of the first frames as poses,
+        with the rays of joints that were not measured, which takes about as long again.
     """
-    config, first_pass = evidence.config, tracks.assigned[window]
-    assigned, sides = first_pass, Sides.of(skeleton)
+    first_pass = tracks.assigned[window]
     paths = expected_paths(tracks.xyz, skeleton, fps, evidence.noise.usual_m)[window]
-    evidence = correct_sides(evidence, assigned, paths, sides)
-    if config.reassignment.distance_m > 0:
-        assigned = reassign(evidence, first_pass, paths, config.reassignment.distance_m)
+    evidence = correct_sides(evidence, first_pass, paths, Sides.of(skeleton))
+    assigned = reassign(evidence, first_pass, paths, evidence.config.reassignment.distance_m)
     points = evidence.triangulate(assigned)
     xyz = np.concatenate([before, points.xyz])
-    if config.prune:
+    if evidence.config.prune:
         xyz = prune(xyz, skeleton, fps, evidence.noise.usual_m)
-    return MeasuredJoints(evidence, tracks, window, assigned, points, xyz)
+
+    def poses(count: int) -> Poses3D:
+        part = slice(window.start, window.start + count)
+        expected = _expected(skeleton, fps, np.concatenate([xyz, tracks.xyz[window.stop :]]), part, _EXPECTED_BY)
+        known = xyz[part], points.cov[:count], points.views[:count]
+        return _poses(skeleton, known, evidence, expected, assigned[:count], first_pass[:count])
+
+    return points.xyz, poses

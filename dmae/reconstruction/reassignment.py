@@ -45,12 +45,12 @@ def reassign(evidence: Evidence, assigned: np.ndarray, paths: np.ndarray, max_di
     Args:
         assigned: (F, P, V, J) index of the detection that shows the joint in the view, or `NONE`.
         paths: (F, P, J, 3) m; NaN where a joint has no path and keeps its assignment.
-        max_distance: Largest distance of a detection from the path, m.
+        max_distance: Largest distance of a detection from the path, m; at 0 all joints keep their assignment.
 
     Returns:
         (F, P, V, J) indices of detections, or `NONE`.
     """
-    if not assigned.size:
+    if not assigned.size or max_distance == 0:
         return assigned
     rig, paths = evidence.rig, np.asarray(paths, np.float64)
     return nearest_detections(
