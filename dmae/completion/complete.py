@@ -4,7 +4,7 @@ Long recordings are completed in pieces. `load_completer` and `completers` find 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cache
 from math import ceil
 from pathlib import Path
@@ -105,12 +105,12 @@ def _corrections(model: DMAE, rows: Rows, needed: np.ndarray) -> np.ndarray:
     total, weights = np.zeros((*rows.observed.shape, 4)), np.zeros(rows.observed.shape)
     for begin in range(0, len(starts), _BATCH):
         batch = starts[begin : begin + _BATCH]
-        windows, _, frame = rows.cut(batch, frames, config.align_heading)
+        windows, _, heading = rows.cut(batch, frames, config.align_heading)
         wanted = needed[batch[:, None] + np.arange(frames)]
         with torch.inference_mode():
             inputs = (tensor.to(device) for tensor in windows)
             xyz, log_scale = (part.cpu() for part in model(*inputs, wanted=torch.from_numpy(wanted).to(device)))
-        added = rotate_z((xyz - windows.base).numpy().astype(np.float64), frame.heading[:, None, None])
+        added = rotate_z((xyz - windows.base).numpy().astype(np.float64), heading[:, None, None])
         added = np.concatenate([added, log_scale.numpy()[..., None]], -1)
         weight = triangle[:, None] * wanted
         for t in range(frames):
@@ -314,9 +314,8 @@ class Completer:
         poses = poses.select(frames)
         taken = common | ((done.source != Source.ABSENT) & ~poses.measured)
         joints = {}
-        for name in (field.name for field in fields(Poses3D) if field.name != "skeleton"):
-            new, old = getattr(done, name), getattr(poses, name)
-            joints[name] = np.where(taken.reshape(*taken.shape, *(1,) * (new.ndim - 3)), new, old)
+        for name, new in done.arrays.items():
+            joints[name] = np.where(taken.reshape(*taken.shape, *(1,) * (new.ndim - 3)), new, poses.arrays[name])
         return Poses3D(poses.skeleton, **joints)
 
     def _on_floor(self, xyz: np.ndarray, poses: Poses3D) -> np.ndarray:

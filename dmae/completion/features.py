@@ -11,7 +11,7 @@ from scipy.ndimage import uniform_filter1d
 from dmae.data.clip import Poses3D
 from dmae.numerics.body import Bones, parent_bone_lengths, rotate_z
 from dmae.numerics.filling import smooth
-from dmae.numerics.paths import neighbours, take_frames
+from dmae.numerics.paths import frames_away, neighbours, take_frames
 from dmae.numerics.statistics import median_over_frames
 
 _BONE_FRAMES, _JOINT_FRAMES, _PERSON_FRAMES = 3, 9, 51
@@ -158,8 +158,4 @@ def smooth_by_noise(filled: Poses3D, noisy: np.ndarray, fps: float, seconds: flo
 
 def near_measurement(poses: Poses3D, fps: float) -> np.ndarray:
     """Return (F, P, 1) True where a joint of the person is measured within 0.2 s."""
-    before, after = neighbours(poses.measured.any(-1))
-    index, longest = np.arange(len(before))[:, None], _NEAR * fps
-    since = (before >= 0) & (index - before <= longest)
-    until = (after < len(after)) & (after - index <= longest)
-    return (since | until)[..., None]
+    return (np.minimum(*frames_away(poses.measured.any(-1))) <= _NEAR * fps)[..., None]

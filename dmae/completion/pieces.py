@@ -1,7 +1,6 @@
 """Long recordings in pieces: frames are completed by what is known of the person within 20 s, on one thread."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import fields
 from itertools import pairwise
 from math import ceil
 
@@ -35,15 +34,14 @@ def in_pieces(
     count, persons = poses.xyz.shape[:2]
     if not (count and persons and parts) or parts[0][1] == slice(0, count):
         return complete(poses, frames)
-    names, made, skeleton = [field.name for field in fields(poses)[1:]], {}, poses.skeleton
+    made, skeleton = {}, poses.skeleton
     tasks = [(person, *part) for person in range(persons) for part in parts]
     for person, inner, around in in_steps(progress(tasks, "completing")):
-        given = {name: getattr(poses, name)[around, person : person + 1] for name in names}
+        given = {name: array[around, person : person + 1] for name, array in poses.arrays.items()}
         inside = slice(inner.start - around.start, inner.stop - around.start)
         done = complete(Poses3D(poses.skeleton, **given), inside)
         skeleton = done.skeleton
-        for name in names:
-            array = getattr(done, name)
+        for name, array in done.arrays.items():
             if name not in made:
                 made[name] = empty((len(asked), persons, *array.shape[2:]), array.dtype)
             made[name][inner.start - asked.start : inner.stop - asked.start, person] = array[:, 0]

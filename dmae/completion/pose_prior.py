@@ -8,7 +8,7 @@ observations. The floor is one more of them.
 
 import numpy as np
 
-from dmae.completion.windows import Normalisation, mid_hip
+from dmae.completion.windows import in_window, mid_hip
 from dmae.data.clip import Poses3D
 from dmae.data.skeleton import Skeleton
 from dmae.numerics.body import body_heading, rotate_z
@@ -32,7 +32,7 @@ def pose_covariance(xyz: np.ndarray, skeleton: Skeleton, rest: np.ndarray) -> np
         KeyError: the skeleton has no hips.
     """
     flat, first = xyz.reshape(-1, *xyz.shape[-2:]).astype(np.float64), skeleton.parts[0]
-    upright = Normalisation(mid_hip(flat, first), body_heading(flat, first)).apply(flat) - rest
+    upright = in_window(flat, mid_hip(flat, first), body_heading(flat, first)) - rest
     whole = upright[~np.isnan(upright).any((1, 2))].reshape(-1, rest.size)
     return whole.T @ whole / max(len(whole), 1)
 

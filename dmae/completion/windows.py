@@ -16,29 +16,15 @@ from dmae.completion.fusion import derive
 from dmae.completion.gaussian_process import fill_gaussian_process
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import Skeleton
-from dmae.numerics.body import body_heading, rotate_z
+from dmae.numerics.body import body_heading, parents_first, rotate_z
 from dmae.numerics.filling import present
-from dmae.numerics.paths import linear, neighbours
+from dmae.numerics.paths import frames_away, linear
 
 
-@dataclass(frozen=True)
-class Normalisation:
-    """Frames of windows: window = rotated by -heading about z (world - origin)."""
-
-    origin: np.ndarray  # (B, 3) m, world: the mid hip, or its estimate, in the middle frame
-    heading: np.ndarray  # (B,) rad, the heading in the world that is +x in the window
-
-    def apply(self, xyz: np.ndarray) -> np.ndarray:
-        """Return points of the world (B, ..., 3) in the window."""
-        return rotate_z(xyz - self._broadcast(self.origin, xyz.ndim), -self._broadcast(self.heading, xyz.ndim - 1))
-
-    def undo(self, xyz: np.ndarray) -> np.ndarray:
-        """Return points of the window (B, ..., 3) in the world."""
-        return rotate_z(xyz, self._broadcast(self.heading, xyz.ndim - 1)) + self._broadcast(self.origin, xyz.ndim)
-
-    @staticmethod
-    def _broadcast(array: np.ndarray, ndim: int) -> np.ndarray:
-        return array.reshape(len(array), *(1,) * (ndim - array.ndim), *array.shape[1:])
+def in_window(xyz: np.ndarray, origin: np.ndarray, heading: np.ndarray) -> np.ndarray:
+    """Return points of the world (B, ..., 3) in frames with their origin at (B, 3) m, and +x along (B,) rad."""
+    ones = (1,) * (xyz.ndim - 2)
+    return rotate_z(xyz - origin.reshape(-1, *ones, 3), -heading.reshape(-1, *ones))
 
 
 def mid_hip(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
@@ -62,7 +48,7 @@ def rest_pose(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
     """
     flat = xyz.reshape(-1, *xyz.shape[-2:]).astype(np.float64)
     first = skeleton.parts[0]
-    upright = Normalisation(mid_hip(flat, first), body_heading(flat, first)).apply(flat)
+    upright = in_window(flat, mid_hip(flat, first), body_heading(flat, first))
     known = ~np.isnan(upright).any(-1)
     never = [joint for joint, count in zip(skeleton.joints, known.sum(0), strict=True) if not count]
     if never:
@@ -70,11 +56,11 @@ def rest_pose(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
     return np.where(known[..., None], upright, 0).sum(0) / known.sum(0)[:, None]
 
 
-_NEVER = 1000  # Frames to a measurement that does not exist
+_LONGEST_GAP = 1000  # Frames since and until a measurement, at most
 
 
 class Windows(NamedTuple):
-    """What the network is given, (B, T, J, ...), in the frames of a `Normalisation`."""
+    """What the network is given, (B, T, J, ...), about the body of the middle frame, which may face +x (`Rows.cut`)."""
 
     x: Tensor
     """(..., 3) m, float32, zero where not observed."""
@@ -108,19 +94,24 @@ class Rows:
     present: np.ndarray  # (S,) True while the person is present, `dmae.numerics.filling.present`
     starts: np.ndarray  # (W,) the first rows of all windows that hold a measurement
 
-    def cut(self, starts: np.ndarray, frames: int, align_heading: bool) -> tuple[Windows, np.ndarray, Normalisation]:
-        """Return the windows that begin at `starts`, their truth (B, T, J, 3) in the window's frame, and that frame."""
+    def cut(self, starts: np.ndarray, frames: int, align_heading: bool) -> tuple[Windows, np.ndarray, np.ndarray]:
+        """Return the windows that begin at `starts`, their truth (B, T, J, 3), and the headings (B,) that are +x there.
+
+        The origin of a window is that of its middle frame.
+        """
         index = starts[:, None] + np.arange(frames)
         middle = starts + frames // 2
         heading = self.heading[middle] if align_heading else np.zeros(len(starts))
-        frame = Normalisation(self.origin[middle], heading)
-        observed, base = self.observed[index], frame.apply(self.base[index]).astype(np.float32)
+        observed = self.observed[index]
+        base, truth = (
+            in_window(part[index], self.origin[middle], heading).astype(np.float32) for part in (self.base, self.truth)
+        )
         x = np.where(observed[..., None], base, np.float32(0))
         ray = rotate_z(self.ray[index], -heading[:, None, None]).astype(np.float32)
         offset = rotate_z(self.candidate_offset[index], -heading[:, None, None, None]).astype(np.float32)
         arrays = (x, observed, base, self.gap[index], ray, offset, self.noise_level[index])
         windows = Windows(*map(torch.from_numpy, arrays))
-        return windows, frame.apply(self.truth[index]).astype(np.float32), frame
+        return windows, truth, heading
 
 
 def join_rows(parts: list[Rows]) -> Rows:
@@ -156,7 +147,7 @@ def make_rows(
     rest = rest[: len(skeleton)]
     count, persons = poses.xyz.shape[:2]
     observed = ~np.isnan(poses.xyz).any(-1)
-    gap = _gap(observed)
+    gap = np.stack(frames_away(observed), -1)
     filled = fill_gaussian_process(poses, fps)
     base = filled.xyz.astype(np.float64)
     ray = np.where((filled.source == Source.COMPLETED)[..., None], np.nan_to_num(poses.rays[..., 1, :]), 0)
@@ -169,7 +160,8 @@ def make_rows(
         _fill_from_rest_pose(start, target, target_rest, origin, heading)
         found = _features(np.where(derived.measured[..., None], derived.xyz, np.nan), start, target, heading)
         offset, noise = (np.concatenate(both, 2) for both in zip((offset, noise), found, strict=True))
-        base, gap = np.concatenate([base, start], 2), np.concatenate([gap, _gap(derived.measured)], 2)
+        base = np.concatenate([base, start], 2)
+        gap = np.concatenate([gap, np.stack(frames_away(derived.measured), -1)], 2)
         observed = np.concatenate([observed, np.zeros_like(derived.measured)], 2)
         # The target's joints differ a little from the source's: they are not on their rays.
         ray = np.concatenate([ray, np.zeros_like(start)], 2)
@@ -186,7 +178,7 @@ def make_rows(
     return Rows(
         base=lay_out(base),
         observed=observed,
-        gap=np.minimum(lay_out(gap), _NEVER).astype(np.float32),
+        gap=np.minimum(lay_out(gap), _LONGEST_GAP).astype(np.float32),
         ray=lay_out(ray),
         candidate_offset=lay_out(offset).astype(np.float32),
         noise_level=lay_out(noise).astype(np.float32),
@@ -208,15 +200,6 @@ def _features(
         bone_length_offsets(base, xyz, skeleton.bones),
     )
     return np.concatenate(offsets, -2), np.concatenate((jitter(xyz), bone_stretch(xyz, skeleton.bones)), -1)
-
-
-def _gap(observed: np.ndarray) -> np.ndarray:
-    """Return frames since and until each of (F, P, J) was observed, (F, P, J, 2)."""
-    before, after = neighbours(observed)
-    index = np.arange(len(observed))[:, None, None]
-    return np.stack(
-        [np.where(before < 0, _NEVER, index - before), np.where(after == len(observed), _NEVER, after - index)], -1
-    )
 
 
 def _place_and_heading(xyz: np.ndarray, skeleton: Skeleton, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -244,17 +227,12 @@ def _fill_from_rest_pose(
     base: np.ndarray, skeleton: Skeleton, rest: np.ndarray, origin: np.ndarray, heading: np.ndarray
 ) -> None:
     """Put the joints of (F, P, J, 3) that are NaN where the rest pose has them, relative to their parents."""
-    done: list[int] = []
-    while len(done) < len(skeleton):
-        for joint, parent in enumerate(skeleton.parents):
-            if joint in done or (parent >= 0 and parent not in done):
-                continue
-            offset = rotate_z(
-                np.broadcast_to(rest[joint] - (rest[parent] if parent >= 0 else 0), origin.shape), heading
-            )
-            placed = (base[:, :, parent] if parent >= 0 else origin) + offset
-            base[:, :, joint] = np.where(np.isnan(base[:, :, joint]), placed, base[:, :, joint])
-            done.append(joint)
+    for joint in parents_first(skeleton):
+        parent = skeleton.parents[joint]
+        offset = rest[joint] - (rest[parent] if parent >= 0 else 0)
+        start = base[:, :, parent] if parent >= 0 else origin
+        placed = start + rotate_z(np.broadcast_to(offset, origin.shape), heading)
+        base[:, :, joint] = np.where(np.isnan(base[:, :, joint]), placed, base[:, :, joint])
 
 
 def _starts(seen: np.ndarray, frames: int) -> np.ndarray:

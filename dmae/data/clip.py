@@ -1,6 +1,6 @@
 """Clips: a section of a multi-view recording with its cameras, detections and, if known, its truth."""
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 
 import numpy as np
@@ -137,10 +137,14 @@ class Poses3D:
 
         return replace(self, **{name: cut(name) for name in ("xyz", "source", "cov", "views")})
 
+    @property
+    def arrays(self) -> dict[str, np.ndarray]:
+        """The arrays of all joints, (F, P, J, ...), by name: every field but the skeleton."""
+        return {name: getattr(self, name) for name in NOT_KNOWN}
+
     def select(self, frames) -> "Poses3D":
         """Return the poses of some frames (a slice or a list of indices)."""
-        arrays = {f.name: getattr(self, f.name)[frames] for f in fields(self) if f.name != "skeleton"}
-        return Poses3D(self.skeleton, **arrays)
+        return Poses3D(self.skeleton, **{name: array[frames] for name, array in self.arrays.items()})
 
 
 _KINDS = {"rig": CameraRig, "detections": Detections2D, "truth": Poses3D, "poses": Poses3D, "true_rig": CameraRig}

@@ -15,6 +15,7 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import NOT_KNOWN, Detections2D, Poses3D, Source
 from dmae.data.skeleton import PERSON_M, Skeleton
 from dmae.files.mapped import by_frames
+from dmae.numerics.statistics import evenly_spaced
 
 _MIDPOINTS = {"neck": ("l_shoulder", "r_shoulder"), "mid_hip": ("l_hip", "r_hip")}
 _HEAD = ("bottom_head", "top_head")
@@ -93,7 +94,7 @@ def _take(poses: Poses3D, joints: Sequence[str]) -> dict[str, np.ndarray]:
     """Return the fields of poses on some joints; joints that the poses lack are absent."""
     known = poses.skeleton.joints
     index = np.array([known.index(joint) if joint in known else -1 for joint in joints])
-    arrays = {name: getattr(poses, name)[:, :, index] for name in NOT_KNOWN}
+    arrays = {name: array[:, :, index] for name, array in poses.arrays.items()}
     for name, value in NOT_KNOWN.items():
         arrays[name][:, :, index < 0] = value
     return arrays
@@ -222,8 +223,7 @@ def usual_size(xyz: np.ndarray) -> float | None:
     flat = xyz.reshape(-1, *xyz.shape[-2:]).astype(np.float64)
     known = ~np.isnan(flat).any(-1)
     flat = flat[known.sum(-1) >= max(2, _MIN_KNOWN_SHARE * known.any(0).sum())]
-    flat = flat[np.unique(np.linspace(0, len(flat) - 1, _MAX_MEASURED).astype(int))] if len(flat) else flat
-    extents = [extent(body) for body in flat]
+    extents = [extent(body) for body in flat[evenly_spaced(len(flat), _MAX_MEASURED)]]
     size = float(np.quantile(extents, SIZE_QUANTILE)) if extents else 0.0
     return size if size > 0 else None
 

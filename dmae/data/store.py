@@ -74,9 +74,8 @@ def _arrays(clip: Clip) -> dict[str, np.ndarray]:
     rigs = {"rig": clip.rig} | ({} if clip.true_rig is None else {"true_rig": clip.true_rig})
     arrays = {f"{key}.{f.name}": getattr(rig, f.name) for key, rig in rigs.items() for f in fields(rig)[1:]}
     for name in ("detections", "truth", "poses"):
-        part = getattr(clip, name)
-        if part is not None:
-            arrays |= {f"{name}.{f.name}": getattr(part, f.name) for f in fields(part) if f.name != "skeleton"}
+        if (part := getattr(clip, name)) is not None:
+            arrays |= {f"{name}.{f.name}": getattr(part, f.name) for f in fields(part)[1:]}
     for name in ("truth.rays", "poses.rays"):
         if name in arrays and all(np.isnan(arrays[name][part]).all() for part in frame_blocks(arrays[name])):
             del arrays[name]
@@ -164,7 +163,7 @@ def _rig(name: str, meta: dict, arrays: dict[str, np.ndarray]) -> CameraRig:
 
 def _part(name: str, skeleton: str | dict, arrays: dict[str, np.ndarray]) -> Detections2D | Poses3D:
     kind = Detections2D if name == "detections" else Poses3D
-    values = {f.name: arrays[f"{name}.{f.name}"] for f in fields(kind) if f.name not in ("skeleton", "rays")}
+    values = {f.name: arrays[f"{name}.{f.name}"] for f in fields(kind)[1:] if f.name != "rays"}
     if kind is Poses3D:
         # The array of rays is not stored if it contains no ray.
         values["rays"] = arrays.get(f"{name}.rays")

@@ -35,6 +35,7 @@ from dmae.formats.footage import Fitting, fit_pictures
 from dmae.formats.openpose import write_detections, write_people
 from dmae.formats.recordings import by_name, match_cameras, natural
 from dmae.numerics.filling import STILLS, are_stills
+from dmae.numerics.statistics import evenly_spaced
 from dmae.parallel import in_parallel
 from dmae.progress import progress
 from dmae.reporting.tables import counted
@@ -136,8 +137,8 @@ def _fitting(camera: CameraPictures, one: CameraRig) -> Fitting:
     calibrated = tuple(map(int, one.size[0]))
     if camera.size == calibrated:
         return Fitting()
-    numbers = np.unique(np.linspace(0, len(camera) - 1, _SAMPLED).astype(int))
-    sample = [picture for i in numbers for picture in camera.read(int(i), int(i) + 1) if picture is not None]
+    numbers = evenly_spaced(len(camera), _SAMPLED).tolist()
+    sample = [picture for i in numbers for picture in camera.read(i, i + 1) if picture is not None]
     return fit_pictures(camera.name, camera.size, calibrated, np.stack(sample) if sample else np.empty((0, 1, 1, 3)))
 
 

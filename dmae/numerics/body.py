@@ -1,7 +1,6 @@
 """Bodies: lengths of bones, heading, and interpolation in a frame that turns with the body."""
 
 from collections.abc import Sequence
-from copy import copy
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -263,12 +262,6 @@ class Bodies:
         self.torso = torso = [joint for joint in order if joint in skeleton.trunk]
         self.parents = [torso[0] if parent < 0 and torso else parent for parent in skeleton.parents]
         self.attached = [joint for joint in order if self.parents[joint] not in (-1, joint)]
-
-    def copy(self) -> "Bodies":
-        """Return a copy that can be filled independently."""
-        other = copy(self)
-        other.filled = self.filled.copy()
-        return other
 
     def offsets(self, joints: list[int], anchors: list[int], through: Interpolation) -> np.ndarray:
         """Return the vectors (F, P, n, 3) m, world, from anchors to joints, interpolated in the frame of the body."""

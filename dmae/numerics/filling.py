@@ -1,7 +1,7 @@
 """Poses over time: fill gaps where the person is present, smooth, and change the frame rate."""
 
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from math import prod
 
 import numpy as np
@@ -9,13 +9,10 @@ import numpy as np
 from dmae.data.clip import Poses3D, Source
 from dmae.files.mapped import column_blocks, empty, frame_blocks
 from dmae.numerics.body import interpolate_bodies
-from dmae.numerics.paths import Interpolation, local_parabola, neighbours
-
-_JOINTS = [field.name for field in fields(Poses3D) if field.name != "skeleton"]  # Arrays of poses
+from dmae.numerics.paths import NEVER, Interpolation, frames_away, local_parabola
 
 LONGEST_ABSENCE = 1.0
 """s; a person without any measurement for longer than this has left, and its joints are not filled."""
-
 LONGEST_HOLD = 0.5
 """s; time before the first and after the last measurement of a joint in which the joint is filled."""
 
@@ -39,9 +36,8 @@ _BLOCK_BYTES = 1 << 20  # Bytes of paths that are smoothed at a time. Smoothing 
 def present(poses: Poses3D, fps: float) -> np.ndarray:
     """Return (F, P) True where a person is present: it has a joint, or is in a gap of at most `LONGEST_ABSENCE`."""
     seen = (poses.source != Source.ABSENT).any(-1)
-    before, after = neighbours(seen)
-    inside = (before >= 0) & (after < len(seen))
-    return seen | (inside & (after - before - 1 <= LONGEST_ABSENCE * fps))
+    since, until = frames_away(seen)
+    return seen | (since + until - 1 <= LONGEST_ABSENCE * fps)
 
 
 def are_stills(fps: float) -> bool:
@@ -55,13 +51,10 @@ def fill_stills(fill: Callable[[Poses3D, float], Poses3D], poses: Poses3D) -> Po
     step, made = max(_STILLS_AT_A_TIME // max(persons, 1), 1), []
     for start in range(0, max(frames, 1), step):
         part = poses.select(slice(start, start + step))
-        arrays = {name: getattr(part, name) for name in _JOINTS}
-        shape = part.xyz.shape[:2]
-        alone = {name: array.reshape(1, -1, *array.shape[2:]) for name, array in arrays.items()}
+        alone = {name: array.reshape(1, -1, *array.shape[2:]) for name, array in part.arrays.items()}
         done = fill(Poses3D(poses.skeleton, **alone), _USUAL_RATE)
-        made.append([getattr(done, name).reshape(*shape, *getattr(done, name).shape[2:]) for name in _JOINTS])
-    arrays = map(np.concatenate, zip(*made, strict=True))
-    return Poses3D(done.skeleton, **dict(zip(_JOINTS, arrays, strict=True)))
+        made.append([array.reshape(*part.xyz.shape[:2], *array.shape[2:]) for array in done.arrays.values()])
+    return Poses3D(done.skeleton, *map(np.concatenate, zip(*made, strict=True)))
 
 
 def fill_world(poses: Poses3D, fps: float, through: Interpolation) -> Poses3D:
@@ -142,13 +135,8 @@ def take_estimate(poses: Poses3D, fps: float, estimate: np.ndarray) -> Poses3D:
     A joint is filled between two of its measurements, or within `LONGEST_HOLD` of one.
     """
     observed = poses.source != Source.ABSENT
-    before, after = neighbours(observed)
-    inside = (before >= 0) & (after < len(observed))
-    index = np.arange(len(observed))[:, None, None]
-    since = np.where(before >= 0, index - before, len(observed))
-    until = np.where(after < len(observed), after - index, len(observed))
-    at_one_end = (before >= 0) ^ (after < len(observed))
-    near = inside | (at_one_end & (np.minimum(since, until) <= LONGEST_HOLD * fps))
+    since, until = frames_away(observed)
+    near = (np.maximum(since, until) < NEVER) | (np.minimum(since, until) <= LONGEST_HOLD * fps)
     filled = ~observed & near & present(poses, fps)[..., None] & ~np.isnan(estimate).any(-1)
     return replace(
         poses,

@@ -28,6 +28,7 @@ from scipy.spatial.transform import Rotation
 from dmae.data.clip import Poses3D, Source, person_name
 from dmae.data.skeleton import Skeleton
 from dmae.numerics.paths import hold
+from dmae.numerics.statistics import evenly_spaced
 
 ISB = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 """Axes of a segment, as columns, of a person who faces x and stands upright in our world."""
@@ -195,7 +196,7 @@ def body_motion(poses: Poses3D, person: int, body: Body | None = None) -> BodyMo
     if body is None:
         measured = np.where(poses.measured[:, person][:, given, None], points, np.nan)
         body = _scaled(template, np.where(np.isnan(measured).all(0), points, measured))
-        some = np.unique(np.linspace(0, len(points) - 1, _FITTED).astype(int))
+        some = evenly_spaced(len(points), _FITTED)
         for _ in range(_REFINED):
             motion = _solve(body, points[some], precision[some], (start[0][some], start[1][some]))
             body = _level(_refined(motion, points[some]), motion, points[some])
@@ -583,16 +584,12 @@ def cardan(local: np.ndarray) -> np.ndarray:
     )
 
 
-def joint_angles(motion: BodyMotion, up: np.ndarray = ISB.T) -> tuple[np.ndarray, np.ndarray]:
+def joint_angles(motion: BodyMotion) -> tuple[np.ndarray, np.ndarray]:
     """Return `ANGLES` (F, A) and their standard deviations (F, A), degrees; NaN where the joints do not determine them.
 
-    Angles continue from frame to frame without jumps of a full turn.
-
-    Args:
-        motion: F frames.
-        up: Rotation from our world to a world with y up, in which the pelvis has its angles.
+    Angles continue from frame to frame without jumps of a full turn. `motion` has F frames.
     """
-    values, spread, known = estimated_angles(motion, up)
+    values, spread, known = estimated_angles(motion, ISB.T)
     values = np.where(known, values, np.nan)
     for column in values.T:
         there = ~np.isnan(column)
@@ -603,7 +600,8 @@ def joint_angles(motion: BodyMotion, up: np.ndarray = ISB.T) -> tuple[np.ndarray
 def estimated_angles(motion: BodyMotion, up: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return `ANGLES` and their standard deviations (F, A), degrees, and (F, A) where the joints determine them.
 
-    Where they do not, the angles belong to a body at rest. Values are between -180 and 180. `up`: see `joint_angles`.
+    Where they do not, the angles belong to a body at rest. Values are between -180 and 180. `up` is the rotation from
+    our world to a world with y up, in which the pelvis has its angles.
     """
     names = {name: number for number, name in enumerate(motion.body.segments)}
     rotations, shape = _about_hip_joints(motion), (len(motion.root), len(ANGLES))

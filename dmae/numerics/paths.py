@@ -39,6 +39,17 @@ def _neighbours(observed):
     return before, after
 
 
+NEVER = 1 << 40
+"""Frames to a sample that does not exist."""
+
+
+def frames_away(observed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the frames since each entry of `observed` (F, ...) was True, and until it is; `NEVER` where it is not."""
+    before, after = neighbours(observed)
+    index = np.arange(len(observed)).reshape(-1, *(1,) * (observed.ndim - 1))
+    return np.where(before < 0, NEVER, index - before), np.where(after == len(observed), NEVER, after - index)
+
+
 def gap_lengths(observed: np.ndarray) -> np.ndarray:
     """Return the length of the gap around each entry of `observed` (F, ...), frames; 0 where it is observed."""
     before, after = neighbours(observed)

@@ -6,6 +6,11 @@ from scipy.special import betaincinv, ndtri
 from dmae.data.clip import Poses3D, Source
 
 
+def evenly_spaced(count: int, most: int) -> np.ndarray:
+    """Return up to `most` indices from 0 to `count` - 1, ascending, with even steps and both ends."""
+    return np.linspace(0, count - 1, min(most, count)).astype(int)
+
+
 def mean_known(values: np.ndarray, axis=0):
     """Return the mean of the values that are not NaN; NaN, without a warning, where no value is known."""
     known = ~np.isnan(values)

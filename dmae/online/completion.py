@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -27,8 +27,6 @@ TURN = 0.32
 """s of frames that are completed together while cameras run, in a thread that has as long again for it."""
 MEMORY = 5.0
 """s of frames that are kept before those that wait."""
-JOINTS = [field.name for field in fields(Poses3D) if field.name != "skeleton"]
-"""What poses hold of each joint."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +42,7 @@ def split_frames(poses: Poses3D, people: np.ndarray, number: int = 0) -> list[Fi
     """Return poses (F, P, J) of people (P,) frame by frame, numbered from `number`, each with the people present."""
     frames = []
     for i, present in enumerate((poses.source != Source.ABSENT).any(-1)):
-        joints = {name: getattr(poses, name)[i : i + 1, present] for name in JOINTS}
+        joints = {name: array[i : i + 1, present] for name, array in poses.arrays.items()}
         frames.append(FinishedFrame(number + i, people[present], Poses3D(poses.skeleton, **joints)))
     return frames
 
@@ -58,8 +56,8 @@ def join_frames(frames: Sequence[FinishedFrame], people: np.ndarray) -> Poses3D:
     place = number[wanted], np.searchsorted(people, person[wanted])
     joints = {}
     whole = Poses3D(skeleton, np.full((len(frames), len(people), len(skeleton), 3), np.nan))
-    for name in JOINTS:
-        joints[name] = getattr(whole, name).copy()
+    for name, array in whole.arrays.items():
+        joints[name] = array.copy()
         joints[name][place] = np.concatenate([getattr(frame.poses, name)[0] for frame in frames])[wanted]
     return Poses3D(skeleton, **joints)
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from dmae.data.clip import Clip
 from dmae.files.mapped import by_frames
+from dmae.numerics.statistics import evenly_spaced
 from dmae.reconstruction.association import NONE
 from dmae.reconstruction.config import CaptureConfig
 
@@ -94,8 +95,8 @@ def appearance_differs(clip: Clip, assigned: np.ndarray) -> np.ndarray:
     sampled: dict[int, list[int]] = {}
     for person in range(assigned.shape[1]):
         present = np.flatnonzero((whole[:, person] != NONE).any(-1))
-        for index in np.unique(np.linspace(0, len(present) - 1, _SAMPLED_FRAMES).astype(int)) if len(present) else ():
-            sampled.setdefault(int(present[index]), []).append(person)
+        for frame in present[evenly_spaced(len(present), _SAMPLED_FRAMES)].tolist():
+            sampled.setdefault(frame, []).append(person)
     samples = [[np.empty((0, 3))] for _ in range(assigned.shape[1])]
     for frame in sorted(sampled):
         colours = colours_of(frame)

@@ -8,7 +8,7 @@ import numpy as np
 from dmae.data.clip import Clip
 from dmae.files.mapped import by_frames
 from dmae.numerics.compiled import compiled
-from dmae.numerics.statistics import mean_known, median_known, median_over_frames
+from dmae.numerics.statistics import evenly_spaced, mean_known, median_known, median_over_frames
 from dmae.reconstruction.association import NONE
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.evidence import Evidence
@@ -46,7 +46,7 @@ def resting_ghosts(
         if len(frames) < _SAMPLED[0]:
             continue
         share = len(frames) / len(clip)
-        frames = frames[np.linspace(0, len(frames) - 1, min(len(frames), _SAMPLED[1])).astype(int)]
+        frames = frames[evenly_spaced(len(frames), _SAMPLED[1])]
         mean = _at_rest(clip, frames, assigned[frames, person], xyz[frames, person], noise)
         if mean is None:
             moving += share * (assigned[frames, person] != NONE).any(-1).mean(0)
@@ -72,7 +72,7 @@ def resting_ghosts(
 
 def _figures(clip: Clip, th_p: float) -> np.ndarray:
     """Return the mean number (V,) of detections of three confident joints or more."""
-    frames = np.unique(np.linspace(0, len(clip) - 1, _SAMPLED[1]).astype(int))
+    frames = evenly_spaced(len(clip), _SAMPLED[1])
     return ((clip.detections.score[frames] >= th_p).sum(-1) >= 3).sum(-1).mean(0)
 
 

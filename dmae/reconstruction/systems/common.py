@@ -12,7 +12,7 @@ from scipy.optimize import linear_sum_assignment
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import Skeleton
 from dmae.numerics.body import parents_first
-from dmae.numerics.statistics import median_over_frames
+from dmae.numerics.statistics import evenly_spaced, median_over_frames
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.evidence import Evidence, evidence_blocks
 from dmae.reconstruction.triangulation import closest_approach
@@ -75,9 +75,8 @@ def bone_lengths(clip: Clip, config: CaptureConfig) -> tuple[np.ndarray, np.ndar
     The publications learn them from annotations. Here they are measured on pairs of detections whose rays meet.
     """
     skeleton, centers = clip.detections.skeleton, clip.rig.centers
-    chosen = np.unique(np.linspace(0, max(len(clip) - 1, 0), _MEASURED_FRAMES).astype(int)) if len(clip) else []
     parents, found = np.array(skeleton.parents), [np.empty((0, len(skeleton)))]
-    for frame in frames_of(clip.select(frames=chosen), config):
+    for frame in frames_of(clip.select(frames=evenly_spaced(len(clip), _MEASURED_FRAMES)), config):
         a, b = np.nonzero(frame.view[:, None] < frame.view)
         points, gaps = meet(frame, centers, a, b)
         met = np.isfinite(gaps)

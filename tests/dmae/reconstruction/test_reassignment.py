@@ -15,6 +15,7 @@ from dmae.data.clip import Poses3D, Source
 from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25, SHELF14
 from dmae.metrics.comparison import match, take_matched
+from dmae.numerics.body import rotate_z
 from dmae.numerics.filling import resample
 from dmae.reconstruction.association import NONE
 from dmae.reconstruction.config import CaptureConfig, DistanceUnit, NoiseModel
@@ -207,8 +208,8 @@ def test_the_network_gets_only_the_rays_of_hidden_joints_in_the_frame_of_the_win
     rows = make_rows(poses, FPS, rest_pose(truth, BODY25), 15)
     shown = (rows.ray != 0).any(-1)
     np.testing.assert_array_equal(np.argwhere(shown), [(frame, WRIST) for frame in range(15, 45)])
-    windows, _, where = rows.cut(np.array([20]), 15, align_heading=True)
-    direction = where.undo(windows.ray.numpy().astype(float)) - where.origin
+    windows, _, heading = rows.cut(np.array([20]), 15, align_heading=True)
+    direction = rotate_z(windows.ray.numpy().astype(float), heading[:, None, None])
     np.testing.assert_allclose(direction[0, 3, WRIST], poses.rays[23, 0, WRIST, 1], atol=1e-5)
 
 
