@@ -118,14 +118,9 @@ class Images:
 
     def video(self, view: str) -> Iterator[Callable[[], np.ndarray]]:
         """Yield a function for each image of `read("rgb", view)`, which converts it: skipping a frame saves that."""
-        for convert in self._converters(view):
-            yield lambda convert=convert: self._cut(convert(), view)
-
-    def _converters(self, view: str) -> Iterator[Callable[[], np.ndarray]]:
-        """Yield a function for each colour image of a view, which converts it as it is in the file."""
         if self.rgb != "h264":
-            for frame in self.frames:
-                yield partial(_read_image, "rgb", self.path("rgb", view, frame))
+            for index in range(len(self.frames)):
+                yield partial(self.at, "rgb", view, index)
             return
         import av
 
@@ -136,7 +131,7 @@ class Images:
                 for number, frame in enumerate(container.decode(video=0)):
                     if number in wanted:
                         found += 1
-                        yield partial(frame.to_ndarray, format="rgb24")
+                        yield lambda frame=frame: self._cut(frame.to_ndarray(format="rgb24"), view)
                     if number == last:
                         break
             except (av.FFmpegError, ValueError) as error:

@@ -173,6 +173,34 @@ _ROUNDING = np.float32(1e-4)  # Of affinities, by far
 
 
 @compiled(fastmath=True)
+def _ray_distance(ax, ay, az, bx, by, bz, base_x, base_y, base_z, square):
+    """Return s and s d^2 of two rays at the distance d in front of their cameras, with s > 0: one division serves all.
+
+    Args:
+        ax: x of the unit direction of ray a; y and z follow, then those of ray b.
+        base_x: m, x from the start of a to the start of b; y and z follow.
+        square: m^2, of the length of that base.
+    """
+    zero, one = np.float32(0), np.float32(1)
+    cosine = ax * bx + ay * by + az * bz
+    base_a = ax * base_x + ay * base_y + az * base_z
+    base_b = bx * base_x + by * base_y + bz * base_z
+    cx, cy, cz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    sine2 = cx * cx + cy * cy + cz * cz
+    volume = cx * base_x + cy * base_y + cz * base_z
+    # Either the lines are closest in front of both cameras, or one of the rays is closest at its start.
+    ahead = (sine2 > _PARALLEL) & (base_a >= cosine * base_b) & (cosine * base_a >= base_b)
+    # Written as choices, not with min and max, so that loops are vectorised.
+    back_a, back_b = base_a if base_a > zero else zero, base_b if base_b < zero else zero
+    back_a, back_b = back_a * back_a, back_b * back_b
+    at_start = square - (back_a if back_a > back_b else back_b)
+    at_start = at_start if at_start > zero else zero
+    # The distance of the lines is |volume| / sine.
+    share = sine2 if ahead else one
+    return share, volume * volume if ahead else share * at_start
+
+
+@compiled(fastmath=True)
 def agreement(a, b, rays, weights, base_x, base_y, base_z, half_distance):
     """Return sums over the joints of two detections: of w_j / (1 + (d_j / half_distance)^2), and of w_j.
 
@@ -191,25 +219,11 @@ def agreement(a, b, rays, weights, base_x, base_y, base_z, half_distance):
     scale = one / (half_distance * half_distance)
     near, total = zero, zero
     for j in range(weights.shape[1]):
-        ax, ay, az = rays[a, 0, j], rays[a, 1, j], rays[a, 2, j]
-        bx, by, bz = rays[b, 0, j], rays[b, 1, j], rays[b, 2, j]
         weight = weights[a, j] * weights[b, j]
-        cosine = ax * bx + ay * by + az * bz
-        base_a = ax * base_x + ay * base_y + az * base_z
-        base_b = bx * base_x + by * base_y + bz * base_z
-        cx, cy, cz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-        sine2 = cx * cx + cy * cy + cz * cz
-        volume = cx * base_x + cy * base_y + cz * base_z
-        # Either the lines are closest in front of both cameras, or one of the rays is closest at its start.
-        ahead = (sine2 > _PARALLEL) & (base_a >= cosine * base_b) & (cosine * base_a >= base_b)
-        # Written as choices, not with min and max, so that the loop is vectorised.
-        back_a, back_b = base_a if base_a > zero else zero, base_b if base_b < zero else zero
-        back_a, back_b = back_a * back_a, back_b * back_b
-        at_start = square - (back_a if back_a > back_b else back_b)
-        at_start = at_start if at_start > zero else zero
-        # The distance of the lines is |volume| / sine; one division serves both cases.
-        share = sine2 if ahead else one
-        distance2 = volume * volume if ahead else share * at_start
+        share, distance2 = _ray_distance(
+            rays[a, 0, j], rays[a, 1, j], rays[a, 2, j], rays[b, 0, j], rays[b, 1, j], rays[b, 2, j],
+            base_x, base_y, base_z, square,
+        )  # fmt: skip
         near += weight * share / (share + distance2 * scale)
         total += weight
     return near, total
@@ -316,24 +330,9 @@ def _most(i, first, last, rays, weights, base_x, base_y, base_z, half_distance, 
                 most[j] += own * theirs[j] * (one - by_rays)
             continue
         ax, ay, az = rays[0, k, i], rays[1, k, i], rays[2, k, i]
-        base_a = ax * base_x + ay * base_y + az * base_z
-        back_a = base_a if base_a > zero else zero
-        back_a = back_a * back_a
         xs, ys, zs = rays[0, k][first:last], rays[1, k][first:last], rays[2, k][first:last]
         for j in range(len(theirs)):
-            bx, by, bz = xs[j], ys[j], zs[j]
-            cosine = ax * bx + ay * by + az * bz
-            base_b = bx * base_x + by * base_y + bz * base_z
-            cx, cy, cz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-            sine2 = cx * cx + cy * cy + cz * cz
-            volume = cx * base_x + cy * base_y + cz * base_z
-            ahead = (sine2 > _PARALLEL) & (base_a >= cosine * base_b) & (cosine * base_a >= base_b)
-            back_b = base_b if base_b < zero else zero
-            back_b = back_b * back_b
-            at_start = square - (back_a if back_a > back_b else back_b)
-            at_start = at_start if at_start > zero else zero
-            share = sine2 if ahead else one
-            distance2 = volume * volume if ahead else share * at_start
+            share, distance2 = _ray_distance(ax, ay, az, xs[j], ys[j], zs[j], base_x, base_y, base_z, square)
             most[j] += own * theirs[j] * (share / (share + distance2 * scale) - by_rays)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.conversion import SIZE_QUANTILE, extent, resized_poses, resized_rig
-from dmae.data.skeleton import Skeleton
+from dmae.numerics.statistics import evenly_spaced
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.triangulation import closest_approach
 
@@ -23,40 +23,37 @@ def in_units_of_people(steps: Callable[[Clip, CaptureConfig], Poses3D], clip: Cl
     """Run steps of capture in a world in which bodies are as large as people; return their result in the clip's world.
 
     Raises:
+        ValueError: as `as_people`.
+    """
+    clip, config, scale = as_people(clip, config)
+    poses = steps(clip, config)
+    return poses if scale == 1 else resized_poses(poses, scale)
+
+
+def as_people(clip: Clip, config: CaptureConfig) -> tuple[Clip, CaptureConfig, float]:
+    """Return clip and configuration in a world in which bodies are as large as people, and the scale of that world.
+
+    The size of bodies is measured if the skeleton states none. Only cameras and detections of the clip are resized;
+    people's own clips are returned as they are.
+
+    Raises:
         ValueError: the skeleton states no size, and the detections do not determine it.
     """
-    skeleton = sized(clip, config)
-    if skeleton.scale == 1:
-        return steps(clip, config)
-    poses = steps(resized_clip(clip, skeleton), resized_config(config, 1 / skeleton.scale))
-    return resized_poses(poses, skeleton.scale)
-
-
-def sized(clip: Clip, config: CaptureConfig) -> Skeleton:
-    """Return the skeleton of a clip with a size, measured if it states none; ValueError if it cannot be measured."""
-    skeleton = clip.detections.skeleton
-    if skeleton.size_m is not None:
-        return skeleton
-    size = measured_size(clip, config.th_p)
-    if size is None:
-        raise ValueError(
-            f"clip {clip.id!r}: no two cameras show the size of a {skeleton.name!r}; state size_m in its file, the "
-            "usual distance between its two joints farthest apart, m, or check the cameras with dmae doctor"
-        )
-    return replace(skeleton, size_m=size)
-
-
-def resized_clip(clip: Clip, skeleton: Skeleton) -> Clip:
-    """Return cameras and detections of a clip in a world in which bodies of a skeleton are as large as people."""
-    found = clip.detections
-    return Clip(
-        id=clip.id,
-        fps=clip.fps,
-        rig=resized_rig(clip.rig, 1 / skeleton.scale),
-        detections=Detections2D(skeleton, found.xy, found.score),
-        images=clip.images,
-        provenance=clip.provenance,
-    )
+    found, skeleton = clip.detections, clip.detections.skeleton
+    if skeleton.size_m is None:
+        size = measured_size(clip, config.th_p)
+        if size is None:
+            raise ValueError(
+                f"clip {clip.id!r}: no two cameras show the size of a {skeleton.name!r}; state size_m in its file, the "
+                "usual distance between its two joints farthest apart, m, or check the cameras with dmae doctor"
+            )
+        skeleton = replace(skeleton, size_m=size)
+    scale = skeleton.scale
+    if scale == 1:
+        return clip, config, scale
+    rig, detections = resized_rig(clip.rig, 1 / scale), Detections2D(skeleton, found.xy, found.score)
+    resized = Clip(clip.id, clip.fps, rig, detections, images=clip.images, provenance=clip.provenance)
+    return resized, resized_config(config, 1 / scale), scale
 
 
 def resized_config(config: CaptureConfig, factor: float) -> CaptureConfig:
@@ -79,7 +76,7 @@ def measured_size(clip: Clip, th_p: float) -> float | None:
     xy = np.where((clip.detections.score >= th_p)[..., None], clip.detections.xy, np.nan).astype(np.float64)
     enough = (np.isfinite(xy[..., 0]).sum(-1) >= max(2, _WHOLE * xy.shape[-2])).any(-1)
     frames = np.flatnonzero(enough.sum(1) >= 2)
-    frames = frames[np.unique(np.linspace(0, len(frames) - 1, _FRAMES).astype(int))] if len(frames) else frames
+    frames = frames[evenly_spaced(len(frames), _FRAMES)]
     rays, centers, sizes = clip.rig.rays(xy[frames]), clip.rig.centers, []
     for directions, shown in zip(rays, enough[frames], strict=True):
         for a, b in list(combinations(np.flatnonzero(shown), 2))[:_PAIRS]:

@@ -85,7 +85,8 @@ class AssociationConfig:
     """Smallest affinity of detections of one person, 0 to 1."""
 
     def __post_init__(self):
-        _check_positive("association", self, "ray_distance_m")
+        if not self.ray_distance_m > 0:
+            raise ValueError(f"association.ray_distance_m={self.ray_distance_m}: expected a positive number")
 
 
 @dataclass(frozen=True)
@@ -187,7 +188,8 @@ class CaptureConfig:
             )
         if self.th_v < 2:
             raise ValueError(f"th_v={self.th_v}: expected 2 or more, as a point needs at least 2 views")
-        _check_positive("", self, "th_d")
+        if not self.th_d > 0:
+            raise ValueError(f"th_d={self.th_d}: expected a positive number")
 
     def widened(self, factor: float) -> "CaptureConfig":
         """Return the configuration for detections that scatter by `factor` more than usual."""
@@ -204,10 +206,3 @@ class CaptureConfig:
 def fewer_of_few(joints: int) -> int:
     """Return two thirds of the joints of a skeleton, at least one: detectors miss some in most frames."""
     return max(1, round(2 * joints / 3))
-
-
-def _check_positive(group: str, config: object, *names: str) -> None:
-    """Raise ValueError unless the named fields are positive."""
-    for name in names:
-        if not getattr(config, name) > 0:
-            raise ValueError(f"{group}.{name}={getattr(config, name)}: expected a positive number".lstrip("."))

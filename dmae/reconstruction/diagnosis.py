@@ -8,9 +8,9 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
 from dmae.data.skeleton import Skeleton
-from dmae.numerics.statistics import median_known
+from dmae.numerics.statistics import evenly_spaced, median_known
 from dmae.reconstruction.association import NONE, Candidates, count_pairs, find_groups
-from dmae.reconstruction.body_size import resized_clip, resized_config, sized
+from dmae.reconstruction.body_size import as_people
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.people import leg_lengths, steps_to_people, well_measured
@@ -62,10 +62,9 @@ def explain_capture(clip: Clip, config: CaptureConfig) -> Explanation:
     """
     if clip.detections.skeleton.defined and clip.detections.observed.any():
         try:
-            skeleton = sized(clip, config)
+            clip, config, _ = as_people(clip, config)
         except ValueError as error:
             return Explanation((("cameras", len(clip.rig)), ("frames", len(clip))), (str(error),))
-        clip, config = resized_clip(clip, skeleton), resized_config(config, 1 / skeleton.scale)
     score, skeleton = clip.detections.score, clip.detections.skeleton
     observed = clip.detections.observed
     people, joints, sure = int(observed.any(-1).sum()), int(observed.sum()), int((score >= config.th_p).sum())
@@ -92,7 +91,7 @@ def explain_capture(clip: Clip, config: CaptureConfig) -> Explanation:
         return Explanation(tuple(stages), _suggestions_without_pairs(clip, config, enough))
     crowd = enough[shared].sum((1, 2)).mean()
     number = int(np.clip(_PAIRS / crowd**2, 1, _FRAMES))
-    frames = shared[np.unique(np.linspace(0, len(shared) - 1, number).astype(int))]
+    frames = shared[evenly_spaced(len(shared), number)]
     found = _bodies(evidence, evidence.rig, skeleton, frames, 1.0)
     stages += [
         (f"pairs of detections of two cameras, in {len(frames)} of these frames", found.pairs),

@@ -13,9 +13,10 @@ from dmae.data.skeleton import Skeleton
 from dmae.files.mapped import empty, in_steps
 from dmae.numerics.filling import STILLS, are_stills, fill_body_frame
 from dmae.numerics.paths import pchip
+from dmae.numerics.statistics import evenly_spaced
 from dmae.progress import progress
 from dmae.reconstruction.association import NONE
-from dmae.reconstruction.body_size import in_units_of_people, resized_clip, resized_config, sized
+from dmae.reconstruction.body_size import as_people, in_units_of_people
 from dmae.reconstruction.config import ADAPTIVE, AssociationConfig, CaptureConfig, capture_method
 from dmae.reconstruction.evidence import Evidence, evidence_blocks
 from dmae.reconstruction.noise import DetectionNoise, fit, residuals
@@ -78,7 +79,7 @@ def capture(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None = No
     """
     if len(clip.rig) < 2:
         raise ValueError(f"clip {clip.id!r}: capture needs at least 2 cameras, found {len(clip.rig)}")
-    some = clip.detections.xy[np.linspace(0, len(clip) - 1, min(len(clip), _SAMPLED[1])).astype(int)]
+    some = clip.detections.xy[evenly_spaced(len(clip), _SAMPLED[1])]
     if np.isfinite(some).any() and np.nanmax(some) <= _FEWEST_PX:
         raise ValueError(
             f"clip {clip.id!r}: expected pixels, but no coordinate of a detected joint is above {np.nanmax(some):.3g}; "
@@ -142,13 +143,12 @@ def _joined(parts: list[Poses3D]) -> Poses3D:
     """Return poses one after the other, with places for the people of the part that has most."""
     count, people = sum(len(part.xyz) for part in parts), max(part.xyz.shape[1] for part in parts)
     arrays = {}
-    for name, absent in NOT_KNOWN.items():
-        first = getattr(parts[0], name)
+    for name, first in parts[0].arrays.items():
         arrays[name], row = empty((count, people, *first.shape[2:]), first.dtype), 0
         for part in parts:
-            array = getattr(part, name)
+            array = part.arrays[name]
             arrays[name][row : row + len(array), : array.shape[1]] = array
-            arrays[name][row : row + len(array), array.shape[1] :] = absent
+            arrays[name][row : row + len(array), array.shape[1] :] = NOT_KNOWN[name]
             row += len(array)
     return Poses3D(parts[0].skeleton, **arrays)
 
@@ -165,10 +165,7 @@ def learn_noise(clip: Clip, config: CaptureConfig) -> DetectionNoise:
     """
     if not config.noise.learn or config.method != ADAPTIVE:
         return DetectionNoise.prior(config.noise, *clip.detections.score.shape[1::2])
-    skeleton = sized(clip, config)
-    if skeleton.scale == 1:
-        return _learned(clip, config)
-    return _learned(resized_clip(clip, skeleton), resized_config(config, 1 / skeleton.scale))
+    return _learned(*as_people(clip, config)[:2])
 
 
 def _learned(clip: Clip, config: CaptureConfig) -> DetectionNoise:
@@ -194,8 +191,7 @@ def _learned(clip: Clip, config: CaptureConfig) -> DetectionNoise:
     if not len(frames):
         return prior
     crowd = present[frames].sum((1, 2)).mean()
-    number = min(len(frames), int(np.clip(_SAMPLED_DETECTIONS / crowd, *_SAMPLED)))
-    frames = frames[np.linspace(0, len(frames) - 1, number).astype(int)]
+    frames = frames[evenly_spaced(len(frames), int(np.clip(_SAMPLED_DETECTIONS / crowd, *_SAMPLED)))]
     for _ in range(_ALTERNATIONS):
         evidence = Evidence.of(clip, 0.0, config, frames, noise)
         steps = [Tracker(skeleton, clip.fps, config).step(evidence.at(frame)) for frame in range(len(frames))]
@@ -238,8 +234,8 @@ def _measured_people(clip: Clip, tracks: Tracks, config: CaptureConfig, noise: D
         evidence, known = evidence_between(part.start, part.stop), (xyz[part], made["cov"][part], made["views"][part])
         expected = _expected(skeleton, fps, xyz, part, _EXPECTED_IN_CLIPS)
         poses = _poses(skeleton, known, evidence, expected, assigned[part], tracks.assigned[part])
-        for name, array in made.items():
-            array[part] = getattr(poses, name)
+        for name, array in poses.arrays.items():
+            made[name][part] = array
     return Poses3D(skeleton, **made)
 
 

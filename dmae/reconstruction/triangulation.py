@@ -64,18 +64,9 @@ def triangulate(
     Returns:
         Points (...) in the world of the rig, m, with covariance (J^T W J)^-1, which is scaled up where residuals exceed
         their sigmas.
-
-    Raises:
-        ValueError: the arrays do not have the shapes of the rig.
     """
     xy, confidence = np.asarray(xy, np.float64), np.asarray(confidence, np.float64)
-    views = len(rig)
-    if xy.shape[-2:] != (views, 2) or confidence.shape != xy.shape[:-1]:
-        raise ValueError(
-            f"rig of {views} cameras: expected xy (..., {views}, 2) and confidence (..., {views}), "
-            f"found {xy.shape} and {confidence.shape}"
-        )
-    floor = np.full(views, float(noise.min_sigma_px))
+    floor = np.full(len(rig), float(noise.min_sigma_px))
     sigma = noise.sigma(np.where(np.isfinite(confidence), confidence, np.nan))
     return triangulate_by_sigma(rig, xy, sigma, floor, noise, iterations)
 

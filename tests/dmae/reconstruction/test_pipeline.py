@@ -220,12 +220,6 @@ def test_zero_people_are_a_valid_result():
     assert capture(replace(clip, detections=absent), DEFAULT).xyz.shape == (FRAMES, 0, 25, 3)
 
 
-def test_infinite_pixels_are_absent():
-    clip = detected_clip(crossing())
-    clip.detections.xy[10:20, 0] = np.where(np.isnan(clip.detections.xy[10:20, 0]), np.nan, np.inf)
-    assert sorted(rows_of(capture(clip, DEFAULT), crossing())) == [[0], [1], [2]]
-
-
 def test_truth_is_never_read():
     clip = detected_clip(crossing())
     np.testing.assert_array_equal(capture(replace(clip, truth=None), DEFAULT).xyz, capture(clip, DEFAULT).xyz)
