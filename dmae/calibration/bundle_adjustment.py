@@ -13,7 +13,7 @@ for 1000 bodies in eight cameras, stops centimetres away in directions that only
 the elimination anyway.
 
 F frames, P people; M bodies, each a person at one time; V views, J joints, A views with offsets; Q parameters per view:
-rotation (3), centre (3), focal length, k1, k2, time offset, drift.
+rotation (3), centre (3), focal length, k1, time offset, drift.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from scipy.spatial.transform import Rotation
 from dmae.data.cameras import CameraRig
 from dmae.data.skeleton import Skeleton
 from dmae.numerics.filling import are_stills
+from dmae.numerics.statistics import evenly_spaced
 
 _FINE = ("eye", "ear", "toe", "heel")  # Joints that are too near to other joints to add information
 
@@ -44,12 +45,10 @@ def coarse_skeleton(skeleton: Skeleton) -> tuple[Skeleton, list[int]]:
 
 
 ROTATION, CENTRE = slice(0, 3), slice(3, 6)
-FOCAL, K1, K2, OFFSET, DRIFT = range(6, 11)
-Q = 11
+FOCAL, K1, OFFSET, DRIFT = range(6, 10)
+Q = 10
 """Number of parameters of a camera."""
-PARTS = {
-    "rotation": ROTATION, "centre": CENTRE, "focal": FOCAL, "k1": K1, "k2": K2, "offset": OFFSET, "drift": DRIFT,
-}  # fmt: skip
+PARTS = {"rotation": ROTATION, "centre": CENTRE, "focal": FOCAL, "k1": K1, "offset": OFFSET, "drift": DRIFT}
 """Parameters of a camera by name."""
 
 
@@ -84,7 +83,6 @@ class Calibration:
         K, dist = rig.K.copy(), rig.dist.copy()
         K[:, :2, :2] *= np.exp(step[:, FOCAL])[:, None, None]
         dist[:, 0] += step[:, K1]
-        dist[:, 1] += step[:, K2]
         changed = replace(rig, K=K, dist=dist, cam_from_world=pose)
         return Calibration(changed, self.offset + step[:, OFFSET], self.drift + step[:, DRIFT])
 
@@ -102,7 +100,7 @@ class Calibration:
         step[:, ROTATION] = Rotation.from_matrix(turned).as_rotvec()
         step[:, CENTRE] = b.centers - a.centers
         step[:, FOCAL] = np.log(b.K[:, 0, 0] / a.K[:, 0, 0])
-        step[:, [K1, K2]] = b.dist[:, :2] - a.dist[:, :2]
+        step[:, K1] = b.dist[:, 0] - a.dist[:, 0]
         step[:, OFFSET], step[:, DRIFT] = other.offset - self.offset, other.drift - self.drift
         return step
 
@@ -154,7 +152,7 @@ class Observations:
         seen = np.isfinite(tracks.sigma).sum(-1) >= 4
         usable = (seen.sum(-1) >= 2) & np.isfinite(tracks.start[..., 0]).any(-1)
         frame, person = np.nonzero(usable)
-        chosen = np.unique(np.linspace(0, len(frame) - 1, min(most, len(frame))).astype(int)) if len(frame) else []
+        chosen = evenly_spaced(len(frame), most)
         frame, person = frame[chosen], person[chosen]
         return cls(tracks, frame, person, tracks.start[frame, person])
 
@@ -211,19 +209,10 @@ class Observations:
 
 ROBUST = 2.0
 """Sigmas at which the weight of a residual is a half (Cauchy)."""
-
-
 _BONE_SIGMA = 0.08  # Standard deviation of the measured length of a bone between frames, as a share of its length
-
-
 OFFSET_M, _ALIKE_S = 0.02, 1.0
 """m at the depth of the person, standard deviation of constant offsets; s, duration of the other errors."""
-
-
-_MIN_DEPTH = 0.1
-
-
-_MIN_SIGMA_PX = 1.0
+_MIN_DEPTH, _MIN_SIGMA_PX = 0.1, 1.0
 
 
 class AdjustmentProblem:
@@ -333,12 +322,10 @@ class AdjustmentState:
             by[..., CENTRE] = -by_xyz
         if free[:, FOCAL].any():
             by[..., FOCAL] = np.where(self.known[..., None], self.pixels - rig.K[:, None, :2, 2], 0)
-        for parameter in (K1, K2):
-            if free[:, parameter].any():
-                step = np.zeros((len(rig), Q))
-                step[:, parameter] = small
-                other = self.calibration.changed(step).rig.project(xyz)[0]
-                by[..., parameter] = np.where(self.known[..., None], np.nan_to_num((other - self.pixels) / small), 0)
+        if free[:, K1].any():
+            other = self.calibration.changed(np.tile(np.where(np.arange(Q) == K1, small, 0), (len(rig), 1)))
+            change = (other.rig.project(xyz)[0] - self.pixels) / small
+            by[..., K1] = np.where(self.known[..., None], np.nan_to_num(change), 0)
         if self.problem.timed:
             seconds = self.problem.observations.frame / self.problem.observations.tracks.fps
             by[..., OFFSET] = np.where(self.known[..., None], -self.velocity, 0)
@@ -596,7 +583,7 @@ def solve(state: AdjustmentState, damping: float, move_people: bool) -> tuple[np
         for person, (K, own) in enumerate(found.eliminated):
             offset[person] = -(own + K.T @ step[free]).reshape(offset.shape[1:])
     step, move = step.reshape(V, Q), np.zeros_like(state.xyz)
-    step[:, FOCAL : K2 + 1] = np.clip(step[:, FOCAL : K2 + 1], -_LARGEST, _LARGEST)
+    step[:, [FOCAL, K1]] = np.clip(step[:, [FOCAL, K1]], -_LARGEST, _LARGEST)
     if move_people:
         pixels = np.zeros(state.residual.shape)
         for view in np.unique(free // Q):

@@ -4,10 +4,7 @@ from dataclasses import dataclass, field
 
 AUTO = "auto"
 """The cameras that differ from their calibration."""
-
-
 ALL = "all"
-
 ENOUGH_S = 30.0
 """s; of shorter recordings the errors of a detector, which are the same for a person in a camera, cannot be told from a
 displaced camera."""

@@ -76,15 +76,6 @@ class CameraFit:
     limits: dict[str, float | None]
 
 
-@dataclass(frozen=True)
-class Named:
-    """A camera that differs from its calibration."""
-
-    finding: Finding  # The finding
-    hypothesis: Hypothesis  # Cameras and detections with the difference undone
-    view: int  # The camera
-
-
 _MIN_SENSITIVITY = 0.08
 """Smallest loss of agreement at wrong time offsets from which the doctor decides whether cameras are synchronised."""
 _SAME = 0.005  # Largest difference in agreement between two explanations that count as equally good
@@ -152,20 +143,16 @@ def diagnose(
     fits = _pair_fits(hypothesis, pairs, frames)
     if sum(fit.detections for fit in fits) < MIN_DETECTIONS:
         return Diagnosis(fits, fits, (), (*unknown, "nothing can be compared: too few people are seen by two cameras"))
-    findings, sensitivity, named = [], 0.0, set()
+    findings, sensitivity, named = [], 0.0, set[tuple[str, ...]]()
     # A fault can hide another one, and every camera can have a fault.
     for _ in range(len(clip.rig) + 2):
         correction, sensitivity = find_fault(hypothesis, max_offset)
         examination = _examine(hypothesis, correction)
-        camera = None
-        if examination is not None:
-            camera = named_camera(hypothesis, *examination, offsets)
-            if camera is not None and (camera.view in named or not _explains(camera, correction, hypothesis, pairs)):
-                camera = None
-        if camera is not None:
-            findings.append(camera.finding)
-            named.add(camera.view)
-            hypothesis = camera.hypothesis
+        camera = examination and named_camera(hypothesis, *examination, offsets)
+        if camera and camera[0].cameras not in named and _explains(camera[1], correction, hypothesis, pairs):
+            finding, hypothesis = camera
+            findings.append(finding)
+            named.add(finding.cameras)
             continue
         if correction is None or not _confirmed(correction, hypothesis, examination and examination[0], pairs):
             break
@@ -213,10 +200,8 @@ def _examine(hypothesis: Hypothesis, correction: Correction | None) -> tuple[Exa
     """Examine single cameras, unless a fault of all cameras explains that people cannot be measured."""
     if correction is not None and len(correction.views) == len(hypothesis.rig) and correction.fault in _EXCLUSIVE:
         return None
-    pairs, sample = (
-        pairs_to_compare(len(hypothesis.rig)),
-        ViewSample.of(hypothesis, hypothesis.sample_frames(CHECKED_FRAMES)),
-    )
+    pairs = pairs_to_compare(len(hypothesis.rig))
+    sample = ViewSample.of(hypothesis, hypothesis.sample_frames(CHECKED_FRAMES))
     people = triangulate_matches(sample, pairs, measure_agreement(sample, pairs))
     ratio = relative_size(people, hypothesis.skeleton)
     if ratio is None or 0.5 < ratio < 2:
@@ -227,11 +212,11 @@ def _examine(hypothesis: Hypothesis, correction: Correction | None) -> tuple[Exa
     return examined(replace(hypothesis, rig=replace(hypothesis.rig, cam_from_world=pose)))
 
 
-def _explains(camera: Named, correction: Correction | None, hypothesis: Hypothesis, pairs: Pairs) -> bool:
-    """Return whether a difference of one camera explains the recording better than the usual faults do."""
+def _explains(undone: Hypothesis, correction: Correction | None, hypothesis: Hypothesis, pairs: Pairs) -> bool:
+    """Return whether a difference of one camera, undone, explains the recording better than the usual faults do."""
     if correction is None:
         return True
-    ours, other = _agreements(hypothesis, pairs, camera.hypothesis, correction.hypothesis)
+    ours, other = _agreements(hypothesis, pairs, undone, correction.hypothesis)
     return ours > other + (-_SAME if correction.fault in _WITH_AMOUNT else _SAME)
 
 
@@ -320,8 +305,11 @@ def examined(hypothesis: Hypothesis) -> tuple[Examination, ImageTracks] | None:
 
 def named_camera(
     hypothesis: Hypothesis, found: Examination, tracks: ImageTracks, offsets: list[int] | None
-) -> Named | None:
-    """Return the camera that differs by more than correct ones; detections are late by offsets (V,), see `remedy`."""
+) -> tuple[Finding, Hypothesis] | None:
+    """Return the camera that differs by more than correct ones, and cameras and detections with this undone.
+
+    Detections are late by offsets (V,), see `remedy`.
+    """
     kinds = [each for each in found.kinds if _size(each, hypothesis.fps) >= _SMALLEST[each.kind]]
     if not kinds or len(kinds) < len(found.kinds):
         return None
@@ -341,8 +329,7 @@ def named_camera(
         by = dict.fromkeys(_DETERMINED_BY[each.kind] for each in kinds)
         evidence += f"; these fit about equally well; to distinguish them, record: {'; or '.join(by)}"
     alternatives = tuple(_FAULTS[each.kind] for each in kinds) if len(kinds) > 1 else ()
-    finding = Finding(fault, (name,), evidence, _remedy(kinds, undone, hypothesis, offsets), alternatives)
-    return Named(finding, undone, best.view)
+    return Finding(fault, (name,), evidence, _remedy(kinds, undone, hypothesis, offsets), alternatives), undone
 
 
 def camera_fits(hypothesis: Hypothesis, found: Examination | None) -> tuple[CameraFit, ...]:

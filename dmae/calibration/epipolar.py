@@ -18,7 +18,7 @@ from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import Skeleton
 from dmae.formats.config import Convention
 from dmae.formats.reading import shift_views
-from dmae.numerics.statistics import mean_known
+from dmae.numerics.statistics import evenly_spaced, mean_known
 from dmae.reconstruction.triangulation import closest_approach
 
 CHECKED_FRAMES = 150
@@ -64,7 +64,7 @@ class Hypothesis:
     def sample_frames(self, most: int) -> np.ndarray:
         """Return up to `most` frames, evenly spread over the frames in which at least two views detect people."""
         frames = np.flatnonzero(np.isfinite(self.xy[..., 0]).any((2, 3)).sum(1) >= 2)
-        return frames[np.unique(np.linspace(0, max(len(frames) - 1, 0), most).astype(int))] if len(frames) else frames
+        return frames[evenly_spaced(len(frames), most)]
 
 
 @dataclass(frozen=True)

@@ -113,7 +113,6 @@ class Examination:
     base: Adjusted  # The fit of the unchanged calibration
     # By kind, (V,) smallest amount that would be named: m, rad, relative, k1, s; inf if no amount would be
     limits: dict[Kind, np.ndarray]
-    reference: dict[Kind, float]  # By kind, cost per body that a change of a correct camera saves
 
 
 def examine(tracks: ImageTracks, calibration: Calibration) -> Examination | None:
@@ -144,7 +143,7 @@ def examine(tracks: ImageTracks, calibration: Calibration) -> Examination | None
     limits = {kind: _limits(corrected, kind, least[kind]) for kind in Kind}
     limits[Kind.late] = _measured_limits(observations, corrected, limits[Kind.late], least[Kind.late])
     named, suspects = _judge(tried, reference, views)
-    return Examination(named, suspects, tuple(tried), base, limits, reference)
+    return Examination(named, suspects, tuple(tried), base, limits)
 
 
 def _fit(observations: Observations, calibration: Calibration, xyz: np.ndarray, view: int, kind: Kind) -> Adjusted:

@@ -23,7 +23,7 @@ from dmae.files.checks import MOST_METRES
 from dmae.files.mapped import by_frames, in_steps
 from dmae.numerics.body import body_heading
 from dmae.numerics.filling import are_stills
-from dmae.numerics.statistics import mean_known
+from dmae.numerics.statistics import evenly_spaced, mean_known
 
 _ADULT = {("shoulder", "hip"): 0.50, ("hip", "knee"): 0.42, ("knee", "ankle"): 0.41}
 """m, mean of both sides: lengths of the limbs of an adult of 1.72 m."""
@@ -186,7 +186,7 @@ def _soles(middle: np.ndarray, resting: np.ndarray, variance: np.ndarray, skelet
     if not found:
         return Soles(np.empty((0, 3)), np.empty(0, int), np.empty(0), np.empty(0), np.empty(0, int))
     xyz, person, sigma, foot = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    chosen = _spread(len(xyz))
+    chosen = evenly_spaced(len(xyz), _MOST)
     xyz, person, sigma, foot = xyz[chosen], person[chosen], sigma[chosen], foot[chosen]
     near = np.linalg.norm(xyz[:, None, :2] - xyz[None, :, :2], axis=-1) < _SAME_PLACE_M
     same_foot = (person[:, None] == person) & (foot[:, None] == foot)
@@ -210,7 +210,7 @@ def _postures(middle: np.ndarray, resting: np.ndarray, skeleton: Skeleton) -> Po
     standing = (bent > _STRAIGHT).all(-1) & (legs > _LEG * trunk) & np.isfinite(line).all(-1)
     heading = body_heading(middle, skeleton)
     window, person = np.nonzero(standing & np.isfinite(heading))
-    chosen = _spread(len(window))
+    chosen = evenly_spaced(len(window), _MOST)
     rows = window, person = window[chosen], person[chosen]
     direction = line[rows] / np.linalg.norm(line[rows], axis=-1, keepdims=True)
     still = resting[:, :, index[6:]].all(-1)[rows]
@@ -231,10 +231,6 @@ def _spots(place: np.ndarray, person: np.ndarray) -> np.ndarray:
         spot[free[near & (person[free] == person[first])]] = count
         count += 1
     return spot
-
-
-def _spread(count: int) -> np.ndarray:
-    return np.unique(np.linspace(0, count - 1, min(count, _MOST)).astype(int)) if count else np.empty(0, int)
 
 
 def _index(skeleton: Skeleton, joint: str) -> int | None:
