@@ -161,22 +161,15 @@ _ERROR_SCALE = 0.03  # m; scale of errors that training starts from
 # What the default network has in addition.
 
 _POSE_SCALE = 0.3  # m; how far joints typically are from the rest pose
-
 _OFFSET_SCALE = (*4 * (0.3,), *2 * (0.06,))  # m; how large candidate offsets typically are
-
 _FIELDS = ("gap", "ray", "candidate_offset", "noise_level")
 """Of `dmae.completion.windows.Windows`, those that hold input features."""
-
 _HIDDEN_FEATURES = 2 + 3 + 6 * 3 + 6  # Numbers of gap, ray, candidate offsets and noise level
-
 _SCALE_FEATURES = 2 + 6 + 6 + 1
 """Numbers of gap, noise level and lengths of candidate offsets, and whether there is a ray."""
-
 _OBSERVED_NOISE = [0, 1, 3, 4]
 """Of the noise level, what an observed joint is given; the last and the next value coincide there."""
-
 _SMALLEST = 0.01  # m; added to the lengths of candidate offsets before their logarithm is taken
-
 _LARGEST_LOG_SCALE = 5.0  # Limit of the logarithm of the residual scale
 
 

@@ -24,7 +24,7 @@ from typing import Any, TypeVar
 import lightning
 import numpy as np
 import torch
-from lightning.pytorch.callbacks import Callback, ModelCheckpoint, Timer, WeightAveraging
+from lightning.pytorch.callbacks import ModelCheckpoint, Timer, WeightAveraging
 from lightning.pytorch.loggers import TensorBoardLogger
 from lightning.pytorch.plugins.io import TorchCheckpointIO
 from lightning.pytorch.strategies import DDPStrategy
@@ -172,7 +172,6 @@ def _content(path: Path) -> bytes:
 T = TypeVar("T")
 
 _MOST_CLOSING = 0.35  # Share of the whole time that may be reserved for what follows training
-
 _MOST_PREPARING = 0.2  # Share of the time that is left that the examples of an epoch may take to make
 
 
@@ -229,11 +228,10 @@ class TimeLimit:
 # The learner: the network, its loss and its schedule, as Lightning trains it.
 
 _WARMUP, _WEIGHT_DECAY = 0.05, 0.05  # Share of the training over which the rate rises; weight decay of AdamW
-
 _SCALE_WEIGHT = 0.01  # Weight of the loss that trains the error scale, relative to errors in m
-
+STEPS = "steps"
+"""Metric in which a process that was started reports the number of steps."""
 _LOSS_SHARE = 0.01  # Weight of the last step in the mean loss that is printed
-
 _SMALLEST_ERROR = 0.003  # m; expected errors much below this have equal weight (`Loss.relative`)
 
 
@@ -297,23 +295,49 @@ class Learner(lightning.LightningModule):
         schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, self._rate)
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
 
+    def setup(self, stage: str) -> None:
+        # Processes that this one started are as quiet as it is.
+        if self.trainer.world_size > 1:
+            ignore_warnings()
+
+    def on_train_start(self) -> None:
+        """Begin the project's progress bar, by the share of the training that is done."""
+        self._ticks = progress(range(100), "training, %") if self.trainer.is_global_zero else iter(())
+        self._shown = 0
+
     def on_train_epoch_start(self):
         # Dropout in a resumed epoch is what it would have been.
         torch.manual_seed(generator(self.train_config.seed, self.current_epoch, Stream.MASKING).integers(2**63))
 
+    def on_train_batch_end(self, *_) -> None:
+        while self._shown < int(100 * self.fraction()):
+            next(self._ticks, None)
+            self._shown += 1
+        self._stop_in_time(0.0)
+
+    def on_train_epoch_end(self) -> None:
+        # The examples of the next epoch take as long to make.
+        self._stop_in_time(self.limit.preparing)
+
+    def _stop_in_time(self, needed: float) -> None:
+        """Stop when less than the seconds that are needed are left for training."""
+        if self.limit.limited:
+            over = self.limit.training(self.timer.time_elapsed()) <= needed
+            self.trainer.should_stop = self.trainer.strategy.broadcast(over) or self.trainer.should_stop
+
+    def on_train_end(self) -> None:
+        for _ in self._ticks:
+            pass
+
+    def on_fit_end(self) -> None:
+        # The process that was started reads it here.
+        self.trainer.callback_metrics[STEPS] = torch.tensor(self.trainer.global_step)
+
     def train_dataloader(self) -> DataLoader:
-        config, begun, rank, ranks = (
-            self.train_config,
-            time.monotonic(),
-            self.trainer.global_rank,
-            self.trainer.world_size,
-        )
-        order = {
-            "seed": config.seed,
-            "epoch": self.trainer.current_epoch,
-            "steps": config.learning.epoch,
-            "batch": config.learning.batch,
-        }
+        config, begun = self.train_config, time.monotonic()
+        rank, ranks = self.trainer.global_rank, self.trainer.world_size
+        order = {"seed": config.seed, "epoch": self.trainer.current_epoch}
+        order |= {"steps": config.learning.epoch, "batch": config.learning.batch}
         replay = config.examples.replay or 0.0
         if config.model.residual:
             batches: Dataset = TrainingBatches(
@@ -403,10 +427,7 @@ class Learner(lightning.LightningModule):
         print(line, file=sys.stderr, flush=True)
 
 
-# How Lightning trains here: averaged weights, the progress bar, the time limit, several processes, few messages.
-
-STEPS = "steps"
-"""Metric in which the process that was started reports the number of steps."""
+# How Lightning trains here: averaged weights, several processes, few messages.
 
 
 class AverageWeights(WeightAveraging):
@@ -422,42 +443,6 @@ class AverageWeights(WeightAveraging):
 
 def _blend(decay: float, average: Tensor, current: Tensor, count: int | Tensor) -> Tensor:
     return average.lerp(current, 1 - min(decay, (1 + float(count)) / (10 + float(count))))
-
-
-class ShowProgress(Callback):
-    """The project's progress bar, by the share of the training that is done."""
-
-    def on_train_start(self, trainer, learner):
-        self.ticks = progress(range(100), "training, %") if trainer.is_global_zero else iter(())
-        self.shown = 0
-
-    def on_train_batch_end(self, trainer, learner, *_):
-        while self.shown < int(100 * learner.fraction()):
-            next(self.ticks, None)
-            self.shown += 1
-
-    def on_train_end(self, trainer, learner):
-        self.on_train_batch_end(trainer, learner)
-        for _ in self.ticks:
-            pass
-
-
-class StopInTime(Callback):
-    """Stops when the time for training is over, or before an epoch with examples that would take longer to make."""
-
-    def __init__(self, limit: TimeLimit):
-        self.limit = limit
-
-    def on_train_batch_end(self, trainer, learner, *_):
-        self._stop(trainer, learner, 0.0)
-
-    def on_train_epoch_end(self, trainer, learner):
-        self._stop(trainer, learner, self.limit.preparing)
-
-    def _stop(self, trainer, learner, needed: float) -> None:
-        if self.limit.limited:
-            over = self.limit.training(learner.timer.time_elapsed()) <= needed
-            trainer.should_stop = trainer.strategy.broadcast(over) or trainer.should_stop
 
 
 @contextmanager
@@ -490,17 +475,6 @@ def strategy_of(devices: int) -> DDPStrategy | str:
     os.environ.setdefault("TORCH_CPP_LOG_LEVEL", "ERROR")
     # Processes are spawned: torch's threads do not survive a fork.
     return DDPStrategy(start_method="spawn", find_unused_parameters=True)
-
-
-class ReportSteps(Callback):
-    """Report the number of steps to the process that started this one, and be as quiet as that."""
-
-    def setup(self, trainer, learner, stage):
-        if trainer.world_size > 1:
-            ignore_warnings()
-
-    def on_fit_end(self, trainer, learner):
-        trainer.callback_metrics[STEPS] = torch.tensor(trainer.global_step)
 
 
 @contextmanager
@@ -636,11 +610,8 @@ def _fit(learner: Learner, config: TrainConfig, out: Path) -> tuple[int, dict[st
             gradient_clip_val=learning.max_gradient,
             callbacks=[
                 learner.timer,
-                StopInTime(learner.limit),
                 ModelCheckpoint(out, Path(CHECKPOINT).stem, every_n_epochs=1, enable_version_counter=False),
                 AverageWeights(learning.average),
-                ShowProgress(),
-                ReportSteps(),
             ],
             plugins=[CheckedCheckpoints()],
             logger=TensorBoardLogger(out, name="", version="tensorboard"),
@@ -673,18 +644,13 @@ def _reserve_time(
     if not limit.limited or not validation:
         return
     model.eval()
-    if not model.config.residual:
-        with torch.inference_mode():
-            limit.reserve((lambda: model(*validation[0].windows), 2 * len(validation)))
-        model.train()
-        return
-    stated = Completer(model, skeleton, factors=_ONES)
-    measured = [poses for poses, _ in calibration_poses(held_back[:1], recipe, seed=0)]
+    parts: list[tuple[Callable[[], object], float]] = [(lambda: model(*validation[0].windows), 2 * len(validation))]
+    if model.config.residual:
+        stated = Completer(model, skeleton, factors=_ONES)
+        measured = [poses for poses, _ in calibration_poses(held_back[:1], recipe, seed=0)]
+        parts.append((lambda: stated(measured[-1], recipe.model.fps), len(measured) * len(held_back)))
     with torch.inference_mode():
-        limit.reserve(
-            (lambda: model(*validation[0].windows), 2 * len(validation)),
-            (lambda: stated(measured[-1], recipe.model.fps), len(measured) * len(held_back)),
-        )
+        limit.reserve(*parts)
     model.train()
 
 

@@ -27,7 +27,6 @@ from synth.scene.config import SceneConfig
 from synth.scene.sampling import sample_scene
 from tests.support.animal_files import write_deeplabcut, write_movement, write_sleap
 from tests.support.clips import full_clip, walkers
-from tests.support.completers import SMALL
 from tests.support.marker_files import c3d
 from tests.support.marker_files import t_pose as marker_t_pose
 from tests.support.motion_files import amc, bvh
@@ -40,6 +39,7 @@ from tests.support.tracked_recordings import (
     write_mmpose,
     write_released,
 )
+from tests.support.training import TINY_NETWORK
 
 FPS = 25.0
 
@@ -124,7 +124,7 @@ def _model():
     import torch
 
     torch.manual_seed(0)
-    return DMAE(SMALL, len(SHELF14)).eval()
+    return DMAE(TINY_NETWORK, len(SHELF14)).eval()
 
 
 def write_weights(folder: Path) -> None:

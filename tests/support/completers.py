@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from dmae.completion.complete import Completer
-from dmae.completion.config import CodesConfig, DecoderConfig, EncoderConfig, MaskingConfig, ModelConfig
+from dmae.completion.config import MaskingConfig
 from dmae.completion.network import DMAE
 from dmae.completion.training_data import mask_bursts
 from dmae.completion.windows import rest_pose
@@ -14,21 +14,16 @@ from dmae.data.clip import Poses3D
 from dmae.data.conversion import convert
 from dmae.data.skeleton import SHELF14
 from tests.support.circling_people import circling_people
+from tests.support.training import TINY_NETWORK
 
 FPS = 25.0
-SMALL = ModelConfig(
-    frames=9,
-    encoder=EncoderConfig(dim=16, depth=1, heads=2, head_dim=8, mlp=32),
-    decoder=DecoderConfig(dim=8),
-    codes=CodesConfig(signal=8),
-)
 
 
 def untrained(residual: bool = True, denoise: bool = False, factors: tuple[float, ...] | None = None) -> Completer:
     """Return a completer with a network that corrects every joint."""
     with torch.random.fork_rng():
         torch.manual_seed(0)
-        model = DMAE(replace(SMALL, residual=residual, align_heading=residual), len(SHELF14)).eval()
+        model = DMAE(replace(TINY_NETWORK, frames=9, residual=residual, align_heading=residual), len(SHELF14)).eval()
         torch.nn.init.normal_(model.head.weight, std=0.01)
         torch.nn.init.normal_(model.scale_head[-1].weight, std=0.1)
     truth = convert(circling_people(50, 3, rng=np.random.default_rng(9)), SHELF14)

@@ -15,11 +15,7 @@ from dmae.completion import pieces
 from dmae.completion.complete import SMOOTHING, load_completer
 from dmae.completion.config import (
     AugmentConfig,
-    CodesConfig,
-    DecoderConfig,
-    EncoderConfig,
     MaskingConfig,
-    ModelConfig,
     TrainConfig,
 )
 from dmae.completion.fillings import fill_linear, fill_pchip_body
@@ -35,18 +31,13 @@ from dmae.numerics.filling import fill_world, present
 from dmae.numerics.paths import pchip
 from tests.support.circling_people import circling_people, clip_of
 from tests.support.completers import FPS, circling, untrained, with_holes
-from tests.support.training import changed
+from tests.support.training import SMALL_NETWORK, changed
 
 pytestmark = pytest.mark.slow
 
 LEARNING = changed(
     TrainConfig(),
-    model=ModelConfig(
-        frames=5,
-        encoder=EncoderConfig(dim=32, depth=1, heads=2, head_dim=16, mlp=64),
-        decoder=DecoderConfig(dim=32),
-        codes=CodesConfig(signal=16),
-    ),
+    model=SMALL_NETWORK,
     masking=MaskingConfig(longest=20, scattered=0.0, bursts=3.0),
     augment=AugmentConfig(speed=0.0, scale=0.03),
     skeleton="shelf14",

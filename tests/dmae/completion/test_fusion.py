@@ -12,11 +12,7 @@ from hypothesis import strategies as st
 from dmae.completion.complete import Completer, load_completer
 from dmae.completion.config import (
     AugmentConfig,
-    CodesConfig,
-    DecoderConfig,
-    EncoderConfig,
     MaskingConfig,
-    ModelConfig,
     TrainConfig,
 )
 from dmae.completion.fusion import derive, true_pair
@@ -33,19 +29,13 @@ from dmae.formats.reading import DataConfig
 from dmae.numerics.body import body_heading, rotate_z
 from dmae.numerics.filling import present
 from tests.support.circling_people import circling_people, clip_of
-from tests.support.training import changed
+from tests.support.training import SMALL_NETWORK, changed
 
 FPS = 25.0
 FUSED = get_skeleton("body21+shelf14")
-SMALL = ModelConfig(
-    frames=5,
-    encoder=EncoderConfig(dim=32, depth=1, heads=2, head_dim=16, mlp=64),
-    decoder=DecoderConfig(dim=32),
-    codes=CodesConfig(signal=16),
-)
 LEARNING = changed(
     TrainConfig(),
-    model=SMALL,
+    model=SMALL_NETWORK,
     masking=MaskingConfig(longest=20, scattered=0.0, bursts=1.0),
     augment=AugmentConfig(speed=0.0, scale=0.03),
     skeleton=FUSED.name,
@@ -106,7 +96,7 @@ def trained(tmp_path_factory):
 def untrained(factors: Factors | None = None) -> Completer:
     with torch.random.fork_rng():
         torch.manual_seed(0)
-        model = DMAE(SMALL, len(FUSED)).eval()
+        model = DMAE(SMALL_NETWORK, len(FUSED)).eval()
         torch.nn.init.normal_(model.head.weight, std=0.01)
     model.rest.copy_(torch.from_numpy(rest_pose(true_pair(pair(walk(9)), FUSED).xyz, FUSED)))
     return Completer(model, FUSED, factors=factors)
@@ -127,13 +117,13 @@ def test_joints_derived_from_others_are_not_accepted_as_truth(tmp_path):
 
 
 def test_only_the_target_is_learned_and_none_of_it_is_observed():
-    recipe = Recipe(SMALL, rest_pose(true_pair(pair(walk(9)), FUSED).xyz, FUSED))
+    recipe = Recipe(SMALL_NETWORK, rest_pose(true_pair(pair(walk(9)), FUSED).xyz, FUSED))
     poses, found = walk(1), []
     for lower in (0.0, 0.5):
         clip = replace(clip_of(pair(poses, lower), "clip"), poses=poses)
         recording = pose_pair(clip, FUSED, FPS)
         rows = masked_rows(recording, recipe, rng=np.random.default_rng(0))
-        found.append(cut_examples(rows, rows.starts, SMALL))
+        found.append(cut_examples(rows, rows.starts, SMALL_NETWORK))
     first, second = found
     assert not first.observed.any() and not first.hidden[..., :21].any() and first.hidden[..., 21:].all()
     assert not first.windows.observed[..., 21:].any() and first.windows.observed[..., :21].any()
@@ -216,7 +206,7 @@ def test_fusion_learns_where_annotators_put_joints(trained, fps):
 
 
 def test_the_paper_s_network_fuses_too(tmp_path):
-    network = replace(SMALL, residual=False, align_heading=False)
+    network = replace(SMALL_NETWORK, residual=False, align_heading=False)
     folder = train(changed(LEARNING, model=network, steps=2), [simulated(0)], tmp_path)
     done = load_completer(folder)(walk(1), FPS)
     assert done.skeleton == SHELF14 and (done.source == Source.DENOISED).all()
@@ -253,7 +243,11 @@ def test_options_that_do_not_fit_the_initial_model_are_named(trained, tmp_path):
         train(changed(LEARNING, init=str(trained), skeleton="body25"), clips, tmp_path)
     with pytest.raises(ValueError, match=r"of other sizes; to start from it, give model\.encoder\.dim=32"):
         train(
-            changed(LEARNING, init=str(trained), model=replace(SMALL, encoder=replace(SMALL.encoder, dim=64))),
+            changed(
+                LEARNING,
+                init=str(trained),
+                model=replace(SMALL_NETWORK, encoder=replace(SMALL_NETWORK.encoder, dim=64)),
+            ),
             clips,
             tmp_path,
         )

@@ -14,9 +14,6 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from dmae.completion.config import (
     AugmentConfig,
-    CodesConfig,
-    DecoderConfig,
-    EncoderConfig,
     LearningConfig,
     Loss,
     MaskingConfig,
@@ -32,17 +29,11 @@ from dmae.data.clip import Poses3D
 from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25, SHELF14
 from tests.support.circling_people import circling_people, clip_of
-from tests.support.training import changed
+from tests.support.training import TINY_NETWORK, changed
 
 TINY = changed(
     TrainConfig(),
-    model=ModelConfig(
-        frames=5,
-        encoder=EncoderConfig(dim=16, depth=1, heads=2, head_dim=8, mlp=32),
-        decoder=DecoderConfig(dim=8),
-        codes=CodesConfig(signal=8),
-        dropout=0.1,
-    ),
+    model=replace(TINY_NETWORK, dropout=0.1),
     masking=MaskingConfig(longest=20, bursts=5.0),
     skeleton="shelf14",
     steps=10,
@@ -307,12 +298,7 @@ def test_before_the_first_there_is_none(tmp_path):
 pytestmark = pytest.mark.slow
 SMALL = changed(
     TrainConfig(),
-    model=ModelConfig(
-        frames=5,
-        encoder=EncoderConfig(dim=16, depth=1, heads=2, head_dim=8, mlp=32),
-        decoder=DecoderConfig(dim=8),
-        codes=CodesConfig(signal=8),
-    ),
+    model=TINY_NETWORK,
     skeleton="shelf14",
     steps=24,
     epoch=4,
