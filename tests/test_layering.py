@@ -11,7 +11,6 @@ HEAVY = {"torch", "lightning", "mujoco", "hydra", "omegaconf"}
 
 LAYERS = (
     (
-        "dmae.clusters",
         "dmae.data",
         "dmae.files",
         "dmae.numerics",

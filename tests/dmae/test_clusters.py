@@ -9,8 +9,7 @@ import time
 
 import pytest
 
-from dmae.clusters import CLUSTERS
-from dmae.parallel import Backend, in_parallel, process_count, running_on
+from dmae.parallel import CLUSTERS, Backend, in_parallel, process_count, running_on
 from tests.support.cluster_tasks import square_or_die
 from tests.support.commands import command_line, synth
 from tests.support.processes import command_of, family, processor_seconds
