@@ -466,16 +466,20 @@ def _solve_part(
     # The line from hips to shoulders leans by less than the torso turns, because it turns above the hips.
     share = {lumbar: (1 - _LUMBAR_SHARE) * _trunk_share(body)}
     share |= {hip: _LUMBAR_SHARE / 2 for hip in hips if hip in column}
+    # Each joint is turned by the segment that it is on and by the segments above.
+    turning = [(j, above) for j, segment in enumerate(on) for above in _upwards(body.parents, segment)]
+    joint, above = np.array([pair for pair in turning if pair[1] in column]).T
+    axes = np.array([column[segment] for segment in above])[:, None, None] + np.arange(3)
     for step in range(_STEPS + 1):
         at, turned = body.place(root, local)
         points = at[:, on] + (turned[:, on] @ body.landmarks[..., None])[..., 0]
         J = np.zeros((frames, joints, 3, size))
         J[..., :3] = np.eye(3)
-        for joint, segment in enumerate(on):
-            for above in _upwards(body.parents, segment):
-                if above in column:
-                    arm = (points[:, joint] - at[:, above])[:, :, None]
-                    J[:, joint, :, column[above] : column[above] + 3] = np.cross(turned[:, above], arm, axis=1)
+        # `np.cross` is slow for few frames.
+        x, y, z = np.moveaxis(turned[:, above], 2, 0)
+        a, b, c = np.moveaxis(points[:, joint] - at[:, above], 2, 0)[..., None]
+        moved = np.stack([y * c - z * b, z * a - x * c, x * b - y * a], 2)
+        J[:, joint[:, None, None], np.arange(3)[:, None], axes] = moved
         residual = (precision @ (known - points)[..., None])[..., 0]
         distance = np.linalg.norm(residual, axis=-1)
         robust = np.sqrt(np.minimum(1, _HUBER / np.maximum(distance, 1e-9))) if step > 2 else np.ones_like(distance)
@@ -486,9 +490,11 @@ def _solve_part(
         # A body that is not seen at all in a frame stays where it was.
         H[:, range(size), range(size)] += 1e-3
         flexion, folded, row = np.zeros(frames), np.zeros(frames), np.zeros((frames, size))
-        for segment in moving[1:]:
-            turn = Rotation.from_matrix(local[:, segment]).as_rotvec()
-            by_turn, own = _inverse_right_jacobian(turn), slice(column[segment], column[segment] + 3)
+        turns = Rotation.from_matrix(local[:, moving[1:]].reshape(-1, 3, 3)).as_rotvec().reshape(frames, -1, 3)
+        by_turns = _inverse_right_jacobian(turns)
+        for number, segment in enumerate(moving[1:]):
+            turn, by_turn = turns[:, number], by_turns[:, number]
+            own = slice(column[segment], column[segment] + 3)
             weighted = by_turn.swapaxes(-1, -2) * weight[segment]
             H[:, own, own] += weighted @ by_turn
             gradient[:, own] -= (weighted @ turn[..., None])[..., 0]
