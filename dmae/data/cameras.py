@@ -68,7 +68,7 @@ class CameraRig:
             check_numbers(f"camera {name!r}: K, px", K, MOST_FOCAL)
             check_numbers(f"camera {name!r}: distortion", self.dist[view], MOST_DISTORTION)
             check_numbers(f"camera {name!r}: cam_from_world, m", T, MOST_METRES)
-            if not np.allclose(K[2], (0, 0, 1)) or not np.allclose(T[3], (0, 0, 0, 1)):
+            if np.abs(K[2] - (0, 0, 1)).max() > 1e-5 or np.abs(T[3] - (0, 0, 0, 1)).max() > 1e-5:
                 raise ValueError(f"camera {name!r}: last rows must be K (0 0 1) and cam_from_world (0 0 0 1)")
             # Published calibrations round their rotations to about 1e-4.
             error = np.abs(T[:3, :3] @ T[:3, :3].T - np.eye(3)).max()
