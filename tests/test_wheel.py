@@ -36,9 +36,14 @@ def bin(tmp_path_factory) -> Path:
     bin = folder / "env" / ("Scripts" if os.name == "nt" else "bin")
     pip = [sys.executable, "-m", "pip", f"--python={bin / 'python'}", "install", "--quiet", "--no-deps", str(wheel)]
     subprocess.run(pip, check=True, capture_output=True)
-    # Machine code of the same sources: compiling it again would take half a minute.
+    # Machine code of the same sources, which Numba knows by their size and time: compiling it again would take half a
+    # minute.
     for code in ROOT.glob("dmae/**/__pycache__/*.nb[ci]"):
-        shutil.copy(code, site / code.relative_to(ROOT))
+        copy = site / code.relative_to(ROOT)
+        copy.parent.mkdir(exist_ok=True)
+        shutil.copy(code, copy)
+        source = Path("..", f"{code.name.split('.')[0]}.py")
+        shutil.copystat(code.parent / source, copy.parent / source)
     return bin
 
 
