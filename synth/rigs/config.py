@@ -226,6 +226,12 @@ class RigConfig:
         if self.size and (len(self.size) != 2 or min(self.size) < 1):
             raise ValueError(f"rig.size: expected [width, height], at least 1 px each, got {list(self.size)}")
 
+        if self.path or self.cameras:
+            for kind, usual in (("ring", RingConfig()), ("dome", DomeConfig()), ("random", RandomConfig())):
+                if getattr(self, kind) != usual:
+                    given = "rig.path is given" if self.path else f"rig={self.name} lists its cameras"
+                    raise ValueError(f"rig.{kind}: has no effect, as {given}; choose rig={kind} instead")
+
     @property
     def source(self) -> str:
         """Name of the rig or its file, for messages."""

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import synth
 from dmae.data.cameras import CameraRig
 from dmae.formats.calibrations import calibration_format, read_calibration, write_calibration
 from dmae.formats.config import UpDirection
 from synth.errors import FailedSimulation
-from synth.rigs.config import CameraConfig, JitterConfig, MiscalibrationConfig, RigConfig
+from synth.rigs.config import CameraConfig, JitterConfig, MiscalibrationConfig, RigConfig, RingConfig
 from synth.rigs.coverage import Stage, area
 from synth.rigs.rig import calibration_error, make_rig, miscalibrate
 from tests.support.rigs import AHEAD, LEFT, PRESETS, config, preset
@@ -233,3 +234,9 @@ def test_the_calibration_error_is_in_pixels():
 def test_invalid_standard_deviations_are_refused(kind, value):
     with pytest.raises(ValueError, match="rotation: expected 0 or more"):
         kind(rotation=value)
+
+
+def test_places_of_cameras_are_refused_for_a_rig_that_lists_them():
+    with pytest.raises(ValueError, match=r"rig\.ring: has no effect, as rig=shelf lists its cameras; choose rig=ring"):
+        synth.preset("rig", "shelf", ring=RingConfig(views=3))
+    assert synth.preset("rig", "ring", ring=RingConfig(views=3)).ring.views == 3
