@@ -56,14 +56,15 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
                 values = person if isinstance(person, dict) else {}
                 keypoints = values.get("pose_keypoints_2d", values.get("pose_keypoints"))
                 people.add(name, number, f"{file}: people[{i}].pose_keypoints_2d", keypoints)
-    found, notes = people.all(), ()
     # OpenPose can write fractions of the image instead of px.
-    if len(found) and (largest := np.nanmax(np.abs(found[..., :2]))) <= 1:
+    largest = max((np.fmax.reduce(np.abs(person[:, :2]), axis=None, initial=-1) for person in people), default=-1)
+    if 0 <= largest <= 1:
         raise ValueError(
             f"{path}: expected pixels, found no coordinate above {largest:g}; detect with keypoint_scale 0"
         )
+    notes: tuple[str, ...] = ()
     if skeleton is None and people.joints in (None, len(BODY25)):
-        skeleton, notes = guess_skeleton(path, found)
+        skeleton, notes = guess_skeleton(path, people.all())
     return people.detections(skeleton or default_skeleton(path, people.joints), notes, unreadable=unreadable)
 
 

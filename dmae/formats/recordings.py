@@ -172,10 +172,8 @@ class People:
         self._like = ""  # Where the number of joints comes from, for messages
         if skeleton is not None:
             self.joints, self._like = len(skeleton), f"of {skeleton.name}"
-        self._odd, self._first_odd = (
-            0,
-            "",
-        )  # Number of joints with a negative or null confidence, and place of the first
+        # Number of joints with a negative or null confidence, and place of the first
+        self._odd, self._first_odd = 0, ""
 
     def frame(self, camera: str, number: int) -> list[np.ndarray]:
         """Add a frame, maybe of nobody. Return its people, (J, 3) each: x, y in px and confidence; NaN where absent."""
@@ -196,7 +194,9 @@ class People:
         rows = rows.reshape(-1, 3) if rows.ndim == 1 and rows.size % 3 == 0 else rows
         if scores is not None and rows.ndim == 2 and rows.shape[1] >= 2:
             apart = numbers_of(scores).reshape(-1, 1)
-            rows = np.concatenate([rows[:, :2], apart], -1) if len(apart) == len(rows) else rows[:, :0]
+            if len(apart) != len(rows):
+                raise ValueError(f"{place}: expected a confidence of each of {len(rows)} joints, found {scores!r:.60}")
+            rows = np.concatenate([rows[:, :2], apart], -1)
         if rows.ndim != 2 or rows.shape[1] != 3:
             raise ValueError(f"{place}: expected x, y, confidence of each joint, found {keypoints!r:.60}")
         check_numbers(place, rows, MOST_PIXELS)
@@ -217,9 +217,13 @@ class People:
         if not np.isnan(rows).all():
             self.frame(camera, number).append(rows)
 
+    def __iter__(self) -> Iterator[np.ndarray]:
+        """Yield the people of all frames, (J, 3) each."""
+        return (person for view in self.views.values() for found in view.values() for person in found)
+
     def all(self) -> np.ndarray:
         """Return the people of all frames, (N, J, 3)."""
-        people = [person for view in self.views.values() for found in view.values() for person in found]
+        people = list(self)
         return np.array(people).reshape(len(people), self.joints or 0, 3)
 
     def detections(self, skeleton: Skeleton, notes: tuple[str, ...] = (), **known) -> "NumberedDetections":
