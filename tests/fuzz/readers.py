@@ -46,12 +46,14 @@ from tests.fuzz.seed_files import (
     spec,
     write_checkpoint,
     write_clip,
+    write_colours,
     write_compressed,
     write_data_set,
     write_decisions,
     write_mesh,
     write_motion,
     write_physics,
+    write_pictures,
     write_pose2sim_video,
     write_poses,
     write_presets,
@@ -59,7 +61,6 @@ from tests.fuzz.seed_files import (
     write_scores,
     write_weights,
 )
-from tests.fuzz.seed_pictures import write_colours, write_pictures
 from tests.support.animal_files import SPIDER, write_deeplabcut, write_dogs_nc
 from tests.support.calibrations import TEXTS, write
 from tests.support.clips import walkers

@@ -177,11 +177,8 @@ def test_read_after_write_is_equal(tmp_path_factory, frames, views, people, firs
     if frames:
         found = read_detections(folder, skeleton=BODY25)
         assert set(found.views) == set(cameras)
-        clip = (
-            to_clip(NumberedDetections(BODY25, found.views), recording(BODY25, 1, views).rig, 25.0, folder)
-            if views
-            else None
-        )
+        rig = recording(BODY25, 1, views).rig
+        clip = to_clip(NumberedDetections(BODY25, found.views), rig, 25.0, folder)
         assert clip.provenance["first_frame"] == first
         same_detections(clip.detections, written)
 

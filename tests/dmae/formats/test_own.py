@@ -1,4 +1,4 @@
-"""tests.dmae.formats.test_own."""
+"""Poses as a NumPy archive: read again, and refused where its arrays do not fit together."""
 
 import numpy as np
 import pytest
