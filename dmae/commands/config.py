@@ -1,6 +1,5 @@
 """Options of commands, where a command takes more options than its verb. Imports nothing heavy: help is quick."""
 
-import re
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
@@ -247,7 +246,10 @@ class LiveCommand:
     input."""
 
     def __post_init__(self):
-        if self.listen is not None and not re.fullmatch(r".+:\d{1,5}", self.listen):
+        if self.listen is None:
+            return
+        host, _, port = self.listen.rpartition(":")
+        if not host or not port.isdecimal() or int(port) > 65535:
             raise ValueError(f"listen={self.listen}: expected host:port, as 127.0.0.1:5555")
 
 

@@ -17,6 +17,7 @@ from dmae.data.clip import Clip
 from dmae.data.json_values import flat
 from dmae.evaluation.scores import FIGURES, figure_score, run_table
 from dmae.metrics.registry import metrics
+from dmae.reporting.tables import listed
 
 _TOLERANCES = {"joints": 5e-3, "mean": 0.01, "detected": 5e-3, "pixels": 1.0, "score": 5e-3, "offset_px": 0.02}
 """Tolerances for simulated clips, because rounding differs between processors: counts, scores and offsets are relative,
@@ -182,9 +183,8 @@ def check_baseline(baseline: dict, options: dict, changed: Collection[str] = ())
     if refused:
         groups = dict.fromkeys(name.partition(".")[0] for name in refused)
         short = refused if len(refused) <= _NAMED else groups
-        more = f" and {len(refused) - _NAMED} more" if len(refused) > _NAMED else ""
         raise ValueError(
-            f"baseline: scores of other options are not compared: {'; '.join([*refused.values()][:_NAMED])}{more}. "
+            f"baseline: scores of other options are not compared: {listed([*refused.values()], _NAMED, '; ')}. "
             f"Use the same, or name the options or groups that you changed on purpose: changed=[{','.join(short)}]"
         )
 
@@ -202,10 +202,7 @@ def compare_scores(baseline: dict, scores: dict, changed: Collection[str] = ()) 
     if baseline["skeleton"] != scores["skeleton"]:
         differences.insert(0, f"skeleton {baseline['skeleton']} in the baseline, {scores['skeleton']} here")
     if differences:
-        raise ValueError(
-            f"baseline: scores of other data are not compared: {'; '.join(differences[:5])}"
-            f"{f' and {len(differences) - 5} more' if len(differences) > 5 else ''}"
-        )
+        raise ValueError(f"baseline: scores of other data are not compared: {listed(differences, 5, '; ')}")
     before, after = ({(each["method"], each["views"]): each for each in part["results"]} for part in (baseline, scores))
     changes, refused = [], []
     notes = [f"{_where(*key)}: new, not in the baseline" for key in after if key not in before]

@@ -10,6 +10,7 @@ from dmae.data.conversion import convert
 from dmae.formats.poses import pose_paths, read_poses
 from dmae.numerics.body import bone_lengths
 from dmae.numerics.statistics import mean_known
+from dmae.reporting.tables import listed
 
 _LARGER = 2.5  # If people are larger or smaller than the true people by this factor, the poses are in another unit
 _UNITS = {1000: "mm", 100: "cm", 39.37: "inches", 3.281: "feet", 0.001: "km"}  # Units, as factors from metres
@@ -24,15 +25,15 @@ def predictions_of(path: Path, clips: Sequence[str]) -> dict[str, Path]:
     if found is None:
         if len(clips) > 1:
             raise ValueError(
-                f"poses={path}: expected poses of the {len(clips)} clips {_listed(clips)}, found those of one; give a "
-                f"folder that holds {clips[0]}.npz and so on"
+                f"poses={path}: expected poses of the {len(clips)} clips {listed(clips, 5)}, found those of one; "
+                f"give a folder that holds {clips[0]}.npz and so on"
             )
         return {clips[0]: Path(path)}
     lacking, spare = [name for name in clips if name not in found], [name for name in found if name not in clips]
     if lacking or spare:
         raise ValueError(
-            f"poses={path}: expected poses of the clips {_listed(clips)}, found {_listed(list(found))}; "
-            f"without poses: {_listed(lacking)}; of no clip: {_listed(spare)}"
+            f"poses={path}: expected poses of the clips {listed(clips, 5)}, found {listed(list(found), 5)}; "
+            f"without poses: {listed(lacking, 5) or 'none'}; of no clip: {listed(spare, 5) or 'none'}"
         )
     return found
 
@@ -93,8 +94,3 @@ def _check_unit(poses: Poses3D, truth: Poses3D, where: str) -> None:
         f"{where}: expected poses in m; their bones are {factor:.4g} times as long as the true ones{unit}. "
         f"Divide the coordinates by {near if unit else factor:.4g}"
     )
-
-
-def _listed(names: Sequence[str], most: int = 5) -> str:
-    shown = ", ".join(names[:most])
-    return (f"{shown} and {len(names) - most} more" if len(names) > most else shown) or "none"

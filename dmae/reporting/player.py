@@ -15,7 +15,6 @@ from scipy.optimize import linear_sum_assignment
 from dmae.data.cameras import CameraRig, camera_label
 from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.conversion import convert
-from dmae.data.skeleton import Skeleton
 from dmae.numerics.paths import neighbours
 from dmae.numerics.statistics import mean_known
 from dmae.progress import progress
@@ -43,7 +42,9 @@ def player_data(clip: Clip, first: int = 0, error: np.ndarray | None = None, not
     videos, problem = small_videos(clip)
     poses, truth = clip.poses, clip.truth
     if truth is not None:
-        truth = _one_skeleton(truth, (poses or clip.detections).skeleton)
+        # Of a fused skeleton, the part that the poses have, or else the first
+        parts, wanted = truth.skeleton.parts, (poses or clip.detections).skeleton.name
+        truth = convert(truth, next((part for part in parts if part.name == wanted), parts[0]))
     errors = None if error is None else [round(value, 1) if isfinite(value) else None for value in error.tolist()]
     return {
         "id": clip.id,
@@ -75,12 +76,6 @@ def packed(values: np.ndarray) -> str:
     steps = np.diff(held, axis=1, prepend=np.zeros((len(held), 1), np.uint16))
     planes = np.stack([steps & 0xFF, steps >> 8, known.T]).astype(np.uint8)
     return base64.b64encode(zlib.compress(planes.tobytes())).decode()
-
-
-def _one_skeleton(truth: Poses3D, wanted: Skeleton) -> Poses3D:
-    """Return the truth on one part of a fused skeleton: the part that the poses have, or else the first."""
-    parts = [part.name for part in truth.skeleton.parts]
-    return convert(truth, wanted if wanted.name in parts else truth.skeleton.parts[0]) if len(parts) > 1 else truth
 
 
 def _poses(poses: Poses3D, *, with_source: bool) -> dict:

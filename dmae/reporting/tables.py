@@ -71,6 +71,12 @@ def counted(number: int, noun: str, plural: str = "") -> str:
     return f"{number:,} {noun if number == 1 else plural or noun + 's'}"
 
 
+def listed(names: Sequence[str], most: int, between: str = ", ") -> str:
+    """Return "a, b and 3 more": at most so many names, and how many more there are."""
+    shown = between.join(names[:most])
+    return f"{shown} and {len(names) - most} more" if len(names) > most else shown
+
+
 def number_text(value: float | None, digits: int = 1) -> str:
     """Return a number as text, "-" if it is not known."""
     return "-" if value is None else f"{value:.{digits}f}"

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 from dmae.files.contents import write_atomic
-from dmae.reporting.tables import Table, counted, print_tables
+from dmae.reporting.tables import Table, counted, listed, print_tables
 from synth.commands.config import VerifyCommand
 from synth.datasets.verify import CHECKS, DATA_SET, verify
 
@@ -24,7 +24,7 @@ def run(config: VerifyCommand, out: Path) -> None:
     rows = []
     for check, meaning in CHECKS.items():
         failing = sorted({problem.clip for problem in found.problems if problem.check == check})
-        rows.append((f"{check}: {meaning}", str(len(failing)), _some(failing, 3) or "-"))
+        rows.append((f"{check}: {meaning}", str(len(failing)), listed(failing, 3) or "-"))
     print_tables([Table(f"{config.data}: {counted(len(found.clips), 'clip')}", ("check", "fail", "which"), rows)])
     print(out)
     if found.without:
@@ -35,7 +35,7 @@ def run(config: VerifyCommand, out: Path) -> None:
     for clip, check, what in found.problems[:_SHOWN]:
         print(f"{clip}: {check}: {what}")
     if found.again:
-        print(f"to regenerate, with the command that made the data set: {_some(found.again, _SHOWN)}")
+        print(f"to regenerate, with the command that made the data set: {listed(found.again, _SHOWN)}")
     if not found.problems:
         if found.number:
             print(f"sha256 of all: {found.number}")
@@ -44,7 +44,3 @@ def run(config: VerifyCommand, out: Path) -> None:
     failing = f"{len(found.again)} of {counted(len(found.clips), 'clip')}"
     failing += " and in the data set's own files" if any(problem.clip == DATA_SET for problem in found.problems) else ""
     raise ValueError(f"{config.data}: {counted(len(found.problems), 'problem')} in {failing}{more}")
-
-
-def _some(names: list[str], most: int) -> str:
-    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")

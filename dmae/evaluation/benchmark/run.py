@@ -36,6 +36,7 @@ from dmae.progress import progress
 from dmae.reconstruction.config import CaptureConfig, capture_method
 from dmae.reconstruction.pipeline import capture
 from dmae.registry import load_function
+from dmae.reporting.tables import listed
 
 
 class Task(StrEnum):
@@ -70,9 +71,8 @@ class HandIn:
             return
         lacking = [name for name in clips if _file(self.folder, name) is None]
         if lacking:
-            more = f" and {len(lacking) - 3} more" if len(lacking) > 3 else ""
             raise FileNotFoundError(
-                f"{self.name}: lacks {len(lacking)} of {len(clips)} clips: {', '.join(lacking[:3])}{more}; expected "
+                f"{self.name}: lacks {len(lacking)} of {len(clips)} clips: {listed(lacking, 3)}; expected "
                 f"{lacking[0]}.npz, as dmae export format=npz writes, or another format that dmae.read_poses reads"
             )
 

@@ -175,11 +175,6 @@ class Contender:
     method: str  # Completion method, or `module:function`
     weights: str | None  # Folder of the weights of a learned method; None for those that come with the package
 
-    @property
-    def fill(self) -> Callable[[Poses3D, float], Poses3D]:
-        """The function that fills poses. Its arguments are the poses and the frames per second."""
-        return _filling(self.method, self.weights)
-
 
 def contenders(config: StressConfig) -> list[Contender]:
     """Return the contenders; ValueError if a method does not exist, FileNotFoundError if weights do not."""
@@ -277,7 +272,8 @@ def run_cell(subject: Subject, cell: Cell, contenders: Sequence[Contender]) -> d
             captured[contender.capture] = capture(clip, contender.capture)
         given = captured[contender.capture]
         with one_thread():
-            filled = filled_by(contender.method, contender.fill, given, clip.fps, SMOOTHING)
+            fill = _filling(contender.method, contender.weights)
+            filled = filled_by(contender.method, fill, given, clip.fps, SMOOTHING)
         filled = convert(filled, clip.truth.skeleton)
         found = score(filled, given, clip.truth, subject.actors, fps=clip.fps, angles=subject.angles)
         scores[contender.name] = {name: found[name] for name in KEPT}
