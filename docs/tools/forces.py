@@ -24,7 +24,7 @@ from dmae.data.labels import Visibility
 from dmae.data.store import clip_folders, load_clip
 from dmae.progress import progress
 from synth.interactions.registry import NO_INTERACTION, interaction
-from synth.labels.surfaces import surface_agreement
+from synth.labels.surfaces import agreement
 
 ROOT = Path(__file__).parents[2]
 FILE = ROOT / "docs/results/forces.json"
@@ -110,7 +110,7 @@ def _surface(out: Path) -> list[list[str]]:
     """Compare surface points with id images. Return a row for each kind of visibility."""
     list(synth.generate(**OFFICE, clips=2, seed=SEED, out=out))
     synth.label(out, ["surface"])
-    found = [surface_agreement(load_clip(each), synth.physical_labels(each).surface) for each in clip_folders(out)]
+    found = [agreement(load_clip(each), synth.physical_labels(each).surface) for each in clip_folders(out)]
     compared, agreeing = (sum(part) for part in zip(*found, strict=True))
     return [
         [

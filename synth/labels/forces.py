@@ -104,15 +104,15 @@ _MOMENT_LENGTH = 3.0
 
 
 class Places(NamedTuple):
-    """K places where people touch, or nearly touch, objects that stand still."""
+    """K places where geoms touch, or nearly touch; of a person and objects that stand still, the person's is first."""
 
     frame: np.ndarray  # (K,) int32 frame, sorted
-    geoms: np.ndarray  # (K, 2) geom of the person, and geom of the object
+    geoms: np.ndarray  # (K, 2) indices of the geoms
     point: np.ndarray  # (K, 3) m, world
-    normal: np.ndarray  # (K, 3) unit vector from the object to the person, world
+    normal: np.ndarray  # (K, 3) unit vector from the first geom to the second, world; from an object to a person
     friction: np.ndarray  # (K,) coefficient
     gap: np.ndarray  # (K,) m, below 0 for an overlap
-    speed: np.ndarray  # (K,) speed of the person's part along the surface, m/s
+    speed: np.ndarray | float = 0.0  # (K,) speed of a person's part along the surface, m/s
 
 
 class SeenStates(NamedTuple):
@@ -121,12 +121,7 @@ class SeenStates(NamedTuple):
     places: np.ndarray  # (F, nbody, 3) centres of mass of bodies, m, world
     turns: np.ndarray  # (F, nbody, 3, 3) orientations of their principal axes
     sites: np.ndarray  # (F, nsite, 3) positions of sites, m, world
-    frame: np.ndarray  # (K,) int32 frame of each pair of geoms that touch, or nearly touch, sorted
-    geoms: np.ndarray  # (K, 2) indices of the geoms
-    point: np.ndarray  # (K, 3) m, world
-    normal: np.ndarray  # (K, 3) unit vector from the first geom to the second, world
-    friction: np.ndarray  # (K,) coefficient
-    gap: np.ndarray  # (K,) m, below 0 for an overlap
+    contacts: Places  # Of all geoms
 
 
 def look(scene: Scene, qpos: np.ndarray) -> SeenStates:
@@ -146,18 +141,10 @@ def look(scene: Scene, qpos: np.ndarray) -> SeenStates:
         mujoco.mj_collision(model, data)
         places[number], turns[number], sites[number] = data.xipos, data.ximat, data.site_xpos
         contact = data.contact
-        found.append(
-            (
-                np.full(data.ncon, number, np.int32),
-                contact.geom.copy(),
-                contact.pos.copy(),
-                contact.frame[:, :3].copy(),
-                contact.friction[:, 0].copy(),
-                contact.dist.copy(),
-            )
-        )
-    touching = (np.concatenate(part) for part in zip(*found, strict=True))
-    return SeenStates(places, turns.reshape(frames, -1, 3, 3), sites, *touching)
+        seen = (contact.geom, contact.pos, contact.frame[:, :3], contact.friction[:, 0], contact.dist)
+        found.append((np.full(data.ncon, number, np.int32), *(part.copy() for part in seen)))
+    contacts = Places(*(np.concatenate(part) for part in zip(*found, strict=True)))
+    return SeenStates(places, turns.reshape(frames, -1, 3, 3), sites, contacts)
 
 
 def solve(places: Places, chosen: np.ndarray, centre: np.ndarray, needed: np.ndarray, weight: float) -> np.ndarray:
@@ -270,16 +257,16 @@ def owners(names: Sequence[str]) -> np.ndarray:
     Raises:
         ValueError: the name of a person has no number.
     """
-    return np.array([_owner(name) for name in names], int)
-
-
-def _owner(name: str) -> int:
-    person, slash, _ = name.partition("/")
-    if not (slash and person.startswith("person")):
-        return -1
-    if not (found := _PERSON.fullmatch(person)):
-        raise ValueError(f"contacts: name {name[:40]!r}: expected person<number>/<segment>, or the name of an object")
-    return int(found[1])
+    found = np.full(len(names), -1)
+    for number, name in enumerate(names):
+        person, slash, _ = name.partition("/")
+        if slash and person.startswith("person"):
+            if not (match := _PERSON.fullmatch(person)):
+                raise ValueError(
+                    f"contacts: name {name[:40]!r}: expected person<number>/<segment>, or the name of an object"
+                )
+            found[number] = int(match[1])
+    return found
 
 
 def join(parts: Sequence[PeopleContacts]) -> PeopleContacts:
@@ -322,11 +309,11 @@ def held_contacts(scene: Scene, state: BodyState, seen: SeenStates, fps: float) 
     loads, palms = model.site_bodyid[model.eq_obj1id[holds]], model.eq_obj2id[holds]
     hands = np.array([names.index(model.body(body).name) for body in model.site_bodyid[palms]], int)
     times, persons = np.arange(frames)[:, None] / fps, owners(names)
-    bodies = model.geom_bodyid[seen.geoms]
-    still = (model.body_weldid[bodies] == 0).any(1) & (seen.gap < _CONTACT_GAP)
+    bodies = model.geom_bodyid[seen.contacts.geoms]
+    still = (model.body_weldid[bodies] == 0).any(1) & (seen.contacts.gap < _CONTACT_GAP)
     for load in np.unique(loads):
         alone = np.ones(frames, bool)
-        alone[seen.frame[still & (bodies == load).any(1)]] = False
+        alone[seen.contacts.frame[still & (bodies == load).any(1)]] = False
         used = (begin <= times) & (times < end) & (loads == load) & alone[:, None]
         moves = movement(model, seen.places[:, [load]], seen.turns[:, [load]], np.array([load]), fps)
         _, needed, _ = needed_forces(model, moves, np.array([load]))
@@ -423,7 +410,7 @@ def _person_forces(
     pushes = smoothed(known.wrench(person, centre), fps)
     missing = np.concatenate([force, moment], axis=1) - pushes
 
-    places = _still_places(scene, seen, moves, person, bodies)
+    places = _still_places(scene, seen.contacts, moves, person, bodies)
     borne = np.zeros((len(places.frame), 3))
     ends = np.searchsorted(places.frame, np.arange(frames + 1))
     for frame in range(frames):
@@ -452,7 +439,7 @@ def _person_forces(
         "centre_of_pressure": pressure,
         "supported": _about_point(pushes + supported, centre - hips),
         "residual": _about_point(missing - supported, centre - hips),
-        "penetration": _penetration(scene, seen, person, frames),
+        "penetration": _penetration(scene, seen.contacts, person, frames),
     }
 
 
@@ -465,19 +452,20 @@ def _about_point(wrench: np.ndarray, lever: np.ndarray) -> np.ndarray:
     return np.stack([force, moment + np.cross(lever, force)], axis=1)
 
 
-def _still_places(scene: Scene, seen: SeenStates, moves: Movement, person: int, bodies: np.ndarray) -> Places:
+def _still_places(scene: Scene, contacts: Places, moves: Movement, person: int, bodies: np.ndarray) -> Places:
     """Return the places where a person touches, or nearly touches, objects that stand still."""
-    persons, on = scene.geom_persons[seen.geoms], scene.model.geom_bodyid[seen.geoms]
+    persons, on = scene.geom_persons[contacts.geoms], scene.model.geom_bodyid[contacts.geoms]
     still = scene.model.body_weldid[on] == 0
     swapped = (persons[:, 1] == person) & still[:, 0]
     chosen = np.flatnonzero(swapped | ((persons[:, 0] == person) & still[:, 1]))
-    swapped, geoms, normal = swapped[chosen, None], seen.geoms[chosen], seen.normal[chosen]
+    frame, geoms, point, normal, friction, gap, _ = contacts
+    swapped, geoms, normal = swapped[chosen, None], geoms[chosen], normal[chosen]
     geoms = np.where(swapped, geoms[:, ::-1], geoms)
     normal = np.where(swapped, normal, -normal)
-    frame, point, part = seen.frame[chosen], seen.point[chosen], scene.model.geom_bodyid[geoms[:, 0]] - bodies[0]
+    frame, point, part = frame[chosen], point[chosen], scene.model.geom_bodyid[geoms[:, 0]] - bodies[0]
     speed = moves.velocities[frame, part] + np.cross(moves.turning[frame, part], point - moves.places[frame, part])
     along = np.linalg.norm(speed - (speed * normal).sum(1, keepdims=True) * normal, axis=1)
-    return Places(frame, geoms, point, normal, seen.friction[chosen], seen.gap[chosen], along)
+    return Places(frame, geoms, point, normal, friction[chosen], gap[chosen], along)
 
 
 def _feet(contacts: PeopleContacts, part: np.ndarray, frames: int) -> tuple[np.ndarray, np.ndarray]:
@@ -496,11 +484,11 @@ def _feet(contacts: PeopleContacts, part: np.ndarray, frames: int) -> tuple[np.n
     return reaction, pressure
 
 
-def _penetration(scene: Scene, seen: SeenStates, person: int, frames: int) -> np.ndarray:
+def _penetration(scene: Scene, contacts: Places, person: int, frames: int) -> np.ndarray:
     """Return the deepest overlaps (F, 2) of a person with another person, and with an object, m."""
-    deepest, persons = np.zeros((frames, 2)), scene.geom_persons[seen.geoms]
+    deepest, persons = np.zeros((frames, 2)), scene.geom_persons[contacts.geoms]
     for side in (0, 1):
         other = persons[:, 1 - side]
-        of = np.flatnonzero((persons[:, side] == person) & (other != person) & (seen.gap < 0))
-        np.maximum.at(deepest, (seen.frame[of], (other[of] < 0).astype(int)), -seen.gap[of])
+        of = np.flatnonzero((persons[:, side] == person) & (other != person) & (contacts.gap < 0))
+        np.maximum.at(deepest, (contacts.frame[of], (other[of] < 0).astype(int)), -contacts.gap[of])
     return deepest

@@ -13,7 +13,7 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
 from dmae.data.images import FIRST_OBJECT_ID
 from dmae.data.labels import Visibility
-from synth.labels.visibility import codes_and_occluders
+from synth.labels.visibility import judged
 from synth.people.body import HEAD_HEIGHT, PARENTS, SEGMENTS, SIDES, Body, side_and_name
 from synth.people.skinning import Skin, locate, mesh_triangles
 from synth.rooms.rays import at_rest, cast_rays, opaque_model
@@ -237,8 +237,11 @@ def surface_labels(scene: Scene, points: SurfacePoints, qpos: np.ndarray, rig: C
             sought = np.nonzero(codes[view] == Visibility.VISIBLE)
             rays = xyz[frame][sought] - centre
             averted = (rays * normals[frame][sought]).sum(-1) >= 0
-            codes[view][sought], hidden_by[frame, view][sought] = _seen(
-                opaque, data, scene.geom_ids, centre, rays, sought[0], averted
+            reach = np.linalg.norm(rays, axis=-1)
+            rays /= np.maximum(reach, 1e-9)[:, None]
+            met = cast_rays(opaque, data, centre, rays)
+            codes[view][sought], hidden_by[frame, view][sought], _ = judged(
+                scene.geom_ids, *met, rays, reach, sought[0], _FOLD, averted
             )
     return SurfaceLabels(NAMES, xyz, normals, visibility, hidden_by, touches)
 
@@ -269,36 +272,6 @@ def _touched(
     return found
 
 
-def _seen(
-    opaque: mujoco.MjModel,
-    data: mujoco.MjData,
-    ids: np.ndarray,
-    centre: np.ndarray,
-    rays: np.ndarray,
-    persons: np.ndarray,
-    averted: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the visibility and the occluder, (R,) each, of points at the ends of rays from a camera.
-
-    Args:
-        opaque, data: The scene and its state.
-        ids: (ngeom,) ids of the owners of geoms.
-        centre: (3,) centre of the camera, m, world.
-        rays: (R, 3) vectors from the centre to the points, m.
-        persons: (R,) indices of the persons of the points.
-        averted: (R,) whether the surface at a point faces away from the camera.
-    """
-    reach = np.linalg.norm(rays, axis=-1)
-    rays = rays / np.maximum(reach, 1e-9)[:, None]
-    geom, distance, outward = cast_rays(opaque, data, centre, rays)
-    found = np.where(geom >= 0, ids[geom], 0).astype(int)
-    own = found == persons + 1
-    # A ray that meets a surface from behind began inside the object.
-    within = (outward * rays).sum(-1) > 0
-    before = (found > 0) & np.where(own, distance < reach - _FOLD, (distance < reach) | within)
-    return codes_and_occluders(np.where(before, found, persons + 1), persons, before | averted)
-
-
 # Comparison of visibility labels with id images
 
 
@@ -310,37 +283,23 @@ class PixelAgreement(NamedTuple):
     agreeing: np.ndarray  # (4,) number of these joints with a pixel that agrees
 
 
-def agreement(clip: Clip, margin: int = 5) -> PixelAgreement:
+def agreement(clip: Clip, surface: SurfaceLabels | None = None) -> PixelAgreement:
     """Compare visibility labels with id images: the pixel of a joint must show its person or its occluder.
 
-    Joints outside the image, and joints nearer than `margin` to any silhouette, are left out, because their pixels are
-    ambiguous. The top of the head is left out as well, because Shelf's annotators put it into the air in front of the
-    brow.
+    Points outside the image are left out, and those nearer to any silhouette than 5 px, or 2 px for points on the
+    surface, because their pixels are ambiguous. The top of the head is left out as well, because Shelf's annotators put
+    it into the air in front of the brow.
 
     Args:
         clip: A clip with truth, visibility and id images. Its true cameras are used.
-        margin: Least distance of a joint from a silhouette, px.
+        surface: Its surface points, which are then compared instead of joints.
     """
-    on_body = np.array([not name.endswith("top_head") for name in clip.truth.skeleton.joints])
-    return _agreement(clip, clip.truth.xyz, clip.occlusion.visibility, clip.occlusion.occluder, on_body, margin)
-
-
-def surface_agreement(clip: Clip, surface: SurfaceLabels, margin: int = 2) -> PixelAgreement:
-    """Compare the visibility of surface points with id images, in the same way as `agreement` does for joints.
-
-    Args:
-        clip: A clip with id images. Its true cameras are used.
-        surface: Its surface points.
-        margin: Least distance of a point from a silhouette, px.
-    """
-    all_points = np.ones(len(surface.names), bool)
-    return _agreement(clip, surface.xyz, surface.visibility, surface.hidden_by, all_points, margin)
-
-
-def _agreement(
-    clip: Clip, points: np.ndarray, visibility: np.ndarray, hidden_by: np.ndarray, which: np.ndarray, margin: int
-) -> PixelAgreement:
-    """Compare the labels (F, V, P, K) of points (F, P, K, 3) with id images. Only the points `which` (K,) are used."""
+    if surface:
+        points, visibility, hidden_by, margin = surface.xyz, surface.visibility, surface.hidden_by, 2
+        which = np.ones(len(surface.names), bool)
+    else:
+        points, visibility, hidden_by, margin = clip.truth.xyz, clip.occlusion.visibility, clip.occlusion.occluder, 5
+        which = np.array([not name.endswith("top_head") for name in clip.truth.skeleton.joints])
     rig = clip.actual_rig
     xy, _ = rig.project(points)
     neighbourhood = np.ones((2 * margin + 1, 2 * margin + 1), np.uint8)

@@ -91,33 +91,38 @@ def _first_hits(opaque, data, qpos, centers, joints, sought, depth, limbs, geom_
     ray[tuple(index[own] for index in sought)] = np.arange(len(own))
     hits = _cast_all(opaque, data, qpos, centers, rays[own] / reach[own, None], frame[own], view[own])
     geom, distance, outward = (hit[ray[frame, view, person, first]] for hit in hits)
-    ids = np.where(geom >= 0, geom_ids[geom], 0).astype(int)
-    own = ids == person + 1
-    # A ray that hits a surface from behind started inside the object.
-    within = np.einsum("rx,rx->r", outward, rays) > 0
     depth = depth[person, joint]
     same_limb = limbs[person, joint, opaque.geom_bodyid[geom]]
     allowed = np.where(same_limb, depth, np.minimum(depth, CONTACT))
-    hidden = (ids > 0) & np.where(own, distance < reach - allowed, (distance < reach) | within)
-    return *codes_and_occluders(ids, person, hidden), np.where(
-        hidden, np.where(within, reach, reach - distance), np.nan
-    )
+    return judged(geom_ids, geom, distance, outward, rays, reach, person, allowed)
 
 
-def codes_and_occluders(ids: np.ndarray, person: np.ndarray, hidden: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return `Visibility` and index of the occluder (R,), -1 for none, of points on persons.
+def judged(
+    geom_ids: np.ndarray, geom, distance, outward, rays, reach, person, allowed, averted: np.ndarray | bool = False
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return `Visibility`, index of the occluder, -1 for none, and its margin in depth, m, (R,) each, of points on
+    persons.
 
     Args:
-        ids: (R,) id of what is in front of each point, as in id images, which counts where `hidden` (R,).
+        geom, distance, outward: What rays from cameras first meet, from `cast_rays`.
+        rays, reach: (R, 3) their directions, and (R,) the distances of the points, m.
         person: (R,) person of each point.
+        allowed: Distance before a point, m, within which its own person does not hide it.
+        averted: Whether the surface at a point faces away, so that at least its own person hides it.
     """
+    ids = np.where(geom >= 0, geom_ids[geom], 0).astype(int)
+    # A ray that hits a surface from behind started inside the object.
+    within = np.einsum("rx,rx->r", outward, rays) > 0
+    before = (ids > 0) & np.where(ids == person + 1, distance < reach - allowed, (distance < reach) | within)
+    margin = np.where(before, np.where(within, reach, reach - distance), np.nan)
+    ids, hidden = np.where(before, ids, person + 1), before | averted
     is_object = ids >= FIRST_OBJECT_ID
     codes = np.select(
         [~hidden, ids == person + 1, is_object],
         [Visibility.VISIBLE, Visibility.HIDDEN_BY_SELF, Visibility.HIDDEN_BY_OBJECT],
         Visibility.HIDDEN_BY_PERSON,
     )
-    return codes, np.where(hidden, np.where(is_object, ids - FIRST_OBJECT_ID, ids - 1), -1)
+    return codes, np.where(hidden, np.where(is_object, ids - FIRST_OBJECT_ID, ids - 1), -1), margin
 
 
 def _first_at_place(joints: np.ndarray) -> np.ndarray:

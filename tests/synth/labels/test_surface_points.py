@@ -6,7 +6,7 @@ import pytest
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.labels import Visibility
 from dmae.data.skeleton import BODY25
-from synth.labels.surfaces import NAMES, surface_agreement, surface_labels, surface_points
+from synth.labels.surfaces import NAMES, agreement, surface_labels, surface_points
 from synth.people.body import SEGMENTS, Body
 from synth.rendering.config import ImageQuality
 from synth.rendering.renderer import Renderer, render_images
@@ -124,12 +124,10 @@ def test_points_are_on_the_side_of_the_silhouette_that_their_visibility_says(pai
         images, _, _ = render_images(renderer, simulation.qpos[-1:], rig, tmp_path, 25, ("ids",))
     nothing = np.zeros((1, len(rig), 0, 25))
     clip = Clip("crowd", 25, rig, Detections2D(BODY25, np.stack([nothing] * 2, -1), nothing), images=images)
-    counts = surface_agreement(clip, labels)
+    counts = agreement(clip, labels)
     assert (counts.compared > 100).all(), counts
     assert (counts.agreeing >= 0.99 * counts.compared).all(), counts
     # Labels that say the opposite do not agree.
     flipped = np.where(labels.visibility == Visibility.VISIBLE, Visibility.HIDDEN_BY_OBJECT, labels.visibility)
-    wrong = surface_agreement(
-        clip, type(labels)(NAMES, labels.xyz, labels.normals, flipped, labels.hidden_by, labels.touches)
-    )
+    wrong = agreement(clip, type(labels)(NAMES, labels.xyz, labels.normals, flipped, labels.hidden_by, labels.touches))
     assert wrong.agreeing.sum() <= counts.agreeing.sum() - counts.agreeing[0]
