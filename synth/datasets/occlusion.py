@@ -23,7 +23,7 @@ from synth.rooms.config import PropsConfig
 from synth.scene.build import Scene, add_prop, build_scene
 from synth.scene.config import SceneConfig
 from synth.scene.sampling import SampledScene, lay_out, sample_people
-from synth.scene.spec import PLAN_FPS, Layout, PropSpec
+from synth.scene.spec import PLAN_FPS, PropSpec
 
 DETECTED = slice(0, 25)
 """The joints of `synth.people.body.SKELETON` that detectors find: BODY_25."""
@@ -157,12 +157,12 @@ def sample_hidden_scene(
     cameras = tuple((float(x), float(y)) for x, y in rig.centers[:, :2])
     # People keep apart at closeness 0, and crowd together at 1.
     base, found, closeness = None, [], 0.5
-    for draw in range(_LAYOUTS):
+    for rng in generator(seed, clip, Stream.LAYOUT).spawn(_LAYOUTS):
         gathering = scene.gathering * _SPREAD ** (1 - 2 * closeness)
         clearance = farthest + closeness * (nearest - farthest)
-        layout = Layout(draw, gathering, clearance, max(_PROPS, scene.props[0]), cameras)
+        layout = replace(scene, gathering=gathering, props=[max(_PROPS, scene.props[0])] * 2)
         try:
-            spec, motions = lay_out(people, scene, props, layout)
+            spec, motions = lay_out(people, layout, props, rng=rng, clearance=clearance, cameras=cameras)
         except FailedSimulation:
             # People who gather like this do not fit. Another draw may succeed.
             continue

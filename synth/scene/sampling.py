@@ -20,7 +20,7 @@ from synth.rooms.props import PlacedProp, find_meshes, prop_size
 from synth.rooms.room import arena_file, room_name
 from synth.scene.config import SceneConfig
 from synth.scene.placement import Placement, place_persons, place_props, place_script, placed_discs, stool_discs
-from synth.scene.spec import PLAN_FPS, USUAL_PERSONS, Layout, PersonSpec, PropSpec, SceneSpec, planned_frames
+from synth.scene.spec import PLAN_FPS, USUAL_PERSONS, PersonSpec, PropSpec, SceneSpec, planned_frames
 
 _BYSTANDERS, _PLACES, _HANDS = 2, 3, 4
 """Numbers of the child streams for bystanders, their places, and hands; 0 and 1 draw textures and colours."""
@@ -45,7 +45,6 @@ class People:
     motions: list[Motion]  # P motions, scaled to the bodies, anywhere on the floor
     script: Script | None  # The interaction, if any
     clearance: float  # Distance that people keep between their hips, m
-    frames: int  # Length of the planned motion
     # motion, interaction: Configurations that the motions were drawn from
     motion: MotionConfig
     interaction: InteractionConfig
@@ -103,7 +102,7 @@ def sample_people(
     asked = [role.hands for role in script.roles] if script else []
     asked += [None] * (len(looks) - len(asked))
     looks = [replace(each, hands=a or d) for each, a, d in zip(looks, asked, drawn, strict=True)]
-    return People(bodies, looks, motions, script, clearance, frames, motion, interaction, seed, clip)
+    return People(bodies, looks, motions, script, clearance, motion, interaction, seed, clip)
 
 
 def count_people(config: SceneConfig, interaction: InteractionConfig, *, seed: int, clip: int) -> int:
@@ -133,23 +132,20 @@ def lay_out(
     people: People,
     config: SceneConfig,
     props: PropsConfig | None = None,
-    layout: Layout | None = None,
     *,
-    rng: np.random.Generator | None = None,
+    rng: np.random.Generator,
+    clearance: float | None = None,
+    cameras: Sequence[tuple[float, float]] = (),
 ) -> SampledScene:
     """Place people and props in a room, as in `sample_scene`.
 
-    A layout replaces the configuration's values, and has a separate random stream. Otherwise `rng` is the clip's random
-    stream, after the people were drawn.
+    `rng` is the clip's random stream, after the people were drawn. `clearance` is by default that of the people. With
+    `cameras` (x, y), m, props stand between them and people.
     """
     props = props or PropsConfig()
-    seed, clip = people.seed, people.clip
+    seed, clip, clearance = people.seed, people.clip, people.clearance if clearance is None else clearance
     kinds = find_meshes(props.path) if props.path else config.prop_kinds
     sizes = {kind: prop_size(kind, props.scale, props.up) for kind in kinds}
-    clearance = people.clearance
-    if layout:
-        config = replace(config, gathering=layout.gathering)
-        clearance, rng = layout.clearance, generator(seed, clip, Stream.LAYOUT).spawn(layout.draw + 1)[-1]
     furniture, loads = [], []
     if people.script:
         taking_part = people.motions[: len(people.script.roles)]
@@ -166,10 +162,10 @@ def lay_out(
     paths = [redirected_path(motion, *placed) for motion, placed in zip(people.motions, placements, strict=True)]
     for motion, placed in zip(people.motions, placements, strict=True):
         furniture += [PlacedProp(STOOL, (x, y), 0.0) for x, y, _ in stool_discs(motion, placed).tolist()]
-    count = layout.props if layout else int(rng.integers(config.props[0], config.props[1], endpoint=True))
+    count = int(rng.integers(*config.props, endpoint=True))
     placed_props = place_props(
         count, sizes, np.stack(paths, axis=1), config, fps=PLAN_FPS, clearance=clearance,
-        occupied=_occupied(furniture), rng=rng, cameras=layout.cameras if layout else (),
+        occupied=_occupied(furniture), rng=rng, cameras=cameras,
     )  # fmt: skip
     # The first child of the scene's stream paints textures (synth/scene/build.py); the second one draws colours.
     colours = generator(seed, clip, Stream.SCENE).spawn(2)[1]

@@ -131,15 +131,3 @@ class SceneSpec:
             raise ValueError(f"SceneSpec.persons: expected at most {MOST_PERSONS}, found {len(self.persons)}")
         check_numbers("SceneSpec.radius, m", self.radius, _FARTHEST, 0)
         check_numbers("SceneSpec.clearance, m", self.clearance, _FARTHEST, 0)
-
-
-@dataclass(frozen=True)
-class Layout:
-    """Values for the placement of people and props, which replace the same values of `SceneConfig`."""
-
-    draw: int  # Number of the draw; each draw has a separate random stream
-    # The same as in `SceneConfig`, with one value each, m
-    gathering: float
-    clearance: float
-    props: int  # Number of props
-    cameras: tuple[tuple[float, float], ...]  # (x, y) of cameras, m. Props stand between these cameras and people.

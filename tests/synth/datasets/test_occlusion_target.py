@@ -18,7 +18,6 @@ from synth.rigs.rig import make_rig
 from synth.rooms.config import PropsConfig
 from synth.scene.config import SceneConfig
 from synth.scene.sampling import lay_out, load_motions, sample_people, sample_scene
-from synth.scene.spec import Layout
 
 RING = RigConfig(ring=RingConfig(views=4))
 RIG = make_rig(RING, rng=generator(0, 0, Stream.CAMERAS))
@@ -124,9 +123,9 @@ def test_the_scene_depends_only_on_seed_and_clip():
 
 
 def test_people_are_the_same_in_every_layout():
-    layouts = [Layout(draw, 0.5, 0.5, 4, ((3.5, 0.0),)) for draw in range(2)]
     people = sample_people(SCENE, MotionConfig(), seed=0, clip=0)
-    specs = [lay_out(people, SCENE, layout=layout).spec for layout in layouts]
+    streams = generator(0, 0, Stream.LAYOUT).spawn(2)
+    specs = [lay_out(people, SCENE, rng=rng, cameras=((3.5, 0.0),)).spec for rng in streams]
     specs.append(sample_scene(SCENE, MotionConfig(), seed=0, clip=0).spec)
     assert len({tuple((person.body, person.looks, person.motion) for person in spec.persons) for spec in specs}) == 1
     assert len({tuple(person.start for person in spec.persons) for spec in specs}) == 3
@@ -135,8 +134,9 @@ def test_people_are_the_same_in_every_layout():
 
 
 def test_props_are_placed_in_front_of_the_cameras():
-    layout = Layout(0, 0.5, 0.5, 8, ((3.5, 0.0),))
-    spec = lay_out(sample_people(SCENE, MotionConfig(), seed=0, clip=0), SCENE, layout=layout).spec
+    people, many = sample_people(SCENE, MotionConfig(), seed=0, clip=0), replace(SCENE, props=[8, 8])
+    (rng,) = generator(0, 0, Stream.LAYOUT).spawn(1)
+    spec = lay_out(people, many, rng=rng, clearance=0.5, cameras=((3.5, 0.0),)).spec
     places = np.array([prop.at for prop in spec.props])
     assert len(places) >= 3
     assert np.median(places[:, 0]) > 0.5

@@ -21,7 +21,7 @@ from synth.physics.simulation import simulate
 from synth.rooms.props import prop_size
 from synth.scene.build import build_scene
 from synth.scene.sampling import lay_out, load_motions, sample_people, sample_scene
-from synth.scene.spec import Layout, SceneSpec
+from synth.scene.spec import SceneSpec
 from tests.support.scenes import RIG
 from tests.support.simulated_interactions import (
     MID_HIP,
@@ -250,11 +250,10 @@ def test_furniture_is_an_object_and_no_obstacle():
 
 
 def test_layouts_move_an_interaction_as_a_whole():
-    layouts = [Layout(draw, 0.8, 0.5, 2, ((3.0, 0.0),)) for draw in range(2)]
     config = InteractionConfig("handshake")
     scene = replace(SCENE, persons=[])
     people = sample_people(scene, MotionConfig(), config, seed=3, clip=0)
-    one, other = (lay_out(people, scene, layout=layout).spec for layout in layouts)
+    one, other = (lay_out(people, scene, rng=np.random.default_rng(draw)).spec for draw in range(2))
     assert one.persons[0].start != other.persons[0].start
     gaps = [np.linalg.norm(np.subtract(spec.persons[0].start, spec.persons[1].start)) for spec in (one, other)]
     assert abs(gaps[0] - gaps[1]) < 1e-9
