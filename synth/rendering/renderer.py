@@ -21,27 +21,24 @@ from synth.rendering.sensor import Sensor, decode, encode
 from synth.rigs.lenses import ELSEWHERE, joined, pinholes, warps
 
 
-class LensPainter:
-    """Paint images through the lenses of a rig by warping images of pinhole cameras.
+class LensPainter(OpenGLPainter):
+    """Paint images through the lenses of a rig of V cameras by warping images of their pinholes."""
 
-    Args:
-        painter: Paints the pinholes of all views, in order: see `synth.rendering.renderer.Renderer`.
-        rig: V cameras.
-    """
-
-    def __init__(self, painter, rig: CameraRig):
-        self._painter, self._maps = painter, [warps(rig[view : view + 1]) for view in range(len(rig))]
-        counts = [len(cameras) for cameras in pinholes(rig)]
-        self._parts = [range(end - count, end) for end, count in zip(np.cumsum(counts).tolist(), counts, strict=True)]
+    def __init__(self, model, geom_ids, rig: CameraRig, backend, settings, imaging: ImagingConfig):
+        cameras = pinholes(rig)
+        super().__init__(model, geom_ids, joined(cameras), backend, settings, imaging)
+        self._maps = [warps(rig[view : view + 1]) for view in range(len(rig))]
+        ends = np.cumsum([len(each) for each in cameras]).tolist()
+        self._parts = [range(end - len(each), end) for end, each in zip(ends, cameras, strict=True)]
 
     def paint(self, data: mujoco.MjData, view: int, kinds: tuple[str, ...]) -> tuple[np.ndarray | None, ...]:
         """Return images of these kinds. Pixels where the lens shows nothing are NaN or 0."""
-        pictures = [self._painter.paint(data, part, kinds) for part in self._parts[view]]
+        pictures = [super(LensPainter, self).paint(data, part, kinds) for part in self._parts[view]]
         return tuple(self._bent(list(images), view) for images in zip(*pictures, strict=True))
 
     def paint_alone(self, data: mujoco.MjData, view: int, owner: int) -> np.ndarray:
         """Return (H, W) True for the pixels that geoms with the id `owner` would cover if nothing else were there."""
-        pictures = [self._painter.paint_alone(data, part, owner) for part in self._parts[view]]
+        pictures = [super(LensPainter, self).paint_alone(data, part, owner) for part in self._parts[view]]
         return self._bent([picture.astype(np.uint16) for picture in pictures], view) > 0
 
     def _bent(self, images: list[np.ndarray | None], view: int) -> np.ndarray | None:
@@ -59,14 +56,6 @@ class LensPainter:
                 shown = pixels[..., 0] > ELSEWHERE
                 bent[shown] = part[shown]
         return bent
-
-    def reshape(self, meshes: np.ndarray) -> None:
-        """Take over meshes of the model that changed, see `synth.rendering.opengl.OpenGLPainter.reshape`."""
-        self._painter.reshape(meshes)
-
-    def close(self) -> None:
-        """Close the painter."""
-        self._painter.close()
 
 
 # Flow: how far the surface at each pixel moves in the image until the next frame
@@ -196,8 +185,7 @@ class Renderer:
         model = copy.copy(model)
         backend = find_backend()
         if backend:
-            painter = OpenGLPainter(model, geom_ids, joined(pinholes(rig)), backend, settings, imaging)
-            self._painter = LensPainter(painter, rig)
+            self._painter = LensPainter(model, geom_ids, rig, backend, settings, imaging)
         else:
             self._painter = RayPainter(model, geom_ids, rig, step)
         self._model, self._data = model, mujoco.MjData(model)
