@@ -1,11 +1,12 @@
 """Errors of a detector by the occluder of a joint: observations of clips, tables, and a figure."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 
 from dmae.data.clip import Clip
@@ -27,48 +28,21 @@ _MIRROR = list(BODY25.mirror)
 
 
 @dataclass(frozen=True)
-class JointsSeen:
-    """The n joints in the images that belong to people found by a detector."""
-
-    joint: np.ndarray  # (n,) index into BODY25
-    cause: np.ndarray  # (n,) `Visibility`
-    margin: np.ndarray  # (n,) distance in depth from the occluder to the joint, m; NaN where the joint is visible
-    size: np.ndarray  # (n,) height that the body would have if it stood upright at its distance, px
-    crowding: np.ndarray  # (n,) distance in the image from the hips to the hips of the nearest other person, in heights
-    direction: np.ndarray  # (n,) text from `Sightings.direction`
-    error: np.ndarray  # (n,) distance from the true position, in heights; NaN where the joint was missed
-    score: np.ndarray  # (n,) confidence; NaN where missed
-    inverted: np.ndarray  # (n,) True where the same joint of the other side is nearer, by half and by `GROSS`
-
-    @property
-    def missed(self) -> np.ndarray:
-        """(n,) True where the joint was not detected."""
-        return np.isnan(self.score)
-
-    def __getitem__(self, some: np.ndarray) -> "JointsSeen":
-        return JointsSeen(**{field.name: getattr(self, field.name)[some] for field in fields(self)})
-
-
-@dataclass(frozen=True)
-class PeopleSeen:
-    """The n people in the images."""
-
-    hidden: np.ndarray  # (n, 25) True for joints that are hidden or outside the image
-    visible: np.ndarray  # (n,) share of the joints that are visible
-    unobstructed: np.ndarray  # (n,) share of the joints that are visible or hidden only by the person's own body
-    # size, crowding, direction: The same as in `JointsSeen`
-    size: np.ndarray
-    crowding: np.ndarray
-    direction: np.ndarray
-    found: np.ndarray  # (n,) True if a detection belongs to the person
-
-
-@dataclass(frozen=True)
 class DetectorObservations:
-    """The results of a detector on some clips."""
+    """The results of a detector on some clips.
 
-    joints: JointsSeen  # Joints of people that were found
-    people: PeopleSeen  # All people in the images
+    `joints` has a row for each joint in the images of people who were found: its `kind`, its `cause` (`Visibility`),
+    its `margin`, the distance in depth from the occluder, m, `error`, the distance from the true position, in heights,
+    `score`, whether it was `missed`, and whether it is `inverted`: the same joint of the other side is nearer, by half
+    and by `GROSS`. `people` has a row for each person in the images: the shares of joints that are `visible`, and
+    `unobstructed`, visible or hidden only by the person's own body, and whether a detection was `found`. Rows of both
+    have `size`, the height that the body would have if it stood upright at its distance, px, `crowding`, the distance
+    in the image from the hips to the nearest other hips, in heights, and `direction`, as `Sightings.direction`.
+    """
+
+    joints: pd.DataFrame
+    people: pd.DataFrame
+    hidden: np.ndarray  # (n, 25) True for the joints of the n people that are hidden or outside the image
     pictures: int  # Number of images
     ghosts: int  # Number of detections far from every person
     duplicates: int  # Number of further detections near a person
@@ -98,30 +72,30 @@ def observe(clip: Clip) -> DetectorObservations:
         return np.broadcast_to(values, counted.shape)[counted]
 
     there = ~np.isnan(match.height)
-    joints = JointsSeen(
-        joint=of_joints(np.arange(len(BODY25))),
-        cause=seen.visibility[counted],
-        margin=seen.depth_margin[counted],
-        size=of_joints(height),
-        crowding=of_joints(seen.crowding[..., None]),
-        direction=of_joints(seen.direction[..., None]),
-        error=error[counted],
-        score=match.score[counted],
-        inverted=inverted[counted],
-    )
-    people = PeopleSeen(
-        hidden=~seen.visible[there],
-        visible=seen.visible.mean(-1)[there],
-        unobstructed=seen.unobstructed.mean(-1)[there],
-        size=seen.height[there],
-        crowding=seen.crowding[there],
-        direction=seen.direction[there],
-        found=match.matched[there],
-    )
+    joints = pd.DataFrame({
+        "kind": of_joints(KINDS),
+        "cause": seen.visibility[counted],
+        "margin": seen.depth_margin[counted],
+        "size": of_joints(height),
+        "crowding": of_joints(seen.crowding[..., None]),
+        "direction": of_joints(seen.direction[..., None]),
+        "error": error[counted],
+        "score": match.score[counted],
+        "missed": np.isnan(match.score[counted]),
+        "inverted": inverted[counted],
+    })  # fmt: skip
+    people = pd.DataFrame({
+        "visible": seen.visible.mean(-1)[there],
+        "unobstructed": seen.unobstructed.mean(-1)[there],
+        "size": seen.height[there],
+        "crowding": seen.crowding[there],
+        "direction": seen.direction[there],
+        "found": match.matched[there],
+    })  # fmt: skip
     ghosts = match.left_over & ~match.near & ~_is_cut(body.xy, seen)
-    return DetectorObservations(
-        joints, people, len(clip) * len(clip.rig), int(ghosts.sum()), int((match.left_over & match.near).sum())
-    )
+    duplicates = int((match.left_over & match.near).sum())
+    pictures = len(clip) * len(clip.rig)
+    return DetectorObservations(joints, people, ~seen.visible[there], pictures, int(ghosts.sum()), duplicates)
 
 
 def _is_cut(xy: np.ndarray, seen: Sightings) -> np.ndarray:
@@ -135,14 +109,9 @@ def _is_cut(xy: np.ndarray, seen: Sightings) -> np.ndarray:
 def pooled(parts: Sequence[DetectorObservations]) -> DetectorObservations:
     """Return the observations of several clips as one."""
 
-    def together(name: str):
-        each = [getattr(part, name) for part in parts]
-        return type(each[0])(
-            **{field.name: np.concatenate([getattr(one, field.name) for one in each]) for field in fields(each[0])}
-        )
-
+    joints, people = (pd.concat([getattr(p, name) for p in parts], ignore_index=True) for name in ("joints", "people"))
     counts = {name: sum(getattr(part, name) for part in parts) for name in ("pictures", "ghosts", "duplicates")}
-    return DetectorObservations(together("joints"), together("people"), **counts)
+    return DetectorObservations(joints, people, np.concatenate([part.hidden for part in parts]), **counts)
 
 
 # Tables of a detector's errors: by visibility, cause, depth margin, size, crowding, direction and joint.
@@ -168,18 +137,18 @@ _COLUMNS = (
 """The tables, their columns, and their captions."""
 
 
-def joint_rows(joints: JointsSeen) -> list[dict]:
+def joint_rows(joints: pd.DataFrame) -> list[dict]:
     """Return the rows of joints. Visible and hidden joints are separate in rows by size, crowding, direction, kind."""
     visible = joints.cause == Visibility.VISIBLE
     groups = [("cause", name, joints.cause == cause) for cause, name in _CAUSES.items()]
     groups += [("margin of hidden joints", *each) for each in _ranges(joints.margin, _MARGINS, "m")]
     for state, chosen in (("visible", visible), ("hidden", ~visible)):
-        kinds = [("joint", str(kind), KINDS[joints.joint] == kind) for kind in dict.fromkeys(KINDS)]
+        kinds = [("joint", str(kind), joints.kind == kind) for kind in dict.fromkeys(KINDS)]
         groups += [(f"{name}, {state}", group, some & chosen) for name, group, some in (*_sorted(joints), *kinds)]
     return [_joint_row(heading, group, joints[some]) for heading, group, some in groups if some.any()]
 
 
-def people_rows(people: PeopleSeen) -> list[dict]:
+def people_rows(people: pd.DataFrame) -> list[dict]:
     """Return the rows of people. The rows by size, crowding and direction contain only people in plain sight."""
     plain = people.unobstructed >= UNOBSTRUCTED
     groups = [("visible joints", *each) for each in _ranges(people.visible, _SHARES)]
@@ -192,9 +161,9 @@ def people_rows(people: PeopleSeen) -> list[dict]:
     ]
 
 
-def _sorted(seen: JointsSeen | PeopleSeen) -> list[tuple[str, str, np.ndarray]]:
+def _sorted(seen: pd.DataFrame) -> list[tuple[str, str, pd.Series]]:
     """Return headings and groups, with a mask of the members of each group."""
-    found = [("size", *each) for each in _ranges(seen.size, _SIZES, "px")]
+    found = [("size", *each) for each in _ranges(seen["size"], _SIZES, "px")]
     found += [("crowding", *each) for each in _ranges(seen.crowding, _CROWDING, "heights")]
     return found + [("direction", group, seen.direction == group) for group in ("facing", "sideways", "away")]
 
@@ -239,19 +208,18 @@ def _name(row: dict) -> str:
     return f"{row['heading']}: {row['group']}" if row["group"] else row["heading"]
 
 
-def _ranges(values: np.ndarray, edges: Sequence[float], unit: str = "") -> list[tuple[str, np.ndarray]]:
+def _ranges(values: pd.Series, edges: Sequence[float], unit: str = "") -> list[tuple[str, pd.Series]]:
     """Return the name of each range between edges, with a mask of the values in it."""
     ends = (0.0, *edges, np.inf)
     after = f" {unit}" if unit else ""
     found = []
     for low, high in pairwise(ends):
         name = f"{low:g} or more{after}" if high == np.inf else f"{low:g} to {high:g}{after}"
-        with np.errstate(invalid="ignore"):
-            found.append((name, (values >= low) & ((values < high) | (high == np.inf))))
+        found.append((name, (values >= low) & ((values < high) | (high == np.inf))))
     return found
 
 
-def _joint_row(heading: str, group: str, some: JointsSeen) -> dict:
+def _joint_row(heading: str, group: str, some: pd.DataFrame) -> dict:
     detected = some[~some.missed]
     row = {"heading": heading, "group": group, "joints": len(some.error), "missed": float(some.missed.mean())}
     if not len(detected.error):
@@ -319,10 +287,8 @@ def study(
 ) -> dict[str, dict]:
     """Return the `numbers` of the clips' own detections, and then of simulated detectors on the same clips, by name of
     the detector. Raises as `synth.detector_errors`."""
-    tasks = []
-    for folder in folders:
-        clips = Clips(DataConfig("clip", str(folder)))
-        tasks += [(clips.folders[i], dict(simulated), seed) for i in range(len(clips))]
+    paths = [path for folder in folders for path in Clips(DataConfig("clip", str(folder))).folders]
+    tasks = [(path, dict(simulated), seed) for path in paths]
     done = list(progress(in_parallel(_study_clip, tasks, workers), "measuring", len(tasks)))
     names = {next(iter(found)) for found in done}
     if len(names) > 1:

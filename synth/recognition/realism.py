@@ -318,10 +318,8 @@ class Rate:
 def judge(folders: Sequence[Path], config: PoseDetectorConfig, every: int = 1, workers: int = 1) -> list[Judged]:
     """Run a detector on each person in plain sight in the images of clips, every so many frames. Raises as
     `synth.realism`."""
-    tasks = []
-    for folder in folders:
-        clips = Clips(DataConfig("clip", str(folder)))
-        tasks += [(clips.folders[i], config, every) for i in range(len(clips))]
+    paths = [path for folder in folders for path in Clips(DataConfig("clip", str(folder))).folders]
+    tasks = [(path, config, every) for path in paths]
     done = in_parallel(_judge_clip, tasks, workers)
     return [one for some in progress(done, "looking at people", len(tasks)) for one in some]
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 from itertools import chain, product
 
 import numpy as np
+import pandas as pd
 from scipy.stats import spearmanr
 
 from dmae.data.clip import Clip
@@ -24,7 +25,7 @@ from synth.detector.errors_of_joints import Misses
 from synth.detector.fitting import Fit, corrected_times, fit, redetect
 from synth.detector.parts import KINDS, PartConfig, PartsConfig
 from synth.detector.statistics import DetectorStatistics, measure_all
-from synth.recognition.detector_errors import DetectorObservations, JointsSeen, PeopleSeen, observe, pooled
+from synth.recognition.detector_errors import DetectorObservations, observe, pooled
 
 LIMITS = Limits(miss=0.02, joint_miss=0.03, distance=0.08, confidence=0.06)
 """Greatest allowed distances for a preset that is fitted to truth."""
@@ -58,7 +59,7 @@ def fit_to_truth(
     first = fit(statistics, clips, start, rounds=rounds, seed=seed, workers=workers, reference=ErrorReference.annotated)
     config = replace(
         first.config,
-        misses=_person_misses(first.config, real.people),
+        misses=_person_misses(first.config, real),
         # The first part of the fit takes large errors of hidden joints for exchanged sides.
         inversions=replace(first.config.inversions, legs=0.0, arms=0.0, body=0.0),
         splits=first.config.splits if real.duplicates else replace(first.config.splits, probability=0.0),
@@ -119,7 +120,7 @@ def _observed(clips: Sequence[Clip], workers: int) -> DetectorObservations:
     return pooled(list(in_parallel(observe, ((clip,) for clip in clips), workers)))
 
 
-def _distance(real: JointsSeen, sim: JointsSeen) -> float:
+def _distance(real: pd.DataFrame, sim: pd.DataFrame) -> float:
     """Return the distance between errors and confidences of two detectors, over kinds, visible and hidden joints."""
     off = []
     for kind, group in product(dict.fromkeys(KINDS), _GROUPS):
@@ -130,11 +131,11 @@ def _distance(real: JointsSeen, sim: JointsSeen) -> float:
     return float(np.sqrt(np.mean(np.square(off)))) if off else 0.0
 
 
-def _detected(joints: JointsSeen, kind: str, group: str) -> JointsSeen:
-    return joints[(KINDS[joints.joint] == kind) & np.isin(joints.cause, _GROUPS[group]) & ~joints.missed]
+def _detected(joints: pd.DataFrame, kind: str, group: str) -> pd.DataFrame:
+    return joints[(joints.kind == kind) & joints.cause.isin(_GROUPS[group]) & ~joints.missed]
 
 
-def _corrected(config: DetectorConfig, real: JointsSeen, sim: JointsSeen) -> DetectorConfig:
+def _corrected(config: DetectorConfig, real: pd.DataFrame, sim: pd.DataFrame) -> DetectorConfig:
     parts = {}
     for kind in dict.fromkeys(KINDS):
         part = _corrected_misses(getattr(config.parts, kind), real, sim, kind)
@@ -148,7 +149,7 @@ def _corrected(config: DetectorConfig, real: JointsSeen, sim: JointsSeen) -> Det
     return _correlated(replace(config, parts=PartsConfig(**parts), inversions=inversions), real, sim)
 
 
-def _correlated(config: DetectorConfig, real: JointsSeen, sim: JointsSeen) -> DetectorConfig:
+def _correlated(config: DetectorConfig, real: pd.DataFrame, sim: pd.DataFrame) -> DetectorConfig:
     """Return the detector with the correlation of confidences and small errors corrected, for each kind of joint."""
     common = config.scores.error_correlation
     wanted = {kind: common * getattr(config.parts, kind).score_correlation for kind in dict.fromkeys(KINDS)}
@@ -164,12 +165,12 @@ def _correlated(config: DetectorConfig, real: JointsSeen, sim: JointsSeen) -> De
     return replace(config, parts=PartsConfig(**parts), scores=replace(config.scores, error_correlation=most))
 
 
-def _rank_correlation(joints: JointsSeen, kind: str) -> float:
+def _rank_correlation(joints: pd.DataFrame, kind: str) -> float:
     """Return the rank correlation of confidence and small error of a kind, averaged over visible and hidden joints."""
     found = []
     for group in _GROUPS:
         some = _detected(joints, kind, group)
-        if len(some.error) >= _ENOUGH and np.ptp(some.score) > 0:
+        if len(some.error) >= _ENOUGH and some.score.nunique() > 1:
             found.append((-spearmanr(some.score, some.error).statistic, len(some.error)))
     if not found:
         return float("nan")
@@ -178,7 +179,7 @@ def _rank_correlation(joints: JointsSeen, kind: str) -> float:
 
 
 def _corrected_part(
-    part: PartConfig, real: JointsSeen, sim: JointsSeen, group: str, config: DetectorConfig
+    part: PartConfig, real: pd.DataFrame, sim: pd.DataFrame, group: str, config: DetectorConfig
 ) -> PartConfig:
     """Return a part with noise corrected by the median error, its tail by large errors, scores by mean and spread."""
     noise, tail, score = part.noise, part.tail, part.score
@@ -193,7 +194,7 @@ def _corrected_part(
     noise = float(np.clip(noise * (middle[0] / max(middle[1], 1e-6)) ** _STEP, 1e-4, 0.3))
     ratios = [large[i] / max(middle[i], 1e-6) for i in (0, 1)]
     tail = float(np.clip(tail * (ratios[1] / ratios[0]) ** (2 * _STEP), 1.0, 30))
-    shape = [round(each, 4) for each in _beta(score, real.score, sim.score)]
+    shape = [round(each, 4) for each in _beta(score, real.score.to_numpy(), sim.score.to_numpy())]
     values = {"noise": round(noise, 5), "tail": round(tail, 2), "score": shape}
     return replace(part, **{group + name: value for name, value in values.items()})
 
@@ -206,11 +207,11 @@ def _beta(shape: Sequence[float], real: np.ndarray, sim: np.ndarray) -> tuple[fl
     return mean * size, (1 - mean) * size
 
 
-def _corrected_misses(part: PartConfig, real: JointsSeen, sim: JointsSeen, kind: str) -> PartConfig:
+def _corrected_misses(part: PartConfig, real: pd.DataFrame, sim: pd.DataFrame, kind: str) -> PartConfig:
     """Return a part with corrected probabilities of misses by cause. A kind that is never detected is always missed."""
     miss = list(part.miss)
-    of_kind = [both[KINDS[both.joint] == kind] for both in (real, sim)]
-    if not len(of_kind[0].joint):
+    of_kind = [both[both.kind == kind] for both in (real, sim)]
+    if not len(of_kind[0]):
         return replace(part, miss=[1.0] * len(miss))
     for place, cause in enumerate(chain(*_GROUPS.values())):
         missed = [both.missed[both.cause == cause] for both in of_kind]
@@ -222,29 +223,26 @@ def _corrected_misses(part: PartConfig, real: JointsSeen, sim: JointsSeen, kind:
     return replace(part, miss=miss)
 
 
-def _exchanged(probability: float, real: JointsSeen, sim: JointsSeen, kinds: tuple[str, ...]) -> float:
+def _exchanged(probability: float, real: pd.DataFrame, sim: pd.DataFrame, kinds: tuple[str, ...]) -> float:
     """Return the corrected probability of an inversion, from visible joints of some kinds.
 
     Large errors look like inversions. They do so in the simulation as well, so the difference counts.
     """
-    some = [
-        both[np.isin(KINDS[both.joint], kinds) & (both.cause == Visibility.VISIBLE) & ~both.missed]
-        for both in (real, sim)
-    ]
-    if min(len(each.joint) for each in some) < _ENOUGH:
+    some = [both[both.kind.isin(kinds) & (both.cause == Visibility.VISIBLE) & ~both.missed] for both in (real, sim)]
+    if min(map(len, some)) < _ENOUGH:
         return probability
     change = float(some[0].inverted.mean() - some[1].inverted.mean())
     return round(float(np.clip(probability + _STEP * change, 0, 0.3)), 5)
 
 
-def _person_misses(config: DetectorConfig, people: PeopleSeen) -> Misses:
+def _person_misses(config: DetectorConfig, real: DetectorObservations) -> Misses:
     """Return misses with the maximum-likelihood probability that a person is not detected, by the joints hidden."""
     names = ("person", "hidden_person", "lost_from", "steepness", "trunk_weight")
     grid = product((0.002, 0.005, 0.01, 0.02, 0.05, 0.1), (0.7, 0.85, 0.95, 0.99), (0.4, 0.5, 0.6, 0.7, 0.8, 1.0),
                    (1.0, 2.0, 3.0, 5.0, 8.0), (1.0, 2.0, 3.0, 5.0))  # fmt: skip
 
     def likelihood(misses: Misses) -> float:
-        missed = np.clip(misses.person_probability(people.hidden), 1e-4, 1 - 1e-4)
-        return float(np.log(np.where(people.found, 1 - missed, missed)).sum())
+        missed = np.clip(misses.person_probability(real.hidden), 1e-4, 1 - 1e-4)
+        return float(np.log(np.where(real.people.found, 1 - missed, missed)).sum())
 
     return max((replace(config.misses, **dict(zip(names, values, strict=True))) for values in grid), key=likelihood)
