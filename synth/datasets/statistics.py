@@ -19,6 +19,7 @@ from dmae.data.labels import Visibility
 from dmae.data.store import MANIFEST, clip_folders, load_clip, read_manifest
 from dmae.files.contents import write_atomic
 from dmae.numerics.body import body_heading
+from dmae.numerics.paths import runs
 from dmae.parallel import check_workers, in_parallel
 from dmae.progress import progress
 from dmae.reporting.tables import counted, markdown_table
@@ -47,9 +48,8 @@ def clip_contacts(state: BodyState) -> ClipContacts:
     np.maximum.at(greatest, state.contact_frame[between], np.linalg.norm(state.contact_force[between], axis=1))
     touching = np.zeros(len(state.qpos), bool)
     touching[state.contact_frame[between]] = True
-    touches = int(touching[0]) + int((touching[1:] & ~touching[:-1]).sum())
     force = float(np.median(greatest[touching])) if touching.any() else 0.0
-    return ClipContacts(len(state.qpos), int(touching.sum()), touches, force)
+    return ClipContacts(len(state.qpos), int(touching.sum()), len(runs(touching)), force)
 
 
 def spread(clips: Sequence[ClipContacts]) -> dict[str, float]:

@@ -12,6 +12,7 @@ from scipy.ndimage import (
     percentile_filter,
 )
 
+from dmae.numerics.paths import runs
 from synth.motion.geometry import about, aligned, forwards, leftwards, minimum_jerk, smoothstep, two_bone_ik
 from synth.motion.motion import Motion
 from synth.people.body import ANKLE_HEIGHT, SEGMENTS, SIDES, Body, segment_origins
@@ -134,10 +135,9 @@ def lock_feet(
 def _undrift(like: np.ndarray, slip: np.ndarray, standing: np.ndarray) -> np.ndarray:
     """Return offsets (F, n) that undo the slip (F - 1, n) of each contact, centred on zero, and eased in between."""
     offsets = np.zeros_like(like)
-    frames = np.flatnonzero(standing)
-    for run in np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1):
-        drift = np.concatenate([np.zeros((1, like.shape[1])), np.cumsum(slip[run[:-1]], axis=0)])
-        offsets[run] = (drift.max(0) + drift.min(0)) / 2 - drift
+    for first, end in runs(standing):
+        drift = np.concatenate([np.zeros((1, like.shape[1])), np.cumsum(slip[first : end - 1], axis=0)])
+        offsets[first:end] = (drift.max(0) + drift.min(0)) / 2 - drift
     return _eased(offsets, standing)
 
 

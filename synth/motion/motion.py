@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from dmae.numerics.paths import runs
 from synth.motion.geometry import forwards, leftwards
 from synth.people.body import SEGMENTS
 
@@ -167,9 +168,7 @@ def _sidestep(apart: np.ndarray, fps: float, clearance: float) -> np.ndarray | N
 def ramp_around(close: np.ndarray, frame: int, fps: float) -> tuple[slice, np.ndarray]:
     """Return the run of True in `close` (F,) that holds a frame, and weights (F,) of a sidestep there: 1 in the run,
     and less over a second before and after it."""
-    frames = np.flatnonzero(close)
-    runs = np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1)
-    first, last = next((run[0], run[-1]) for run in runs if run[0] <= frame <= run[-1])
+    first, end = next(run for run in runs(close) if run[0] <= frame < run[1])
     time = np.arange(len(close))
-    beyond = np.maximum(np.maximum(first - time, time - last), 0) / fps
-    return slice(first, last + 1), 0.5 + 0.5 * np.cos(np.pi * np.minimum(beyond, 1.0))
+    beyond = np.maximum(np.maximum(first - time, time - end + 1), 0) / fps
+    return slice(first, end), 0.5 + 0.5 * np.cos(np.pi * np.minimum(beyond, 1.0))

@@ -310,7 +310,10 @@ def _hair(sheet: _Sheet, bare: BareBody, body: Body, style: str) -> list[tuple[s
         return []
     size, head = body.stature * body.head, SEGMENTS.index("head")
     eye = bare.eyes.mean((0, 1))
-    scalp = _finer(_only(sheet, (sheet.weights[:, head] > 0.8)[sheet.faces].all(1))[0])
+    scalp = _only(sheet, (sheet.weights[:, head] > 0.8)[sheet.faces].all(1))[0]
+    values = {name: getattr(scalp, name) for name in ("normals", "weights", "along")}
+    points, faces, values = trimesh.remesh.subdivide(scalp.points, scalp.faces, vertex_attributes=values)
+    scalp = _Sheet(points, faces=faces, **values)
     back = scalp.points[:, 0].min()
     beside, contour = (scalp.points - eye)[:, [0, 2]] / size, np.array(_HAIRLINE, np.float32)
     field = size * np.array([cv2.pointPolygonTest(contour, point, True) for point in beside.tolist()])
@@ -344,13 +347,6 @@ def _locks(sheet: _Sheet, size: float) -> np.ndarray:
     x, y, z = sheet.points.T
     around = np.arctan2(y, x - x.mean())
     return np.sin(19 * around + 4 * np.sin(5 * around) + 60 * z / size)
-
-
-def _finer(sheet: _Sheet) -> _Sheet:
-    """Return a sheet with each triangle in four."""
-    values = {name: getattr(sheet, name) for name in ("normals", "weights", "along")}
-    points, faces, values = trimesh.remesh.subdivide(sheet.points, sheet.faces, vertex_attributes=values)
-    return _Sheet(points, faces=faces, **values)
 
 
 def _fall(rows: np.ndarray, segment: int) -> _Sheet:

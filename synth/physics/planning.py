@@ -119,7 +119,15 @@ def plan_motions(spec: SceneSpec, motions: list[Motion], obstacles: np.ndarray) 
     ]
     root[..., :2] += avoid_collisions(root[..., :2], PLAN_FPS, clearance=spec.clearance, obstacles=obstacles)
     bodies = [person.body for person in spec.persons]
-    locked = _lock_feet(bodies, root, rotations, standing, PLAN_FPS, recorded=recorded)
+
+    def with_locked_feet() -> tuple[np.ndarray, np.ndarray]:
+        each = [
+            lock_feet(body, root[:, p], rotations[:, p], standing[p], PLAN_FPS, recorded=recorded)
+            for p, body in enumerate(bodies)
+        ]
+        return tuple(np.stack(part, axis=1) for part in zip(*each, strict=True))
+
+    locked = with_locked_feet()
     if recorded and not spec.interaction.together:
         # The feet of procedural people stay below the body, and a script sets the distances between its people.
         for _ in range(_ROUNDS):
@@ -128,23 +136,6 @@ def plan_motions(spec: SceneSpec, motions: list[Motion], obstacles: np.ndarray) 
             if not shift.any():
                 break
             root[..., :2] += shift
-            locked = _lock_feet(bodies, root, rotations, standing, PLAN_FPS, recorded=recorded)
+            locked = with_locked_feet()
     weight = [weight_on_feet(body, *(a[:, p] for a in locked), standing[p], PLAN_FPS) for p, body in enumerate(bodies)]
     return PlannedMotion(*locked, np.stack(weight, axis=1), beyond)
-
-
-def _lock_feet(
-    bodies: list[Body],
-    root: np.ndarray,
-    rotations: np.ndarray,
-    standing: list[np.ndarray],
-    fps: float,
-    *,
-    recorded: bool,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the results of `lock_feet` for each person, stacked along P."""
-    locked = [
-        lock_feet(body, root[:, p], rotations[:, p], standing[p], fps, recorded=recorded)
-        for p, body in enumerate(bodies)
-    ]
-    return tuple(np.stack(part, axis=1) for part in zip(*locked, strict=True))

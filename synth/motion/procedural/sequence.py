@@ -506,7 +506,8 @@ def make_sequence(
             chest = np.stack([heading, style.lean * lower_body.walking, level], axis=1)
             trajectories.append(lower_body.with_upper_body(chest, np.stack([heading, level], axis=1), arms))
             walking[frames], swing[frames] = lower_body.walking, style.swing * lower_body.swing
-    trajectory = _with_sway(concatenate(trajectories), walking, swing, swing_share, times, fps, rng=rng)
+    trajectory = concatenate(trajectories)
+    _add_sway(trajectory, walking, swing, swing_share, times, fps, rng=rng)
     trajectory = carried(trajectory, walking, raised, times, fps, rng=rng)
     motion = replace(trajectory, root=reachable_root(trajectory, fps)).motion(
         ", ".join(name for _, name in actions), fps
@@ -514,7 +515,7 @@ def make_sequence(
     return replace(motion, seats=tuple(seats), actions=tuple(actions))
 
 
-def _with_sway(
+def _add_sway(
     trajectory: BodyTrajectory,
     walking: np.ndarray,
     swing: np.ndarray,
@@ -523,26 +524,18 @@ def _with_sway(
     fps: float,
     *,
     rng: np.random.Generator,
-) -> BodyTrajectory:
+) -> None:
     """Add arm swing in walking, each arm by its share (F, 2), the sway of standing, and drifts of trunk and head."""
     still = gaussian_filter1d(1 - np.minimum(1, 2 * walking), 0.2 * fps, mode="nearest")
-    root, chest, head, arms = (
-        trajectory.root.copy(),
-        trajectory.chest.copy(),
-        trajectory.head.copy(),
-        trajectory.arms.copy(),
-    )
     # Sway of quiet standing: Prieto et al., IEEE Trans. Biomed. Eng. 43 (1996).
-    root[:, :2] += still[:, None] * np.stack(
-        [random_drift(rng, times, 0.005, fastest) for fastest in (0.3, 0.5)], axis=1
-    )
-    chest[:, 0] += -0.3 * swing + random_drift(rng, times, np.radians(2), 0.25)
-    chest[:, 1] += random_drift(rng, times, np.radians(1), 0.3)
-    head[:, 0] += random_drift(rng, times, np.radians(10), 0.3)
-    head[:, 1] += random_drift(rng, times, np.radians(4), 0.3)
+    sway = [random_drift(rng, times, 0.005, fastest) for fastest in (0.3, 0.5)]
+    trajectory.root[:, :2] += still[:, None] * np.stack(sway, axis=1)
+    trajectory.chest[:, 0] += -0.3 * swing + random_drift(rng, times, np.radians(2), 0.25)
+    trajectory.chest[:, 1] += random_drift(rng, times, np.radians(1), 0.3)
+    trajectory.head[:, 0] += random_drift(rng, times, np.radians(10), 0.3)
+    trajectory.head[:, 1] += random_drift(rng, times, np.radians(4), 0.3)
     for arm, (_, sign) in enumerate(SIDES):
         ahead = sign * swing * swing_share[:, arm]
-        arms[:, arm, 0] += ahead
+        trajectory.arms[:, arm, 0] += ahead
         # The elbow bends as the arm comes forward.
-        arms[:, arm, 3] += 0.5 * (np.abs(ahead) + ahead)
-    return replace(trajectory, root=root, chest=chest, head=head, arms=arms)
+        trajectory.arms[:, arm, 3] += 0.5 * (np.abs(ahead) + ahead)
