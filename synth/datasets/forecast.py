@@ -63,16 +63,12 @@ class Forecast:
         return f"{made}: about {took}, {self.megabytes:,.0f} MB"
 
 
-class _Cost(NamedTuple):
-    """The cost of a clip: time, s, and size, bytes, for the clip and for each frame."""
+class PictureCost(NamedTuple):
+    """The cost of the pictures of a clip: time, s, for the clip and for each frame, and size, bytes, of all frames."""
 
-    clip_seconds: float
-    frame_seconds: float
-    clip_bytes: float
-    frame_bytes: float
-    image_clip_seconds: float = 0.0
-    image_frame_seconds: float = 0.0
-    image_bytes: float = 0.0
+    clip_seconds: float = 0.0
+    frame_seconds: float = 0.0
+    bytes: float = 0.0
 
 
 def is_long(config: GenerateConfig) -> bool:
@@ -96,15 +92,22 @@ def forecast(config: GenerateConfig) -> Forecast:
     how = config.scene, config.interaction
     people = {index: max(1, count_people(*how, seed=config.seed, clip=index)) for index in indices}
     median = sorted(people.values())[len(people) // 2]
+    usual = [index for index in indices if people[index] == median]
+    limit_threads(config.workers)
     with running_on(config.backend):
-        cost = _cost(config, [index for index in indices if people[index] == median], len(indices))
         processes = process_count(config.workers)
+        # As many processes as in the real run, because they share memory and caches. The first task of each process is
+        # not measured.
+        measured = max(1, min(processes, len(indices) // _PART))
+        list(in_parallel(_first_success, [(config, usual, _SHORT)] * measured, config.workers))
+        costs = list(in_parallel(_measure, [(config, usual)] * measured, config.workers))
+    clip_seconds, frame_seconds, clip_bytes, frame_bytes, *of_pictures = np.mean(costs, axis=0)
+    cost = PictureCost(*of_pictures)
     # Labels are in proportion to people; pictures are not.
-    labels = cost.clip_seconds + frames * cost.frame_seconds
-    images = cost.image_clip_seconds + frames * cost.image_frame_seconds
+    labels, images = clip_seconds + frames * frame_seconds, cost.clip_seconds + frames * cost.frame_seconds
     seconds = [images + (labels * people[index] / median if index in to_make else 0) for index in indices]
-    size = sum(people[index] for index in to_make) / median * (cost.clip_bytes + frames * cost.frame_bytes)
-    size += len(indices) * cost.image_bytes
+    size = sum(people[index] for index in to_make) / median * (clip_bytes + frames * frame_bytes)
+    size += len(indices) * cost.bytes
     pictures = len(indices) * frames * len(rig) if config.kinds else 0
     took = makespan(seconds, processes)
     return Forecast(len(to_make), frames * len(to_make), pictures, float(took), float(size) / 1e6)
@@ -132,18 +135,9 @@ def _missing(config: GenerateConfig) -> tuple[list[int], list[int]]:
     return to_make, to_render
 
 
-def _cost(config: GenerateConfig, usual: list[int], clips: int) -> _Cost:
-    """Measure the cost of a clip: the first of the clips `usual` that succeeds. The data set has `clips` clips."""
-    limit_threads(config.workers)
-    # As many processes as in the real run, because they share memory and caches. The first task of each process is not
-    # measured.
-    processes = max(1, min(process_count(config.workers), clips // _PART))
-    list(in_parallel(_first_success, [(config, usual, _SHORT)] * processes, config.workers))
-    return _Cost(*np.mean(list(in_parallel(_measure, [(config, usual)] * processes, config.workers)), axis=0))
-
-
-def _measure(config: GenerateConfig, indices: list[int]) -> _Cost:
-    """Return the cost of a clip, measured with a short clip, a longer clip and a few pictures."""
+def _measure(config: GenerateConfig, indices: list[int]) -> tuple[float, ...]:
+    """Return the cost of a clip, the first of `indices` that succeeds, measured with a short clip, a longer clip and a
+    few pictures: time, s, for the clip and for each frame, size, bytes, of both, and the fields of `PictureCost`."""
     whole = len(config.numbers) * config.scene.seconds
     long = min(config.scene.seconds, _LONG, max(2 * _SHORT, whole / _PART))
     with tempfile.TemporaryDirectory() as folder:
@@ -151,13 +145,11 @@ def _measure(config: GenerateConfig, indices: list[int]) -> _Cost:
         long_seconds, long_bytes, many, clip, state = _timed(config, indices, long, Path(folder) / "long")
         frame_seconds = max(0.0, (long_seconds - short_seconds) / max(1, many - few))
         frame_bytes = (long_bytes - short_bytes) / max(1, many - few)
-        cost = _Cost(
-            max(0.0, short_seconds - few * frame_seconds), frame_seconds, short_bytes - few * frame_bytes, frame_bytes
-        )
-        if not config.kinds:
-            return cost
-        pictures = picture_cost(config, clip, state, config.scene.frames, Path(folder) / "images")
-        return _Cost(*cost[:4], *pictures)
+        pictures = PictureCost()
+        if config.kinds:
+            pictures = picture_cost(config, clip, state, config.scene.frames, Path(folder) / "images")
+    fixed = max(0.0, short_seconds - few * frame_seconds), short_bytes - few * frame_bytes
+    return fixed[0], frame_seconds, fixed[1], frame_bytes, *pictures
 
 
 def _timed(config: GenerateConfig, indices: list[int], seconds: float, folder: Path) -> tuple:
@@ -177,14 +169,6 @@ def _first_success(config: GenerateConfig, indices: list[int], seconds: float) -
     """Make clips in order until one succeeds, and return it."""
     short = replace(config, scene=replace(config.scene, seconds=seconds))
     return until_success(lambda number: simulate_clip(short, indices[number]), len(indices) - 1)
-
-
-class PictureCost(NamedTuple):
-    """The cost of the pictures of a clip: time, s, for the clip and for each frame, and size, bytes, of all frames."""
-
-    clip_seconds: float
-    frame_seconds: float
-    bytes: float
 
 
 def picture_cost(
