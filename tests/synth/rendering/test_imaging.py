@@ -1,7 +1,6 @@
 """Light and camera of colour images, against formulas; labels and other images do not depend on them."""
 
 import re
-from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -13,10 +12,13 @@ from synth.rendering.opengl import find_backend
 from synth.rendering.renderer import Renderer
 from synth.rendering.sensor import Sensor, decode
 from synth.rigs.lenses import add_cameras
+from synth.rigs.placement import aimed, intrinsics
 from tests.support.standing_people import looking_along_x, scene
 
 FAULTLESS = {"exposure": 0, "white_balance": 0, "electrons": 0, "read_noise": 0}
 PLAIN = ImagingConfig(lamp=0, ambient_occlusion=0, **FAULTLESS)
+SIZE = [640, 480]
+LENS = intrinsics(500, SIZE)
 
 
 @pytest.fixture
@@ -132,20 +134,12 @@ def test_a_moving_edge_is_blurred_over_speed_times_shutter_around_its_place(gl):
 
 def from_above(height: float, x: float) -> CameraRig:
     """A camera that looks straight down; the world's x is to the right."""
-    R = np.diag([1.0, -1.0, -1.0])
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = R, -R @ (x, 0, height)
-    K = np.array([[500.0, 0, 319.5], [0, 500, 239.5], [0, 0, 1]])
-    return CameraRig(["c"], K[None], np.zeros((1, 5)), pose[None], np.array([[640, 480]]))
+    return aimed(["c"], LENS, np.array([(x, 0, height)]), np.array((x, 0, 0)), SIZE)
 
 
 def aslant(away: float) -> CameraRig:
     """A camera that looks 45 degrees down and along -x at the origin, from a distance."""
-    s = np.sqrt(0.5)
-    R = np.array([[0, 1, 0], [s, 0, -s], [-s, 0, -s]])
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = R, (0, 0, away)
-    return replace(from_above(1.0, 0.0), cam_from_world=pose[None])
+    return aimed(["c"], LENS, np.sqrt(0.5) * np.array([(away, 0, away)]), np.zeros(3), SIZE)
 
 
 def painted(xml: str, rig: CameraRig, config: ImagingConfig) -> np.ndarray:

@@ -6,7 +6,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from dmae.data.cameras import CameraRig
 from dmae.data.images import FIRST_OBJECT_ID
 from dmae.data.labels import Visibility
 from synth.labels.visibility import joint_visibility
@@ -14,6 +13,7 @@ from synth.people.body import SKELETON, Body
 from synth.people.clothing import HAIRSTYLES
 from synth.people.mjcf import HIDDEN_GROUP
 from synth.physics.simulation import simulate
+from synth.rigs.placement import aimed, intrinsics
 from synth.rooms.props import footprints
 from synth.rooms.room import arena_file
 from synth.scene.build import STEPS_PER_CONTROL, SUBSTEPS, build_scene
@@ -95,34 +95,18 @@ def test_the_face_is_visible_from_the_front_and_not_from_behind(style, feminine)
     body = Body(1.7, 68, feminine)
     spec = scene([body], 1)
     person = replace(spec.persons[0], looks=replace(spec.persons[0].looks, hair=style))
-    simulation = simulate(
-        replace(spec, persons=(person,)), looking_at_origin(0.0, np.pi), [gliding(body, 1, (0, 0), (0, 0))]
-    )
+    # Level cameras before and behind the person.
+    size, centers, target = [1000, 1200], np.array([(3.0, 0, 1), (-3, 0, 1)]), np.array((0, 0, 1))
+    rig = aimed(["before", "behind"], intrinsics(900, size), centers, target, size)
+    simulation = simulate(replace(spec, persons=(person,)), rig, [gliding(body, 1, (0, 0), (0, 0))])
     front, back = joint_visibility(
-        simulation.model,
-        simulation.qpos,
-        simulation.joints,
-        simulation.depth,
-        simulation.geom_ids,
-        looking_at_origin(0.0, np.pi),
+        simulation.model, simulation.qpos, simulation.joints, simulation.depth, simulation.geom_ids, rig
     ).visibility[0, :, 0]
     hidden = {joint for joint, how in zip(SKELETON.joints, front, strict=True) if how != Visibility.VISIBLE}
     assert hidden <= {"body25.l_heel", "body25.r_heel"}
     shown = {joint for joint, how in zip(SKELETON.joints, back, strict=True) if how == Visibility.VISIBLE}
     assert not shown & {"body25.nose", "body25.l_eye", "body25.r_eye", "shelf14.top_head", "body25.l_big_toe"}
     assert {"body25.l_heel", "body25.r_heel", "body25.neck", "shelf14.l_hip", "body25.r_elbow"} <= shown
-
-
-def looking_at_origin(*directions) -> CameraRig:
-    """Level cameras 3 m away and 1 m high, in these directions from the origin, rad."""
-    poses = np.tile(np.eye(4), (len(directions), 1, 1))
-    for pose, angle in zip(poses, directions, strict=True):
-        cos, sin = np.cos(angle), np.sin(angle)
-        pose[:3, :3] = [(-sin, cos, 0), (0, 0, -1), (-cos, -sin, 0)]
-        pose[:3, 3] = -pose[:3, :3] @ (3 * cos, 3 * sin, 1)
-    K = np.tile([[900.0, 0, 500], [0, 900, 600], [0, 0, 1]], (len(poses), 1, 1))
-    names = [f"c{i}" for i in range(len(poses))]
-    return CameraRig(names, K, np.zeros((len(poses), 5)), poses, np.tile([1000, 1200], (len(poses), 1)))
 
 
 def test_people_have_the_mass_of_their_bodies(built):
