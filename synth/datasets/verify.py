@@ -1,8 +1,7 @@
 """Check clips and data sets: files, numbers, labels, detections and images, and that they agree with each other."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from dataclasses import fields
 from itertools import repeat
 from pathlib import Path
 from typing import NamedTuple
@@ -95,23 +94,20 @@ def _check_parts(clip: Clip, name: str) -> list[str]:
     return []
 
 
-def check_surplus(clip: Clip) -> list[str]:
+def check_surplus(clip: Clip) -> Iterator[str]:
     """Check that the image folder of a clip contains no other files."""
-    if clip.images is None:
-        return []
-    images, problems = clip.images, []
+    images = clip.images
     for path in sorted(images.folder.glob("rgb/*.mp4")) if "rgb" in images.kinds else ():
         # `check_images` reports unreadable videos.
         with suppress(OSError, IndexError, av.FFmpegError), av.open(str(path)) as container:
             found, expected = container.streams.video[0].frames, len(images.frames)
             if found > expected:
-                problems.append(f"rgb/{path.name}: expected {expected} frames, found {found}")
+                yield f"rgb/{path.name}: expected {expected} frames, found {found}"
     found = {path for ending in ("png", "mp4", "jpg") for path in images.folder.rglob(f"*.{ending}")}
     surplus = sorted(found - image_files(images))
     if surplus:
         first = surplus[0].relative_to(images.folder)
-        problems.append(f"image files that do not belong to the clip: {len(surplus)}, first {first}")
-    return problems
+        yield f"image files that do not belong to the clip: {len(surplus)}, first {first}"
 
 
 # Checks of the numbers, labels and detections of a clip. Each check returns descriptions of the problems it finds.
@@ -127,29 +123,18 @@ _MAX_OFF = 0.05
 """Greatest fraction of wrong detections in a clip. Some are expected, because detectors make such errors."""
 
 
-def check_numbers(clip: Clip) -> list[str]:
-    """Check that points are complete or NaN, numbers are finite, and confidences are from 0 to 1."""
-    parts = {name: getattr(clip, name) for name in ("detections", "truth", "poses")}
-    arrays = {
-        f"{name}.{f.name}": getattr(part, f.name)
-        for name, part in parts.items()
-        if part is not None
-        for f in fields(part)
-        if f.name != "skeleton"
-    }
-    problems = []
-    for name, array in arrays.items():
-        if np.isinf(array).any():
-            problems.append(f"{name}: {int(np.isinf(array).sum())} infinite numbers")
-        if name.endswith((".xy", ".xyz")):
-            torn = np.isnan(array).any(-1) != np.isnan(array).all(-1)
-            if torn.any():
-                problems.append(f"{name}: {int(torn.sum())} points with some, but not all, coordinates NaN")
+def check_numbers(clip: Clip) -> Iterator[str]:
+    """Check that points are complete or NaN, and confidences from 0 to 1. `load_clip` refuses infinite numbers."""
+    points = {"detections.xy": clip.detections.xy}
+    points |= {f"{name}.xyz": poses.xyz for name in ("truth", "poses") if (poses := getattr(clip, name)) is not None}
+    for name, array in points.items():
+        torn = np.isnan(array).any(-1) != np.isnan(array).all(-1)
+        if torn.any():
+            yield f"{name}: {int(torn.sum())} points with some, but not all, coordinates NaN"
     with np.errstate(invalid="ignore"):
         beyond = (clip.detections.score < 0) | (clip.detections.score > 1)
     if beyond.any():
-        problems.append(f"detections.score: {int(beyond.sum())} confidences outside 0..1")
-    return problems
+        yield f"detections.score: {int(beyond.sum())} confidences outside 0..1"
 
 
 def check_labels(clip: Clip) -> list[str]:
@@ -225,36 +210,31 @@ def check_projection(clip: Clip) -> list[str]:
     ]
 
 
-def check_detections(clip: Clip) -> list[str]:
+def check_detections(clip: Clip) -> Iterator[str]:
     """Check that detections are inside their image, and near their person."""
-    problems, rig = [], clip.actual_rig
     xy = clip.detections.xy
     outside = clip.detections.observed & ~clip.rig.inside(xy)
     if outside.any():
-        problems.append(f"{int(outside.sum())} detected joints lie outside their image")
+        yield f"{int(outside.sum())} detected joints lie outside their image"
     labels = clip.detection_labels
     if clip.truth is None or labels is None:
-        return problems
+        return
     columns = clip.truth.skeleton.index_of_part(clip.detections.skeleton)
-    frame, view, place = np.nonzero(labels.person >= 0)
-    person = labels.person[frame, view, place]
-    valid = person < clip.truth.xyz.shape[1]
-    frame, view, place, person = (index[valid] for index in (frame, view, place, person))
     if columns is None:
-        return problems
-    true, found = rig.project(clip.truth.xyz[:, :, columns])[0][frame, view, person], xy[frame, view, place]
-    distance = np.linalg.norm(found - true, axis=-1)
+        return
+    frame, view, place = np.nonzero(labels.person >= 0)
+    true = clip.actual_rig.project(clip.truth.xyz[:, :, columns])[0][frame, view, labels.person[frame, view, place]]
+    distance = np.linalg.norm(xy[frame, view, place] - true, axis=-1)
     if labels.offset_px is not None:
         wrong = np.abs(labels.offset_px[frame, view, place] - distance) > _EDGE
         if wrong.any():
-            problems.append(f"offset_px is not the distance from the true joint: {int(wrong.sum())} of {wrong.size}")
-        return problems
+            yield f"offset_px is not the distance from the true joint: {int(wrong.sum())} of {wrong.size}"
+        return
     some = np.isfinite(distance).any(-1)
     height = np.ptp(np.where(np.isnan(true[some]), np.nanmean(true[some], 1, keepdims=True), true[some]), 1).max(-1)
     off = np.nanmedian(distance[some], -1) > _FAR_OFF * height
     if some.any() and off.mean() > _MAX_OFF:
-        problems.append(f"{off.mean():.0%} of the detections lie far from the person that they are labelled with")
-    return problems
+        yield f"{off.mean():.0%} of the detections lie far from the person that they are labelled with"
 
 
 # Verify clips and data sets: files, numbers, labels, images, and their consistency.
@@ -344,10 +324,10 @@ def _result(path: Path, names: list[str], problems: list[Problem], number: str |
     return Verification(names, problems, again, number, without)
 
 
-def _guarded(name: str, check: Callable[[], list[str]]) -> list[str]:
+def _guarded(name: str, check: Callable[[], Iterable[str]]) -> list[str]:
     """Return the problems that a check finds. Damaged files can cause any error, so each error is a problem as well."""
     try:
-        return check()
+        return list(check())
     except Exception as error:
         return [_error_text(name, error)]
 
@@ -385,58 +365,51 @@ def _config(path: Path) -> tuple[dict | None, list[Problem]]:
     return config, []
 
 
-def _check_data_set(path: Path, lines: list[dict]) -> list[str]:
+def _check_data_set(path: Path, lines: list[dict]) -> Iterator[str]:
     """Compare the manifest with the folders."""
     names = [line["id"] for line in lines]
-    problems = [f"{MANIFEST}: clip {name} is listed twice" for name in sorted(set(names)) if names.count(name) > 1]
     made = {line["id"] for line in lines if line["status"] == "ok"}
     there = {folder.parent.name for folder in path.glob("*/clip.json")}
-    problems += [f"{name}: a clip that is not ok in {MANIFEST}" for name in sorted(there - made)]
-    problems += [
-        f"{MANIFEST}: clip {line['id']} has status {line['status']!r} and no reason"
-        for line in lines
-        if line["status"] != "ok" and not line.get("reason")
-    ]
-    return problems
+    yield from (f"{MANIFEST}: clip {name} is listed twice" for name in sorted(set(names)) if names.count(name) > 1)
+    yield from (f"{name}: a clip that is not ok in {MANIFEST}" for name in sorted(there - made))
+    for line in lines:
+        if line["status"] != "ok" and not line.get("reason"):
+            yield f"{MANIFEST}: clip {line['id']} has status {line['status']!r} and no reason"
 
 
-def _check_line(clip: Clip, line: dict, config: dict | None) -> list[str]:
+def _check_line(clip: Clip, line: dict, config: dict | None) -> Iterator[str]:
     """Compare a clip with its line of the manifest, and with the configuration of the data set."""
-    problems = [] if clip.id == line["id"] else [f"its id in clip.json is {clip.id!r}"]
+    if clip.id != line["id"]:
+        yield f"its id in clip.json is {clip.id!r}"
     if clip.poses is not None:
         # This is a captured clip. Its data set has a manifest and a configuration of another kind.
-        return problems
+        return
     own = clip.provenance.get("manifest", line)
     if line.keys() == {"id", "status"}:
         # The manifest could not be read.
         line = own
-    problems += [
-        f"{key}: {line.get(key)!r} in {MANIFEST}, {own.get(key)!r} in clip.json"
-        for key in sorted({*line, *own})
-        if line.get(key) != own.get(key)
-    ]
+    for key in sorted({*line, *own}):
+        if line.get(key) != own.get(key):
+            yield f"{key}: {line.get(key)!r} in {MANIFEST}, {own.get(key)!r} in clip.json"
     expected = {"frames": len(clip)} | ({} if clip.truth is None else {"persons": clip.truth.xyz.shape[1]})
-    problems += [
-        f"{key}: {line[key]} in {MANIFEST}, {found} in the arrays"
-        for key, found in expected.items()
-        if line.get(key, found) != found
-    ]
+    for key, found in expected.items():
+        if line.get(key, found) != found:
+            yield f"{key}: {line[key]} in {MANIFEST}, {found} in the arrays"
     if config is None:
-        return problems
+        return
     fps, kinds = config["scene"]["fps"], image_kinds(config["images"])
     if clip.fps != fps:
-        problems.append(f"fps: {fps} in {CONFIG}, {clip.fps} in the clip")
+        yield f"fps: {fps} in {CONFIG}, {clip.fps} in the clip"
     found = clip.images.kinds if clip.images else ()
     if found != kinds:
-        problems.append(f"images: {kinds} in {CONFIG}, {found} in the clip")
+        yield f"images: {kinds} in {CONFIG}, {found} in the clip"
     if {"seed", "attempts"} <= line.keys() and line["seed"] != (
         seed := attempt_seed(config["seed"], line["attempts"] - 1)
     ):
-        problems.append(f"seed: {line['seed']}, and attempt {line['attempts']} with that of {CONFIG} has {seed}")
-    return problems
+        yield f"seed: {line['seed']}, and attempt {line['attempts']} with that of {CONFIG} has {seed}"
 
 
-_OF_A_CLIP: dict[str, Callable[[Clip], list[str]]] = {
+_OF_A_CLIP: dict[str, Callable[[Clip], Iterable[str]]] = {
     "numbers": check_numbers,
     "labels": check_labels,
     "projection": check_projection,
@@ -445,8 +418,8 @@ _OF_A_CLIP: dict[str, Callable[[Clip], list[str]]] = {
 }
 CHECKS = {
     "checksums": "all files as they were written, no others",
-    "files": "exist, undamaged, of matching shapes",
-    "numbers": "finite; points whole or NaN",
+    "files": "exist, undamaged, of matching shapes; finite numbers",
+    "numbers": "points whole or NaN; confidences from 0 to 1",
     "labels": "codes and occluders that exist and match",
     "projection": "visibility matches the projections of joints",
     "detections": "in the image, near their person",
