@@ -18,6 +18,11 @@ def files_of(path: Path) -> list[Path]:
     return [file for file in sorted(path.rglob("*")) if file.is_file()]
 
 
+def contents(path: Path, *but: str) -> dict[str, bytes]:
+    """Return the bytes of all files of a folder by their paths, except of files with certain names."""
+    return {file.relative_to(path).as_posix(): file.read_bytes() for file in files_of(path) if file.name not in but}
+
+
 def flip_bit(path: Path, rng: np.random.Generator) -> set[str]:
     """Flip a random bit of a file of a data set; files are drawn by kind and size."""
     files = files_of(path)

@@ -11,17 +11,23 @@ from tests.support.detectors import occlusion_of, three_persons
 from tests.support.rigs import preset
 
 
+@pytest.fixture
+def gl() -> None:
+    """Skip tests where no OpenGL works."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        if find_backend() is None:
+            pytest.skip("no OpenGL works here")
+
+
 @pytest.fixture(params=[pytest.param("gl", marks=pytest.mark.gl), "rays"])
 def painter(request, monkeypatch) -> str:
     """Once by OpenGL, where there is one, and once by ray casting."""
     if request.param == "rays":
         monkeypatch.setattr("synth.rendering.renderer.find_backend", lambda: None)
-        return "rays"
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        if find_backend() is None:
-            pytest.skip("no OpenGL works here")
-    return "gl"
+    else:
+        request.getfixturevalue("gl")
+    return request.param
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from synth.datasets.generate import generate
 from synth.datasets.verify import verify
 from tests.endurance.damages import damage_often, data_set, flip_often
 from tests.support.commands import dmae
-from tests.support.damages import OWN, files_of, structural
+from tests.support.damages import OWN, contents, structural
 
 pytestmark = [pytest.mark.filterwarnings("ignore:no OpenGL"), pytest.mark.slow]
 
@@ -31,10 +31,6 @@ def sound(tmp_path_factory) -> Path:
 @pytest.fixture
 def data(sound, tmp_path) -> Path:
     return Path(shutil.copytree(sound, tmp_path / "data"))
-
-
-def contents(path: Path) -> dict[str, bytes]:
-    return {file.relative_to(path).as_posix(): file.read_bytes() for file in files_of(path)}
 
 
 def test_every_flipped_bit_is_found(data, sound):

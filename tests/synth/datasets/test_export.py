@@ -20,6 +20,7 @@ from synth.datasets.exporters import exporter
 from synth.datasets.exporters.export import export
 from tests.support.clips import full_clip, walkers
 from tests.support.commands import start_command, synth
+from tests.support.damages import contents
 from tests.support.data_sets import pictured_set
 
 _HANGS = 300
@@ -31,10 +32,6 @@ def data(tmp_path_factory) -> Path:
     return pictured_set(tmp_path_factory.mktemp("data") / "set", clips=2)
 
 
-def files(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-
-
 @pytest.mark.parametrize(
     "format", sorted(set(exporter) - {"g1", "lerobot", "glb", "usd"})
 )  # of bodies: test_robots, test_scenes
@@ -44,8 +41,8 @@ def test_an_export_is_the_same_from_any_number_of_processes(data, tmp_path, form
     one, two = (tmp_path / name for name in ("one", "two"))
     export(data, one, format, splits=splits)
     export(data, two, format, splits=splits, workers=2)
-    assert files(one) == files(two)
-    assert not [name for name in files(one) if "/." in f"/{name}"]
+    assert contents(one) == contents(two)
+    assert not [name for name in contents(one) if "/." in f"/{name}"]
     summary = json.loads((one / "export.json").read_text())
     # Layouts of pictures count who is seen in each; others count the two people of the clip.
     persons = 11 if exporter[format].pictures else 2
@@ -100,7 +97,7 @@ def test_a_calibration_in_error_is_not_what_pictures_are_of(data, tmp_path):
     written = []
     for number, folder in enumerate((data / "000000", tmp_path / "wrong/000000")):
         export(folder, tmp_path / f"out{number}")
-        written.append(files(tmp_path / f"out{number}"))
+        written.append(contents(tmp_path / f"out{number}"))
     assert written[0] == written[1]
 
 
@@ -156,12 +153,12 @@ def test_bad_input_is_refused_and_leaves_nothing_behind(data, tmp_path, argument
     write_manifest(tmp_path / "mixed", [{"id": str(number), "status": "ok"} for number in (0, 1)])
     shutil.copytree(data / "000000", tmp_path / "damaged")
     (tmp_path / "damaged/arrays.safetensors").write_bytes(b"")
-    before = files(tmp_path)
+    before = contents(tmp_path)
     given = arguments if any(each.startswith("out=") for each in arguments) else [*arguments, "out=out"]
     done = synth(tmp_path, "export", *given)
     assert done.returncode == 1
     assert said in done.stderr and len(done.stderr.splitlines()) == 1
-    assert files(tmp_path) == before
+    assert contents(tmp_path) == before
 
 
 @pytest.mark.slow

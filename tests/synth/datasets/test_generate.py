@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dmae.data.clip import Clip
 from dmae.data.images import KINDS
 from dmae.data.labels import Visibility
 from dmae.data.resources import resource_folder
@@ -28,7 +29,7 @@ from synth.rendering.config import ImageQuality
 from synth.rigs.config import CameraConfig, JitterConfig, MiscalibrationConfig, RigConfig, RingConfig
 from synth.scene.config import SceneConfig
 from synth.scene.spec import SceneSpec
-from tests.support.damages import files_of
+from tests.support.damages import contents
 from tests.support.rigs import LEFT, PRESETS
 from tests.support.rigs import config as rig_config
 
@@ -117,14 +118,17 @@ def test_a_clip_has_the_same_bytes_alone_in_a_range_and_among_workers(config, tm
     generate(spread)
     assert labels(config) == labels(spread)
     alone = generate_clip(config, 2)
-    stored = load_clip(Path(config.out) / "000002")
-    np.testing.assert_array_equal(alone.occlusion.visibility, stored.occlusion.visibility)
-    np.testing.assert_array_equal(alone.occlusion.occluder, stored.occlusion.occluder)
-    np.testing.assert_array_equal(alone.detection_labels.person, stored.detection_labels.person)
-    np.testing.assert_array_equal(alone.truth.xyz, stored.truth.xyz)
-    np.testing.assert_array_equal(alone.detections.xy, stored.detections.xy)
+    same(alone, load_clip(Path(config.out) / "000002"))
     other = generate_clip(replace(config, seed=4), 2)
     assert other.truth.xyz.shape != alone.truth.xyz.shape or not np.allclose(other.truth.xyz, alone.truth.xyz)
+
+
+def same(one: Clip, other: Clip) -> None:
+    np.testing.assert_array_equal(one.occlusion.visibility, other.occlusion.visibility)
+    np.testing.assert_array_equal(one.occlusion.occluder, other.occlusion.occluder)
+    np.testing.assert_array_equal(one.detection_labels.person, other.detection_labels.person)
+    np.testing.assert_array_equal(one.truth.xyz, other.truth.xyz)
+    np.testing.assert_array_equal(one.detections.xy, other.detections.xy)
 
 
 def test_an_interrupted_run_resumes(config, made, monkeypatch):
@@ -284,11 +288,7 @@ def test_labels_and_detections_belong_to_the_true_cameras_and_the_manifest_state
         np.testing.assert_array_equal(known.rig.cam_from_world, erroneous.true_rig.cam_from_world)
         np.testing.assert_array_equal(known.rig.K, erroneous.true_rig.K)
         assert not np.isclose(erroneous.rig.K, erroneous.true_rig.K).all()
-        np.testing.assert_array_equal(known.occlusion.visibility, erroneous.occlusion.visibility)
-        np.testing.assert_array_equal(known.occlusion.occluder, erroneous.occlusion.occluder)
-        np.testing.assert_array_equal(known.detection_labels.person, erroneous.detection_labels.person)
-        np.testing.assert_array_equal(known.truth.xyz, erroneous.truth.xyz)
-        np.testing.assert_array_equal(known.detections.xy, erroneous.detections.xy)
+        same(known, erroneous)
         assert "calibration_error" not in lines[0][index]
         found = lines[1][index]["calibration_error"]
         assert len(found) == 3
@@ -358,11 +358,7 @@ def test_machines_fill_one_folder_with_their_own_clips(config, tmp_path):
     shared = replace(config, out=str(tmp_path / "shared"), clips=1)
     generate(replace(shared, first=2))
     generate(replace(shared, first=0, clips=2))
-    one, other = (
-        {file.relative_to(out).as_posix(): file.read_bytes() for file in files_of(Path(out))}
-        for out in (config.out, shared.out)
-    )
-    assert one == other
+    assert contents(Path(config.out)) == contents(Path(shared.out))
 
 
 def test_a_machine_that_ends_keeps_what_others_have_noted_meanwhile(config):

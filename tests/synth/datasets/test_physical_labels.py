@@ -19,6 +19,7 @@ from synth.labels.surfaces import NAMES
 from synth.rendering.config import ImageQuality
 from synth.rigs.config import RigConfig, RingConfig
 from synth.scene.config import SceneConfig
+from tests.support.damages import contents
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore:no OpenGL")]
 
@@ -42,16 +43,11 @@ def data(bare, tmp_path) -> Path:
     return Path(shutil.copytree(bare, tmp_path / "data"))
 
 
-def files(folder: Path) -> dict[str, bytes]:
-    kept = (path for path in sorted(folder.rglob("*")) if path.is_file() and path.name not in (FILE, "checksums.json"))
-    return {str(path.relative_to(folder)): path.read_bytes() for path in kept}
-
-
 def test_labels_are_added_in_place_once_and_the_set_stays_sound(data):
-    before = files(data)
+    before = contents(data, FILE, "checksums.json")
     assert label(data, ["forces"]) == 2
     assert physical_labels(data / "000000").kinds == ("forces",)
-    assert files(data) == before
+    assert contents(data, FILE, "checksums.json") == before
     assert verify(data).problems == []
     # Others are added to them.
     kept = physical_labels(data / "000000").forces

@@ -18,6 +18,7 @@ from synth.physics.body_state import FILE, load_state
 from synth.rendering.config import ImageQuality, ImagingConfig
 from synth.rigs.config import RigConfig, RingConfig
 from synth.scene.config import SceneConfig
+from tests.support.damages import contents
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore:no OpenGL")]
 
@@ -49,14 +50,6 @@ def painted(tmp_path_factory) -> Path:
     return out
 
 
-def files(folder: Path, *below: str) -> dict[str, bytes]:
-    return {
-        str(path.relative_to(folder)): path.read_bytes()
-        for path in sorted(folder.joinpath(*below).rglob("*"))
-        if path.is_file()
-    }
-
-
 def arrays(folder: Path) -> bytes:
     return (folder / "000000" / "arrays.safetensors").read_bytes()
 
@@ -69,8 +62,8 @@ def test_images_are_added_to_labels_and_are_those_of_a_set_made_at_once(painted,
     assert arrays(out) == before
     assert load_clip(out / "000000").images.kinds == ("rgb",)
     generate(config(out, images=["rgb", "ids"]))
-    assert files(out, "000000") == files(painted, "000000")
-    assert files(out)["config.json"] == files(painted)["config.json"]
+    assert contents(out / "000000") == contents(painted / "000000")
+    assert contents(out)["config.json"] == contents(painted)["config.json"]
     assert verify(out)[1] == []
     # Labels of a set with images are completed as well.
     assert len(generate(replace(config(out), clips=2))) == 2
@@ -84,7 +77,7 @@ def test_rendering_later_makes_the_same_files(labels, painted, tmp_path):
     out = tmp_path / "again"
     lines = render(RenderConfig(str(labels), str(out), ["rgb", "ids"], ImageQuality.draft))
     assert lines == read_manifest(labels) == read_manifest(out)
-    assert files(out, "000000") == files(painted, "000000")
+    assert contents(out / "000000") == contents(painted / "000000")
     assert verify(out)[1] == []
     assert not list(out.glob(".*"))
 
@@ -93,7 +86,7 @@ def test_other_cameras_see_what_generation_with_them_would_have_made(labels, tmp
     made, rendered = tmp_path / "made", tmp_path / "rendered"
     generate(replace(config(made, images=["rgb", "ids"]), rig=OTHER))
     render(RenderConfig(str(labels), str(rendered), ["rgb", "ids"], ImageQuality.draft, rig=OTHER))
-    assert files(rendered, "000000") == files(made, "000000")
+    assert contents(rendered / "000000") == contents(made / "000000")
     assert load_clip(rendered / "000000").rig.names == ("ring0", "ring1", "ring2")
     assert verify(rendered)[1] == []
 
@@ -207,13 +200,13 @@ def test_a_set_made_before_states_were_kept_gets_them_with_its_images(painted, t
     before = arrays(out)
     generate(config(out, images=["rgb"]))
     assert arrays(out) == before
-    assert files(out, "000000", "images", "rgb") == files(painted, "000000", "images", "rgb")
+    assert contents(out / "000000/images/rgb") == contents(painted / "000000/images/rgb")
 
 
 def test_an_interrupted_rendering_leaves_the_labels_and_no_half_images(labels, tmp_path, monkeypatch):
     out = tmp_path / "data"
     generate(config(out))
-    before = files(out, "000000")
+    before = contents(out / "000000")
     count = 0
 
     def stop(*arguments, **more):
@@ -229,7 +222,7 @@ def test_an_interrupted_rendering_leaves_the_labels_and_no_half_images(labels, t
     monkeypatch.setattr(Renderer, "picture", stop)
     with pytest.raises(KeyboardInterrupt):
         generate(config(out, images=["rgb"]))
-    assert files(out, "000000") == before
+    assert contents(out / "000000") == before
     assert json.loads((out / "manifest.jsonl").read_text())["id"] == "000000"
     monkeypatch.setattr(Renderer, "picture", picture)
     generate(config(out, images=["rgb"]))

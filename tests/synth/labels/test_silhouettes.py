@@ -1,6 +1,5 @@
 """Pixels of persons, and agreement of their joints' labels with images of ids."""
 
-import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -126,11 +125,7 @@ def test_a_visible_joint_lies_under_a_part_of_its_limb(painter, crowds):
 
 
 @pytest.mark.gl
-def test_opengl_and_ray_casting_paint_the_same_parts(crowds):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        if find_backend() is None:
-            pytest.skip("no OpenGL works here")
+def test_opengl_and_ray_casting_paint_the_same_parts(crowds, gl):
     simulation, found = crowds[0], []
     for backend in (find_backend, lambda: None):
         with pytest.MonkeyPatch.context() as patch:

@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-import warnings
 from pathlib import Path
 
 import cv2
@@ -15,7 +14,6 @@ from dmae.data.cameras import CameraRig
 from dmae.data.labels import Visibility
 from synth.labels.visibility import joint_visibility
 from synth.rendering.config import ImageQuality
-from synth.rendering.opengl import find_backend
 from synth.rendering.renderer import RenderedView, Renderer, render_images
 from synth.rigs.lenses import add_cameras
 from tests.support.rigs import PRESETS, distorted, preset, wide
@@ -201,11 +199,7 @@ def test_images_agree_with_visibility(painter):
 
 
 @pytest.mark.gl
-def test_opengl_and_ray_casting_agree():
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        if find_backend() is None:
-            pytest.skip("no OpenGL works here")
+def test_opengl_and_ray_casting_agree(gl):
     rig = preset("shelf")
     model, ids, _ = scene(rig, [(0, 0), (0.9, -0.5)], '<geom name="box" type="box" pos="-.9 .6 .5" size=".4 .3 .5"/>')
     with Renderer(model, ids, rig, ImageQuality.high) as renderer:
@@ -254,11 +248,7 @@ def test_images_are_written_and_read_back(painter, tmp_path):
 
 
 @pytest.mark.gl
-def test_a_rig_without_its_cameras_in_the_scene_is_refused():
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        if find_backend() is None:
-            pytest.skip("no OpenGL works here")
+def test_a_rig_without_its_cameras_in_the_scene_is_refused(gl):
     model, ids, _ = scene(looking_along_x((-4, 0, 1)), [(0, 0)])
     with pytest.raises(ValueError, match="lacks cameras"):
         Renderer(model, ids, preset("shelf"))

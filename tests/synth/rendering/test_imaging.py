@@ -8,7 +8,6 @@ import pytest
 
 from dmae.data.cameras import CameraRig
 from synth.rendering.config import ImageQuality, ImagingConfig
-from synth.rendering.opengl import find_backend
 from synth.rendering.renderer import Renderer
 from synth.rendering.sensor import Sensor, decode
 from synth.rigs.lenses import add_cameras
@@ -19,12 +18,6 @@ FAULTLESS = {"exposure": 0, "white_balance": 0, "electrons": 0, "read_noise": 0}
 PLAIN = ImagingConfig(lamp=0, ambient_occlusion=0, **FAULTLESS)
 SIZE = [640, 480]
 LENS = intrinsics(500, SIZE)
-
-
-@pytest.fixture
-def gl() -> None:
-    if find_backend() is None:
-        pytest.skip("no OpenGL works here")
 
 
 def grey(level: int, side: int = 400) -> np.ndarray:
