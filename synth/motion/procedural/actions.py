@@ -60,9 +60,10 @@ class Action:
 
     name: str  # Label for reports
     lasts: float  # Time from the first key to the last, s
-    # Function of times (F,) since the first key, s, that returns `PoseOffsets`, zero at both ends
-    pose: Callable[[np.ndarray], PoseOffsets]
+    # Sets `PoseOffsets`, which are zero, at times (F,) since the first key, s. They stay zero at both ends.
+    pose: Callable[[np.ndarray, PoseOffsets], None]
     seat: Seat | None = None  # The seat that the action uses, if any; its times count from the first key
+    turned: bool = False  # Whether left and right are exchanged
 
     @property
     def seconds(self) -> float:
@@ -71,7 +72,9 @@ class Action:
 
     def offsets(self, times: np.ndarray) -> PoseOffsets:
         """Return the pose at times (F,) since the action began, s."""
-        return self.pose(times - _ROUND)
+        offsets = PoseOffsets.zeros(len(times))
+        self.pose(times - _ROUND, offsets)
+        return offsets.mirrored() if self.turned else offsets
 
     def seated(self, times: np.ndarray) -> np.ndarray:
         """Return whether the body sits, (F,) bool, at times (F,) since the action began, s."""
@@ -81,7 +84,7 @@ class Action:
 
     def mirrored(self) -> "Action":
         """Return the action with left and right exchanged."""
-        return replace(self, pose=lambda times: self.pose(times).mirrored())
+        return replace(self, turned=not self.turned)
 
 
 _NODES, _WEIGHTS = np.polynomial.hermite.hermgauss(5)
@@ -142,14 +145,12 @@ def stand(style: Style, *, rng: np.random.Generator) -> Action:
     last, shift = rng.uniform(1.2, 3.0), rng.uniform(0, 0.045)
     turn, look, tilt = rng.uniform((-12, -45, 0), (12, 45, 3))
 
-    def pose(times: np.ndarray) -> PoseOffsets:
-        offsets = PoseOffsets.zeros(len(times))
+    def pose(times: np.ndarray, offsets: PoseOffsets) -> None:
         share = plateau(times, 0, last, 0.6)
         offsets.hips[:, 1] = share * shift
         offsets.pelvis[:] = np.radians(scaled(share, (0.3 * turn, 0, -tilt)))
         offsets.chest[:] = np.radians(scaled(share, (turn, 0, tilt)))
         offsets.head[:] = np.radians(scaled(plateau(times, 0.3, last - 0.2, 0.45), (look, 3)))
-        return offsets
 
     return Action("stand", last, pose)
 
@@ -162,14 +163,12 @@ def reach(style: Style, *, rng: np.random.Generator) -> Action:
     low = np.clip((90 - angles[0]) / 45, 0, 1)
     lean, turn = rng.uniform(2, 12) + 10 * low, rng.uniform(5, 20)
 
-    def pose(times: np.ndarray) -> PoseOffsets:
-        offsets = PoseOffsets.zeros(len(times))
+    def pose(times: np.ndarray, offsets: PoseOffsets) -> None:
         share = plateau(times, 0, last, move)
         offsets.arms[:, 0], offsets.raised[:, 0] = np.radians(angles), share
         offsets.chest[:] = np.radians(scaled(share, (-turn, lean, 0)))
         offsets.pelvis[:] = np.radians(scaled(share, (-0.35 * turn, 0.4 * lean, 0)))
         offsets.head[:] = np.radians(scaled(share, (-0.2 * turn, (90 - angles[0]) * 0.35)))
-        return offsets
 
     return Action("reach", last, pose)
 
@@ -180,14 +179,12 @@ def wave(style: Style, *, rng: np.random.Generator) -> Action:
     last, rate, width = 2 * move + hold, rng.uniform(1.4, 2.4), rng.uniform(15, 25)
     angles, look = rng.uniform((5, 65, -85, 80, -10), (30, 95, -60, 105, 20)), rng.uniform(0, 20)
 
-    def pose(times: np.ndarray) -> PoseOffsets:
-        offsets = PoseOffsets.zeros(len(times))
+    def pose(times: np.ndarray, offsets: PoseOffsets) -> None:
         share = plateau(times, 0, last, move)
         offsets.arms[:, 0], offsets.raised[:, 0] = np.radians(angles), share
         offsets.arms[:, 0, 2] += np.radians(width) * np.sin(2 * np.pi * rate * times)
         offsets.chest[:] = np.radians(scaled(share, (4, -1, -3)))
         offsets.head[:, 0] = np.radians(look) * share
-        return offsets
 
     return Action("wave", last, pose)
 
@@ -199,8 +196,7 @@ def bend(style: Style, *, rng: np.random.Generator) -> Action:
     tilt, knees, ahead = rng.uniform(0.5, 0.65) * lean, rng.uniform(0.02, 0.09), rng.uniform(0, 25)
     one = rng.uniform() < 0.4
 
-    def pose(times: np.ndarray) -> PoseOffsets:
-        offsets = PoseOffsets.zeros(len(times))
+    def pose(times: np.ndarray, offsets: PoseOffsets) -> None:
         share = plateau(times, 0, last, move)
         offsets.hips[:, 2] = -knees * share
         offsets.pelvis[:] = np.radians(scaled(share, (0.3 * turn, tilt, 0)))
@@ -211,7 +207,6 @@ def bend(style: Style, *, rng: np.random.Generator) -> Action:
         offsets.raised[:] = share[:, None]
         if one:
             offsets.arms[:, 1] = np.radians((35, 12, 30, 75, 60))
-        return offsets
 
     return Action("bend", last, pose)
 
@@ -222,8 +217,7 @@ def crouch(style: Style, *, rng: np.random.Generator) -> Action:
     last, deep = 2 * move + hold, rng.uniform(0.40, 0.50)
     lean, heels, look = rng.uniform(15, 35), rng.uniform(22, 38), rng.uniform(-25, 25)
 
-    def pose(times: np.ndarray) -> PoseOffsets:
-        offsets = PoseOffsets.zeros(len(times))
+    def pose(times: np.ndarray, offsets: PoseOffsets) -> None:
         share = plateau(times, 0, last, move)
         offsets.hips[:, 2] = -deep * share
         offsets.feet[..., 4] = (
@@ -236,7 +230,6 @@ def crouch(style: Style, *, rng: np.random.Generator) -> Action:
         offsets.chest[:, 1] += np.radians(14) * 4 * share * (1 - share)
         offsets.head[:] = np.radians(scaled(share, (look, 0.7 * lean)))
         offsets.arms[:], offsets.raised[:] = np.radians((62, 12, 25, 55, 45)), share[:, None]
-        return offsets
 
     return Action("crouch", last, pose)
 
@@ -259,8 +252,7 @@ def lift(style: Style, *, rng: np.random.Generator) -> Action:
         keys = [(at[0], floor), (at[2], floor), (at[3], carried), (at[4], carried), (at[5], floor), (at[6], floor)]
     last = float(at[-1])
 
-    def pose(times: np.ndarray) -> PoseOffsets:
-        offsets = PoseOffsets.zeros(len(times))
+    def pose(times: np.ndarray, offsets: PoseOffsets) -> None:
         share = keyframes(times, *low)
         offsets.hips[:, 2] = -deep * share
         offsets.feet[..., 4] = -np.radians(40 * max(deep - 0.28, 0) / 0.1) * (share**2)[:, None]
@@ -273,7 +265,6 @@ def lift(style: Style, *, rng: np.random.Generator) -> Action:
             high = keyframes(times, (at[4], 0), (at[5], 1), (at[6], 1), (at[7], 0))
             offsets.chest[:, 1] -= np.radians(6) * high
             offsets.head[:, 1] -= np.radians(18) * high
-        return offsets
 
     return Action("lift to a shelf" if shelf else "lift and put down", last, pose)
 
@@ -286,8 +277,7 @@ def sit(style: Style, *, rng: np.random.Generator) -> Action:
     look, hands = rng.uniform(-30, 30), rng.uniform((18, 4, 15, 24, 40), (30, 10, 30, 40, 70))
     at = (0, 0.45 * down, down, down + hold, last - 0.55 * up, last)
 
-    def pose(times: np.ndarray) -> PoseOffsets:
-        offsets = PoseOffsets.zeros(len(times))
+    def pose(times: np.ndarray, offsets: PoseOffsets) -> None:
         sitting = plateau(times, 0, last, down, up)
         offsets.hips[:, 0], offsets.hips[:, 2] = -back * sitting, -drop * sitting
         offsets.supported[:] = keyframes(times, (0.15 * down, 0), (down, 1), (at[3], 1), (last - 0.15 * up, 0))
@@ -298,7 +288,6 @@ def sit(style: Style, *, rng: np.random.Generator) -> Action:
         offsets.head[:] = np.radians(scaled(sitting, (look, 3)))
         offsets.head[:, 1] += np.radians(0.3 * trunk)
         offsets.arms[:], offsets.raised[:] = np.radians(hands), sitting[:, None]
-        return offsets
 
     return Action("sit", last, pose, Seat(down, down + hold, back))
 
@@ -324,8 +313,7 @@ def kick(style: Style, *, rng: np.random.Generator) -> Action:
         (hits + 0.1, straight), (folds, 62), (lands, 42),
     )  # fmt: skip
 
-    def pose(times: np.ndarray) -> PoseOffsets:
-        offsets = PoseOffsets.zeros(len(times))
+    def pose(times: np.ndarray, offsets: PoseOffsets) -> None:
         offsets.air[:, 0] = keyframes(times, (lifts - 0.1, 0), (lifts + 0.15, 1), (lands - 0.3, 1), (lands, 0))
         offsets.leg[:, 0, 0], offsets.leg[:, 0, 2] = (
             np.radians(keyframes(times, *thigh)),
@@ -350,7 +338,6 @@ def kick(style: Style, *, rng: np.random.Generator) -> Action:
             keys = [(0, (*first, 10, 30, 20)), (backs, (*first, 10, 30, 20)), (hits + 0.03, (*second, 10, 28, 20))]
             offsets.arms[:, number] = np.radians(keyframes(times, *keys))
         offsets.raised[:] = keyframes(times, (0, 0), (backs, 1), (folds, 1), (last, 0))[:, None]
-        return offsets
 
     return Action("kick", last, pose)
 
@@ -366,8 +353,7 @@ def punch(style: Style, *, rng: np.random.Generator) -> Action:
     guard = rng.uniform((38, 8, -5, 112, 20), (55, 20, 14, 128, 50))
     height = rng.uniform(75, 100, count)
 
-    def pose(times: np.ndarray) -> PoseOffsets:
-        offsets = PoseOffsets.zeros(len(times))
+    def pose(times: np.ndarray, offsets: PoseOffsets) -> None:
         into, rise = step_profile(times, 0.12, 0.12 + 0.42)
         away, fall = step_profile(times, last - 0.55, last - 0.12)
         share = plateau(times, 0, last, ready)
@@ -387,7 +373,6 @@ def punch(style: Style, *, rng: np.random.Generator) -> Action:
         offsets.chest[:, 1] += np.radians(8) * share
         offsets.pelvis[:, 0], offsets.pelvis[:, 1] = np.radians(0.6 * turn), np.radians(4) * share
         offsets.head[:] = np.radians(scaled(share, (-3, 10)))
-        return offsets
 
     return Action(f"punch {count} times", last, pose)
 
@@ -404,8 +389,7 @@ def dance(style: Style, *, rng: np.random.Generator) -> Action:
     shapes[high] = rng.uniform((130, 10, 0, 20, 0), (155, 30, 20, 50, 30), (int(high.sum()), 5))
     together, turn = rng.uniform(size=phrases) < 0.5, rng.uniform(8, 18)
 
-    def pose(times: np.ndarray) -> PoseOffsets:
-        offsets = PoseOffsets.zeros(len(times))
+    def pose(times: np.ndarray, offsets: PoseOffsets) -> None:
         clock = (times - lead) / beat
         share = plateau(times, 0, last, lead)
         offsets.hips[:, 2] = -share * (bounce + 0.015 + bounce * np.cos(2 * np.pi * clock))
@@ -437,7 +421,6 @@ def dance(style: Style, *, rng: np.random.Generator) -> Action:
         offsets.chest[:, 2] += np.radians(5) * share * side
         offsets.head[:] = np.radians(scaled(share * np.sin(np.pi * clock / 4), (16, 0)))
         offsets.head[:, 1] += np.radians(5) * share * np.cos(2 * np.pi * clock)
-        return offsets
 
     return Action(f"dance at {60 / beat:.0f} beats/min", last, pose)
 
