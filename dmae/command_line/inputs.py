@@ -52,12 +52,9 @@ def _inputs(configuration: object, prefix: str) -> Iterator[tuple[str, str, Coll
 
 
 def _check_skeleton(key: str, name: str) -> None:
-    from dmae.data.skeleton import get_skeleton  # it loads NumPy, which `--help` does not need
+    from dmae.data.skeleton import option_skeleton  # it loads NumPy, which `--help` does not need
 
-    try:
-        get_skeleton(name)
-    except KeyError as error:
-        raise ValueError(f"{key}={name}: {error.args[0]}") from None
+    option_skeleton(key, name)
 
 
 def _instead(key: str, path: Path, kind: str) -> str | None:

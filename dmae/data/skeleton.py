@@ -282,6 +282,14 @@ def get_skeleton(name: str) -> Skeleton:
     return SKELETONS[name] if len(parts) == 1 else fuse(SKELETONS[parts[0]], SKELETONS[parts[1]])
 
 
+def option_skeleton(option: str, name: str) -> Skeleton:
+    """Return the skeleton that an option names, as `get_skeleton`; ValueError, with the option, if it is unknown."""
+    try:
+        return get_skeleton(name)
+    except KeyError as error:
+        raise ValueError(f"{option}={name}: {error.args[0]}") from None
+
+
 def check_name(skeleton: Skeleton, where: str) -> Skeleton:
     """Return a skeleton, or raise ValueError if it differs from the one of this package with its name."""
     if skeleton.name in SKELETONS and skeleton != SKELETONS[skeleton.name]:

@@ -15,7 +15,7 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.conversion import convert_detections
 from dmae.data.images import Images, write_video
-from dmae.data.skeleton import COCO17, Skeleton, get_skeleton
+from dmae.data.skeleton import COCO17, Skeleton, option_skeleton
 from dmae.detection.pictures import (
     Alignment,
     CameraPictures,
@@ -338,17 +338,8 @@ def _resized(fitting: Fitting, size: tuple[int, int], picture: np.ndarray | None
 
 
 def output_skeleton(skeleton: str | None) -> Skeleton | None:
-    """Return the skeleton of this name; None means the skeleton of the detector.
-
-    Raises:
-        ValueError: there is no such skeleton.
-    """
-    if skeleton is None:
-        return None
-    try:
-        return get_skeleton(skeleton)
-    except KeyError as error:
-        raise ValueError(f"output.skeleton={skeleton}: {error.args[0]}") from None
+    """Return the skeleton of this name; None means that of the detector. Raises ValueError if there is no such."""
+    return None if skeleton is None else option_skeleton("output.skeleton", skeleton)
 
 
 # Files of 2D keypoints, for cameras without a calibration

@@ -12,7 +12,7 @@ import numpy as np
 
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.labels import NOT_DETECTED, DetectionLabels
-from dmae.data.skeleton import Skeleton, get_skeleton
+from dmae.data.skeleton import option_skeleton
 from dmae.data.store import clip_folders
 from dmae.files.checks import PICTURES, VIDEOS
 from dmae.formats.calibrations import CalibrationSource, calibration_format
@@ -180,16 +180,9 @@ def _arguments(config: DataConfig, entry: RecordingReader, path: Path) -> dict:
         "calibration": CalibrationSource(config.calibration, size, config.unit, config.up, config.inverse),
         "detections": None if config.detections is None else Path(config.detections),
         "fps": config.fps,
-        "skeleton": None if config.skeleton is None else _skeleton(config.skeleton),
+        "skeleton": None if config.skeleton is None else option_skeleton("data.skeleton", config.skeleton),
     }
     return {option: value for option, value in values.items() if entry.takes(option)}
-
-
-def _skeleton(name: str) -> Skeleton:
-    try:
-        return get_skeleton(name)
-    except KeyError as error:
-        raise ValueError(f"data.skeleton={name}: {error.args[0]}") from None
 
 
 def offsets_of_all(offsets: Sequence[int | str] | None, names: Sequence[str]) -> list[int] | None:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dmae.data.skeleton import Skeleton, get_skeleton
+from dmae.data.skeleton import Skeleton, option_skeleton
 from dmae.detection.detectors.blazepose import PeopleDetector
 from dmae.detection.detectors.landmarks import Region, pyramid_of
 from dmae.detection.registry import PoseDetectorConfig, pose_detector
@@ -116,10 +116,7 @@ def _peaks(maps: np.ndarray) -> np.ndarray:
 
 def _skeleton(config: PoseDetectorConfig, joints: int) -> Skeleton:
     if config.skeleton is not None:
-        try:
-            found = get_skeleton(config.skeleton)
-        except KeyError as error:
-            raise ValueError(f"detector.skeleton={config.skeleton}: {error.args[0]}") from None
+        found = option_skeleton("detector.skeleton", config.skeleton)
         if len(found) != joints:
             raise ValueError(f"{config.path}: finds {joints} joints, {found.name} has {len(found)}")
         return found

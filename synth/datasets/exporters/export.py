@@ -6,7 +6,7 @@ from collections import Counter
 from importlib import metadata
 from pathlib import Path
 
-from dmae.data.skeleton import Skeleton, get_skeleton
+from dmae.data.skeleton import Skeleton, option_skeleton
 from dmae.data.store import clip_folders
 from dmae.files.checksums import refuse_damaged
 from dmae.files.contents import check_vacant, whole_folder, write_atomic
@@ -133,10 +133,7 @@ def _skeleton(entry: Exporter, folders: list[Path], wanted: str | None) -> Skele
         raise ValueError(f"expected clips with truth of one skeleton, found {listed}; export them apart")
     if entry.only and wanted not in (None, entry.skeleton):
         raise ValueError(f"skeleton={wanted}: format={entry.name} is always of {entry.skeleton}; leave it out")
-    try:
-        return get_skeleton(wanted or entry.skeleton)
-    except KeyError as error:
-        raise ValueError(f"skeleton={wanted}: {error.args[0]}") from None
+    return option_skeleton("skeleton", wanted or entry.skeleton)
 
 
 def _summary(entry: Exporter, selection: Selection, found: dict[str, Counter], clips: int) -> dict:
