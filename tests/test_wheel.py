@@ -39,11 +39,12 @@ def bin(tmp_path_factory) -> Path:
     # Machine code of the same sources, which Numba knows by their size and time: compiling it again would take half a
     # minute.
     for code in ROOT.glob("dmae/**/__pycache__/*.nb[ci]"):
-        copy = site / code.relative_to(ROOT)
-        copy.parent.mkdir(exist_ok=True)
-        shutil.copy(code, copy)
-        source = Path("..", f"{code.name.split('.')[0]}.py")
-        shutil.copystat(code.parent / source, copy.parent / source)
+        source = code.parents[1] / f"{code.name.partition('.')[0]}.py"
+        if source.is_file():  # code of a module that is gone stays behind
+            copy = site / code.relative_to(ROOT)
+            copy.parent.mkdir(exist_ok=True)
+            shutil.copy(code, copy)
+            shutil.copystat(source, site / source.relative_to(ROOT))
     return bin
 
 
