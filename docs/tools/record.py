@@ -130,7 +130,7 @@ RECORDED = {
         "5 minutes",
     ),
     "realism": (
-        f"{_METER} && synth realism data={_METER_SETS[0]} extra_data=[{','.join(_METER_SETS[1:])}] shown=24 workers=2",
+        f"{_METER} && synth realism data={_METER_SETS[0]} extra_data=[{','.join(_METER_SETS[1:])}] shown=24",
         "15 minutes",
     ),
     "detector_errors": (
