@@ -29,16 +29,16 @@ def summary(result: dict) -> list[str]:
     clips, axes = result["clips"], result["axes"]
     sentences = [
         f"{counted(len(result['methods']), 'method')} on {counted(len(clips), 'clip')} ({_listed(clips)}), "
-        f"{counted(len(axes), 'kind')} of corruption. {_REFERENCES[result['reference']]}"
+        f"{counted(len(axes), 'corruption')}. {_REFERENCES[result['reference']]}"
     ]
     broken = Counter({axis["name"]: len(axis["methods"]) - len(_unbroken(axis)) for axis in axes})
-    if worst := [f"{name} ({number})" for name, number in broken.most_common(3) if number]:
-        sentences.append(f"What breaks most methods: {_listed(worst)}.")
+    if worst := [f"{name} ({number} of {len(result['methods'])})" for name, number in broken.most_common(3) if number]:
+        sentences.append(f"These corruptions break the most methods: {_listed(worst)}.")
     harmless = [axis["name"] for axis in axes if _unbroken(axis) == set(axis["methods"])]
     if harmless:
-        sentences.append(f"Every method holds over the whole range of {_listed(harmless)}.")
+        sentences.append(f"No method breaks over the whole range of {_listed(harmless)}.")
     held = [f"{name} {sum(name in _unbroken(axis) for axis in axes)}" for name in result["methods"]]
-    sentences.append(f"Of {counted(len(axes), 'kind')}, each method holds over the whole range of: {', '.join(held)}.")
+    sentences.append(f"Of {counted(len(axes), 'corruption')}, this many do not break a method: {', '.join(held)}.")
     alone = [axis for axis in axes if axis["best"] and axis["level_with"] == [] and len(axis["methods"]) > 1]
     best = Counter(axis["best"] for axis in alone)
     for name, number in best.most_common():
@@ -57,9 +57,10 @@ def breaking_tables(result: dict) -> list[Table]:
         "pcp": f"Level at which PCP is {PCP_DROP:g} points below that of the same method on the uncorrupted clips",
         "hidden": f"Level at which the mean error of unmeasured joints passes {HIDDEN_ERROR:g} mm",
     }
+    intervals = any(axis["level_with"] is not None for axis in result["axes"])
     return [
         Table(
-            f"{caption}, with 95 % interval; > is beyond the range",
+            f"{caption}{_INTERVAL if intervals else ''}; > is beyond the range",
             ("corruption", "unit", *result["methods"]),
             [
                 (axis["name"], axis["unit"], *(_break(axis, name, figure) for name in result["methods"]))
@@ -156,6 +157,7 @@ def _listed(names: Sequence[str], most: int = 8) -> str:
     return shown[0] if len(shown) == 1 else f"{', '.join(shown[:-1])} and {shown[-1]}"
 
 
+_INTERVAL = ", with 95 % interval"
 _COLOURS = ("#000000", "#e69f00", "#56b4e9", "#009e73", "#cc79a7", "#d55e00", "#0072b2", "#777777")
 """Colours of Okabe and Ito, which colour-blind readers can distinguish. Yellow is hard to see on white; grey replaces
 it."""
@@ -240,7 +242,9 @@ def page_sections(result: dict) -> list[Section]:
         Section("Where methods break", tables=[*breaking_tables(result), best_table(result), *angle_tables(result)])
     ]
     for axis in result["axes"]:
-        figure = CaptionedFigure(f"{axis['about']} Bands are 95 % intervals.", axis_figure(axis))
+        bands = " Bands are 95 % intervals." * (axis["level_with"] is not None)
+        caption = f"PCP and mean error of unmeasured joints by level of {axis['name']}.{bands}"
+        figure = CaptionedFigure(caption, axis_figure(axis))
         found.append(Section(axis["name"], f"{_documentation(axis)} {breaking_sentence(axis)}", figures=[figure]))
     if result["pairs"]:
         found.append(Section("Two corruptions", "PCP with two corruptions together.", tables=pair_tables(result)))

@@ -90,7 +90,7 @@ def test_breaking_points_are_interpolated_and_lie_in_their_intervals(result):
     assert breaks["as_good"]["hidden"][0] == pytest.approx(15, abs=1)
 
 
-def test_short_clips_have_no_intervals():
+def test_short_clips_have_no_intervals(tmp_path):
     contenders = [Contender(name, "", CaptureConfig(), "linear", None) for name in ("frail", "other")]
     plan = Plan((Axis(("objects",), ((40.0,),)),), (), (0,))
 
@@ -103,6 +103,9 @@ def test_short_clips_have_no_intervals():
     assert axis["methods"]["frail"]["points"][1]["pcp"][1:] == [None, None]
     assert breaking_tables(result)[0].rows == [("objects", "%", "10", "10")]
     assert axis["level_with"] is None and "too short for intervals" in summary(result)[-1]
+    assert not any("95 %" in table.caption for table in breaking_tables(result))
+    write_result(result, tmp_path)
+    assert "Bands" not in (tmp_path / "stress.html").read_text()
 
 
 def test_the_best_is_named_with_those_that_noise_does_not_tell_from_it(result):
@@ -112,8 +115,8 @@ def test_the_best_is_named_with_those_that_noise_does_not_tell_from_it(result):
 
 def test_words_say_what_breaks_and_what_was_not_measured(result):
     text = " ".join(summary(result))
-    assert "3 methods on 1 clip (a), 1 kind of corruption. Results are compared with the truth" in text
-    assert "Of 1 kind, each method holds over the whole range of: steady 1, frail 0, as_good 1." in text
+    assert "3 methods on 1 clip (a), 1 corruption. Results are compared with the truth" in text
+    assert "Of 1 corruption, this many do not break a method: steady 1, frail 0, as_good 1." in text
     sentence = breaking_sentence(result["axes"][0])
     assert re.fullmatch(
         r"By PCP, in %: frail breaks at 15 \(.*\); steady and as_good hold over the whole range\.", sentence
@@ -127,5 +130,6 @@ def test_result_is_strict_json_and_a_page_that_loads_nothing(result, tmp_path):
     write_result(result, tmp_path)
     assert json.loads((tmp_path / "stress.json").read_text()) == result
     page = (tmp_path / "stress.html").read_text()
+    assert "Bands are 95 %" in page
     assert page.count('role="img"') == 1 and "Two corruptions" in page and "pillars that stand in the scene" in page
     assert not re.search(r'(src|href)="http', page)
