@@ -26,7 +26,7 @@ def sun_glare(view: View, *, rng: np.random.Generator) -> View:
 
 
 def main(out: Path) -> None:
-    figure = Figure(figsize=(7, 2.6), layout="constrained")
+    figure = Figure(figsize=(8, 2.6), layout="constrained")
     panels = figure.subplots(1, 2, sharey=True)
     for axes, errors in zip(panels, ([], ["custom_detector_error:sun_glare"]), strict=True):
         detector = synth.preset("detector", "shelf_openpose", custom=errors)
@@ -37,9 +37,11 @@ def main(out: Path) -> None:
         name = "with sun glare" if errors else "the preset alone"
         print(f"{name:18} {absent:4.1f} % of the joints are not measured, PCP {scores['pcp']:.1f} %")
         joints = np.isfinite(clip.detections.score).sum((-1, -2)).T
-        axes.imshow(joints, aspect="auto", cmap="viridis", extent=(0, len(clip) / clip.fps, len(clip.rig) - 0.5, -0.5))
+        extent = (0, len(clip) / clip.fps, len(clip.rig) - 0.5, -0.5)
+        image = axes.imshow(joints, aspect="auto", interpolation="nearest", extent=extent, vmin=0, vmax=80)
         axes.set(xlabel="time [s]", title=f"{name}: {detected.sum()} detections", yticks=range(len(clip.rig)))
-    panels[0].set_ylabel("camera (colour: joints detected)")
+    panels[0].set_ylabel("camera")
+    figure.colorbar(image, ax=panels, label="joints detected")
     figure.savefig(out / "custom_detector_error.png", dpi=100)
 
 

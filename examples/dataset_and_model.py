@@ -36,17 +36,22 @@ methods = {
     "this model": dmae.complete(dmae.capture(test), test.fps, weights=folder),
     "shipped weights": dmae.complete(dmae.capture(test), test.fps),
 }
-scores = {name: dmae.evaluate(test, poses) for name, poses in methods.items()}
-for name, found in scores.items():
-    error = "" if name == "measured" else f"error of completed joints {found['mpjpe']['completed']:.0f} mm"
-    print(f"{name:16} PCP {found['pcp']:5.1f} %   {error}".rstrip())
+pcp = {name: dmae.evaluate(test, poses)["pcp"] for name, poses in methods.items()}
+
+# Linear filling ends where nothing was measured. The errors compared are those of the joints that it fills.
+filled = methods["linear"].source == dmae.Source.COMPLETED
+errors = {}
+for name, poses in methods.items():
+    found = (poses.source == dmae.Source.COMPLETED).mean()
+    errors[name] = dmae.evaluate(test, poses.without(~filled))["mpjpe"]["completed"]
+    error = f"   the same joints: {errors[name]:.0f} mm off" if found else ""
+    print(f"{name:16} PCP {pcp[name]:5.1f} %   completes {found:3.0%} of the joints{error}")
 
 figure = Figure(figsize=(7, 2.6), layout="constrained")
 axes = figure.subplots(1, 2, sharey=True)
-rows = range(len(scores))
-axes[0].barh(rows, [found["pcp"] for found in scores.values()], color="#2f8fe8")
-axes[1].barh(rows, [found["mpjpe"]["completed"] for found in scores.values()], color="#e5262a")
-axes[0].set(xlabel="strict PCP [%]", yticks=rows, yticklabels=scores)
-axes[1].set(xlabel="error of completed joints [mm]")
+axes[0].barh([*pcp], pcp.values(), color="#2f8fe8")
+axes[1].barh([*errors], errors.values(), color="#e5262a")
+axes[0].set(xlabel="strict PCP [%]")
+axes[1].set(xlabel="error of the joints that all complete [mm]")
 axes[0].invert_yaxis()
 figure.savefig(out / "dataset_and_model.png", dpi=110)

@@ -31,7 +31,7 @@ for frame in range(len(clip)):
 finished += stream.flush()
 print(f"{len(finished)} frames in and out, waiting {min(waited)} to {max(waited)} frames")
 
-# The wrist or ankle that was completed most often: what the cameras measured, what was completed, what is true.
+# A wrist or ankle that was measured and completed often: what cameras measured, what was completed, what is true.
 people = np.unique(np.concatenate([done.people for done in finished]))
 xyz = np.full((len(clip), len(people), len(skeleton), 3), np.nan)
 completed = np.zeros(xyz.shape[:-1], bool)
@@ -40,9 +40,11 @@ for done in finished:
     xyz[done.number, rows] = done.poses.xyz[0]
     completed[done.number, rows] = done.poses.source[0] == dmae.Source.COMPLETED
 ends = skeleton.index("r_wrist", "l_wrist", "r_ankle", "l_ankle")
-person, end = np.unravel_index(completed[:, :, ends].sum(0).argmax(), (len(people), len(ends)))
+often = np.minimum(completed[:, :, ends].sum(0), (np.isfinite(xyz[..., 0]) & ~completed)[:, :, ends].sum(0))
+person, end = np.unravel_index(often.argmax(), often.shape)
 joint = skeleton.joints[ends[end]]
 path, marked = xyz[:, person, ends[end]], completed[:, person, ends[end]]
+print(f"{joint}: measured in {np.isfinite(path[~marked, 2]).sum()} frames, completed in {marked.sum()}")
 truth = clip.truth.xyz[:, :, clip.truth.skeleton.index(f"body25.{joint}")[0]]
 nearest = np.nanmean(np.linalg.norm(truth - path[:, None], axis=-1), 0).argmin()
 

@@ -3,8 +3,8 @@
     pytest examples/triangulation_check.py        # one test per case
     python examples/triangulation_check.py        # the same, as a figure
 
-`solve` is the linear method of textbooks. It passes the clean cases and fails where cameras have errors, as the
-cases are meant to show. Replace it by your own.
+`solve` is the linear method of textbooks. It passes 17 cases. It fails where a view is in error, and where textbooks
+leave something out: points behind cameras, skewed pixels, large coordinates. Replace it by your own.
 """
 
 import sys
@@ -39,13 +39,14 @@ def main(out: Path) -> None:
     figure = Figure(figsize=(7, 4.5), layout="constrained")
     axes = figure.subplots()
     for verdict in verdicts:
-        broken = [verdict.measured[key] / verdict.bounds[key] for key in verdict.broken if verdict.bounds[key]]
-        ratio = max(broken, default=1.0 if verdict.passed else 100.0)
-        axes.barh(verdict.case.name, np.clip(ratio, 0.5, 100), color="#46c47c" if verdict.passed else "#e5262a")
+        ratio = max(verdict.measured[key] / bound for key, bound in verdict.bounds.items() if bound)
+        if "invented" in verdict.broken:  # Its bound is 0
+            ratio = 100
+        axes.barh(verdict.case.name, np.clip(ratio, 0.01, 100), color="#46c47c" if verdict.passed else "#e5262a")
         if not verdict.passed:
             print(verdict)
     axes.axvline(1, color="black", linewidth=1)
-    axes.set(xscale="log", xlim=(0.5, 110), xlabel="worst measure / its bound (red: over the bound)")
+    axes.set(xscale="log", xlim=(0.008, 110), xlabel="worst measure / its bound (red: over the bound)")
     axes.tick_params(axis="y", labelsize=8)
     axes.invert_yaxis()
     figure.savefig(out / "triangulation_check.png", dpi=100)
