@@ -93,7 +93,7 @@ def page(name: str) -> str:
 {code}
 ```
 
-It prints{f", after {kept['cpu_s']} s of processor time" if "cpu_s" in kept else ""}:
+It prints, after {kept["cpu_s"]} s of processor time:
 
 ```text
 {kept["printed"].strip()}
