@@ -143,6 +143,11 @@ RECORDED = {
         f"held_back=[{','.join(_HELD_BACK)}] truth=annotated detector=hrnet_like rounds=10 name=blazepose",
         "30 minutes",
     ),
+    "pose2sim": (
+        "dmae capture data=pose2sim "
+        "data.path=$DMAE_DATA/pose2sim/S00_P00_SingleParticipant/S00_P00_T01_BalancingTrial",
+        "half a minute",
+    ),
     "regress": (
         "dmae regress solver=dmae.regression.solvers:ours && for other in dlt opencv; do "
         "dmae regress solver=dmae.regression.solvers:$other | grep -e errors -e passed; done",
@@ -174,7 +179,7 @@ def record(name: str, command: str, folder: Path) -> Path:
     done = subprocess.run(
         line, shell=True, check=True, cwd=folder, stdout=subprocess.PIPE, text=True, env=os.environ | {"PATH": path}
     )
-    found = _found(name, out) or {"printed": done.stdout}
+    found = _found(name, out) or {"printed": done.stdout.replace(f"{folder}/", "")}
     made = {
         "command": command.replace("$DMAE_DATA", "DATA").replace("$DMAE_ELSEWHERE", "runs/weights/elsewhere"),
         **provenance("torch", "mujoco"),
