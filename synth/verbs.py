@@ -289,7 +289,7 @@ def body_state(clip: str | Path) -> BodyState:
         clip: Folder of the clip.
 
     Raises:
-        FileNotFoundError: the clip has no body state, because it was not simulated or comes from an older version.
+        FileNotFoundError: the clip has no body state, because it was not simulated.
         ValueError: the file is malformed.
 
     Examples:

@@ -129,12 +129,10 @@ def assemble_clip(folder: Path, meta: dict, arrays: dict[str, np.ndarray]) -> Cl
     parts = {name: _part(name, skeleton, arrays) for name, skeleton in meta["skeletons"].items()}
     images = meta["images"]
     if images:
-        listed = (tuple(images[name]) for name in ("views", "frames", "kinds"))
-        # Clips of earlier versions have no images of parts and no names of parts, and colour images only as videos.
-        older = {"parts": tuple(images.get("parts", ())), "rgb": images.get("rgb", "h264")}
-        older["files"] = tuple(images.get("files", ()))
-        older["borders"] = tuple((int(left), int(top)) for left, top in images.get("borders", ()))
-        images = Images(folder / images["folder"], *listed, **older)
+        listed = {name: tuple(images[name]) for name in ("views", "frames", "kinds", "parts")}
+        listed["files"] = tuple(images.get("files", ()))
+        listed["borders"] = tuple((int(left), int(top)) for left, top in images.get("borders", ()))
+        images = Images(folder / images["folder"], rgb=images["rgb"], **listed)
     return Clip(
         id=meta["id"],
         fps=meta["fps"],
@@ -156,9 +154,7 @@ def is_of_frames(array: str) -> bool:
 
 
 def _rig(name: str, meta: dict, arrays: dict[str, np.ndarray]) -> CameraRig:
-    # Clips of earlier versions have no array of fisheye lenses.
-    values = {f.name: arrays[f"{name}.{f.name}"] for f in fields(CameraRig)[1:-1]}
-    return CameraRig(meta["cameras"], **values, fisheye=arrays.get(f"{name}.fisheye"))
+    return CameraRig(meta["cameras"], **{f.name: arrays[f"{name}.{f.name}"] for f in fields(CameraRig)[1:]})
 
 
 def _part(name: str, skeleton: str | dict, arrays: dict[str, np.ndarray]) -> Detections2D | Poses3D:

@@ -46,7 +46,7 @@ def write_checksums(folder: Path, files: dict[str, Checksum] | None = None) -> N
 
 
 def read_checksums(folder: Path) -> dict[str, Checksum] | None:
-    """Read `checksums.json` of a folder; None if there is none, as before version 0.2, ValueError if malformed."""
+    """Read `checksums.json` of a folder; None if there is none, ValueError if malformed."""
     path = Path(folder) / CHECKSUMS
     if not path.is_file():
         return None

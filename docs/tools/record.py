@@ -144,8 +144,7 @@ RECORDED = {
         "30 minutes",
     ),
     "pose2sim": (
-        "dmae capture data=pose2sim "
-        "data.path=$DMAE_DATA/pose2sim/S00_P00_SingleParticipant/S00_P00_T01_BalancingTrial",
+        "dmae capture data=pose2sim data.path=$DMAE_DATA/pose2sim/S00_P00_SingleParticipant/S00_P00_T01_BalancingTrial",
         "half a minute",
     ),
     "regress": (

@@ -25,7 +25,6 @@ METHODS = {
     "dmae_denoise": "**D-MAE as `dmae complete` runs by default** (`dmae_denoise`)",
     "dmae_online": "D-MAE during a recording (`dmae_online`)",
 }
-_FORMER = {"recall": "gaussian_process", "reject_recall": "reject_gaussian_process"}
 
 
 def load(name: str) -> dict:
@@ -232,7 +231,7 @@ def origin(name: str, table: str | None = None) -> str:
 
 def _results(name: str) -> dict[tuple[str, int], dict]:
     results = load(name)["scores"]["results"]
-    return {(_FORMER.get(found["method"], found["method"]), found["views"]): found for found in results}
+    return {(found["method"], found["views"]): found for found in results}
 
 
 def _table(header: list[str], rows: list[list[str]]) -> str:

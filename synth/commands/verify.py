@@ -29,8 +29,8 @@ def run(config: VerifyCommand, out: Path) -> None:
     print(out)
     if found.without:
         print(
-            f"{len(found.without)} of {len(found.clips)} clips have no checksums: an older version made them, or "
-            "they were captured as single recordings. Changes that cause no contradiction are not found in them"
+            f"{len(found.without)} of {len(found.clips)} clips have no checksums: they were saved or captured "
+            "one by one. Changes that cause no contradiction are not found in them"
         )
     for clip, check, what in found.problems[:_SHOWN]:
         print(f"{clip}: {check}: {what}")

@@ -97,7 +97,7 @@ def load_state(folder: Path) -> BodyState:
     """Read the state of a clip from its folder.
 
     Raises:
-        FileNotFoundError: the clip has no state: it was not simulated, or is of an older version.
+        FileNotFoundError: the clip has no state: it was not simulated.
         ValueError: the file is malformed, or of another format version.
     """
     path = Path(folder) / FILE

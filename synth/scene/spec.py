@@ -82,7 +82,7 @@ class SceneSpec:
         furniture: Props that belong to the interaction, or that people sit on; people do not keep clear of them.
         loads: Objects that hands carry.
         radius: Greatest distance of hips from the middle, m.
-        seconds: Length of the planned motion, s; None for `frames / fps`, as in clips of older versions.
+        seconds: Length of the planned motion, s.
     """
 
     seed: int
@@ -99,12 +99,12 @@ class SceneSpec:
     furniture: tuple[PropSpec, ...] = ()
     loads: tuple[Load, ...] = ()
     radius: float = 1.9
-    seconds: float | None = None
+    seconds: float = field(kw_only=True)
 
     @property
     def planned_frames(self) -> int:
         """The number of frames of the planned motion, at `PLAN_FPS` frames/s."""
-        return planned_frames(self.frames / self.fps if self.seconds is None else self.seconds)
+        return planned_frames(self.seconds)
 
     def to_json(self) -> str:
         """Return the spec as JSON text."""

@@ -48,4 +48,5 @@ def scene(bodies, frames: int, *, clearance: float = 0.0, props=(), arena: str =
         persons=persons,
         props=tuple(props),
         motion=MotionConfig(),
+        seconds=frames / 25,
     )

@@ -30,7 +30,6 @@ def test_a_new_data_set_has_no_problems(sound):
 
 
 def test_clips_without_checksums_are_named(data):
-    """Those of earlier versions have none."""
     assert verify(data) == (["000000", "000001"], [], [], None, ["000000", "000001"])
 
 
