@@ -271,9 +271,9 @@ def _write_cov(path: Path, names: list[str], cov: np.ndarray, metre: float, firs
         yield ",".join(["Frame#", *(f"{name}_{entry}" for name in names for entry in _ENTRIES)])
         for part in frame_blocks(cov):
             turned = cov[part].astype(np.float64)[..., _TRC, :][..., _TRC] / metre**2
-            rows = turned[:, :, _ROWS, _COLUMNS].reshape(len(turned), -1).tolist()
+            rows = turned[:, :, _ROWS, _COLUMNS].reshape(len(turned), -1)
             for frame, row in enumerate(rows, first + part.start):
-                yield ",".join([str(frame), *("" if value != value else f"{value:.6g}" for value in row)])
+                yield ",".join([str(frame), *("" if value != value else f"{value:.6g}" for value in row.tolist())])
 
     write_atomic(_covariance_table(path), written(lines()))
 

@@ -48,7 +48,7 @@ def test_the_backend_holds_for_the_block_alone(monkeypatch):
     class Two:
         cores = 2
 
-    monkeypatch.setattr("dmae.parallel.connect", lambda name, processes: Two())
+    monkeypatch.setattr("dmae.parallel._connect", lambda name, processes: Two())
     with running_on("ray"):
         assert process_count(-1) == 2
         assert process_count(7) == 2

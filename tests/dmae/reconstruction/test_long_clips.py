@@ -128,7 +128,7 @@ def test_memory_does_not_grow_with_frames(in_blocks, tmp_path, monkeypatch):
     there = walk((-1.5, 0), (1.5, 0.2), frames=100)
     lap = np.concatenate([there, there[::-1]])
     in_blocks(32)
-    clips = (detected_clip(np.resize(lap, (frames, *lap.shape[1:]))[:, None]) for frames in (40, 80, 180))
+    clips = (detected_clip(np.resize(lap, (frames, *lap.shape[1:]))[:, None]) for frames in (40, 110, 210))
     # What is read once in a process, as which formats there are, is read the first time.
     _, short, long = (peak_bytes(clip, tmp_path) for clip in clips)
     grown = {name: (long[name] - short[name]) / 100 for name in short}
