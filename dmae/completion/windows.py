@@ -97,7 +97,7 @@ class Rows:
     def cut(self, starts: np.ndarray, frames: int, align_heading: bool) -> tuple[Windows, np.ndarray, np.ndarray]:
         """Return the windows that begin at `starts`, their truth (B, T, J, 3), and the headings (B,) that are +x there.
 
-        The origin of a window is that of its middle frame.
+        The middle frame sets the origin of a window.
         """
         index = starts[:, None] + np.arange(frames)
         middle = starts + frames // 2

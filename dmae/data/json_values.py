@@ -49,7 +49,6 @@ def decode(kind: Any, value: Any, name: str = "") -> Any:
         return decode(kind, value, name)
     if is_dataclass(kind):
         names = {f.name for f in fields(kind)}
-        # Fields with a default may be missing.
         needed = {f.name for f in fields(kind) if f.default is MISSING and f.default_factory is MISSING}
         if not isinstance(value, dict) or not needed <= set(value) <= names:
             found = sorted(value) if isinstance(value, dict) else type(value).__name__

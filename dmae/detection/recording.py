@@ -338,7 +338,7 @@ def _resized(fitting: Fitting, size: tuple[int, int], picture: np.ndarray | None
 
 
 def output_skeleton(skeleton: str | None) -> Skeleton | None:
-    """Return the skeleton of this name; None means that of the detector. Raises ValueError if there is no such."""
+    """Return the skeleton with this name, or None to keep the detector's. Raises ValueError if the name is unknown."""
     return None if skeleton is None else option_skeleton("output.skeleton", skeleton)
 
 

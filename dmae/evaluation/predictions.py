@@ -25,7 +25,7 @@ def predictions_of(path: Path, clips: Sequence[str]) -> dict[str, Path]:
     if found is None:
         if len(clips) > 1:
             raise ValueError(
-                f"poses={path}: expected poses of the {len(clips)} clips {listed(clips, 5)}, found those of one; "
+                f"poses={path}: expected poses of the {len(clips)} clips {listed(clips, 5)}, found those of one clip; "
                 f"give a folder that holds {clips[0]}.npz and so on"
             )
         return {clips[0]: Path(path)}

@@ -169,8 +169,8 @@ class PanopticTruth:
 def read_poses(path: Path, convention: Convention = CONVENTION) -> PanopticTruth:
     """Read `hdPose3d_stage1_coco19/body3DScene_<frame number>.json`: PANOPTIC19 joints, cm, y down.
 
-    Joints without positive confidence are absent, and those that `write_poses` marked as completed, because they are
-    not truth. If a file is not valid JSON, for example because it is cut short, its frame is absent, and `notes` names
+    Joints without positive confidence are absent. So are joints that `write_poses` marked as completed: they are not
+    truth. If a file is not valid JSON, for example because it is cut short, its frame is absent, and `notes` names
     the first such file.
 
     Args:

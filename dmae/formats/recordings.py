@@ -234,7 +234,7 @@ class People:
             for camera, view in self.views.items()
         }
         if self.joints is not None and kept < self.joints:
-            notes += (f"of {self.joints} points of each person the first {kept} are read, those of {skeleton.name}",)
+            notes += (f"each person has {self.joints} points; the first {kept} are read, as {skeleton.name}",)
         if self._odd:
             joints, are = ("1 joint has", "is") if self._odd == 1 else (f"{self._odd} joints have", "are")
             what = f"a negative or null confidence and {are} treated as absent"

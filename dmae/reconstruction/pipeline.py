@@ -1,6 +1,5 @@
 """Adaptive Triangulation (Algorithm 1 of the paper): from the detections of a clip to its people in 3D."""
 
-from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache, partial
@@ -106,8 +105,9 @@ def _capture(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None) ->
 
 def _people_of(clip: Clip, tracks: Tracks, config: CaptureConfig, noise: DetectionNoise) -> Poses3D:
     """Return the people that tracks are of, with joints measured again."""
-    ((_, people),) = deque(steps_to_people(clip, tracks, config, noise), maxlen=1)
-    return _measured_people(clip, people, config, noise)
+    for _, kept in steps_to_people(clip, tracks, config, noise):
+        tracks = kept
+    return _measured_people(clip, tracks, config, noise)
 
 
 def _captured_stills(clip: Clip, config: CaptureConfig, noise: DetectionNoise) -> Poses3D:

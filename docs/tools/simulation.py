@@ -58,15 +58,15 @@ def clips(**options) -> tuple[list[dict], float]:
 
 def targets(wanted: tuple[list[float], ...], by_self: bool) -> list[list[str]]:
     """Return a row for each target: the share of joints hidden from a camera, and from how many cameras."""
-    rows, fastest = [], None
+    rows, untargeted = [], None
     for target in progress(wanted, "clips with targets", len(wanted)):
         found, seconds = clips(occlusion=OcclusionConfig(target=target, by_self=by_self))
         hidden = np.array([each["occlusion"]["hidden_in" if by_self else "hidden_in_by_others"] for each in found])
         shares = hidden @ np.arange(hidden.shape[1]) / (hidden.shape[1] - 1)
-        fastest = fastest or seconds
+        untargeted = untargeted or seconds
         rows.append([
             str(target) if target else "nothing", f"{shares.min():.2f} to {shares.max():.2f}, mean {shares.mean():.2f}",
-            ", ".join(f"{share:.0f}" for share in 100 * hidden.mean(0)), f"{seconds / fastest:.1f} times",
+            ", ".join(f"{share:.0f}" for share in 100 * hidden.mean(0)), f"{seconds / untargeted:.1f} times",
         ])  # fmt: skip
     return rows
 

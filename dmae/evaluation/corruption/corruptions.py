@@ -341,7 +341,7 @@ def ghosts(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
 def merges(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
     """People detected as one with the nearest other person in the image, % of the time, in bursts.
 
-    Some limbs of the one detection are those of the other person; the other detection is lost.
+    One detection remains, with some limbs taken from the other person. The other detection is lost.
     """
     limb, persons = limb_of_joint(clip.detections.skeleton), people_of_detections(clip)
     other, detections = nearest_other(clip.detections.xy), range(persons.shape[2])

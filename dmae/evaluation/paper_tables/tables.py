@@ -44,6 +44,7 @@ from dmae.metrics.angles import leg_angles
 from dmae.metrics.pcp import better_limbs, correct_limbs, count_limbs, limb_names
 from dmae.metrics.registry import protocol
 from dmae.metrics.table import block_of, tally
+from dmae.numerics.statistics import evenly_spaced
 from dmae.progress import progress
 from dmae.reconstruction.config import CaptureConfig, capture_method
 
@@ -416,7 +417,7 @@ def counts_table(config: TableConfig, out: Path) -> dict:
             raise ValueError(f"clip {clip.id!r} has {len(clip.rig)} cameras, {clips[0].id!r} has {cameras}")
         for count in range(2, cameras + 1):
             subsets = list(combinations(range(cameras), count))
-            chosen = np.unique(np.linspace(0, len(subsets) - 1, _MOST_SUBSETS).astype(int))
+            chosen = evenly_spaced(len(subsets), _MOST_SUBSETS)
             for subset in (subsets[index] for index in chosen):
                 ((trial, filled),) = table_trials([clip.select(views=list(subset))], config, methods, [])
                 for name, poses in filled.items():

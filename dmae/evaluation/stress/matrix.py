@@ -589,7 +589,7 @@ def _breaks(levels: np.ndarray, points: list[dict]) -> dict:
     """Return the levels at which a method breaks, by PCP and by the error of hidden joints, see `curves`."""
     # If the clips are too short for an interval of a score, values derived from it have no interval either.
     certain = np.isfinite(points[0]["pcp"].interval[0])
-    # (1 + draws, L): the scores at each level, then those of each draw
+    # (1 + draws, L): first the scores at each level, then one row for each draw
     pcp, hidden = (
         np.stack([np.append(each[figure].value, each[figure].drawn) for each in points], 1)
         for figure in ("pcp", "hidden")

@@ -54,7 +54,7 @@ def test_of_a_whole_body_the_body_is_read(tmp_path):
         file.write_text(json.dumps(content))
     read = dmae.read(tmp_path, fps=25)
     same_detections(read.detections, clip.detections)
-    assert "of 133 points of each person the first 17 are read, those of coco17" in read.provenance["notes"]
+    assert "each person has 133 points; the first 17 are read, as coco17" in read.provenance["notes"]
 
 
 def test_a_pickle_that_asks_for_code_runs_none(tmp_path):
