@@ -337,7 +337,7 @@ class FrameDataset(Dataset):
 
     def place(self, index: int) -> tuple[int, int, int]:
         """Return the number of the clip, the index of the camera and the index of the frame of an image; IndexError."""
-        clip, within = _place(index, self._ends, "picture")
+        clip, within = _place(index, self._ends, "image")
         view, frame = divmod(within, -(-self.files[clip].frames // self.every))
         return clip, view, frame * self.every
 
@@ -346,7 +346,7 @@ class FrameDataset(Dataset):
         number, view, frame = self.place(index)
         clip = self.files[number].read(frame, frame + 1, view)
         (camera,) = clip.rig.names
-        picture = clip.images.at("rgb", camera, 0)
+        image = clip.images.at("rgb", camera, 0)
         ids = clip.images.at("ids", camera, 0) if "ids" in clip.images.kinds else None
         found = label_persons(clip, joint_labels(clip, clip.truth, self.skeleton), 0, 0, ids, masks=False)
         persons = [person for person in found if person.shown and person.box]
@@ -359,7 +359,7 @@ class FrameDataset(Dataset):
             depth = clip.images.at("depth", camera, 0)
             target["depth_known"] = torch.from_numpy(~np.isnan(depth))
             target["depth"] = torch.from_numpy(np.nan_to_num(depth))
-        return torch.from_numpy(picture).permute(2, 0, 1).float() / 255, target
+        return torch.from_numpy(image).permute(2, 0, 1).float() / 255, target
 
     def _target(self, persons: list[PersonLabel]) -> Target:
         count, joints = len(persons), len(self.skeleton)

@@ -1,4 +1,4 @@
-"""A person detector that learns from simulated pictures, in a minute: render, load, train, look.
+"""A person detector that learns from simulated images, in a minute: render, load, train, look.
 
 The network is tiny: it says for each of 16 x 12 cells whether a nose is in it. The loop is any detector's.
 """
@@ -18,8 +18,8 @@ from dmae.datasets import FrameDataset
 out = Path(sys.argv[1] if len(sys.argv) > 1 else "runs/examples")
 out.mkdir(parents=True, exist_ok=True)
 epochs = int(sys.argv[2]) if len(sys.argv) > 2 else 25
-# Two small cameras, low quality: a picture takes milliseconds. No person of the last clip is in the others.
-data = tempfile.mkdtemp(prefix="pictures_")
+# Two small cameras, low quality: an image takes milliseconds. No person of the last clip is in the others.
+data = tempfile.mkdtemp(prefix="images_")
 rig = synth.RigConfig(ring=synth.RingConfig(views=2, size=[128, 96], focal=110))
 list(synth.generate(clips=5, seconds=1, seed=1, scene="studio", rig=rig, images=["all"], quality="draft", out=data))
 frames = FrameDataset(data, skeleton="coco17", every=2)
@@ -49,7 +49,7 @@ for _ in range(epochs):
         optimiser.step()
 images, targets = frames.collate([frames[index] for index in held_out])
 scores, true = model(torch.stack(images)).sigmoid().detach(), cells(targets)
-print(f"{len(train)} pictures of {len(frames.files) - 1} clips, loss {value:.2f} after {epochs} epochs")
+print(f"{len(train)} images of {len(frames.files) - 1} clips, loss {value:.2f} after {epochs} epochs")
 nose, other = scores[true == 1].mean(), scores[true == 0].mean()
 print(f"people it has not seen: {nose:.2f} in cells with a nose, {other:.2f} in others")
 figure = Figure(figsize=(7, 2.8), layout="constrained")

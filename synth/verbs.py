@@ -213,7 +213,7 @@ def forecast(config: GenerateConfig | None = None, *, out: str | Path = "runs/da
         options: Arguments of `generate`, as `clips=100`, `images=["rgb", "ids"]`.
 
     Returns:
-        The numbers of `clips`, `frames` and `pictures` to be made, the time in `seconds` and the size in `megabytes`.
+        The numbers of `clips`, `frames` and `images` to be made, the time in `seconds` and the size in `megabytes`.
 
     Raises:
         ValueError: an option cannot be met.
@@ -363,7 +363,7 @@ def show(clip: Clip, out: str | Path, config: ShowConfig | None = None) -> list[
 
     Examples:
         >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
-        >>> files = synth.show(clip, "pictures", dmae.ShowConfig(frames=1, width=240, cameras=["0", "2"]))
+        >>> files = synth.show(clip, "drawings", dmae.ShowConfig(frames=1, width=240, cameras=["0", "2"]))
         >>> [file.name for file in files]
         ['sheet.png']
     """
@@ -376,7 +376,7 @@ def show(clip: Clip, out: str | Path, config: ShowConfig | None = None) -> list[
 def _rooms(clip: Clip) -> list[np.ndarray] | None:
     from synth.viewing.rooms import draw_rooms
 
-    return draw_rooms(clip) if not clip.has_pictures and "spec" in clip.provenance else None
+    return draw_rooms(clip) if not clip.has_images and "spec" in clip.provenance else None
 
 
 def compare(real: Clip, sim: Iterable[Clip], *, limits: Limits | None = None, workers: int = 1) -> list[Row]:
@@ -549,7 +549,7 @@ def detector_errors(
 
     Returns:
         Results by name of the detector, first the detector of the clips: rows of `joints` by occluder, depth margin,
-        size, crowding, direction and kind; rows of `people`; and the numbers of `pictures`, `ghosts` and `duplicates`.
+        size, crowding, direction and kind; rows of `people`; and the numbers of `images`, `ghosts` and `duplicates`.
 
     Raises:
         FileNotFoundError: there are no clips.

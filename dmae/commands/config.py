@@ -51,7 +51,7 @@ class FilmedConfig:
     """What `dmae detect` and `dmae run` detect people in."""
 
     videos: str | None = field(default=None, metadata={"reads": "path"})
-    """Folder of a video, or a folder of pictures, for each camera, named as in the calibration."""
+    """Folder of a video, or a folder of images, for each camera, named as in the calibration."""
     calibration: str | None = field(default=None, metadata={"reads": "path"})
     """Calibration file, or folder of them; without one, `dmae detect` writes files of 2D keypoints."""
     clip: str | None = field(default=None, metadata={"reads": "clips"})
@@ -63,7 +63,7 @@ class FilmedConfig:
     photographs."""
     detector: PoseDetectorConfig = field(default_factory=PoseDetectorConfig)
     fps: float | None = None
-    """1/s; frame rate, by default that of the videos. Required for folders of pictures."""
+    """1/s; frame rate, by default that of the videos. Required for folders of images."""
     offsets: list[int] | None = None
     """Frames by which each camera started late, in the order of the calibration; by default read from the videos."""
     world: WorldConfig = field(default_factory=WorldConfig)
@@ -291,7 +291,7 @@ class ConvertCommand:
 class DoctorCommand:
     """Find what is wrong with a calibration and its detections, and print how to correct it.
 
-    Exits with status 1 if anything is wrong. Writes `doctor.json`, `doctor.png`, and a picture of epipolar arrows for
+    Exits with status 1 if anything is wrong. Writes `doctor.json`, `doctor.png`, and a figure of epipolar arrows for
     each camera, `arrows_<camera>.png`.
     """
 

@@ -36,9 +36,9 @@ def run(config: DemoCommand, out: Path) -> None:
     synth.generate(clips=3 if small else 24, seed=1, **length, workers=config.workers, out=out / "train")
     say("simulate others, and render them", 2, steps)
     three = {"rig": synth.preset("rig", "ring", ring=synth.RingConfig(views=3)), "persons": [3, 3]} if small else {}
-    pictures = {"images": ["rgb"], "quality": "draft"}
+    images = {"images": ["rgb"], "quality": "draft"}
     clips, seconds = (1, 2) if small else (2, 3)
-    synth.generate(clips=clips, seed=2, seconds=seconds, **three, **pictures, workers=config.workers, out=out / "test")
+    synth.generate(clips=clips, seed=2, seconds=seconds, **three, **images, workers=config.workers, out=out / "test")
     for number, name in ((3, "train"), (4, "test")):
         say(f"capture the people of {out / name}", number, steps)
         captured = out / ("train_captured" if name == "train" else "captured")

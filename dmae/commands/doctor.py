@@ -127,7 +127,7 @@ def _cameras(clip: Clip, diagnosis: Diagnosis) -> Table:
 
 def _images(clip: Clip) -> list[np.ndarray | None]:
     """Return the first image of each camera, where there is one."""
-    if not clip.has_pictures:
+    if not clip.has_images:
         return [None] * len(clip.rig)
     return [next(iter(clip.images.select([0], (name,)).read("rgb", name)), None) for name in clip.rig.names]
 

@@ -26,7 +26,7 @@ class Source(IntEnum):
 
 
 def person_name(person: int) -> str:
-    """Return the name of a person, P1 for index 0: in files, tables, pictures and messages alike."""
+    """Return the name of a person, P1 for index 0: in files, tables, figures and messages alike."""
     return f"P{person + 1}"
 
 
@@ -243,7 +243,7 @@ class Clip:
         return self.true_rig or self.rig
 
     @property
-    def has_pictures(self) -> bool:
+    def has_images(self) -> bool:
         """Whether `images` has colour images."""
         return self.images is not None and "rgb" in self.images.kinds
 

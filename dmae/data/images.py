@@ -13,7 +13,7 @@ import numpy as np
 from dmae.data.array_fields import short_repr
 from dmae.data.labels import KINDS as KINDS
 from dmae.files.checks import child
-from dmae.files.pictures import kept_open, open_video, read_picture
+from dmae.files.images import kept_open, open_video, read_image
 
 RGB_FILES = {"h264": "mp4", "png": "png", "jpeg": "jpg"}
 """Formats of colour images, and the suffixes of their files."""
@@ -64,7 +64,7 @@ class Images:
         """Yield the images of one kind and one view, as `at` returns them, in the order of frames.
 
         Raises KeyError for another kind or view, FileNotFoundError for a missing frame, and ValueError if a file is
-        damaged, or has more pixels than `dmae.files.pictures` allows.
+        damaged, or has more pixels than `dmae.files.images` allows.
         """
         self._check(kind, view)
         if kind == "rgb":
@@ -141,7 +141,7 @@ class Images:
 
 
 @lru_cache(64)
-def picture_files(folder: Path) -> tuple[Path, ...]:
+def image_files(folder: Path) -> tuple[Path, ...]:
     """Return the PNG and JPEG files of a folder, sorted by the numbers in their names."""
     files = (file for file in folder.glob("*") if file.suffix.lower() in (".png", ".jpg", ".jpeg"))
     numbered = ((tuple(int(part) for part in re.findall(r"\d+", file.stem)), file.name, file) for file in files)
@@ -149,7 +149,7 @@ def picture_files(folder: Path) -> tuple[Path, ...]:
 
 
 def _numbered(folder: Path, frame: int) -> Path:
-    files = picture_files(folder)
+    files = image_files(folder)
     if not 0 <= frame < len(files):
         raise FileNotFoundError(f"{folder}: expected an image of frame {frame}, found {len(files)}")
     return files[frame]
@@ -157,7 +157,7 @@ def _numbered(folder: Path, frame: int) -> Path:
 
 def _read_image(kind: str, path: Path) -> np.ndarray:
     """Read and decode an image file."""
-    image = read_picture(path, _CHANNELS.get(kind, (1,)))
+    image = read_image(path, _CHANNELS.get(kind, (1,)))
     # The order of OpenCV's channels is blue, green, red.
     if kind == "rgb":
         return np.ascontiguousarray(image[..., ::-1])

@@ -12,8 +12,8 @@ from scipy.optimize import linear_sum_assignment
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.skeleton import Skeleton
-from dmae.detection.pictures import CameraPictures
-from dmae.detection.registry import PictureDetector, PoseDetectorConfig, pose_detector
+from dmae.detection.images import CameraImages
+from dmae.detection.registry import ImageDetector, PoseDetectorConfig, pose_detector
 from dmae.files.arrays import read_arrays
 from dmae.files.checks import MOST_PIXELS
 from dmae.files.contents import write_atomic
@@ -27,12 +27,12 @@ from dmae.reconstruction.pipeline import capture
 
 PIECE = 240
 """Number of images that are processed together. The results of a piece do not depend on other pieces."""
-Pictures = list[np.ndarray | None]
+CameraPeople = list[np.ndarray | None]
 """What a detector found in the images of a camera: people (D, J, 3) of each, x, y px and confidence, NaN where absent;
 None for an image that cannot be read."""
 
 
-def make_detector(config: PoseDetectorConfig) -> PictureDetector:
+def make_detector(config: PoseDetectorConfig) -> ImageDetector:
     """Return a detector for the images of one camera.
 
     Raises:
@@ -42,14 +42,14 @@ def make_detector(config: PoseDetectorConfig) -> PictureDetector:
     if not isinstance(getattr(detector, "skeleton", None), Skeleton) or not callable(detector):
         raise ValueError(
             f"detector={config.name}: expected a function that returns a detector, which has a skeleton and is called "
-            f"with pictures (see dmae.detection.registry), it returned {type(detector).__name__}"
+            f"with images (see dmae.detection.registry), it returned {type(detector).__name__}"
         )
     return detector
 
 
 def detect_people(
-    cameras: Sequence[CameraPictures], config: PoseDetectorConfig, pieces: Path, workers: int = 1
-) -> dict[str, Pictures]:
+    cameras: Sequence[CameraImages], config: PoseDetectorConfig, pieces: Path, workers: int = 1
+) -> dict[str, CameraPeople]:
     """Run a detector over all images of some cameras.
 
     Args:
@@ -76,14 +76,14 @@ def detect_people(
         done = in_parallel(_detect_piece, waiting, min(workers, len(waiting)), ordered=False)
         for _ in progress(done, "detecting people", len(waiting)):
             pass
-    found: dict[str, Pictures] = {camera.name: [] for camera in cameras}
+    found: dict[str, CameraPeople] = {camera.name: [] for camera in cameras}
     for camera, *_, file in tasks:
         found[camera.name].extend(read_piece(file))
     return found
 
 
 def to_detections(
-    found: Sequence[Pictures], frames: Sequence[np.ndarray], count: int, skeleton: Skeleton
+    found: Sequence[CameraPeople], frames: Sequence[np.ndarray], count: int, skeleton: Skeleton
 ) -> Detections2D:
     """Return what was found in V cameras as detections of F frames.
 
@@ -104,22 +104,22 @@ def to_detections(
     return Detections2D(skeleton, values[..., :2], values[..., 2])
 
 
-def _detect_piece(camera: CameraPictures, config: PoseDetectorConfig, start: int, stop: int, file: Path) -> None:
+def _detect_piece(camera: CameraImages, config: PoseDetectorConfig, start: int, stop: int, file: Path) -> None:
     """Detect the people of some images, and write them to a file."""
     detector = make_detector(config)
     people: list[np.ndarray | None] = []
     readable: list[int] = []
     late = getattr(detector, "found_late", list)
-    for number, picture in enumerate(camera.read(start, stop)):
-        people.append(None if picture is None else check_people(detector, detector(picture), config.name))
-        if picture is not None:
+    for number, image in enumerate(camera.read(start, stop)):
+        people.append(None if image is None else check_people(detector, detector(image), config.name))
+        if image is not None:
             readable.append(number)
             for ago, *found in late():
                 people[readable[-1 - ago]] = check_people(detector, found, config.name)
     _write_piece(file, people, len(detector.skeleton))
 
 
-def check_people(detector: PictureDetector, found: Sequence[np.ndarray], name: str) -> np.ndarray:
+def check_people(detector: ImageDetector, found: Sequence[np.ndarray], name: str) -> np.ndarray:
     """Return what a detector found as people (D, J, 3)."""
     xy, score = (np.asarray(each, np.float64) for each in found)
     shape = (len(xy), len(detector.skeleton))
@@ -134,7 +134,7 @@ def check_people(detector: PictureDetector, found: Sequence[np.ndarray], name: s
     return people[np.isfinite(people).all(-1).any(-1)]
 
 
-def _write_piece(file: Path, people: Pictures, joints: int) -> None:
+def _write_piece(file: Path, people: CameraPeople, joints: int) -> None:
     """Write the people of each image of a piece."""
     readable = np.array([each is not None for each in people], bool)
     there = [np.empty((0, joints, 3)) if each is None else each for each in people]
@@ -145,7 +145,7 @@ def _write_piece(file: Path, people: Pictures, joints: int) -> None:
 
 def read_piece(file: Path) -> Iterator[np.ndarray | None]:
     """Yield the people (D, J, 3) of each image of a piece; None for one that cannot be read."""
-    arrays = read_arrays(file, "detections of some pictures", ("readable", "counts", "people"))
+    arrays = read_arrays(file, "detections of some images", ("readable", "counts", "people"))
     ends = np.cumsum(arrays["counts"])
     for readable, start, end in zip(arrays["readable"], ends - arrays["counts"], ends, strict=True):
         yield arrays["people"][start:end] if readable else None
@@ -159,8 +159,8 @@ relative to the radius of the body in the image."""
 
 
 def compare_views(
-    found: Sequence[Pictures],
-    cameras: Sequence[CameraPictures],
+    found: Sequence[CameraPeople],
+    cameras: Sequence[CameraImages],
     rig: CameraRig,
     detections: Detections2D,
     frames: Sequence[np.ndarray],
@@ -169,7 +169,7 @@ def compare_views(
     config: PoseDetectorConfig,
     pieces: Path,
     workers: int = 1,
-) -> list[Pictures]:
+) -> list[CameraPeople]:
     """Return what a detector found in V cameras, corrected with the help of the other cameras.
 
     People are captured from the detections. Detections that are parts of them are removed. Where a person projects into
@@ -239,7 +239,7 @@ def _agrees(person: np.ndarray, expected: np.ndarray, skeleton: Skeleton) -> boo
 
 
 def _search_piece(
-    camera: CameraPictures,
+    camera: CameraImages,
     config: PoseDetectorConfig,
     wanted: dict[int, np.ndarray],
     known: dict[int, np.ndarray],
@@ -249,9 +249,9 @@ def _search_piece(
     detector = make_detector(config)
     start, stop = min(wanted), max(wanted) + 1
     found = {number: np.empty((0, len(detector.skeleton), 3)) for number in wanted}
-    for number, picture in zip(range(start, stop), camera.read(start, stop), strict=True):
-        if number in wanted and picture is not None:
-            there = detector.find_at(picture, wanted[number], known[number][..., :2])
+    for number, image in zip(range(start, stop), camera.read(start, stop), strict=True):
+        if number in wanted and image is not None:
+            there = detector.find_at(image, wanted[number], known[number][..., :2])
             people = check_people(detector, there, config.name)
             found[number] = people[[_agrees(person, wanted[number], detector.skeleton) for person in people]]
     _write_piece(file, list(found.values()), len(detector.skeleton))

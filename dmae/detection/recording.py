@@ -16,22 +16,22 @@ from dmae.data.clip import Clip, Detections2D
 from dmae.data.conversion import convert_detections
 from dmae.data.images import Images, write_video
 from dmae.data.skeleton import COCO17, Skeleton, option_skeleton
-from dmae.detection.pictures import (
+from dmae.detection.images import (
     Alignment,
-    CameraPictures,
+    CameraImages,
     align,
     cameras_of,
     find_cameras,
-    pictures_in,
-    pictures_of,
+    images_in,
+    images_of,
     read_files,
 )
-from dmae.detection.pipeline import Pictures, compare_views, detect_people, make_detector, to_detections
+from dmae.detection.pipeline import CameraPeople, compare_views, detect_people, make_detector, to_detections
 from dmae.detection.registry import FlatFormat, OutputConfig, PoseDetectorConfig
-from dmae.files.checks import PICTURES, child
+from dmae.files.checks import IMAGES, child
 from dmae.files.contents import write_atomic
-from dmae.files.pictures import read_upright, upright_size
-from dmae.formats.footage import Fitting, fit_pictures
+from dmae.files.images import read_upright, upright_size
+from dmae.formats.footage import Fitting, fit_images
 from dmae.formats.openpose import write_detections, write_people
 from dmae.formats.recordings import by_name, match_cameras, natural
 from dmae.numerics.filling import STILLS, are_stills
@@ -50,7 +50,7 @@ _STILLS_RATE = 0.1  # 1/s; of photographs in sets, where it is not known
 class Recording:
     """Videos that belong together."""
 
-    cameras: tuple[CameraPictures, ...]  # V cameras with images
+    cameras: tuple[CameraImages, ...]  # V cameras with images
     alignment: Alignment  # The frame of each image
     rig: CameraRig | None  # Their calibration; None if there is none
     # Scale and margin of the images of each camera, relative to the images of its calibration
@@ -100,13 +100,13 @@ def open_sets(path: Path, rig: CameraRig, fps: float | None = None) -> Recording
     if not path.is_dir():
         raise FileNotFoundError(f"photos={path}: expected a folder of photographs for each camera, or for each set")
     folders = [each for each in by_name(path.iterdir()) if each.is_dir()]
-    sets = [pictures_in(each) for each in folders]
+    sets = [images_in(each) for each in folders]
     stems, names = {file.stem for files in sets for file in files}, set(rig.names)
     if len(stems & names) > len({each.name for each in folders} & names):
         cameras, notes = [], [f"{len(sets)} sets of photographs, a folder each"]
         for name in sorted(stems, key=natural):
             there = [(number, file) for number, files in enumerate(sets) for file in files if file.stem == name]
-            cameras.append(pictures_of(name, path, [file for _, file in there], [number for number, _ in there]))
+            cameras.append(images_of(name, path, [file for _, file in there], [number for number, _ in there]))
     else:
         cameras, notes = find_cameras(path), []
         if films := [camera.name for camera in cameras if camera.rate is not None]:
@@ -122,10 +122,10 @@ def open_sets(path: Path, rig: CameraRig, fps: float | None = None) -> Recording
 
 
 def _calibrated(
-    cameras: list[CameraPictures], rig: CameraRig, path: Path
-) -> tuple[list[CameraPictures], CameraRig, list[Fitting], list[str]]:
+    cameras: list[CameraImages], rig: CameraRig, path: Path
+) -> tuple[list[CameraImages], CameraRig, list[Fitting], list[str]]:
     """Return the cameras in the order of their calibration, that calibration, how images fit it, and notes."""
-    index, note = match_cameras([camera.name for camera in cameras], rig, path, "pictures", "calibration=...")
+    index, note = match_cameras([camera.name for camera in cameras], rig, path, "images", "calibration=...")
     notes = [note] if note else []
     cameras, rig = [cameras[i] for i in np.argsort(index)], rig[sorted(index)]
     fittings = [_fitting(camera, rig[[view]]) for view, camera in enumerate(cameras)]
@@ -133,13 +133,13 @@ def _calibrated(
     return cameras, rig, fittings, notes
 
 
-def _fitting(camera: CameraPictures, one: CameraRig) -> Fitting:
+def _fitting(camera: CameraImages, one: CameraRig) -> Fitting:
     calibrated = tuple(map(int, one.size[0]))
     if camera.size == calibrated:
         return Fitting()
     numbers = evenly_spaced(len(camera), _SAMPLED).tolist()
-    sample = [picture for i in numbers for picture in camera.read(i, i + 1) if picture is not None]
-    return fit_pictures(camera.name, camera.size, calibrated, np.stack(sample) if sample else np.empty((0, 1, 1, 3)))
+    sample = [image for i in numbers for image in camera.read(i, i + 1) if image is not None]
+    return fit_images(camera.name, camera.size, calibrated, np.stack(sample) if sample else np.empty((0, 1, 1, 3)))
 
 
 def detect_recording(
@@ -148,7 +148,7 @@ def detect_recording(
     pieces: Path,
     skeleton: str | None = None,
     workers: int = 1,
-    image: str = "picture",
+    image: str = "image",
 ) -> tuple[Detections2D, tuple[str, ...]]:
     """Return the detections (F, V, D, J) of a recording in the pixels of its calibration, and notes on them.
 
@@ -177,7 +177,7 @@ def detect_recording(
         if not any(each is not None and len(each) for each in people):
             notes.append(f"{name}: no people detected")
 
-    def detections(found: Sequence[Pictures]) -> Detections2D:
+    def detections(found: Sequence[CameraPeople]) -> Detections2D:
         """Return detections in the pixels of the calibration."""
         fitted = [
             [
@@ -210,7 +210,7 @@ def detect_clip(
     Raises:
         ValueError: the clip has no colour images.
     """
-    if not clip.has_pictures:
+    if not clip.has_images:
         raise ValueError(f"clip {clip.id!r} has no colour images; make it with images=rgb")
     cameras = {camera.name: camera for camera in cameras_of(clip.images, clip.rig.size)}
     frames = (np.arange(len(clip)),) * len(clip.rig)
@@ -228,11 +228,11 @@ def detect_clip(
 
 
 def _detected_alone(
-    cameras: Sequence[CameraPictures], config: PoseDetectorConfig, pieces: Path, workers: int
+    cameras: Sequence[CameraImages], config: PoseDetectorConfig, pieces: Path, workers: int
 ) -> dict[str, list[np.ndarray | None]]:
     """Return what `detect_people` does, each image by itself: none tells where people are in the next."""
 
-    def one(camera: CameraPictures, number: int) -> CameraPictures:
+    def one(camera: CameraImages, number: int) -> CameraImages:
         read = partial(_read_one, camera.read, number)
         return replace(camera, name=f"{camera.name}/{number}", times=camera.times[number : number + 1], read=read)
 
@@ -247,7 +247,7 @@ def _read_one(
     return read(number + start, number + stop)
 
 
-_PLAIN_NAMES = {"videos", "video", "pictures", "images", "photos", "photographs", "frames", "sets"}
+_PLAIN_NAMES = {"videos", "video", "images", "pictures", "photos", "photographs", "frames", "sets"}
 
 
 def recording_name(folder: Path) -> str:
@@ -298,7 +298,7 @@ def _link(path: Path, to: Path) -> None:
 
 
 def _encode(
-    camera: CameraPictures, frames: np.ndarray, alignment: Alignment, fitting: Fitting, size: tuple[int, int], to: Path
+    camera: CameraImages, frames: np.ndarray, alignment: Alignment, fitting: Fitting, size: tuple[int, int], to: Path
 ) -> None:
     partial_file = to.with_name(f".{to.name}.partial.mp4")
     write_video(
@@ -308,33 +308,33 @@ def _encode(
 
 
 def _in_frames(
-    camera: CameraPictures, frames: np.ndarray, count: int, fit: Callable[[np.ndarray | None], np.ndarray]
+    camera: CameraImages, frames: np.ndarray, count: int, fit: Callable[[np.ndarray | None], np.ndarray]
 ) -> Iterator[np.ndarray]:
     """Yield an image for each frame; for a frame without one the previous image, or a black one at the start."""
     shown, done = fit(None), 0
-    for frame, picture in zip(frames, camera.read(0, len(camera)), strict=True):
+    for frame, image in zip(frames, camera.read(0, len(camera)), strict=True):
         if frame < 0:
             continue
         for _ in range(done, frame):
             yield shown
-        shown = fit(picture) if picture is not None else shown
+        shown = fit(image) if image is not None else shown
         yield shown
         done = frame + 1
     for _ in range(done, count):
         yield shown
 
 
-def _resized(fitting: Fitting, size: tuple[int, int], picture: np.ndarray | None) -> np.ndarray:
+def _resized(fitting: Fitting, size: tuple[int, int], image: np.ndarray | None) -> np.ndarray:
     """Return an image in the pixels of the calibration, with even width and height, as H.264 requires."""
     even = tuple(side + side % 2 for side in size)
-    if picture is None:
+    if image is None:
         return np.zeros((even[1], even[0], 3), np.uint8)
     left, top = fitting.margin
     scale = fitting.scale
     # Pixel i of the calibration is pixel (i + 0.5) scale + margin - 0.5 of the image.
     shift = ((0.5 * scale + left - 0.5), (0.5 * scale + top - 0.5))
     affine = np.array([[scale, 0, shift[0]], [0, scale, shift[1]]])
-    return cv2.warpAffine(picture, affine, even, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
+    return cv2.warpAffine(image, affine, even, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
 
 
 def output_skeleton(skeleton: str | None) -> Skeleton | None:
@@ -420,7 +420,7 @@ _QUALITY = 90
 class Photographs:
     """Photographs, each of its own size."""
 
-    cameras: tuple[CameraPictures, ...]  # N, each with one image
+    cameras: tuple[CameraImages, ...]  # N, each with one image
     notes: tuple[str, ...]  # On files that are left out
 
 
@@ -434,9 +434,9 @@ def find_photographs(path: Path) -> Photographs:
     path = Path(path)
     if not path.exists():
         raise FileNotFoundError(f"photos={path}: no such folder")
-    files = [path] if path.is_file() else pictures_in(path)
+    files = [path] if path.is_file() else images_in(path)
     if not files:
-        raise FileNotFoundError(f"photos={path}: expected photographs ({', '.join(PICTURES)}), found none")
+        raise FileNotFoundError(f"photos={path}: expected photographs ({', '.join(IMAGES)}), found none")
     stems = [file.stem.lower() for file in files]
     if twice := [file.name for file in files if stems.count(file.stem.lower()) > 1]:
         raise ValueError(f"photos={path}: expected photographs of different names, found {', '.join(twice[:_LISTED])}")
@@ -447,7 +447,7 @@ def find_photographs(path: Path) -> Photographs:
         except ValueError as error:
             damaged.append(str(error))
             continue
-        cameras.append(CameraPictures(file.name, file, size, np.zeros(1), None, partial(read_files, [file])))
+        cameras.append(CameraImages(file.name, file, size, np.zeros(1), None, partial(read_files, [file])))
     if not cameras:
         raise ValueError(f"photos={path}: not one photograph can be read; {damaged[0]}")
     return Photographs(tuple(cameras), tuple(f"left out: {why}" for why in damaged))

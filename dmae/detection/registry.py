@@ -1,6 +1,6 @@
 """The registry of 2D detectors, each a function under the decorator `pose_detector`; options of detection.
 
-A detector function takes a `PoseDetectorConfig` and returns a `PictureDetector` for the images of one camera, which
+A detector function takes a `PoseDetectorConfig` and returns an `ImageDetector` for the images of one camera, which
 come in order. A user's own detector, `detector=module:function`, is the same kind of function without the decorator.
 """
 
@@ -18,7 +18,7 @@ pose_detector = Registry("pose_detector", Entry, f"{__package__}.detectors", opt
 
 @dataclass(frozen=True)
 class PoseDetectorConfig:
-    """How people are found in pictures."""
+    """How people are found in images."""
 
     name: str = field(default="blazepose", metadata={"choices": pose_detector})
     """Detector, or module:function of your own."""
@@ -27,14 +27,14 @@ class PoseDetectorConfig:
     skeleton: str | None = field(default=None, metadata={"reads": "skeleton"})
     """Skeleton of that model; by default known by its number of joints."""
     windows: list[float] | None = None
-    """Sides of the windows in which people are searched, relative to the longer side of the picture; smaller windows
+    """Sides of the windows in which people are searched, relative to the longer side of the image; smaller windows
     find smaller people, and take longer. By default [1, 0.6, 0.35]; in photographs [1.5, 1, 0.6, 0.36, ...], down to
     240 px or 0.12."""
     search_every: int = 10
     """Number of frames over which all windows are searched once, some in each frame; around a lost person, windows are
     searched immediately."""
     photographs: bool = False
-    """Whether each picture is searched by itself, for small people and people cut off by its border, too, in two to
+    """Whether each image is searched by itself, for small people and people cut off by its border, too, in two to
     three times the time. With `photos=` always so."""
     across_views: bool = True
     """With a calibration: search people that a camera missed where the other cameras see them, and remove detections
@@ -42,7 +42,7 @@ class PoseDetectorConfig:
 
     def __post_init__(self):
         if self.windows is not None and not (self.windows and all(0.05 <= share <= 2 for share in self.windows)):
-            raise ValueError(f"detector.windows={self.windows}: expected shares of the picture from 0.05 to 2")
+            raise ValueError(f"detector.windows={self.windows}: expected shares of the image from 0.05 to 2")
         if self.search_every < 1:
             raise ValueError(f"detector.search_every={self.search_every}: expected 1 frame or more")
 
@@ -69,14 +69,14 @@ class OutputConfig:
     """Format of 2D keypoints, which are written without a calibration."""
 
 
-class PictureDetector(Protocol):
+class ImageDetector(Protocol):
     """Finds the people in the images of one camera.
 
     A detector may also have a method `found_late()`, which is called after each image. It returns earlier images in
     which people were found by means of this image: the number of images before, and xy (D, J, 2) and score (D, J) of
     all people in that image, which replace those found before.
 
-    A detector may also have a method `find_at(picture, expected, known)`. It searches n people where other cameras see
+    A detector may also have a method `find_at(image, expected, known)`. It searches n people where other cameras see
     their joints, at `expected` (n, J, 2) px. `known` (D, J, 2) px are the people found before in this image. Both are
     NaN where unknown. Like a call, it returns xy and score of the people that it finds.
 
@@ -86,11 +86,11 @@ class PictureDetector(Protocol):
 
     skeleton: Skeleton
 
-    def __call__(self, picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def __call__(self, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the people of the next image.
 
         Args:
-            picture: (H, W, 3) uint8, RGB.
+            image: (H, W, 3) uint8, RGB.
 
         Returns:
             xy: (D, J, 2) px, pixel (0, 0) is the centre of the first pixel; NaN where a joint is absent.

@@ -16,7 +16,7 @@ from dmae.files.checks import MOST_PIXELS, check_numbers
 from dmae.files.contents import check_vacant, whole_folder, write_atomic
 from dmae.files.structured import read_json
 from dmae.formats.calibrations import write_calibration
-from dmae.formats.labelled_images import PersonLabel, Picture, detected_pictures, joint_labels, read_pictures
+from dmae.formats.labelled_images import LabelledImage, PersonLabel, detected_images, joint_labels, read_labelled_images
 from dmae.formats.openpose import CALIBRATION
 from dmae.formats.poses import covariance_entry
 from dmae.formats.recordings import NumberedDetections, People, by_name, frame_number
@@ -65,16 +65,16 @@ def recognise_skeleton(path: Path, names: list[str] | None, joints: int | None) 
     return default_skeleton(path, joints)
 
 
-def image_entry(picture: Picture, number: int, file_name: str) -> dict:
+def image_entry(image: LabelledImage, number: int, file_name: str) -> dict:
     """Return the entry of an image, with the additional keys `camera` and `frame`."""
-    width, height = picture.size
+    width, height = image.size
     return {
         "id": number,
         "width": width,
         "height": height,
         "file_name": file_name,
-        "camera": picture.camera,
-        "frame": picture.number,
+        "camera": image.camera,
+        "frame": image.number,
     }
 
 
@@ -135,22 +135,22 @@ def clip_entry(clip: Clip) -> dict:
     return {"fps": clip.fps, "objects": list(clip.occlusion.objects) if clip.occlusion else []}
 
 
-def write_json(path: Path, info: dict, skeleton: Skeleton, pictures: Iterable[Picture], folder: str = "") -> None:
-    """Write pictures, `file_name` `folder` + `<camera>/<frame>.jpg`, and persons as JSON, one picture at a time."""
+def write_json(path: Path, info: dict, skeleton: Skeleton, images: Iterable[LabelledImage], folder: str = "") -> None:
+    """Write images, `file_name` `folder` + `<camera>/<frame>.jpg`, and persons as JSON, one image at a time."""
     with TemporaryFile(prefix="dmae-") as annotations:
-        write_atomic(Path(path), _pieces(info, skeleton, pictures, folder, annotations))
+        write_atomic(Path(path), _pieces(info, skeleton, images, folder, annotations))
 
 
 def _pieces(
-    info: dict, skeleton: Skeleton, pictures: Iterable[Picture], folder: str, annotations: BinaryIO
+    info: dict, skeleton: Skeleton, images: Iterable[LabelledImage], folder: str, annotations: BinaryIO
 ) -> Iterator[bytes]:
     """Yield the JSON in pieces. Annotations follow all images, so they are first written to a temporary file."""
     yield f'{{"info": {json.dumps(info)}, "images": ['.encode()
     labelled = 0
-    for number, picture in enumerate(pictures, 1):
-        entry = image_entry(picture, number, f"{folder}{picture.path}.jpg")
+    for number, image in enumerate(images, 1):
+        entry = image_entry(image, number, f"{folder}{image.path}.jpg")
         yield f"{', ' if number > 1 else ''}{json.dumps(entry)}".encode()
-        for person in picture.persons:
+        for person in image.persons:
             labelled += 1
             entry = annotation_entry(person, labelled, number)
             annotations.write(f"{', ' if labelled > 1 else ''}{json.dumps(entry)}".encode())
@@ -313,30 +313,30 @@ def write_coco_poses(poses: Poses3D, clip: Clip, path: Path) -> None:
     """COCO keypoints of poses as the cameras see them, with the images and masks of the clip, if it has them.
 
     The images are written into a folder next to the file, `<name>_images`. A clip without colour images has no such
-    folder: `info.pictures` is then false, and `file_name` only states camera and frame.
+    folder: `info.images` is then false, and `file_name` only states camera and frame.
     """
     info = clip_entry(clip)
-    if not clip.has_pictures:
-        write_json(path, info | {"pictures": False}, poses.skeleton, _without_colour(clip, poses.skeleton))
+    if not clip.has_images:
+        write_json(path, info | {"images": False}, poses.skeleton, _without_colour(clip, poses.skeleton))
         return
     labels = joint_labels(clip, exported_poses(clip), poses.skeleton)
     folder = path.with_name(f"{path.stem}_images")
-    check_vacant(folder, "the pictures")
+    check_vacant(folder, "the images")
     with whole_folder(folder) as partial:
 
-        def written() -> Iterator[Picture]:
-            for picture in progress(read_pictures(clip, labels), "writing pictures", len(clip) * len(clip.rig)):
-                file = partial / f"{picture.path}.jpg"
+        def written() -> Iterator[LabelledImage]:
+            for image in progress(read_labelled_images(clip, labels), "writing images", len(clip) * len(clip.rig)):
+                file = partial / f"{image.path}.jpg"
                 file.parent.mkdir(exist_ok=True)
-                file.write_bytes(picture.encoded("jpg"))
-                yield replace(picture, rgb=None)
+                file.write_bytes(image.encoded("jpg"))
+                yield replace(image, rgb=None)
 
-        pictures = _in_order(written())
-    write_json(path, info | {"pictures": True}, poses.skeleton, pictures, f"{folder.name}/")
+        images = _in_order(written())
+    write_json(path, info | {"images": True}, poses.skeleton, images, f"{folder.name}/")
 
 
-def _without_colour(clip: Clip, skeleton: Skeleton) -> Iterator[Picture]:
-    """Yield the pictures of a clip by frame and view, without colour; at most `_FRAMES` at a time without images."""
+def _without_colour(clip: Clip, skeleton: Skeleton) -> Iterator[LabelledImage]:
+    """Yield the images of a clip by frame and view, without colour; at most `_FRAMES` at a time without images."""
     first, cov = clip.provenance.get("first_frame", 0), exported_poses(clip).cov
     stated = np.isfinite(cov).any()
     step = _FRAMES if clip.images is None else max(len(clip), 1)
@@ -346,16 +346,16 @@ def _without_colour(clip: Clip, skeleton: Skeleton) -> Iterator[Picture]:
         labels = joint_labels(part, exported_poses(part), skeleton)
         if stated and labels.cov is None and labels.cause is None:
             labels = replace(labels, cov=np.full((*labels.flags.shape, 3), np.nan))
-        yield from _in_order(read_pictures(part, labels))
+        yield from _in_order(read_labelled_images(part, labels))
 
 
-def _in_order(pictures: Iterable[Picture]) -> list[Picture]:
-    return sorted(pictures, key=lambda picture: (picture.frame, picture.view))
+def _in_order(images: Iterable[LabelledImage]) -> list[LabelledImage]:
+    return sorted(images, key=lambda image: (image.frame, image.view))
 
 
 @recording_writer("coco")
 def write_coco(clip: Clip, path: Path) -> None:
     """COCO keypoints of the detections, with a Pose2Sim calibration."""
     write_calibration(clip.rig, path / CALIBRATION, "pose2sim")
-    info = {"fps": clip.fps, "pictures": False}
-    write_json(path / KEYPOINTS, info, clip.detections.skeleton, detected_pictures(clip))
+    info = {"fps": clip.fps, "images": False}
+    write_json(path / KEYPOINTS, info, clip.detections.skeleton, detected_images(clip))

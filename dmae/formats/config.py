@@ -105,9 +105,9 @@ class DataConfig:
     detections: str | None = field(default=None, metadata={"reads": "path"})
     """Folder of the detections, or file of COCO's; by default found in `path`."""
     videos: str | None = field(default=None, metadata={"reads": "path"})
-    """Folder of the videos that people were detected in, <camera>.mp4: backgrounds of reports and pictures."""
+    """Folder of the videos that people were detected in, <camera>.mp4: backgrounds of reports and figures."""
     images: str | None = field(default=None, metadata={"reads": "path"})
-    """Folder of the pictures that people were detected in, a folder of PNG or JPEG files for each camera."""
+    """Folder of the images that people were detected in, a folder of PNG or JPEG files for each camera."""
     fps: float | None = None
     """1/s; frame rate, if the files do not state it."""
     size: list[int] | None = None

@@ -132,7 +132,7 @@ def _arranged(file: Path, labels: Labels, values: np.ndarray) -> tuple[list[str]
     if wrong or not labels or any(label[2] not in _COORDS for label in labels):
         raise ValueError(f"{file}: expected columns x, y and likelihood of each joint, found {(wrong or labels)[:4]}")
     if len(set(labels)) < len(labels) or {label[2] for label in labels} != set(_COORDS):
-        raise ValueError(f"{file}: expected x, y and likelihood of each joint once; labels of pictures have no "
+        raise ValueError(f"{file}: expected x, y and likelihood of each joint once; labels of images have no "
                          "likelihood, analyse the videos instead")  # fmt: skip
     animals, names = (list(dict.fromkeys(label[level] for label in labels)) for level in (0, 1))
     if len(values) * len(animals) * len(names) > 100 * values.size:

@@ -1,4 +1,4 @@
-"""Videos and pictures of a recording, one file or folder per camera, as the images of its clip.
+"""Videos and images of a recording, one file or folder per camera, as the images of its clip.
 
 They can have another size than the calibration: scaling and black borders are found and undone.
 """
@@ -12,9 +12,9 @@ import numpy as np
 
 from dmae.data.cameras import camera_label
 from dmae.data.clip import Clip
-from dmae.data.images import Images, picture_files
+from dmae.data.images import Images, image_files
 from dmae.files.checks import check_rate
-from dmae.files.pictures import check_picture, kept_open, open_video, read_picture
+from dmae.files.images import check_image, kept_open, open_video, read_image
 from dmae.formats.recordings import by_name, match_cameras
 
 _ENDINGS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v")
@@ -69,7 +69,7 @@ def with_videos(clip: Clip, folder: Path) -> Clip:
     return _with_images(clip, Path(folder), ordered, first, notes, borders)
 
 
-def with_pictures(clip: Clip, folder: Path) -> Clip:
+def with_images(clip: Clip, folder: Path) -> Clip:
     """Return the clip with a folder's image files, in one folder per camera as in `match_cameras`, as colour images.
 
     A file is the first frame of the clip if its name ends with the number of that frame, and if it has the same
@@ -81,26 +81,26 @@ def with_pictures(clip: Clip, folder: Path) -> Clip:
         FileNotFoundError: the folder contains no folders of images.
         ValueError: a camera has no images or too few of them, or an image is damaged.
     """
-    folders = [each for each in Path(folder).glob("*") if each.is_dir() and picture_files(each)]
+    folders = [each for each in Path(folder).glob("*") if each.is_dir() and image_files(each)]
     if not folders:
         raise FileNotFoundError(f"{folder}: expected a folder of PNG or JPEG files for each camera, found none")
-    matching = {"what": "pictures", "options": "data.images=..."}
-    ordered, notes = _by_camera(clip, Path(folder), folders, "pictures of each camera", **matching)
-    files = [picture_files(each) for each in ordered]
+    matching = {"what": "images", "options": "data.images=..."}
+    ordered, notes = _by_camera(clip, Path(folder), folders, "images of each camera", **matching)
+    files = [image_files(each) for each in ordered]
     borders: list[tuple[int, int]] = []
     for each, size, name in zip(files, clip.rig.size.tolist(), clip.rig.names, strict=True):
-        found = list(check_picture(each[0]))
-        sample = [read_picture(each[0], (1, 3, 4))] if found != size else []
+        found = list(check_image(each[0]))
+        sample = [read_image(each[0], (1, 3, 4))] if found != size else []
         borders.append(_border(name, each[0].name, found, size, sample, notes))
         if len(each) < len(clip):
             parent = each[0].parent
-            raise ValueError(f"{parent}: expected {len(clip)} pictures or more as of the detections, found {len(each)}")
+            raise ValueError(f"{parent}: expected {len(clip)} images or more as of the detections, found {len(each)}")
     first, least = clip.provenance.get("first_frame", 0), min(map(len, files))
     places = {_index_of_number(each, first) for each in files}
     start = places.pop() if len(places) == 1 else None
     if start is None or least < start + len(clip):
         start = first if least >= first + len(clip) else 0
-        notes.append(f"the first of the {least} pictures is assumed to be frame {first - start}")
+        notes.append(f"the first of the {least} images is assumed to be frame {first - start}")
     return _with_images(clip, Path(folder), ordered, start, notes, borders, rgb="png")
 
 
@@ -111,11 +111,11 @@ def _border(
     if found == size:
         return 0, 0
     try:
-        fitting = fit_pictures(camera, (found[0], found[1]), (size[0], size[1]), np.stack(sample))
+        fitting = fit_images(camera, (found[0], found[1]), (size[0], size[1]), np.stack(sample))
     except ValueError:
-        pictures, calibrated = (" x ".join(map(str, each)) for each in (found, size))
+        images, calibrated = (" x ".join(map(str, each)) for each in (found, size))
         notes.append(
-            f"{camera_label(camera)}: {file} has pictures of {pictures} px, the calibration says {calibrated}; they "
+            f"{camera_label(camera)}: {file} has images of {images} px, the calibration says {calibrated}; they "
             "are stretched, so that people can be drawn beside where they are seen"
         )
         return 0, 0
@@ -187,36 +187,36 @@ class Fitting:
         left, top = self.margin
         border = f" and have a black border of {left:.2g} px at the sides" if left >= 0.5 else ""
         border += f" and have a black border of {top:.2g} px above and below" if top >= 0.5 else ""
-        return f"pictures are {self.scale:.4f} times the size of the calibration{border}; this is undone"
+        return f"images are {self.scale:.4f} times the size of the calibration{border}; this is undone"
 
 
-def fit_pictures(camera: str, picture: tuple[int, int], calibration: tuple[int, int], sample: np.ndarray) -> Fitting:
+def fit_images(camera: str, image: tuple[int, int], calibration: tuple[int, int], sample: np.ndarray) -> Fitting:
     """Return the scale and margin of images relative to the images of the calibration.
 
     Args:
         camera: Name, for messages.
-        picture: Width and height of the images, px.
+        image: Width and height of the images, px.
         calibration: Width and height that the calibration is for, px.
         sample: (N, H, W, 3) uint8, some images of the camera.
 
     Raises:
         ValueError: the images cannot be smaller or larger copies of the images of the calibration.
     """
-    if tuple(picture) == tuple(calibration):
+    if tuple(image) == tuple(calibration):
         return Fitting()
-    width, height = (a / b for a, b in zip(picture, calibration, strict=True))
+    width, height = (a / b for a, b in zip(image, calibration, strict=True))
     scale = min(width, height)
     # Rounding to even numbers changes a side by less than 2 px.
-    rounded = all(abs(a - scale * b) < 2 for a, b in zip(picture, calibration, strict=True))
+    rounded = all(abs(a - scale * b) < 2 for a, b in zip(image, calibration, strict=True))
     if rounded and abs(width - height) <= _RATIO * scale:
         return Fitting((width + height) / 2)
-    left, top = ((a - scale * b) / 2 for a, b in zip(picture, calibration, strict=True))
+    left, top = ((a - scale * b) / 2 for a, b in zip(image, calibration, strict=True))
     if _is_black(sample, round(left), round(top)):
         return Fitting(scale, (left, top))
-    turned = tuple(picture) == tuple(calibration)[::-1]
-    advice = "turn them" if turned else "calibrate at this size, or give the pictures as they were calibrated"
+    turned = tuple(image) == tuple(calibration)[::-1]
+    advice = "turn them" if turned else "calibrate at this size, or give the images as they were calibrated"
     raise ValueError(
-        f"{camera_label(camera)}: its pictures have {picture[0]} x {picture[1]} px, its calibration is for "
+        f"{camera_label(camera)}: its images have {image[0]} x {image[1]} px, its calibration is for "
         f"{calibration[0]} x {calibration[1]} px; they are no copy of that in another size, with or without black "
         f"borders; {advice}"
     )

@@ -1,4 +1,4 @@
-"""The pictures of a clip, one per camera and frame, with the labels of the persons in each."""
+"""The images of a clip, one per camera and frame, with the labels of the persons in each."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -122,14 +122,14 @@ def joints_box(xy: np.ndarray, labelled: np.ndarray) -> Box | None:
 
 
 SHOWN = ("rgb", "ids", "amodal", "depth")
-"""Kinds of images that pictures, and the labels of their persons, are made from."""
+"""Kinds of images that labelled images, and the labels of their persons, are made from."""
 DEPTH = "depth.png"
 """Suffix of images of depth, in place of `jpg` or `png`."""
 
 
 @dataclass(frozen=True)
 class PersonLabel:
-    """The labels of a person in a picture, with J joints."""
+    """The labels of a person in an image, with J joints."""
 
     person: int  # Index in the poses of the clip
     xy: np.ndarray  # (J, 2) px
@@ -164,22 +164,22 @@ class PersonLabel:
 
 
 @dataclass(frozen=True)
-class Picture:
-    """The picture of one frame by one camera."""
+class LabelledImage:
+    """The image of one frame by one camera."""
 
     camera: str  # Name of the camera
     view: int  # Index of the camera in the rig
     frame: int  # Index of the frame in the clip
     number: int  # Number of the frame in the recording
     size: tuple[int, int]  # Width and height, px
-    persons: list[PersonLabel]  # Labels of the persons in the picture
+    persons: list[PersonLabel]  # Labels of the persons in the image
     rgb: np.ndarray | None = None  # (H, W, 3) uint8; None if there is no colour image, or if it was not requested
     # (H, W) float32 m along the optical axis, NaN where there is no surface; None as `rgb`
     depth: np.ndarray | None = None
 
     @property
     def path(self) -> str:
-        """Relative path of a file of the picture, `<camera>/<frame>`, without suffix."""
+        """Relative path of a file of the image, `<camera>/<frame>`, without suffix."""
         return f"{file_part(self.camera)}/{self.number:06d}"
 
     def encoded(self, suffix: str) -> bytes:
@@ -200,10 +200,12 @@ def file_part(name: str) -> str:
     return quote(name, safe="").replace(".", "%2E").replace("~", "%7E") or "%"
 
 
-def read_pictures(clip: Clip, labels: JointLabels, *, every: int = 1, depth: bool = False) -> Iterator[Picture]:
-    """Yield the pictures of a clip, view by view, one frame in `every`, with `rgb`, and `depth` if asked for.
+def read_labelled_images(
+    clip: Clip, labels: JointLabels, *, every: int = 1, depth: bool = False
+) -> Iterator[LabelledImage]:
+    """Yield the images of a clip, view by view, one frame in `every`, with `rgb`, and `depth` if asked for.
 
-    One picture is in memory at a time. Raises ValueError if an image has another size than its camera, and
+    One image is in memory at a time. Raises ValueError if an image has another size than its camera, and
     FileNotFoundError if it is missing.
     """
     frames = range(0, len(clip), every)
@@ -224,11 +226,11 @@ def read_pictures(clip: Clip, labels: JointLabels, *, every: int = 1, depth: boo
                     )
             colour, ids, amodal, metres = read
             persons = label_persons(clip, labels, frame, view, ids, amodal)
-            yield Picture(name, view, frame, first + frame, size, persons, colour, metres)
+            yield LabelledImage(name, view, frame, first + frame, size, persons, colour, metres)
 
 
-def detected_pictures(clip: Clip) -> Iterator[Picture]:
-    """Yield pictures without colour or masks, frame by frame, with all detections that have a joint."""
+def detected_images(clip: Clip) -> Iterator[LabelledImage]:
+    """Yield images without colour or masks, frame by frame, with all detections that have a joint."""
     found, first = clip.detections, clip.provenance.get("first_frame", 0)
     flags = np.where(found.observed, 2, 0)
     for frame in range(len(clip)):
@@ -238,7 +240,7 @@ def detected_pictures(clip: Clip) -> Iterator[Picture]:
                 xy, flag = found.xy[frame, view, number], flags[frame, view, number]
                 box, scores = joints_box(xy, flag > 0), found.score[frame, view, number]
                 persons.append(PersonLabel(number, xy, flag, box, scores=scores))
-            yield Picture(name, view, frame, first + frame, tuple(clip.rig.size[view].tolist()), persons)
+            yield LabelledImage(name, view, frame, first + frame, tuple(clip.rig.size[view].tolist()), persons)
 
 
 def label_persons(
@@ -251,7 +253,7 @@ def label_persons(
     *,
     masks: bool = True,
 ) -> list[PersonLabel]:
-    """Return the labels of the persons with a joint or a pixel in the picture of a frame and a view, given by index.
+    """Return the labels of the persons with a joint or a pixel in the image of a frame and a view, given by index.
 
     Args:
         ids: (H, W) image of ids, if there is one: 1 + p is person p.

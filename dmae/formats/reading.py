@@ -14,11 +14,11 @@ from dmae.data.clip import Clip, Detections2D
 from dmae.data.labels import NOT_DETECTED, DetectionLabels
 from dmae.data.skeleton import option_skeleton
 from dmae.data.store import clip_folders
-from dmae.files.checks import PICTURES, VIDEOS
+from dmae.files.checks import IMAGES, VIDEOS
 from dmae.formats.calibrations import CalibrationSource, calibration_format
 from dmae.formats.calibrations import recognise as recognise_calibration
 from dmae.formats.config import Convention, DataConfig
-from dmae.formats.footage import with_pictures, with_videos
+from dmae.formats.footage import with_images, with_videos
 from dmae.formats.recordings import to_clip
 from dmae.formats.registry import RecordingReader, reader
 
@@ -79,7 +79,7 @@ class Clips(Sequence):
             if config.videos is not None:
                 clip = with_videos(clip, Path(config.videos))
             if config.images is not None:
-                clip = with_pictures(clip, Path(config.images))
+                clip = with_images(clip, Path(config.images))
             offsets = offsets_of_all(config.offsets, clip.rig.names)
         except ValueError as error:
             if str(folder) in str(error):
@@ -130,13 +130,13 @@ def recognise(path: Path) -> str:
             return found[0]
     if _holds_videos(path):
         raise ValueError(
-            f"{path}: found videos, or folders of pictures, expected detections in them; use dmae run videos={path} "
+            f"{path}: found videos, or folders of images, expected detections in them; use dmae run videos={path} "
             f"calibration=... for people in 3D, or dmae detect videos={path} calibration=... for detections"
         )
-    if _is_picture(path) or (path.is_dir() and any(_is_picture(file) for file in path.iterdir())):
+    if _is_image(path) or (path.is_dir() and any(_is_image(file) for file in path.iterdir())):
         raise ValueError(
-            f"{path}: found pictures, expected detections in them; dmae detect photos={path} finds the people of "
-            "photographs, in 2D. People in 3D need a folder of pictures, or a video, of each camera"
+            f"{path}: found images, expected detections in them; dmae detect photos={path} finds the people of "
+            "photographs, in 2D. People in 3D need a folder of images, or a video, of each camera"
         )
     there = ", ".join(sorted(item.name for item in path.iterdir())[:6]) if path.is_dir() else "a file"
     raise ValueError(
@@ -150,11 +150,11 @@ def _holds_videos(path: Path) -> bool:
     files = [path] if path.is_file() else list(path.iterdir())
     if any(file.suffix.lower() in VIDEOS for file in files):
         return True
-    return any(any(map(_is_picture, file.iterdir())) for file in files if file.is_dir())
+    return any(any(map(_is_image, file.iterdir())) for file in files if file.is_dir())
 
 
-def _is_picture(file: Path) -> bool:
-    return file.suffix.lower() in PICTURES
+def _is_image(file: Path) -> bool:
+    return file.suffix.lower() in IMAGES
 
 
 def _is_recognised(path: Path, entry: RecordingReader) -> bool:

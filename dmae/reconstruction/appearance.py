@@ -20,7 +20,7 @@ _SAMPLED_FRAMES = 8  # Number of frames of a track, evenly spread, from which it
 
 def has_appearance(clip: Clip, config: CaptureConfig) -> bool:
     """Return whether a clip has colour images, and the configuration gives them weight."""
-    return config.association.colour_weight > 0 and clip.has_pictures
+    return config.association.colour_weight > 0 and clip.has_images
 
 
 class TorsoColours:
@@ -34,7 +34,7 @@ class TorsoColours:
     """
 
     def __init__(self, clip: Clip):
-        if not clip.has_pictures:
+        if not clip.has_images:
             raise ValueError(f"clip {clip.id!r} has no rgb images")
         skeleton = clip.detections.skeleton
         joints = skeleton.index(*(joint for joint in _TORSO if joint in skeleton.joints))

@@ -83,7 +83,7 @@ def plain(axes: Axes) -> None:
 
 def _draw_view(axes: Axes, clip: Clip, frame: int, view: int, pixels: np.ndarray) -> None:
     width, height = clip.rig.size[view]
-    if clip.has_pictures:
+    if clip.has_images:
         axes.imshow(clip.images.at("rgb", clip.rig.names[view], frame), aspect="auto")
     else:
         axes.set_facecolor("#e9ecef")

@@ -168,14 +168,14 @@ def small_videos(clip: Clip) -> tuple[list[str | None], str | None]:
 
     Frame i of a video is frame i of the clip. Keyframes are half a second apart, so that a player can seek quickly.
     """
-    if not clip.has_pictures or not len(clip):
+    if not clip.has_images or not len(clip):
         return [None] * len(clip.rig), None
     videos: list[str | None] = []
     lost = []
     least, most = _BITS
     rate = int(np.clip(_BITS_OF_CLIP * clip.fps / len(clip) / len(clip.rig), least, most))
     greatest = max(width for bits, width in _WIDTHS.items() if bits <= rate)
-    for name, size in zip(progress(clip.rig.names, f"pictures of {clip.id}"), clip.rig.size, strict=True):
+    for name, size in zip(progress(clip.rig.names, f"images of {clip.id}"), clip.rig.size, strict=True):
         width, height = (int(side) for side in size)
         scale = min(1, greatest / max(width, height))
         even = tuple(max(2, round(side * scale / 2) * 2) for side in (width, height))  # as H.264 requires
@@ -189,7 +189,7 @@ def small_videos(clip: Clip) -> tuple[list[str | None], str | None]:
     if not lost:
         return videos, None
     cameras = camera_label(lost[0]) if len(lost) == 1 else f"cameras {', '.join(lost)}"
-    return videos, f"The pictures of {cameras} cannot be read in the folder that the clip names."
+    return videos, f"The images of {cameras} cannot be read in the folder that the clip names."
 
 
 def _encoded(frames: Iterator[np.ndarray], fps: float, size: tuple[int, int], rate: int) -> bytes:

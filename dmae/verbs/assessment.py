@@ -244,7 +244,7 @@ def show(clip: Clip, out: str | Path, config: ShowConfig | None = None) -> list[
     Examples:
         >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
         >>> completed = dmae.complete(dmae.capture(clip), clip.fps)
-        >>> files = dmae.show(replace(clip, poses=completed), "pictures", dmae.ShowConfig(frames=1, width=240))
+        >>> files = dmae.show(replace(clip, poses=completed), "drawings", dmae.ShowConfig(frames=1, width=240))
         >>> [file.name for file in files]
         ['sheet.png']
     """

@@ -351,7 +351,7 @@ def run(
         clip = dmae.run("session/videos", "session/calibration.toml", workers=4, out="runs/session")
 
     Args:
-        source: Folder of a video, or a folder of pictures, for each camera, named as in the calibration; or a clip with
+        source: Folder of a video, or a folder of images, for each camera, named as in the calibration; or a clip with
             colour images, or its folder.
         calibration: Calibration file, or folder of them; None for a clip, which has its own.
         detector: `blazepose`, or `package.module:function`.

@@ -76,7 +76,7 @@ def detect(
         clip = dmae.detect("session/videos", "session/calibration.toml", workers=4)
 
     Args:
-        source: Folder with a video, or a folder of pictures, for each camera, named as in the calibration; or a clip
+        source: Folder with a video, or a folder of images, for each camera, named as in the calibration; or a clip
             with colour images. The result keeps its truth and occlusion labels.
         calibration: Cameras, or their file; None if `source` is a clip, which contains its cameras.
         detector: `blazepose`, or `package.module:function`.

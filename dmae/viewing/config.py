@@ -1,4 +1,4 @@
-"""Options of pictures and videos of clips."""
+"""Options of drawings and videos of clips."""
 
 from dataclasses import dataclass, field
 
@@ -26,7 +26,7 @@ class ShowConfig:
 
     data: DataConfig = field(default_factory=DataConfig)
     out: str = "runs/show"
-    """Folder of the pictures; of a data set each clip has a folder in it."""
+    """Folder of the drawings; of a data set each clip has a folder in it."""
     frames: int = 4
     """Number of frames on the sheet, evenly spread over the clip."""
     cameras: list[str] = field(default_factory=list)

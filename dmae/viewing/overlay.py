@@ -191,7 +191,7 @@ def chosen_layers(clip: Clip, config: LayersConfig) -> Layers:
     detections = has_detections and (not has_labels if config.detections is None else config.detections)
     measured, completed = has_poses and config.measured, has_poses and config.completed
     truth = has_truth and (not has_poses if config.truth is None else config.truth)
-    lacking = [] if clip.has_pictures else ["images"]
+    lacking = [] if clip.has_images else ["images"]
     lacking += [] if has_poses else ["poses" if clip.poses is None else "person in its poses"]
     lacking += ["truth"] if config.truth and not has_truth else []
     lacking += [] if has_detections else ["detections"]

@@ -21,7 +21,7 @@ from dmae.viewing.overlay import (
     occluder_name,
     person_colour,
 )
-from dmae.viewing.sheet import pictures_of, written_whole
+from dmae.viewing.sheet import images_of, written_whole
 
 _JPEG_QUALITY = 80
 
@@ -37,10 +37,10 @@ def write_recording(clip: Clip, path: Path, layers: Layers) -> None:
         recording.save(str(part))
         recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         _log_cameras(recording, clip.actual_rig)
-        for frame, images in zip(progress(frames, "recording", len(frames)), pictures_of(clip, frames), strict=True):
+        for frame, images in zip(progress(frames, "recording", len(frames)), images_of(clip, frames), strict=True):
             recording.set_time("frame", sequence=int(frame))
             recording.set_time("time", duration=frame / clip.fps)
-            if clip.has_pictures:
+            if clip.has_images:
                 _log_images(recording, clip.rig.names, images)
             if layers.truth:
                 _log_truth(recording, clip, clip.actual_rig, frame, layers)
@@ -66,8 +66,8 @@ def _log_images(recording: rr.RecordingStream, names: tuple[str, ...], images) -
     for name, image in zip(names, images, strict=True):
         pixels = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
         _, jpeg = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
-        picture = rr.EncodedImage(contents=jpeg.tobytes(), media_type="image/jpeg")
-        recording.log(f"world/camera_{name}/image", picture)
+        image = rr.EncodedImage(contents=jpeg.tobytes(), media_type="image/jpeg")
+        recording.log(f"world/camera_{name}/image", image)
 
 
 def _log_poses(recording: rr.RecordingStream, clip: Clip, frame: int, layers: Layers) -> None:

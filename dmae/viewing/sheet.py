@@ -53,7 +53,7 @@ def write_sheet(
     frames = np.unique(((np.arange(rows) + 0.5) * len(clip) / rows).astype(int))
     pictures = [
         _grid(overlay.tiles(frame, images), columns)
-        for frame, images in zip(frames.tolist(), pictures_of(clip, frames), strict=True)
+        for frame, images in zip(frames.tolist(), images_of(clip, frames), strict=True)
     ]
     sheet = np.concatenate([header(overlay, pictures[0].shape[1]), *pictures])
     write_atomic(path, cv2.imencode(".png", cv2.cvtColor(sheet, cv2.COLOR_RGB2BGR))[1].tobytes())
@@ -69,7 +69,7 @@ def write_overlay_video(
 
     def pictures() -> Iterator[np.ndarray]:
         top = header(overlay, columns * (overlay.width + _GAP) + _GAP)
-        for frame, images in zip(progress(frames, "drawing", len(frames)), pictures_of(clip, frames), strict=True):
+        for frame, images in zip(progress(frames, "drawing", len(frames)), images_of(clip, frames), strict=True):
             whole = np.concatenate([top, _grid(overlay.tiles(int(frame), images), columns)])
             # H.264 needs even sides.
             yield np.pad(whole, ((0, whole.shape[0] % 2), (0, whole.shape[1] % 2), (0, 0)), mode="edge")
@@ -90,9 +90,9 @@ def written_whole(path: Path) -> Iterator[Path]:
         part.unlink(missing_ok=True)
 
 
-def pictures_of(clip: Clip, frames: np.ndarray) -> Iterator[Sequence[np.ndarray | None]]:
+def images_of(clip: Clip, frames: np.ndarray) -> Iterator[Sequence[np.ndarray | None]]:
     """Yield the images of all views, frame by frame; None for a view without images."""
-    if not clip.has_pictures:
+    if not clip.has_images:
         return repeat([None] * len(clip.rig), len(frames))
     images = clip.images.select(frames, clip.rig.names)
     return zip(*(images.read("rgb", name) for name in clip.rig.names), strict=True)
@@ -143,11 +143,11 @@ def header(overlay: Overlay, width: int) -> np.ndarray:
                 x += _MARK
             texts.append(((x, y), words, INK if mark or number < len(first) else FAINT))
             x += _LETTERS.getlength(words) + _SPACE
-    picture = Image.fromarray(canvas)
-    draw = ImageDraw.Draw(picture)
+    image = Image.fromarray(canvas)
+    draw = ImageDraw.Draw(image)
     for place, words, colour in texts:
         draw.text(place, words, colour, _LETTERS)
-    return np.asarray(picture)
+    return np.asarray(image)
 
 
 def _legend(overlay: Overlay) -> list[list[Item]]:

@@ -33,7 +33,7 @@ def show(config: ShowConfig, out: Path, rooms: Rooms | None = None) -> None:
         lacking, backdrop = chosen_layers(clip, config.layers).lacking, None
         if lacking:
             print(f"clip {clip.id}: no {', no '.join(lacking)}")
-        if rooms and not clip.has_pictures:
+        if rooms and not clip.has_images:
             try:
                 backdrop = rooms(clip)
             except (ValueError, OSError) as error:

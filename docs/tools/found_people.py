@@ -2,7 +2,7 @@
 
     python docs/tools/found_people.py            # all, into docs/results/found_people.json: 25 minutes
     python docs/tools/found_people.py views      # rendered views of three people alone
-    python docs/tools/found_people.py rooms      # rendered pictures, each searched by itself: 3 minutes
+    python docs/tools/found_people.py rooms      # rendered images, each searched by itself: 3 minutes
     python docs/tools/found_people.py videos     # Pose2Sim's recording alone, with DMAE_DATA
 
 A person is unoccluded if at most 20 % of its joints are hidden by anything other than its own body. A person is found
@@ -58,7 +58,7 @@ def views(seed: int, made: str | None = None) -> dict:
 
     The clips are generated now, or read from `<made>/<seed>`.
     """
-    counts = dict.fromkeys(("pictures", "people", "found", "ghosts", "joints", "near", "detections"), 0)
+    counts = dict.fromkeys(("images", "people", "found", "ghosts", "joints", "near", "detections"), 0)
     seconds, above = 0.0, {name: [] for name in _TORSO}
     with TemporaryDirectory() as folder:
         clips = dmae.load_dataset(f"{made}/{seed}") if made else synth.generate(**_OPTIONS, seed=seed, out=folder)
@@ -70,7 +70,7 @@ def views(seed: int, made: str | None = None) -> dict:
             plain = (seen.unobstructed.mean(-1) >= UNOBSTRUCTED) & (seen.height >= _LEAST_PX) & ~np.isnan(match.height)
             error = np.linalg.norm(match.found - seen.xy, axis=-1) / seen.height[..., None]
             counted = seen.visible & (plain & match.matched)[..., None] & ~np.isnan(error)
-            counts["pictures"] += len(clip) * len(clip.rig)
+            counts["images"] += len(clip) * len(clip.rig)
             counts["people"] += int(plain.sum())
             counts["found"] += int((plain & match.matched).sum())
             counts["ghosts"] += int((match.left_over & ~match.near).sum())
@@ -89,7 +89,7 @@ def views(seed: int, made: str | None = None) -> dict:
 
 
 def rooms(name: str) -> dict:
-    """Return people found and ghosts in pictures of rooms, searched by themselves as in videos and as photographs."""
+    """Return people found and ghosts in images of rooms, searched by themselves as in videos and as photographs."""
     arenas, focal, motion = _ROOMS[name]
     config = RandomConfig(views=4, focal=focal, lenses=["pinhole"])
     rig = RigConfig(placement=CameraPlacement.random, random=config)
@@ -111,12 +111,12 @@ def rooms(name: str) -> dict:
 def _found_alone(clip: dmae.Clip, config: PoseDetectorConfig) -> dict:
     start, found = time.process_time(), []
     for camera in clip.rig.names:
-        pictures = (clip.images.at("rgb", camera, frame) for frame in clip.images.frames)
+        images = (clip.images.at("rgb", camera, frame) for frame in clip.images.frames)
         detectors = (make_detector(config) for _ in clip.images.frames)
         found.append(
             [
-                check_people(detector, detector(picture), config.name)
-                for detector, picture in zip(detectors, pictures, strict=True)
+                check_people(detector, detector(image), config.name)
+                for detector, image in zip(detectors, images, strict=True)
             ]
         )
     spent = time.process_time() - start
@@ -125,7 +125,7 @@ def _found_alone(clip: dmae.Clip, config: PoseDetectorConfig) -> dict:
     seen = sightings(clip)
     match = match_detections(replace(clip, detections=detections, detection_labels=None), convert(clip.truth, BODY25))
     shown = (seen.visible.mean(-1) >= _VISIBLE) & ~np.isnan(match.height)
-    counts = {"pictures": len(clip) * len(clip.rig)}
+    counts = {"images": len(clip) * len(clip.rig)}
     for height, (least, most) in _HEIGHTS.items():
         people = shown & (match.height >= least) & (match.height < most)
         counts |= {f"people of {height}": int(people.sum()), f"found of {height}": int((people & match.matched).sum())}

@@ -25,9 +25,9 @@ from synth.scene.spec import SceneSpec
 OUT = Path(__file__).parents[2] / "docs/images/interactions.jpg"
 CLIPS, COLUMNS = 3, 7
 SIZE, SHARPER = (240, 200), 2
-"""Width and height of a picture, px, and how much larger it is drawn."""
+"""Width and height of an image, px, and how much larger it is drawn."""
 _AROUND, _ABOVE, _LENS = 8, 0.9, 1.15
-"""Cameras, their height above the hips, m, and their focal length in widths of the picture."""
+"""Cameras, their height above the hips, m, and their focal length in widths of the image."""
 _HEAD = 24
 
 
@@ -36,8 +36,8 @@ def main(data: Path, out: Path) -> None:
     kinds = [kind for kind in kinds if kind not in ("none", "office")]
     tasks = [(kind, folder) for kind in kinds for folder in clip_folders(data / kind)[:CLIPS]]
     drawn = dict.fromkeys(kinds, ())
-    for (kind, _), picture in zip(tasks, progress(map(_draw, tasks), "drawing", len(tasks)), strict=True):
-        drawn[kind] += (picture,)
+    for (kind, _), image in zip(tasks, progress(map(_draw, tasks), "drawing", len(tasks)), strict=True):
+        drawn[kind] += (image,)
     blank = np.full((SIZE[1], SIZE[0], 3), 255, np.uint8)
     rows = []
     for first in range(0, len(kinds), COLUMNS):
@@ -67,11 +67,11 @@ def _draw(task: tuple[str, Path]) -> np.ndarray:
     scene = build_scene(spec, rig)
     qpos = state.qpos[frame]
     with Renderer(scene.model, scene.geom_ids, rig, ImageQuality.draft) as renderer:
-        shown = [_least(renderer.picture(qpos, view, ("ids",)).ids, taking_part) for view in range(len(rig))]
+        shown = [_least(renderer.image(qpos, view, ("ids",)).ids, taking_part) for view in range(len(rig))]
     best = int(np.argmax(shown))
     with Renderer(scene.model, scene.geom_ids, rig, ImageQuality.high) as renderer:
-        picture = renderer.picture(qpos, best, ("rgb",)).rgb
-    return cv2.resize(picture, SIZE, interpolation=cv2.INTER_AREA)
+        image = renderer.image(qpos, best, ("rgb",)).rgb
+    return cv2.resize(image, SIZE, interpolation=cv2.INTER_AREA)
 
 
 def _least(ids: np.ndarray, persons: int) -> int:

@@ -112,7 +112,7 @@ def _spent(config: GenerateConfig) -> float:
 
 def _ids() -> dict:
     """Return the cost of colour images, without and with id images."""
-    rows, pictures = [], IDS.scene.frames * _TWO.ring.views
+    rows, images = [], IDS.scene.frames * _TWO.ring.views
     for quality in QUALITIES:
         spent = {1: [], 2: []}
         for _ in range(_TIMES):
@@ -124,11 +124,9 @@ def _ids() -> dict:
                         _seconds(lambda config=config, kinds=kinds: generate(replace(config, images=kinds)))
                     )
         colour, both = min(spent[1]), min(spent[2])
-        rows.append(
-            [quality.name, *(f"{1000 * each / pictures:.0f}" for each in (colour, both)), f"{both / colour:.2f}"]
-        )
+        rows.append([quality.name, *(f"{1000 * each / images:.0f}" for each in (colour, both)), f"{both / colour:.2f}"])
         print(rows[-1], flush=True)
-    return {"columns": ["quality", "rgb, CPU ms a picture", "rgb and ids", "ratio"], "rows": rows}
+    return {"columns": ["quality", "rgb, CPU ms an image", "rgb and ids", "ratio"], "rows": rows}
 
 
 def _seconds(work) -> float:

@@ -42,7 +42,7 @@ def main() -> None:
                      for (p, c), (fixed, each, size) in labels.items()],
         },
         "images": {
-            "columns": ["rgb, 1032 x 776 px", "CPU ms a picture", "kB a picture (video)"],
+            "columns": ["rgb, 1032 x 776 px", "CPU ms an image", "kB an image (video)"],
             "rows": [[quality, f"{1000 * each:.0f}", f"{size / 1000:.0f}"]
                      for quality, (each, size) in images.items()],
         },
@@ -55,7 +55,7 @@ def main() -> None:
                         "on disk"],
             "rows": [
                 _row("simulate, label, detect", labels[2, 5][1], labels[2, 5][2]),
-                _row("draft pictures of five cameras", 5 * images["draft"][0], 5 * images["draft"][1]),
+                _row("draft images of five cameras", 5 * images["draft"][0], 5 * images["draft"][1]),
                 *(_row(name, each, None) for name, each in steps.items()),
             ],
         },
@@ -104,7 +104,7 @@ def _labels(people: int, cameras: int) -> tuple[float, float, float]:
 
 
 def _images(quality: str) -> tuple[float, float]:
-    """Return the CPU seconds and the bytes of a picture."""
+    """Return the CPU seconds and the bytes of an image."""
     with tempfile.TemporaryDirectory() as folder:
         rig, data = synth.preset("rig", "shelf"), Path(folder, "data")
         list(synth.generate(clips=1, seed=3, seconds=0.4, persons=[2, 2], rig=rig, out=data))
@@ -112,8 +112,8 @@ def _images(quality: str) -> tuple[float, float]:
         (clip,) = synth.render(data, images=["rgb"], quality=quality, out=Path(folder, "seen"))
         took = time.process_time() - begun
         size = sum(path.stat().st_size for path in Path(folder, "seen").rglob("*.mp4"))
-        pictures = len(clip) * len(clip.rig)
-    return took / pictures, size / pictures
+        images = len(clip) * len(clip.rig)
+    return took / images, size / images
 
 
 def _steps() -> dict[str, float]:

@@ -46,12 +46,12 @@ def main(data: str) -> None:
                 continue
             place = (crop.frame, crop.view, crop.person)
             row = {"cut off by the border": bool((seen.visibility[place] == Visibility.OUTSIDE_IMAGE).any())}
-            for change, picture in _changed(clip, state, crop):
-                row[change] = found_in(picture, seen, place, detector).found
+            for change, image in _changed(clip, state, crop):
+                row[change] = found_in(image, seen, place, detector).found
             rows.append(row)
     changes = [change for change in rows[0] if change != "cut off by the border"]
     table = []
-    for name, cut in (("whole in the picture", False), ("cut off by the border", True)):
+    for name, cut in (("whole in the image", False), ("cut off by the border", True)):
         some = [row for row in rows if row["cut off by the border"] == cut]
         table.append([name, str(len(some)), *(str(sum(row[change] for row in some)) for change in changes)])
     columns = [f"missed, of {people} people", "number", *changes]
@@ -60,7 +60,7 @@ def main(data: str) -> None:
 
 
 def _changed(clip: Clip, state: BodyState, crop: Crop) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield the picture of a person with each change."""
+    """Yield the image of a person with each change."""
     spec, rig = SceneSpec.of(clip), clip.actual_rig
     looks = spec.persons[crop.person].looks
     persons = list(spec.persons)
@@ -79,7 +79,7 @@ def _changed(clip: Clip, state: BodyState, crop: Crop) -> Iterator[tuple[str, np
             left = [FIRST_OBJECT_ID + k for k, name in enumerate(scene.objects) if name.startswith(("floor", "wall"))]
             group[(ids >= FIRST_OBJECT_ID) & ~np.isin(ids, left)] = _UNDRAWN
         with Renderer(scene.model, ids, rig) as renderer:
-            yield change, renderer.picture(state.qpos[crop.frame], crop.view, ("rgb",)).rgb
+            yield change, renderer.image(state.qpos[crop.frame], crop.view, ("rgb",)).rgb
 
 
 if __name__ == "__main__":

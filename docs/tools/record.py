@@ -33,12 +33,12 @@ _CAPTURED_PEOPLE = (
 )
 
 _ROOMS = ("office", "living_room", "market", "pillars", "studio", "warehouse")
-_PICTURES = "rig.ring.views=3 rig.random.views=3 images=rgb rgb=jpeg scene.fps=1"
+_IMAGES = "rig.ring.views=3 rig.random.views=3 images=rgb rgb=jpeg scene.fps=1"
 _METER = " && ".join(
-    f"synth generate -m scene={room} rig=ring,random {_PICTURES} scene.seconds=6 clips=1 seed={seed} out=meter/{room}"
+    f"synth generate -m scene={room} rig=ring,random {_IMAGES} scene.seconds=6 clips=1 seed={seed} out=meter/{room}"
     for seed, room in enumerate(_ROOMS, 81)
 ) + (
-    f" && synth generate -m scene=office,living_room,warehouse rig=ring {_PICTURES} scene.seconds=8 clips=2 seed=87 "
+    f" && synth generate -m scene=office,living_room,warehouse rig=ring {_IMAGES} scene.seconds=8 clips=2 seed=87 "
     "'motion.actions=[sit,bend,crouch,lift]' out=meter/low"
 )
 _METER_SETS = [*(f"meter/{room}/{rig}" for room in _ROOMS for rig in (0, 1)), *(f"meter/low/{n}" for n in range(3))]
@@ -49,7 +49,7 @@ _SEEN = (
 )
 _SINGLE = "detector.search_every=1 detector.windows=[1,0.6]"
 _ALL_ROOMS = ",".join(_ROOMS)
-_PEOPLE = f"scene={_ALL_ROOMS} rig=ring,random {_PICTURES} scene.seconds=6 workers=2"
+_PEOPLE = f"scene={_ALL_ROOMS} rig=ring,random {_IMAGES} scene.seconds=6 workers=2"
 _FIT = (
     "synth generate -m scene=office rig=ring,random clips=1 seed=62 scene.seconds=1.2 images=rgb out=followed && "
     f"synth generate -m seed=71,91 {_PEOPLE} clips=2 out=many && "
@@ -157,7 +157,7 @@ RECORDED = {
 writes to its `out=` is kept."""
 
 
-_PICTURES_OF = {"errors": {"errors.png": "pixels_errors.png"}, "realism": {"worst.jpg": "pixels_worst.jpg"}}
+_IMAGES_OF = {"errors": {"errors.png": "pixels_errors.png"}, "realism": {"worst.jpg": "pixels_worst.jpg"}}
 """Figures of a result, kept in `docs/images/`."""
 
 
@@ -199,12 +199,12 @@ def _found(name: str, out: Path) -> dict:
         return {"contacts": json.loads((out / "statistics.json").read_text())["contacts"]}
     for name in ("realism", "errors", "distances"):
         if (out / f"{name}.json").is_file():
-            for picture, kept in _PICTURES_OF.get(name, {}).items():
-                shutil.copyfile(out / picture, ROOT / "docs/images" / kept)
+            for image, kept in _IMAGES_OF.get(name, {}).items():
+                shutil.copyfile(out / image, ROOT / "docs/images" / kept)
             return json.loads((out / f"{name}.json").read_text())
     if (out / "motion.json").is_file():
-        picture = cv2.imread(str(out / "motion.png"))
-        cv2.imwrite(str(ROOT / "docs/images/motion.jpg"), picture, [cv2.IMWRITE_JPEG_QUALITY, 85])
+        image = cv2.imread(str(out / "motion.png"))
+        cv2.imwrite(str(ROOT / "docs/images/motion.jpg"), image, [cv2.IMWRITE_JPEG_QUALITY, 85])
         return {"differences": json.loads((out / "motion.json").read_text())["differences"]}
     scores = out / "scores.json"
     return {"scores": _less_runs(json.loads(scores.read_text()))} if scores.is_file() else {}

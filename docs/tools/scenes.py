@@ -23,7 +23,7 @@ from synth.scene.spec import SceneSpec
 FILE = Path(__file__).parents[1] / "images/scenes.jpg"
 ROOMS = ("studio", "office", "living_room", "warehouse", "pillars", "market")
 COLUMNS, SIZE, SHARPER = 3, (480, 360), 2
-"""Pictures in a row, their width and height, px, and how much larger they are drawn."""
+"""Images in a row, their width and height, px, and how much larger they are drawn."""
 
 
 def draw(room: str, seed: int) -> np.ndarray:
@@ -35,11 +35,11 @@ def draw(room: str, seed: int) -> np.ndarray:
     spec, rig, qpos = SceneSpec.of(clip), clip.actual_rig, state.qpos[len(state.qpos) // 2]
     built, persons = build_scene(spec, rig), len(spec.persons)
     with Renderer(built.model, built.geom_ids, rig, ImageQuality.draft) as renderer:
-        ids = [renderer.picture(qpos, view, ("ids",)).ids for view in range(len(rig))]
+        ids = [renderer.image(qpos, view, ("ids",)).ids for view in range(len(rig))]
     seen = [np.bincount(each.ravel(), minlength=1 + persons)[1 : 1 + persons].min() for each in ids]
     with Renderer(built.model, built.geom_ids, rig, ImageQuality.high) as renderer:
-        picture = renderer.picture(qpos, int(np.argmax(seen)), ("rgb",)).rgb
-    return cv2.resize(picture, SIZE, interpolation=cv2.INTER_AREA)
+        image = renderer.image(qpos, int(np.argmax(seen)), ("rgb",)).rgb
+    return cv2.resize(image, SIZE, interpolation=cv2.INTER_AREA)
 
 
 if __name__ == "__main__":

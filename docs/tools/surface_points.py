@@ -1,6 +1,6 @@
-"""Draw the named points on people's surfaces over a picture: `docs/images/surface_points.jpg`.
+"""Draw the named points on people's surfaces over an image: `docs/images/surface_points.jpg`.
 
-    python docs/tools/surface_points.py            # one picture, under a minute
+    python docs/tools/surface_points.py            # one image, under a minute
 
 Filled dots are seen by the camera. Rings are hidden: by the own body in grey, by another person in yellow, by an object
 in blue. What touches another person is red.

@@ -23,7 +23,7 @@ TITLES = {
     "clip_from_arrays": "A clip from your own arrays",
     "pose2sim_recording": "A Pose2Sim recording to completed 3D",
     "dataset_and_model": "A data set, and a model trained on it",
-    "train_a_detector": "A detector that learns from simulated pictures",
+    "train_a_detector": "A detector that learns from simulated images",
     "triangulation_check": "Your triangulation under pytest",
     "benchmark_method": "Your method on the benchmark",
     "frames_as_they_come": "Frames as they come",
@@ -59,9 +59,9 @@ def execute(name: str) -> None:
         before = os.times()
         done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True, cwd=folder, env=environment)
         after = os.times()
-        picture = Path(folder, f"{name}.png").read_bytes()
+        image = Path(folder, f"{name}.png").read_bytes()
     EXECUTED.mkdir(parents=True, exist_ok=True)
-    (EXECUTED / f"{name}.png").write_bytes(picture)
+    (EXECUTED / f"{name}.png").write_bytes(image)
     # Other programs that run at the same time lengthen this less than the time until the end.
     cpu_s = round(sum(after[2:4]) - sum(before[2:4]))
     kept = {"sha256": checksum(name), "date": date.today().isoformat(), "cpu_s": cpu_s, "printed": done.stdout}

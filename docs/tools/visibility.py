@@ -83,13 +83,13 @@ def _compared(folders: list[Path]) -> np.ndarray:
         with Renderer(scene.model, scene.geom_ids, rig, ImageQuality.draft) as renderer:
             for view in range(len(rig)):
                 for frame in frames:
-                    images = renderer.picture(state.qpos[frame], view, ("ids", "parts", "depth"))
-                    total += _of_picture(clip, rig, view, frame, images)
+                    images = renderer.image(state.qpos[frame], view, ("ids", "parts", "depth"))
+                    total += _of_image(clip, rig, view, frame, images)
     return total
 
 
-def _of_picture(clip: Clip, rig, view: int, frame: int, images) -> np.ndarray:
-    """Return the counts of `_compared` for one picture."""
+def _of_image(clip: Clip, rig, view: int, frame: int, images) -> np.ndarray:
+    """Return the counts of `_compared` for one image."""
     xyz, codes = clip.truth.xyz[frame].astype(float), clip.occlusion.visibility[frame, view]
     xy, along = (part[0, 0] for part in rig[view : view + 1].project(xyz[None]))
     reach = np.linalg.norm(xyz - rig.centers[view], axis=-1)

@@ -27,7 +27,7 @@ from dmae.data.rng import Stream, generator
 from dmae.data.skeleton import BLAZEPOSE33, BODY25
 from dmae.data.store import clip_folders, load_clip
 from dmae.detection.detectors.landmarks import Network, Region, corrected_torso, find_person, pyramid_of
-from dmae.detection.pictures import find_cameras
+from dmae.detection.images import find_cameras
 from synth.detector.parts import kind_of
 from synth.physics.body_state import load_state
 from synth.recognition.realism import NEAR, in_plain_sight, sightings
@@ -71,13 +71,13 @@ class Seen:
 def main(data: str) -> None:
     network, rendered = Network("pose_landmark_full"), _rendered(Path(data))
     errors = {name: [] for name in (*_IMAGE, *_SCENES)}
-    for number, (person, name, picture) in enumerate(_pictures(rendered)):
-        errors[name].append((person, _error(network, picture, person)))
+    for number, (person, name, image) in enumerate(_images(rendered)):
+        errors[name].append((person, _error(network, image, person)))
         if number % 100 == 0:
             print(number, person.clip, flush=True)
     real = {name: [] for name in ("by OpenPose in the same image", "by OpenPose in all four images")}
-    for name, person, picture in _real():
-        real[name].append((person, _error(network, picture, person)))
+    for name, person, image in _real():
+        real[name].append((person, _error(network, image, person)))
     measured_by = measured("mujoco")
     changes = [_row(name, some) for name, some in errors.items()]
     changes += [_row(f"a real person, joints {name}", some) for name, some in real.items()]
@@ -88,7 +88,7 @@ def main(data: str) -> None:
     tables = {
         "changes": {
             "command": COMMAND,
-            "columns": ["picture", "people", "seen, %", "joints within 5 % of the height, %", *_PARTS],
+            "columns": ["image", "people", "seen, %", "joints within 5 % of the height, %", *_PARTS],
             "rows": changes,
         },
         "offsets": {
@@ -118,28 +118,28 @@ def _rendered(data: Path) -> list[Seen]:
 
 def _curve(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[np.ndarray], np.ndarray]:
     table = np.clip(255 * change(np.arange(256) / 255), 0, 255).astype(np.uint8)
-    return lambda picture: table[picture]
+    return lambda image: table[image]
 
 
-def _sharper(picture: np.ndarray) -> np.ndarray:
-    soft = cv2.GaussianBlur(picture, (0, 0), 1.5).astype(np.float32)
-    return np.clip(2.0 * picture - soft, 0, 255).astype(np.uint8)
+def _sharper(image: np.ndarray) -> np.ndarray:
+    soft = cv2.GaussianBlur(image, (0, 0), 1.5).astype(np.float32)
+    return np.clip(2.0 * image - soft, 0, 255).astype(np.uint8)
 
 
-def _noisy(picture: np.ndarray) -> np.ndarray:
-    noise = generator(0, 1, Stream.VALIDATION).normal(0, 8, picture.shape)
-    return np.clip(picture + noise, 0, 255).astype(np.uint8)
+def _noisy(image: np.ndarray) -> np.ndarray:
+    noise = generator(0, 1, Stream.VALIDATION).normal(0, 8, image.shape)
+    return np.clip(image + noise, 0, 255).astype(np.uint8)
 
 
 _IMAGE: dict[str, Callable[[np.ndarray], np.ndarray]] = {
-    "as drawn": lambda picture: picture,
+    "as drawn": lambda image: image,
     "brighter: to the power of 0.6": _curve(lambda x: x**0.6),
     "darker: to the power of 1.3": _curve(lambda x: x**1.3),
     "1.3 times the contrast": _curve(lambda x: 1.3 * (x - 0.4) + 0.45),
     "sharper": _sharper,
-    "blurred by 1.2 px": lambda picture: cv2.GaussianBlur(picture, (0, 0), 1.2),
+    "blurred by 1.2 px": lambda image: cv2.GaussianBlur(image, (0, 0), 1.2),
     "noise of 8 of 255": _noisy,
-    "without colour": lambda picture: np.repeat(picture.mean(-1, keepdims=True), 3, -1).astype(np.uint8),
+    "without colour": lambda image: np.repeat(image.mean(-1, keepdims=True), 3, -1).astype(np.uint8),
 }
 _SCENES = {
     "all in plain clothes and white shoes": {"dressed": True},
@@ -148,14 +148,14 @@ _SCENES = {
 }
 
 
-def _pictures(people: list[Seen]) -> Iterator[tuple[Seen, str, np.ndarray]]:
-    """Yield each person with the name of a change and its picture."""
+def _images(people: list[Seen]) -> Iterator[tuple[Seen, str, np.ndarray]]:
+    """Yield each person with the name of a change and its image."""
     for folder in dict.fromkeys(each.clip for each in people):
         clip, state, own = load_clip(folder), load_state(folder), [each for each in people if each.clip == folder]
         for person in own:
-            picture = clip.images.at("rgb", clip.rig.names[person.place[1]], person.place[0])
+            image = clip.images.at("rgb", clip.rig.names[person.place[1]], person.place[0])
             for name, change in _IMAGE.items():
-                yield person, name, change(picture)
+                yield person, name, change(image)
         for name, change in _SCENES.items():
             for number in dict.fromkeys(each.place[2] for each in own) if change.get("alone") else (None,):
                 spec = SceneSpec.of(clip)
@@ -171,7 +171,7 @@ def _pictures(people: list[Seen]) -> Iterator[tuple[Seen, str, np.ndarray]]:
                         frame, view, this = person.place
                         if number not in (None, this):
                             continue
-                        yield person, name, renderer.picture(state.qpos[frame], view, ("rgb",)).rgb
+                        yield person, name, renderer.image(state.qpos[frame], view, ("rgb",)).rgb
 
 
 def _dressed(spec: SceneSpec) -> SceneSpec:
@@ -198,8 +198,8 @@ def _real() -> Iterator[tuple[str, Seen, np.ndarray]]:
     found.score[..., neck] = found.score[..., shoulders].min(-1)
     projected, depth = clip.rig.project(xyz)
     for view, camera in enumerate(find_cameras(data / "videos")):
-        for frame, picture in enumerate(camera.read(0, len(camera))):
-            if picture is None or frame % 5:
+        for frame, image in enumerate(camera.read(0, len(camera))):
+            if image is None or frame % 5:
                 continue
             apart = np.linalg.norm(found.xy[frame, view] - projected[frame, view], axis=-1)
             own = int(np.nanmedian(np.where(np.isnan(apart).all(-1, keepdims=True), np.inf, apart), -1).argmin())
@@ -210,15 +210,15 @@ def _real() -> Iterator[tuple[str, Seen, np.ndarray]]:
                 ("by OpenPose in all four images", projected[frame, view]),
             ):
                 place = frame, view, number
-                yield name, Seen(folder, place, xyz[frame], xy, visible, float(height), clip.rig), picture
+                yield name, Seen(folder, place, xyz[frame], xy, visible, float(height), clip.rig), image
 
 
-def _error(network: Network, picture: np.ndarray, person: Seen) -> np.ndarray:
+def _error(network: Network, image: np.ndarray, person: Seen) -> np.ndarray:
     """Return the errors (25, 2) of the joints that the network finds, relative to the height."""
     hips, neck = (person.xy[_INDEX[joint]] for joint in ("mid_hip", "neck"))
     radius = _AROUND * np.nanmax(np.linalg.norm(person.xy - hips, axis=-1))
     region = Region.around(hips + 0.5, hips + 0.5 + radius * (neck - hips) / np.linalg.norm(neck - hips))
-    pyramid = pyramid_of(np.ascontiguousarray(picture))
+    pyramid = pyramid_of(np.ascontiguousarray(image))
     for _ in range(_PASSES):
         found = find_person(network, pyramid, region)
         region = found.region or region

@@ -81,7 +81,7 @@ COMMANDS = {
         (
             "synth export data=runs/data format=coco out=runs/coco",
             "synth export data=runs/data format=yolo splits=runs/splits.json every=5 workers=4 out=runs/yolo",
-            "synth export data=runs/data format=huggingface skeleton=body25 pictures=png out=runs/hub",
+            "synth export data=runs/data format=huggingface skeleton=body25 images=png out=runs/hub",
         ),
     ),
     "compare": Command(

@@ -7,7 +7,7 @@ from math import inf
 from dmae.detection.registry import PoseDetectorConfig
 from dmae.parallel import ProcessesConfig
 from synth.checks import check_range
-from synth.datasets.config import MIN_SECONDS, AboutConfig, PictureFormat, SplitBy
+from synth.datasets.config import MIN_SECONDS, AboutConfig, ImageFormat, SplitBy
 from synth.datasets.exporters import exporter
 from synth.detector.config import DetectorConfig, ErrorReference, Limits
 from synth.interactions.registry import InteractionConfig
@@ -102,7 +102,7 @@ class RealismCommand(ProcessesConfig):
     every: int = 1
     """Number of frames from one examined image of a camera to the next."""
     real: str = field(default="", metadata={"reads": "path"})
-    """A video of real people, or a folder of videos or of pictures: the silhouettes, skin and edges of both kinds of
+    """A video of real people, or a folder of videos or of images: the silhouettes, skin and edges of both kinds of
     people in one table. Empty for none."""
     shown: int = 36
     """Number of people in the figure, those with the worst detections."""
@@ -128,7 +128,7 @@ class ExportDataCommand(ProcessesConfig):
     """Skeleton of the joints; by default coco17, for panoptic always panoptic19."""
     every: int = 1
     """Number of frames from one image to the next; 1 for all."""
-    pictures: PictureFormat = PictureFormat.jpg
+    images: ImageFormat = ImageFormat.jpg
     """File format of images."""
     damaged: bool = False
     """Export even if files are missing or damaged."""

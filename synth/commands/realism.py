@@ -14,8 +14,8 @@ from synth.recognition.realism import HEAD, described, draw_sheet, judge, rates,
 from synth.recognition.silhouettes import comparison, photographed, rendered
 
 _NUMBERS, _PICTURE = "realism.json", "worst.jpg"
-_REAL_PICTURES = 12
-"""Number of pictures of each real camera that are looked at."""
+_REAL_IMAGES = 12
+"""Number of images of each real camera that are looked at."""
 
 
 def default_out(config: RealismCommand) -> Path:
@@ -26,12 +26,12 @@ def run(config: RealismCommand, out: Path) -> None:
     folders = [Path(path) for path in (config.data, *config.extra_data)]
     judged = judge(folders, config.detector, config.every, config.workers)
     if not judged:
-        raise ValueError(f"{config.data}: in no picture is a person in plain sight, there is nothing to look at")
+        raise ValueError(f"{config.data}: in no image is a person in plain sight, there is nothing to look at")
     rows = rates(judged)
     print_tables([Table(f"{config.detector.name} on {len(judged)} people", HEAD, [described(row) for row in rows])])
     numbers = {"detector": config.detector.name, "rows": [asdict(row) for row in rows]}
     if config.real:
-        real = photographed(Path(config.real), _REAL_PICTURES)
+        real = photographed(Path(config.real), _REAL_IMAGES)
         clips = [path for folder in folders for path in Clips(DataConfig("clip", str(folder))).folders]
         table = comparison(rendered(clips, config.every), real)
         print_tables([table])

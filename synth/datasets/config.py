@@ -185,7 +185,7 @@ class SplitBy(Enum):
     """Cameras: their lenses and places, independent of their names."""
 
 
-class PictureFormat(Enum):
+class ImageFormat(Enum):
     """File format of images."""
 
     jpg = "jpg"

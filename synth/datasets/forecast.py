@@ -30,7 +30,7 @@ from synth.scene.spec import SceneSpec
 
 _SHORT, _LONG = 0.24, 2.0
 """Lengths of the test clips, s. The difference gives the cost of a frame, the rest is the fixed cost of a clip."""
-_PICTURES = 5
+_IMAGES = 5
 """Greatest number of frames that are rendered."""
 _PART = 5
 """At most one clip in so many, and one frame in so many, is made for a forecast, but one clip at least."""
@@ -45,26 +45,26 @@ class Forecast:
     Attributes:
         clips: Number of clips to make, without existing clips that only lack images.
         frames: Number of frames of all clips.
-        pictures: Number of pictures. A picture is one view of one frame, in all requested kinds of images.
+        images: Number of images. An image is one view of one frame, in all requested kinds of images.
         seconds: Estimated time with the requested number of processes, s.
         megabytes: Estimated disk space, MB.
     """
 
     clips: int
     frames: int
-    pictures: int
+    images: int
     seconds: float
     megabytes: float
 
     def __str__(self) -> str:
-        pictures = f", {counted(self.pictures, 'picture')}" if self.pictures else ""
+        images = f", {counted(self.images, 'image')}" if self.images else ""
         took = duration(self.seconds)
-        made = f"{counted(self.clips, 'clip')}, {counted(self.frames, 'frame')}{pictures}"
+        made = f"{counted(self.clips, 'clip')}, {counted(self.frames, 'frame')}{images}"
         return f"{made}: about {took}, {self.megabytes:,.0f} MB"
 
 
-class PictureCost(NamedTuple):
-    """The cost of the pictures of a clip: time, s, for the clip and for each frame, and size, bytes, of all frames."""
+class ImageCost(NamedTuple):
+    """The cost of the images of a clip: time, s, for the clip and for each frame, and size, bytes, of all frames."""
 
     clip_seconds: float = 0.0
     frame_seconds: float = 0.0
@@ -81,7 +81,7 @@ def forecast(config: GenerateConfig) -> Forecast:
     """Forecast the time and the disk space of a data set, or of its missing clips and images.
 
     Short pieces of a clip with the median number of people are made in the requested number of processes, and a few
-    pictures rendered. Nothing is written to `config.out`. For a few clips, the forecast takes about a third of their
+    images rendered. Nothing is written to `config.out`. For a few clips, the forecast takes about a third of their
     time. Raises as `generate`.
     """
     rig = check(config)
@@ -101,16 +101,16 @@ def forecast(config: GenerateConfig) -> Forecast:
         measured = max(1, min(processes, len(indices) // _PART))
         list(in_parallel(_first_success, [(config, usual, _SHORT)] * measured, config.workers))
         costs = list(in_parallel(_measure, [(config, usual)] * measured, config.workers))
-    clip_seconds, frame_seconds, clip_bytes, frame_bytes, *of_pictures = np.mean(costs, axis=0)
-    cost = PictureCost(*of_pictures)
-    # Labels are in proportion to people; pictures are not.
+    clip_seconds, frame_seconds, clip_bytes, frame_bytes, *of_images = np.mean(costs, axis=0)
+    cost = ImageCost(*of_images)
+    # Labels are in proportion to people; images are not.
     labels, images = clip_seconds + frames * frame_seconds, cost.clip_seconds + frames * cost.frame_seconds
     seconds = [images + (labels * people[index] / median if index in to_make else 0) for index in indices]
     size = sum(people[index] for index in to_make) / median * (clip_bytes + frames * frame_bytes)
     size += len(indices) * cost.bytes
-    pictures = len(indices) * frames * len(rig) if config.kinds else 0
+    images = len(indices) * frames * len(rig) if config.kinds else 0
     took = makespan(seconds, processes)
-    return Forecast(len(to_make), frames * len(to_make), pictures, float(took), float(size) / 1e6)
+    return Forecast(len(to_make), frames * len(to_make), images, float(took), float(size) / 1e6)
 
 
 def makespan(seconds: list[float], workers: int) -> float:
@@ -137,7 +137,7 @@ def _missing(config: GenerateConfig) -> tuple[list[int], list[int]]:
 
 def _measure(config: GenerateConfig, indices: list[int]) -> tuple[float, ...]:
     """Return the cost of a clip, the first of `indices` that succeeds, measured with a short clip, a longer clip and a
-    few pictures: time, s, for the clip and for each frame, size, bytes, of both, and the fields of `PictureCost`."""
+    few images: time, s, for the clip and for each frame, size, bytes, of both, and the fields of `ImageCost`."""
     whole = len(config.numbers) * config.scene.seconds
     long = min(config.scene.seconds, _LONG, max(2 * _SHORT, whole / _PART))
     with tempfile.TemporaryDirectory() as folder:
@@ -145,11 +145,11 @@ def _measure(config: GenerateConfig, indices: list[int]) -> tuple[float, ...]:
         long_seconds, long_bytes, many, clip, state = _timed(config, indices, long, Path(folder) / "long")
         frame_seconds = max(0.0, (long_seconds - short_seconds) / max(1, many - few))
         frame_bytes = (long_bytes - short_bytes) / max(1, many - few)
-        pictures = PictureCost()
+        images = ImageCost()
         if config.kinds:
-            pictures = picture_cost(config, clip, state, config.scene.frames, Path(folder) / "images")
+            images = image_cost(config, clip, state, config.scene.frames, Path(folder) / "images")
     fixed = max(0.0, short_seconds - few * frame_seconds), short_bytes - few * frame_bytes
-    return fixed[0], frame_seconds, fixed[1], frame_bytes, *pictures
+    return fixed[0], frame_seconds, fixed[1], frame_bytes, *images
 
 
 def _timed(config: GenerateConfig, indices: list[int], seconds: float, folder: Path) -> tuple:
@@ -171,16 +171,16 @@ def _first_success(config: GenerateConfig, indices: list[int], seconds: float) -
     return until_success(lambda number: simulate_clip(short, indices[number]), len(indices) - 1)
 
 
-def picture_cost(
+def image_cost(
     config: GenerateConfig | RenderConfig, clip: Clip, state: BodyState, frames: int, folder: Path
-) -> PictureCost:
-    """Measure what pictures of `frames` frames cost, by rendering all views of one frame and of a few frames."""
-    few = min(_PICTURES, len(clip), max(2, frames // _PART))
+) -> ImageCost:
+    """Measure what images of `frames` frames cost, by rendering all views of one frame and of a few frames."""
+    few = min(_IMAGES, len(clip), max(2, frames // _PART))
     rig = clip.actual_rig
     start = time.perf_counter()
     scene = build_scene(SceneSpec.of(clip), rig)
     with Renderer(scene.model, scene.geom_ids, rig, config.quality, config.imaging) as renderer:
-        renderer.picture(state.qpos[0], 0, config.kinds)
+        renderer.image(state.qpos[0], 0, config.kinds)
         begun, took, sizes = time.perf_counter() - start, [], []
         for count in (1, few):
             start = time.perf_counter()
@@ -197,7 +197,7 @@ def picture_cost(
         # A video has one keyframe per second; the frames between store differences.
         firsts = ceil(frames / max(1, round(clip.fps))) if images.path(kind, rig.names[0]).suffix == ".mp4" else 1
         size += firsts * first + (frames - firsts) * max(0.0, each)
-    return PictureCost(begun + max(0.0, took[0] - frame_seconds), frame_seconds, size)
+    return ImageCost(begun + max(0.0, took[0] - frame_seconds), frame_seconds, size)
 
 
 def bytes_in(folder: Path) -> int:

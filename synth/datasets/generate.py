@@ -75,17 +75,17 @@ def make_clips(
     make: Callable[..., dict],
     tasks: dict[str, tuple],
     checksums: dict[str, Checksum | None],
-    pictures: int,
+    images: int,
 ) -> list[dict]:
     """Make clips in parallel, and write the manifest and the checksums of their data set. Return the manifest.
 
     Args:
-        make: Makes one clip on disk from its task, counts its pictures in the tally, and returns its manifest line.
+        make: Makes one clip on disk from its task, counts its images in the tally, and returns its manifest line.
         tasks: Arguments of `make`, by the name of the clip.
         checksums: Checksums of clips from before, from `begin_data_set`.
-        pictures: Number of views of frames of the clips.
+        images: Number of views of frames of the clips.
     """
-    out, made, tally = Path(config.out), [], PictureTally(config)
+    out, made, tally = Path(config.out), [], ImageTally(config)
     limit_threads(config.workers)
     if config.kinds:
         tally.begin()
@@ -93,7 +93,7 @@ def make_clips(
         with running_on(config.backend):
             lines = in_parallel(make, tasks.values(), config.workers, ordered=False)
             if config.kinds:
-                lines = counted_progress(lines, "rendering pictures", lambda: tally.count(pictures))
+                lines = counted_progress(lines, "rendering images", lambda: tally.count(images))
             else:
                 lines = progress(lines, "generating clips", len(tasks))
             made += lines
@@ -153,7 +153,7 @@ def _make(config: GenerateConfig, number: int, expected: Checksum | None) -> dic
 
 def _with_images(config: GenerateConfig, folder: Path) -> dict:
     """Add the missing images of a clip in a folder, and return its manifest line."""
-    clip, tally = load_clip(folder), PictureTally(config)
+    clip, tally = load_clip(folder), ImageTally(config)
     if missing_kinds(clip, config):
         add_images(clip, load_state(folder), folder, config, tally.add)
         write_checksums(folder)
@@ -215,11 +215,11 @@ def as_settings(config, leave: Collection[str] = ()) -> dict:
     return json.loads(json.dumps(settings, default=plain))
 
 
-class PictureTally:
-    """How many pictures processes have rendered: the marks in a file that they append to, if it exists."""
+class ImageTally:
+    """How many images processes have rendered: the marks in a file that they append to, if it exists."""
 
     def __init__(self, config: GenerateConfig | RenderConfig):
-        self._path = Path(config.out) / f".pictures.{getattr(config, 'first', 0)}"
+        self._path = Path(config.out) / f".images.{getattr(config, 'first', 0)}"
 
     def begin(self) -> None:
         """Create the file."""
@@ -230,12 +230,12 @@ class PictureTally:
         self._path.unlink(missing_ok=True)
 
     def add(self, kept: int = 0) -> None:
-        """Count a picture that was rendered, or so many that are kept and need not be."""
+        """Count an image that was rendered, or so many that are kept and need not be."""
         if self._path.is_file():
             with self._path.open("ab") as file:
                 file.write(b"k" * kept or b"r")
 
-    def count(self, pictures: int) -> tuple[int, int]:
-        """Return the number of rendered pictures, and of all to render, which are `pictures` without the kept ones."""
+    def count(self, images: int) -> tuple[int, int]:
+        """Return the number of rendered images, and of all to render, which are `images` without the kept ones."""
         marks = self._path.read_bytes()
-        return marks.count(b"r"), pictures - marks.count(b"k")
+        return marks.count(b"r"), images - marks.count(b"k")

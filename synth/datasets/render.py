@@ -17,8 +17,8 @@ from dmae.files.structured import read_json
 from dmae.parallel import process_count
 from synth.datasets.clip import label_clip
 from synth.datasets.config import OcclusionConfig, RenderConfig
-from synth.datasets.forecast import Forecast, bytes_in, makespan, picture_cost
-from synth.datasets.generate import CONFIG, PictureTally, as_settings, claim, make_clips
+from synth.datasets.forecast import Forecast, bytes_in, image_cost, makespan
+from synth.datasets.generate import CONFIG, ImageTally, as_settings, claim, make_clips
 from synth.datasets.images import add_images, check_images, missing_kinds
 from synth.detector.config import DetectorConfig
 from synth.physics.body_state import BodyState, load_state, save_state
@@ -42,13 +42,13 @@ def render(config: RenderConfig) -> list[dict]:
     folders, settings, rig = _checked(config)
     claim(out, settings)
     lines = [read_json(folder / "clip.json")["provenance"]["manifest"] for folder in folders]
-    pictures = sum(line["frames"] for line in lines) * len(rig)
+    images = sum(line["frames"] for line in lines) * len(rig)
     tasks = {folder.name: (config, settings, folder) for folder in folders}
-    return make_clips(config, _render, tasks, begin_data_set(out), pictures)
+    return make_clips(config, _render, tasks, begin_data_set(out), images)
 
 
 def forecast_rendering(config: RenderConfig) -> Forecast:
-    """Forecast the time and the disk space of what `render` would make, from a few pictures of one clip.
+    """Forecast the time and the disk space of what `render` would make, from a few images of one clip.
 
     Nothing is written to `config.out`. Raises as `render`.
     """
@@ -65,7 +65,7 @@ def forecast_rendering(config: RenderConfig) -> Forecast:
     with tempfile.TemporaryDirectory() as folder:
         save_clip(replace(clip, images=None), Path(folder) / "clip")
         labels, label_bytes = (time.perf_counter() - start) / len(clip), bytes_in(Path(folder) / "clip")
-        cost = picture_cost(config, clip, state, len(clip), Path(folder) / "images")
+        cost = image_cost(config, clip, state, len(clip), Path(folder) / "images")
     each = [cost.clip_seconds + number * (labels + cost.frame_seconds) for number in frames]
     took, whole = makespan(each, process_count(config.workers)), sum(frames)
     size = (cost.bytes + label_bytes) / len(clip) * whole
@@ -114,7 +114,7 @@ def _stage(settings: dict, spec: SceneSpec) -> Stage:
 
 def _render(config: RenderConfig, settings: dict, folder: Path) -> dict:
     """Render one clip into the new data set, if it is not there yet, and return its manifest line."""
-    target, tally = Path(config.out) / folder.name, PictureTally(config)
+    target, tally = Path(config.out) / folder.name, ImageTally(config)
     try:
         kept = load_clip(target)
         if not missing_kinds(kept, config) and not find_damage(target, fast=True):

@@ -84,14 +84,14 @@ class BinnedQuantity:
 QUANTITIES = {
     each.name: each
     for each in (
-        BinnedQuantity("persons_in_picture", "persons in a picture", "", np.arange(-0.5, 13)),
+        BinnedQuantity("persons_in_image", "persons in an image", "", np.arange(-0.5, 13)),
         BinnedQuantity("visible_views", "cameras that see a joint", "", np.arange(-0.5, MOST_CAMERAS + 1)),
         BinnedQuantity("distance", "distance of a person from a camera", "m", np.arange(0, 15.5, 0.5)),
         BinnedQuantity(
             "azimuth", "camera around a person, 0 in front, 90 to the left", "degrees", np.arange(-180, 181, 15)
         ),
         BinnedQuantity("elevation", "camera above the level of a person's hips", "degrees", np.arange(-90, 91, 7.5)),
-        BinnedQuantity("box_height", "height of a person in a picture", "px", np.arange(0, 1201, 40)),
+        BinnedQuantity("box_height", "height of a person in an image", "px", np.arange(0, 1201, 40)),
         BinnedQuantity("visible_share", "share of a person's pixels that is visible", "", np.linspace(0, 1, 21)),
         BinnedQuantity("hip_speed", "speed of the hips", "m/s", np.arange(0, 4.05, 0.1)),
         BinnedQuantity("wrist_speed", "speed of the wrists", "m/s", np.arange(0, 8.2, 0.2)),
@@ -105,7 +105,7 @@ class Statistics:
     """Counts of some clips, for the J joints of the skeleton's first part. `+` adds two of them."""
 
     joints: tuple[str, ...] = ()  # Names of the J joints
-    # `clips`, `clips_without_truth`, `frames`, `pictures`, `seconds`, and clips by number of persons, `persons=3`, and
+    # `clips`, `clips_without_truth`, `frames`, `images`, `seconds`, and clips by number of persons, `persons=3`, and
     # of cameras, `cameras=5`
     counts: Counter = field(default_factory=Counter)
     causes: np.ndarray | None = None  # (J, 7) numbers of joints in views, by `Visibility`
@@ -171,7 +171,7 @@ def _measure_clip(folder: Path) -> Statistics:
 def measure_clip(clip: Clip) -> Statistics:
     """Return the statistics of one clip."""
     views = len(clip.rig)
-    found = Statistics(counts=Counter(clips=1, frames=len(clip), pictures=views * len(clip)))
+    found = Statistics(counts=Counter(clips=1, frames=len(clip), images=views * len(clip)))
     found.counts[f"cameras={views}"] += 1
     found.counts["seconds"] += len(clip) / clip.fps
     spec = clip.provenance.get("spec")
@@ -214,7 +214,7 @@ def _measure_people(clip: Clip, found: Statistics) -> None:
     _add(found, "wrist_speed", np.linalg.norm(np.diff(wrists, axis=0), axis=-1) * clip.fps)
     xy, _ = rig.project(xyz)
     inside = rig.inside(xy)
-    _add(found, "persons_in_picture", inside.any(-1).sum(-1))
+    _add(found, "persons_in_image", inside.any(-1).sum(-1))
     y = xy[..., 1]
     high = np.where(inside, y, -np.inf).max(-1) - np.where(inside, y, np.inf).min(-1)
     _add(found, "box_height", np.where(inside.any(-1), high, np.nan))
@@ -427,7 +427,7 @@ def page(found: Statistics, name: str, failed: int) -> str:
     rows = [
         ("clips", f"{counts['clips']}{f', and {failed} that failed' if failed else ''}"),
         ("frames", f"{counts['frames']}, {counts['seconds']:.0f} s"),
-        ("views of frames", str(counts["pictures"])),
+        ("views of frames", str(counts["images"])),
         ("clips by persons", _listed_counts(counts, "persons=")),
         ("clips by cameras", _listed_counts(counts, "cameras=")),
         *((f"clips by {key}", _listed_counts(found.scenes, f"{key}=")) for key in ("arena", "motion", "interaction")),

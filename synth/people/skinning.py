@@ -114,7 +114,7 @@ class Skin:
 
     Args:
         model: A scene with people, or one without.
-        normals: Whether vertex normals follow, which pictures need; rays take the triangles' own.
+        normals: Whether vertex normals follow, which images need; rays take the triangles' own.
 
     Attributes:
         persons: The skin of each person.

@@ -43,7 +43,7 @@ class DetectorObservations:
     joints: pd.DataFrame
     people: pd.DataFrame
     hidden: np.ndarray  # (n, 25) True for the joints of the n people that are hidden or outside the image
-    pictures: int  # Number of images
+    images: int  # Number of images
     ghosts: int  # Number of detections far from every person
     duplicates: int  # Number of further detections near a person
 
@@ -94,8 +94,8 @@ def observe(clip: Clip) -> DetectorObservations:
     })  # fmt: skip
     ghosts = match.left_over & ~match.near & ~_is_cut(body.xy, seen)
     duplicates = int((match.left_over & match.near).sum())
-    pictures = len(clip) * len(clip.rig)
-    return DetectorObservations(joints, people, ~seen.visible[there], pictures, int(ghosts.sum()), duplicates)
+    images = len(clip) * len(clip.rig)
+    return DetectorObservations(joints, people, ~seen.visible[there], images, int(ghosts.sum()), duplicates)
 
 
 def _is_cut(xy: np.ndarray, seen: Sightings) -> np.ndarray:
@@ -110,7 +110,7 @@ def pooled(parts: Sequence[DetectorObservations]) -> DetectorObservations:
     """Return the observations of several clips as one."""
 
     joints, people = (pd.concat([getattr(p, name) for p in parts], ignore_index=True) for name in ("joints", "people"))
-    counts = {name: sum(getattr(part, name) for part in parts) for name in ("pictures", "ghosts", "duplicates")}
+    counts = {name: sum(getattr(part, name) for part in parts) for name in ("images", "ghosts", "duplicates")}
     return DetectorObservations(joints, people, np.concatenate([part.hidden for part in parts]), **counts)
 
 
@@ -179,7 +179,7 @@ def numbers(found: DetectorObservations) -> dict:
     return {
         "joints": joint_rows(found.joints),
         "people": people_rows(found.people),
-        "pictures": found.pictures,
+        "images": found.images,
         "ghosts": found.ghosts,
         "duplicates": found.duplicates,
     }
@@ -197,10 +197,10 @@ def tables(studied: dict[str, dict]) -> list[Table]:
         ]
         made.append(Table(title, (of, "number", *names), rows))
     counts = [
-        (name, f"{100 * each['ghosts'] / each['pictures']:.1f}", f"{100 * each['duplicates'] / each['pictures']:.1f}")
+        (name, f"{100 * each['ghosts'] / each['images']:.1f}", f"{100 * each['duplicates'] / each['images']:.1f}")
         for name, each in studied.items()
     ]
-    made.append(Table("In a hundred pictures", ("detector", "ghosts", "duplicates"), counts))
+    made.append(Table("In a hundred images", ("detector", "ghosts", "duplicates"), counts))
     return made
 
 

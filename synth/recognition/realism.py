@@ -12,7 +12,7 @@ from dmae.data.conversion import convert, convert_detections
 from dmae.data.labels import Visibility
 from dmae.data.skeleton import BODY25
 from dmae.detection.pipeline import make_detector
-from dmae.detection.registry import PictureDetector, PoseDetectorConfig
+from dmae.detection.registry import ImageDetector, PoseDetectorConfig
 from dmae.formats.reading import Clips, DataConfig
 from dmae.numerics.body import body_heading
 from dmae.parallel import in_parallel
@@ -147,7 +147,7 @@ class Crop:
     view: int
     person: int
     found: bool  # Whether the detector found the person
-    taken: bool  # Whether it did not, but found another person of the picture in the crop
+    taken: bool  # Whether it did not, but found another person of the image in the crop
     error: np.ndarray  # (25,) error of each joint, relative to the height; NaN where it was not reported
     counted: np.ndarray  # (25,) True for visible joints that the detector's skeleton has
     xy: np.ndarray  # (25, 2) detected joints, px of the whole image; NaN where not detected
@@ -162,7 +162,7 @@ class Crop:
             return int((self.counted & (self.error < NEAR)).sum())
 
 
-def crops(clip: Clip, seen: Sightings, detector: PictureDetector, every: int = 1) -> Iterator[Crop]:
+def crops(clip: Clip, seen: Sightings, detector: ImageDetector, every: int = 1) -> Iterator[Crop]:
     """Yield each person in plain sight, in each frame that is used.
 
     The detector gets a black image before each crop, so that it keeps no state of the previous one.
@@ -170,16 +170,16 @@ def crops(clip: Clip, seen: Sightings, detector: PictureDetector, every: int = 1
     Raises:
         ValueError: the clip has no colour images.
     """
-    if not clip.has_pictures:
+    if not clip.has_images:
         raise ValueError(f"clip {clip.id!r} has no colour images; make it with images=rgb")
     chosen = in_plain_sight(seen)
     for frame in range(0, len(clip), every):
         for view, name in enumerate(clip.rig.names):
             people = np.flatnonzero(chosen[frame, view])
             if len(people):
-                picture = clip.images.at("rgb", name, frame)
+                image = clip.images.at("rgb", name, frame)
             for person in people:
-                yield found_in(picture, seen, (frame, view, int(person)), detector)
+                yield found_in(image, seen, (frame, view, int(person)), detector)
 
 
 def in_plain_sight(seen: Sightings) -> np.ndarray:
@@ -188,30 +188,30 @@ def in_plain_sight(seen: Sightings) -> np.ndarray:
         return (seen.unobstructed.mean(-1) >= UNOBSTRUCTED) & (seen.height >= _LEAST)
 
 
-def found_in(picture: np.ndarray, seen: Sightings, place: tuple[int, int, int], detector: PictureDetector) -> Crop:
+def found_in(image: np.ndarray, seen: Sightings, place: tuple[int, int, int], detector: ImageDetector) -> Crop:
     """Return the result for the person at a frame, view and person, in an image (H, W, 3) uint8 RGB of that view."""
     shape = (1, 1, 1, len(detector.skeleton))
     everything = Detections2D(detector.skeleton, np.zeros((*shape, 2)), np.ones(shape))
     reported = ~np.isnan(convert_detections(everything, BODY25).score.ravel())
     for wide in SIDES:
-        crop = _looked_for(picture, seen, place, detector, seen.visible[place] & reported, wide)
+        crop = _looked_for(image, seen, place, detector, seen.visible[place] & reported, wide)
         if crop.found:
             break
     return crop
 
 
-def cut(picture: np.ndarray, corner: tuple[int, int], side: int) -> np.ndarray:
+def cut(image: np.ndarray, corner: tuple[int, int], side: int) -> np.ndarray:
     """Return a square crop (side, side, 3) of an image. It is black outside the image."""
     left, top = corner
     shift = np.array([[1.0, 0.0, left], [0.0, 1.0, top]])
-    return cv2.warpAffine(picture, shift, (side, side), flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP)
+    return cv2.warpAffine(image, shift, (side, side), flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP)
 
 
 def _looked_for(
-    picture: np.ndarray,
+    image: np.ndarray,
     seen: Sightings,
     place: tuple[int, int, int],
-    detector: PictureDetector,
+    detector: ImageDetector,
     counted: np.ndarray,
     wide: float,
 ) -> Crop:
@@ -220,7 +220,7 @@ def _looked_for(
     low, high = np.nanmin(true, 0), np.nanmax(true, 0)
     side = max(round(wide * float((high - low).max())), _LEAST)
     corner = tuple(int(x) for x in np.round((low + high) / 2 - side / 2))
-    square = cut(picture, corner, side)
+    square = cut(image, corner, side)
     if hasattr(detector, "in_boxes"):
         # A model of a user is told where the person is. Otherwise BlazePose's finder would decide who is found.
         box = [*(low + high) / 2 - corner + 0.5, _AROUND_JOINTS * (high - low).max()]
@@ -383,9 +383,9 @@ def _groups(clip: Clip, seen: Sightings, crop: Crop) -> dict[str, str]:
     cut_off = (seen.visibility[place] == Visibility.OUTSIDE_IMAGE).any()
     groups |= {
         "visible": "80 % of the joints or more" if well else "fewer: the body hides its own",
-        "company": "alone in the picture" if alone else "others in the picture",
+        "company": "alone in the image" if alone else "others in the image",
         "nearest hips": _range(seen.crowding[place], _APART, "heights"),
-        "border": "some joints are outside of the picture" if cut_off else "whole in the picture",
+        "border": "some joints are outside of the image" if cut_off else "whole in the image",
         "direction": str(seen.direction[place]),
         "posture": str(seen.posture[of_person]),
         "distance": _range(seen.distance[place], _DISTANCES, "m"),
@@ -448,9 +448,9 @@ def draw_sheet(judged: Sequence[Judged], columns: int = 6) -> np.ndarray:
         for each in judged:
             if each.clip == folder:
                 crop = each.crop
-                picture = clip.images.at("rgb", clip.rig.names[crop.view], crop.frame)
+                image = clip.images.at("rgb", clip.rig.names[crop.view], crop.frame)
                 true = seen.xy[crop.frame, crop.view, crop.person]
-                tiles[id(each)] = _tile(cut(picture, crop.corner, crop.side), each, true)
+                tiles[id(each)] = _tile(cut(image, crop.corner, crop.side), each, true)
     rows = [[tiles[id(each)] for each in judged[first : first + columns]] for first in range(0, len(judged), columns)]
     sheet = np.full((len(rows) * (_TILE + _LINE), columns * _TILE, 3), _PAPER, np.uint8)
     for y, row in enumerate(rows):

@@ -1,6 +1,6 @@
 """How people look to one network, rendered beside photographed: silhouettes, skin and edges.
 
-BlazePose's second network returns a mask of the person in a region, which is upright there. Both kinds of pictures are
+BlazePose's second network returns a mask of the person in a region, which is upright there. Both kinds of images are
 searched and cut in the same way, so that faults of the masks are in both columns.
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 from dmae.data.rng import Stream, generator
 from dmae.detection.detectors.blazepose import PeopleDetector
 from dmae.detection.detectors.landmarks import Network, pyramid_of
-from dmae.detection.pictures import cameras_of, find_cameras
+from dmae.detection.images import cameras_of, find_cameras
 from dmae.detection.registry import PoseDetectorConfig
 from dmae.formats.reading import Clips, DataConfig
 from dmae.progress import progress
@@ -66,17 +66,17 @@ def silhouette(pixels: np.ndarray, mask: np.ndarray) -> dict[str, float] | None:
     return {name: float(value) for name, value in found.items()}
 
 
-def people(pictures: Iterable[np.ndarray]) -> Iterator[dict[str, float]]:
-    """Yield the statistics of all whole people in pictures (H, W, 3) uint8 RGB of one camera."""
+def people(images: Iterable[np.ndarray]) -> Iterator[dict[str, float]]:
+    """Yield the statistics of all whole people in images (H, W, 3) uint8 RGB of one camera."""
     search = PeopleDetector(PoseDetectorConfig(windows=[1.0, 0.6], search_every=1))
     network = Network("pose_landmark_full")
-    for picture in pictures:
-        pyramid, size = pyramid_of(np.ascontiguousarray(picture)), picture.shape[1::-1]
-        for person in search(picture):
+    for image in images:
+        pyramid, size = pyramid_of(np.ascontiguousarray(image)), image.shape[1::-1]
+        for person in search(image):
             region = person.region
             if region is None or region.side < _LEAST:
                 continue
-            # The circle around the body must be within the picture, but for a tenth of its radius.
+            # The circle around the body must be within the image, but for a tenth of its radius.
             if np.minimum(region.centre, size - region.centre).min() <= 0.9 * region.radius:
                 continue
             pixels = region.cut(pyramid, network.size)
@@ -98,15 +98,15 @@ def rendered(folders: Sequence[Path], every: int) -> list[list[dict[str, float]]
 
 
 def photographed(path: Path, count: int) -> list[list[dict[str, float]]]:
-    """Return the statistics of the people in `count` pictures of each camera of a recording, a list for each camera.
+    """Return the statistics of the people in `count` images of each camera of a recording, a list for each camera.
 
-    Raises as `dmae.detection.pictures.find_cameras`.
+    Raises as `dmae.detection.images.find_cameras`.
     """
     found, cameras = [], find_cameras(path)
     for camera in progress(cameras, "real people", len(cameras)):
         chosen = set(np.linspace(0, len(camera) - 1, min(count, len(camera))).round().astype(int).tolist())
-        pictures = (picture for i, picture in enumerate(camera.read(0, len(camera))) if i in chosen)
-        found.append(list(people(picture for picture in pictures if picture is not None)))
+        images = (image for i, image in enumerate(camera.read(0, len(camera))) if i in chosen)
+        found.append(list(people(image for image in images if image is not None)))
     return found
 
 
@@ -118,7 +118,7 @@ def comparison(ours: list[list[dict[str, float]]], real: list[list[dict[str, flo
     """
     for what, some in (("rendered", ours), ("real", real)):
         if not any(some):
-            raise ValueError(f"in no {what} picture is a person whole, and larger than {_LEAST:g} px")
+            raise ValueError(f"in no {what} image is a person whole, and larger than {_LEAST:g} px")
     rows, rng = [], generator(0, 0, Stream.VALIDATION)
     for name in next(one for some in real for one in some):
         means = [_mean([[one[name] for one in some] for some in cameras if some], rng) for cameras in (ours, real)]

@@ -1,4 +1,4 @@
-"""The quality of images, and how light becomes a picture."""
+"""The quality of images, and how light becomes colour."""
 
 from dataclasses import dataclass
 from enum import Enum

@@ -33,13 +33,13 @@ class LensPainter(OpenGLPainter):
 
     def paint(self, data: mujoco.MjData, view: int, kinds: tuple[str, ...]) -> tuple[np.ndarray | None, ...]:
         """Return images of these kinds. Pixels where the lens shows nothing are NaN or 0."""
-        pictures = [super(LensPainter, self).paint(data, part, kinds) for part in self._parts[view]]
-        return tuple(self._bent(list(images), view) for images in zip(*pictures, strict=True))
+        images = [super(LensPainter, self).paint(data, part, kinds) for part in self._parts[view]]
+        return tuple(self._bent(list(images), view) for images in zip(*images, strict=True))
 
     def paint_alone(self, data: mujoco.MjData, view: int, owner: int) -> np.ndarray:
         """Return (H, W) True for the pixels that geoms with the id `owner` would cover if nothing else were there."""
-        pictures = [super(LensPainter, self).paint_alone(data, part, owner) for part in self._parts[view]]
-        return self._bent([picture.astype(np.uint16) for picture in pictures], view) > 0
+        images = [super(LensPainter, self).paint_alone(data, part, owner) for part in self._parts[view]]
+        return self._bent([image.astype(np.uint16) for image in images], view) > 0
 
     def _bent(self, images: list[np.ndarray | None], view: int) -> np.ndarray | None:
         """Return the distorted image from the images of the pinholes. Only colours are interpolated."""
@@ -128,8 +128,8 @@ class SurfaceFlow:
 # The renderer
 
 _BLUR_STEP, _MOST = 2.0, 16
-"""Distance in the image that the fastest geom moves from one picture of an exposure to the next, px, and the greatest
-number of pictures of an exposure."""
+"""Distance in the image that the fastest geom moves from one image of an exposure to the next, px, and the greatest
+number of images of an exposure."""
 
 # Whether there are shadows, samples per pixel, slices, stacks and quads of round shapes. The last number is for ray
 # casting: the side, in pixels, of the block that shares a ray.
@@ -198,7 +198,7 @@ class Renderer:
         self.persons = int(geom_ids[geom_ids < FIRST_OBJECT_ID].max(initial=0))
         """Number of persons."""
 
-    def picture(
+    def image(
         self,
         qpos: np.ndarray,
         view: int,
@@ -242,7 +242,7 @@ class Renderer:
         )
 
     def _exposed(self, qpos: np.ndarray, motion: np.ndarray, view: int) -> np.ndarray:
-        """Return the mean light of pictures during the exposure, with the state `qpos` in its middle, as an image."""
+        """Return the mean light of images during the exposure, with the state `qpos` in its middle, as an image."""
 
         def move(share: float) -> None:
             moved = qpos.copy()
@@ -336,26 +336,26 @@ def render_images(
     counted = "ids" in kinds
     visible, amodal = (np.zeros((len(qpos), len(rig), renderer.persons), np.int32) for _ in range(2))
 
-    def pictures(view: int) -> Iterator[np.ndarray | None]:
+    def rendered(view: int) -> Iterator[np.ndarray | None]:
         """Render the images of a view, write all that are not in a video, and yield the colours."""
         for frame, state in enumerate(qpos):
             following = qpos[frame + 1] if frame + 1 < len(qpos) else None
-            picture = renderer.picture(state, view, kinds, following, renderer.motion(qpos, frame, fps))
-            if sensors and picture.rgb is not None:
-                picture = picture._replace(rgb=sensors[view].picture(picture.rgb, frame))
+            image = renderer.image(state, view, kinds, following, renderer.motion(qpos, frame, fps))
+            if sensors and image.rgb is not None:
+                image = image._replace(rgb=sensors[view].image(image.rgb, frame))
             for kind in kinds:
                 path = images.path(kind, rig.names[view], frame)
                 if path.suffix != ".mp4":
-                    write_image(kind, path, getattr(picture, kind))
+                    write_image(kind, path, getattr(image, kind))
             if counted:
                 for person in range(renderer.persons):
-                    visible[frame, view, person] = np.count_nonzero(picture.ids == 1 + person)
+                    visible[frame, view, person] = np.count_nonzero(image.ids == 1 + person)
                     amodal[frame, view, person] = np.count_nonzero(renderer.alone(state, view, person))
             seen()
-            yield picture.rgb
+            yield image.rgb
 
     for view, name in enumerate(rig.names):
-        colours = pictures(view)
+        colours = rendered(view)
         if "rgb" in kinds and rgb == "h264":
             write_video(images.path("rgb", name), colours, fps)
         for _ in colours:

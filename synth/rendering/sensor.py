@@ -55,7 +55,7 @@ class Sensor:
         self._table = encode(light[..., None] + noise[..., None] * _NORMAL)
         self._noisy = bool(config.electrons)
 
-    def picture(self, rgb: np.ndarray, frame: int) -> np.ndarray:
+    def image(self, rgb: np.ndarray, frame: int) -> np.ndarray:
         """Return the image (H, W, 3) uint8 that the camera stores of an image without its faults.
 
         Noise is independent from pixel to pixel and from channel to channel, before compression.

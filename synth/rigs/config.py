@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from dmae.data.cameras import CameraRig
 
 
-def check_picture(group: str, focal: float, size: list[int]) -> None:
+def check_image(group: str, focal: float, size: list[int]) -> None:
     """Raise ValueError if these are not a focal length, px, and an image size, px; the message names the field."""
     if not 0 < focal < np.inf:
         raise ValueError(f"{group}.focal: expected more than 0 px, got {focal}")
@@ -65,7 +65,7 @@ class RingConfig:
     def __post_init__(self):
         check_range("rig.ring", self, 1, np.inf, "views")
         check_pairs("rig.ring", self, 0, np.inf, "radius", "height", above=True)
-        check_picture("rig.ring", self.focal, self.size)
+        check_image("rig.ring", self.focal, self.size)
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class DomeConfig:
         check_range("rig.dome", self, 1, np.inf, "views")
         check_range("rig.dome", self, 0, np.inf, "radius", above=True, unit=" m")
         check_pairs("rig.dome", self, 0, np.pi / 2, "elevation", above=True, unit=" rad")
-        check_picture("rig.dome", self.focal, self.size)
+        check_image("rig.dome", self.focal, self.size)
 
 
 class Lens(Enum):
@@ -130,7 +130,7 @@ class RandomConfig:
     def __post_init__(self):
         check_range("rig.random", self, 1, np.inf, "views")
         check_pairs("rig.random", self, 0, np.inf, "radius", "height", "target_height", "focal", above=True)
-        check_picture("rig.random", self.focal[0], self.size)
+        check_image("rig.random", self.focal[0], self.size)
         if not 0 <= self.views_at_least <= self.views:
             raise ValueError(
                 f"rig.random.views_at_least: expected 0 to rig.random.views, which is {self.views}; "
@@ -160,7 +160,7 @@ class JitterConfig:
 class MiscalibrationConfig:
     """Errors of the calibration that a clip stores as its rig.
 
-    Pictures and labels come from the true cameras, which the clip stores as `true_rig`. Drawn for each clip and
+    Images and labels come from the true cameras, which the clip stores as `true_rig`. Drawn for each clip and
     camera, normally distributed; the values are standard deviations.
     """
 

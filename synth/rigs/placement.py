@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from dmae.data.cameras import CameraRig
-from synth.rigs.config import CameraConfig, DomeConfig, Lens, RandomConfig, RingConfig, check_picture
+from synth.rigs.config import CameraConfig, DomeConfig, Lens, RandomConfig, RingConfig, check_image
 from synth.rigs.coverage import Stage, find_faults, views_of_cells
 from synth.rigs.lenses import joined
 
@@ -96,7 +96,7 @@ def _numbers(camera: CameraConfig, where: str) -> tuple[np.ndarray, np.ndarray]:
     if camera.focal is None:
         K = np.reshape(camera.K, (3, 3))
     else:
-        check_picture(where, camera.focal, camera.size)
+        check_image(where, camera.focal, camera.size)
         K = intrinsics(camera.focal, camera.size)
     if not placed:
         return K, np.vstack([np.reshape(camera.cam_from_world, (3, 4)), (0, 0, 0, 1)])

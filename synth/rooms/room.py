@@ -20,7 +20,7 @@ import numpy as np
 
 from dmae.files.checks import check_numbers
 from dmae.files.contents import check_file, read_text
-from dmae.files.pictures import check_picture
+from dmae.files.images import check_image
 from dmae.registry import unknown
 from synth.rooms.config import mjcf_names, room_choices, room_folder
 from synth.rooms.rays import at_rest
@@ -117,7 +117,7 @@ def read_mjcf(path: Path) -> mujoco.MjSpec:
         for asset in _existing(found, file, kind, [Path(folder) / name for folder in folders]):
             check_file(asset, _MOST_ASSET)
             if asset.suffix.lower() in (".png", ".jpg", ".jpeg", ".bmp"):
-                check_picture(asset)
+                check_image(asset)
     try:
         return mujoco.MjSpec.from_file(str(path))
     except (ValueError, mujoco.FatalError) as error:

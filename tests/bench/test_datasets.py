@@ -10,7 +10,7 @@ import pytest
 from dmae.data.store import save_clip, write_manifest
 from dmae.datasets import FrameDataset, WindowDataset
 from tests.support.clips import full_clip
-from tests.support.data_sets import pictured_set
+from tests.support.data_sets import image_set
 from tests.support.timing import seconds
 
 pytestmark = pytest.mark.bench
@@ -47,9 +47,9 @@ def test_windows_in_random_order(clips):
     print(f"\nwindows of 30 frames: {len(order) / whole:.0f} a second, {whole / least:.1f} x reading their bytes")
 
 
-def test_pictures_in_random_order_and_in_a_row(tmp_path):
+def test_images_in_random_order_and_in_a_row(tmp_path):
     """Beside decoding the same frames of the videos in a row, which is the least that a video costs."""
-    frames = FrameDataset(pictured_set(tmp_path / "set", clips=4, frames=50))
+    frames = FrameDataset(image_set(tmp_path / "set", clips=4, frames=50))
     videos = [file.folder / "images/rgb" / f"{name}.mp4" for file in frames.files for name in file.cameras]
 
     def plain() -> None:
@@ -63,7 +63,7 @@ def test_pictures_in_random_order_and_in_a_row(tmp_path):
     least = seconds(plain)
     for name, indices in (("in a row", range(len(frames))), ("in random order", order)):
         spent = seconds(lambda indices=indices: [frames[index] for index in indices])
-        print(f"\npictures {name}: {len(order) / spent:.0f} a second, {spent / least:.1f} x decoding the videos")
+        print(f"\nimages {name}: {len(order) / spent:.0f} a second, {spent / least:.1f} x decoding the videos")
 
 
 def test_memory_stays_flat(clips):

@@ -53,13 +53,13 @@ def test_rendering_of_four_people(quality, kinds, tmp_path, monkeypatch):
     start = time.perf_counter()
     with Renderer(made.model, made.geom_ids, RIG, quality) as renderer:
         starting = time.perf_counter() - start
-        # The first picture is when textures and meshes are handed over.
-        renderer.picture(made.qpos[0], 0)
+        # The first image is when textures and meshes are handed over.
+        renderer.image(made.qpos[0], 0)
         engine.update(dict.fromkeys(ENGINE, 0.0))
         start = time.perf_counter()
         for view in range(len(RIG)):
             for state in made.qpos:
-                renderer.picture(state, view, kinds)
+                renderer.image(state, view, kinds)
         rendering, called = time.perf_counter() - start, dict(engine)
         start = time.perf_counter()
         render_images(renderer, made.qpos, RIG, tmp_path, spec.fps, kinds)
@@ -82,7 +82,7 @@ def test_ids_beside_colour(quality, tmp_path, monkeypatch):
     spent = {}
     for kinds in (("rgb",), ("rgb", "ids")):
         with Renderer(made.model, made.geom_ids, rig, quality) as renderer:
-            renderer.picture(made.qpos[0], 0, kinds)
+            renderer.image(made.qpos[0], 0, kinds)
             start = time.process_time()
             render_images(renderer, made.qpos, rig, tmp_path / "+".join(kinds), spec.fps, kinds)
             spent[kinds] = (time.process_time() - start) / (len(made.qpos) * len(rig))

@@ -23,7 +23,7 @@ def test_a_line_a_minute_without_a_terminal_forecasts_without_the_first_item(mon
 
 
 def test_parts_counted_elsewhere_are_forecast_without_the_first_ones(monkeypatch, capsys):
-    """As pictures are, of which the first comes after the simulation: 1 of 750 after 2 minutes forecast 25 hours."""
+    """As images are, of which the first comes after the simulation: 1 of 750 after 2 minutes forecast 25 hours."""
     clock, waits, counts = itertools.count(0, 30), iter([False] * 4 + [True]), itertools.count()
     event = SimpleNamespace(wait=lambda seconds: next(waits), set=lambda: None)
     monkeypatch.setattr(module.time, "monotonic", lambda: float(next(clock)))

@@ -20,8 +20,8 @@ from synth.datasets.exporters import export
 from synth.datasets.exporters.export import export as export_data_set
 from synth.datasets.exporters.layouts import KEYS, PERSONS
 from synth.datasets.splits import write_splits
-from tests.support.clips import pictured_clip
-from tests.support.data_sets import pictured_set
+from tests.support.clips import image_clip
+from tests.support.data_sets import image_set
 
 REFERENCE = Path(__file__).parents[2] / "docs/reference"
 F, V, P, J, D = 12, 4, 2, 25, 2
@@ -47,7 +47,7 @@ def names(cell: str) -> list[str]:
 def written(tmp_path_factory) -> Path:
     """A clip with everything that a clip can have."""
     folder = tmp_path_factory.mktemp("clip")
-    clip = pictured_clip(folder / "images", F, V)
+    clip = image_clip(folder / "images", F, V)
     xyz = clip.truth.xyz
     rays = np.ones((*xyz.shape[:3], 2, 3))
     poses = Poses3D(BODY25, xyz, rays=rays)
@@ -119,7 +119,7 @@ def test_versions_are_those_of_the_pages():
 def test_keys_of_splits_and_statistics_are_those_of_the_page(tmp_path):
     write_splits(tmp_path / "splits.json", {"train": ["0"]}, SplitBy.rig, 0)
     assert set(json.loads((tmp_path / "splits.json").read_text())) <= set(names(section("files", "`splits.json`")))
-    data = pictured_set(tmp_path / "set", clips=1)
+    data = image_set(tmp_path / "set", clips=1)
     statistics.stats(data, tmp_path / "card")
     content = json.loads((tmp_path / "card/statistics.json").read_text())
     documented = set(names(section("files", "`statistics/`")))
@@ -128,7 +128,7 @@ def test_keys_of_splits_and_statistics_are_those_of_the_page(tmp_path):
 
 
 def test_keys_of_exports_are_those_of_the_page(tmp_path):
-    data = pictured_set(tmp_path / "set", clips=1, depth=True)
+    data = image_set(tmp_path / "set", clips=1, depth=True)
     export_data_set(data, tmp_path / "coco")
     content = json.loads((tmp_path / "coco/annotations/person_keypoints_train.json").read_text())
     tables = rows(section("exports", "coco"))

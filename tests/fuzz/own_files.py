@@ -25,9 +25,9 @@ from tests.support.clips import full_clip
 
 
 def _write_videos(folder: Path) -> None:
-    pictures = np.random.default_rng(0).integers(0, 255, (4, 16, 16, 3)).astype(np.uint8)
+    images = np.random.default_rng(0).integers(0, 255, (4, 16, 16, 3)).astype(np.uint8)
     for camera in ("left", "right"):
-        write_video(folder / f"videos/{camera}.mp4", pictures, 25)
+        write_video(folder / f"videos/{camera}.mp4", images, 25)
 
 
 def _write_folders(folder: Path) -> None:
@@ -38,22 +38,22 @@ def _write_folders(folder: Path) -> None:
 
 def _read_videos(folder: Path) -> list:
     found = open_recording(folder / "videos", fps=None if (folder / "videos/left.mp4").exists() else 25.0)
-    pictures = [list(camera.read(0, min(len(camera), 10))) for camera in found.cameras]
-    return [found.alignment.fps, *pictures]
+    images = [list(camera.read(0, min(len(camera), 10))) for camera in found.cameras]
+    return [found.alignment.fps, *images]
 
 
 @cache
 def _onnx_model() -> bytes:
-    """A model that finds all 17 joints where the picture is brightest."""
+    """A model that finds all 17 joints where the image is brightest."""
     import onnx
 
     make, kind = onnx.helper, onnx.TensorProto.FLOAT
     nodes = [
-        make.make_node("ReduceMean", ["picture"], ["grey"], axes=[1], keepdims=1),
+        make.make_node("ReduceMean", ["image"], ["grey"], axes=[1], keepdims=1),
         make.make_node("Mul", ["grey", "ones"], ["maps"]),
     ]
     maps = make.make_tensor_value_info("maps", kind, (1, 17, 64, 48))
-    given = make.make_tensor_value_info("picture", kind, (1, 3, 64, 48))
+    given = make.make_tensor_value_info("image", kind, (1, 3, 64, 48))
     ones = make.make_tensor("ones", kind, (1, 17, 1, 1), [1.0] * 17)
     graph = make.make_graph(nodes, "brightest", [given], [maps], [ones])
     return make.make_model(graph, opset_imports=[make.make_opsetid("", 13)], ir_version=8).SerializeToString()
@@ -118,7 +118,7 @@ def _read_lines(folder: Path) -> list:
 
 OWN_FILES = [
     Reader("detection/videos", _write_videos, _read_videos),
-    Reader("detection/folders of pictures", _write_folders, _read_videos),
+    Reader("detection/folders of images", _write_folders, _read_videos),
     Reader("detection/onnx", lambda folder: (folder / "model.onnx").write_bytes(_onnx_model()), _read_onnx),
     Reader("option/function", lambda folder: (folder / "option.txt").write_text("dmae.regression.solvers:ours"),
            _read_function, unnamed=True),

@@ -50,10 +50,10 @@ from tests.fuzz.seed_files import (
     write_compressed,
     write_data_set,
     write_decisions,
+    write_images,
     write_mesh,
     write_motion,
     write_physics,
-    write_pictures,
     write_pose2sim_video,
     write_poses,
     write_presets,
@@ -71,7 +71,7 @@ def _read_recording(name: str, folder: Path, **options) -> list:
     return list(Clips(DataConfig(name, str(folder), fps=None if name in ("clip", "shelf") else FPS, **options)))
 
 
-def _read_pictures(kind: str, folder: Path) -> list:
+def _read_images(kind: str, folder: Path) -> list:
     return list(Images(folder, ("left",), (0, 1), (kind,), ("a",)).read(kind, "left"))
 
 
@@ -168,7 +168,7 @@ READERS = [
     Reader("clip/physics", write_physics, _read_physics),
     Reader("clip/decisions", write_decisions, lambda folder: load_decisions(folder, walkers(3, 2))),
     Reader("clip/data set", write_data_set, lambda folder: verify(folder) and None, ("*.json*", "*/clip.json")),
-    *(Reader(f"images/{kind}", partial(write_pictures, kind), partial(_read_pictures, kind)) for kind in KINDS),
+    *(Reader(f"images/{kind}", partial(write_images, kind), partial(_read_images, kind)) for kind in KINDS),
     *(Reader(f"images/rgb as {format}", partial(write_colours, ending), partial(_read_colours, format))
       for format, ending in (("png", "png"), ("jpeg", "jpg"))),
     Reader("scene/spec", lambda folder: (folder / "spec.json").write_text(spec()),

@@ -274,7 +274,7 @@ WRITE_RECORDING = {
 
 
 _IMAGE = np.arange(16 * 16).reshape(16, 16)
-_WRITE_PICTURE = {
+_WRITE_IMAGE = {
     "depth": lambda path, frame: write_image("depth", path, _IMAGE.astype(np.float32) / 100),
     "ids": lambda path, frame: write_image("ids", path, _IMAGE),
     "parts": lambda path, frame: write_image("parts", path, _IMAGE),
@@ -284,13 +284,13 @@ _WRITE_PICTURE = {
 }
 
 
-def write_pictures(kind: str, folder: Path) -> None:
+def write_images(kind: str, folder: Path) -> None:
     if kind == "rgb":
         rgb = np.random.default_rng(0).integers(0, 255, (4, 16, 16, 3)).astype(np.uint8)
         write_video(folder / "rgb/left.mp4", rgb, 25)
         return
     for frame in range(2):
-        _WRITE_PICTURE[kind](folder / f"{kind}/left/{frame:06d}.png", frame)
+        _WRITE_IMAGE[kind](folder / f"{kind}/left/{frame:06d}.png", frame)
 
 
 def write_colours(ending: str, folder: Path) -> None:

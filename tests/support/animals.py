@@ -123,7 +123,7 @@ def hand_clip(frames: int = 300, seed: int = 0) -> Clip:
 
 
 def hands_clip(frames: int = 300, seed: int = 0) -> Clip:
-    """Two hands 12 cm apart, which overlap in most pictures."""
+    """Two hands 12 cm apart, which overlap in most images."""
     rng = np.random.default_rng(seed)
     hands = [hand(frames, rng=rng) + (place, 0, 0) for place in (-0.06, 0.06)]
     return detected(np.stack(hands, 1), HAND, around(0.6, 0.3), rng=rng)

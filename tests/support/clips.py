@@ -100,7 +100,7 @@ def full_clip(frames: int = 12, views: int = 4) -> Clip:
     )
 
 
-def pictured_clip(folder: Path, frames: int = 3, views: int = 2, depth: bool = False) -> Clip:
+def image_clip(folder: Path, frames: int = 3, views: int = 2, depth: bool = False) -> Clip:
     """A clip with images of colour and ids, 240 x 150 px: discs on the joints of two walkers, and before them a box.
 
     In the last frame of the first view the box is before all of person 1. With `depth`, the box is 2 m away, people

@@ -49,9 +49,9 @@ def structural(path: Path, rng: np.random.Generator) -> Iterator[tuple[str, Call
     """Yield names of damages and functions that do them, one of which is to be called."""
     names = sorted(folder.parent.name for folder in path.glob("*/clip.json"))
     one, other = (names[index] for index in rng.permutation(len(names))[:2])
-    pictures = sorted((path / one / "images").rglob("*.png"))
+    images = sorted((path / one / "images").rglob("*.png"))
     videos = sorted((path / one / "images").rglob("*.mp4"))
-    picture, second = (pictures[index] for index in rng.permutation(len(pictures))[:2])
+    image, second = (images[index] for index in rng.permutation(len(images))[:2])
     video = videos[rng.integers(len(videos))]
 
     def done(action: Callable[[], object], *clips: str) -> Callable[[], set[str]]:
@@ -69,7 +69,7 @@ def structural(path: Path, rng: np.random.Generator) -> Iterator[tuple[str, Call
     def in_other(file: Path) -> Path:
         return path / other / file.relative_to(path / one)
 
-    yield "a picture is missing", done(picture.unlink, one)
+    yield "an image is missing", done(image.unlink, one)
     yield "a video is missing", done(video.unlink, one)
     yield "labels are missing", done((path / one / "arrays.safetensors").unlink, one)
     yield "clip.json is missing", done((path / one / "clip.json").unlink, one)
@@ -79,25 +79,25 @@ def structural(path: Path, rng: np.random.Generator) -> Iterator[tuple[str, Call
     yield "checksums of a clip are missing", done((path / one / "checksums.json").unlink, one)
     yield "a clip is missing", done(lambda: shutil.rmtree(path / one), one)
     yield "the last clip is lost", done(lose_last, names[-1])
-    yield "a foreign picture", done(lambda: shutil.copy(picture, picture.with_name("000099.png")), one)
+    yield "a foreign image", done(lambda: shutil.copy(image, image.with_name("000099.png")), one)
     yield "a foreign file in a clip", done(lambda: (path / one / "notes.txt").write_text("?"), one)
     yield "a foreign file in the data set", done(lambda: (path / "notes.txt").write_text("?"))
     yield "a clip twice", done(lambda: shutil.copytree(path / one, path / "000077"))
-    yield "a picture is renamed", done(lambda: picture.rename(picture.with_name("000098.png")), one)
+    yield "an image is renamed", done(lambda: image.rename(image.with_name("000098.png")), one)
     yield "a video is renamed", done(lambda: video.rename(video.with_name("ring9.mp4")), one)
     yield "a clip is renamed", done(lambda: (path / one).rename(path / "000078"), one)
-    yield "pictures exchanged", done(lambda: exchange(picture, second), one)
+    yield "images exchanged", done(lambda: exchange(image, second), one)
     yield "videos of cameras exchanged", done(lambda: exchange(videos[0], videos[1]), one)
     yield "videos of clips exchanged", done(lambda: exchange(video, in_other(video)), one, other)
-    yield "pictures of clips exchanged", done(lambda: exchange(picture, in_other(picture)), one, other)
+    yield "images of clips exchanged", done(lambda: exchange(image, in_other(image)), one, other)
     yield "clips exchanged", done(lambda: exchange(path / one, path / other), one, other)
     yield (
         "labels of clips exchanged",
         done(lambda: exchange(path / one / "arrays.safetensors", path / other / "arrays.safetensors"), one, other),
     )
-    yield "a black picture", done(lambda: write_image("ids", picture, np.zeros((72, 96))), one)
+    yield "a black image", done(lambda: write_image("ids", image, np.zeros((72, 96))), one)
     yield "a black video", done(lambda: write_video(video, np.zeros((3, 72, 96, 3), np.uint8), 25), one)
-    yield "a cut picture", done(lambda: picture.write_bytes(picture.read_bytes()[:-9]), one)
+    yield "a cut image", done(lambda: image.write_bytes(image.read_bytes()[:-9]), one)
     yield "an empty video", done(lambda: video.write_bytes(b""), one)
     if (path / RECORD).is_file():
         yield "the record is changed", done(lambda: (path / RECORD).write_text("seed: 9"))

@@ -4,10 +4,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from dmae.data.store import save_clip, write_manifest
-from tests.support.clips import pictured_clip
+from tests.support.clips import image_clip
 
 
-def pictured_set(out: Path, clips: int = 3, frames: int = 3, depth: bool = False) -> Path:
+def image_set(out: Path, clips: int = 3, frames: int = 3, depth: bool = False) -> Path:
     """A data set of clips with images of two small cameras.
 
     Its scenes are of people a and b, b and c, d and e, ..., who follow a take each.
@@ -15,7 +15,7 @@ def pictured_set(out: Path, clips: int = 3, frames: int = 3, depth: bool = False
     bodies = [("a", "b"), ("b", "c"), ("d", "e"), ("f", "g"), ("h", "i"), ("j", "k")]
     for number, people in enumerate(bodies[:clips]):
         name = f"{number:06d}"
-        clip = pictured_clip(out / name / "images", frames, depth=depth)
+        clip = image_clip(out / name / "images", frames, depth=depth)
         persons = [
             {
                 "body": {"stature": 1.5 + ord(each) / 1000},

@@ -1,4 +1,4 @@
-"""Clips for tests of the report: captured and completed people, with pictures that say which frame they are."""
+"""Clips for tests of the report: captured and completed people, with images that say which frame they are."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -27,13 +27,13 @@ def completed_clip(frames: int = 30) -> Clip:
 
 
 def grey_of(frame: int) -> int:
-    """Grey level of the picture of a frame."""
+    """Grey level of the image of a frame."""
     return 24 + 7 * frame
 
 
-def with_pictures(clip: Clip, folder: Path) -> Clip:
+def with_images(clip: Clip, folder: Path) -> Clip:
     """Add videos of plain grey, a level for each frame."""
     for name, (width, height) in zip(clip.rig.names, clip.rig.size, strict=True):
-        pictures = (np.full((height, width, 3), grey_of(frame), np.uint8) for frame in range(len(clip)))
-        write_video(folder / "rgb" / f"{name}.mp4", pictures, clip.fps)
+        images = (np.full((height, width, 3), grey_of(frame), np.uint8) for frame in range(len(clip)))
+        write_video(folder / "rgb" / f"{name}.mp4", images, clip.fps)
     return replace(clip, images=Images(folder, clip.rig.names, tuple(range(len(clip))), ("rgb",)))

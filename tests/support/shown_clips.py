@@ -1,4 +1,4 @@
-"""Clips to draw, and colours to look for in the pictures."""
+"""Clips to draw, and colours to look for in the images."""
 
 from dataclasses import replace
 from pathlib import Path

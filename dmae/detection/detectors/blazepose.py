@@ -144,7 +144,7 @@ def _in_window(
     values[:, [0, 2, 3, 4, 5]] += anchors()[likely][:, None]
     candidates = []
     for merged, score in _merged(values, scores[likely]):
-        hip, top = window.to_picture(merged[2:4])
+        hip, top = window.to_image(merged[2:4])
         if (region := Region.around(hip, top)) is not None:
             candidates.append(Candidate(region, score))
     return candidates
@@ -335,13 +335,13 @@ class PeopleDetector:
         self.late: list[tuple[int, list[Person]]] = []
         """Earlier images in which people were found by the last image: number of images before, all people in it."""
 
-    def __call__(self, picture: np.ndarray) -> list[Person]:
+    def __call__(self, image: np.ndarray) -> list[Person]:
         """Return the people of the next image (H, W, 3) uint8, RGB."""
         if self._config.photographs:
             self._number, self._followed, self._lost = 0, [], []
             self._before.clear()
-        self._size = picture.shape[:2]
-        pyramid = pyramid_of(np.ascontiguousarray(picture))
+        self._size = image.shape[:2]
+        pyramid = pyramid_of(np.ascontiguousarray(image))
         people, lost = self._follow(pyramid)
         self._new: list[Person] = []
         waiting, self._lost = self._lost, [(region, _RETRIES) for region in lost]
@@ -371,9 +371,9 @@ class PeopleDetector:
             self._before.append((pyramid, found))
         return found
 
-    def expected(self, picture: np.ndarray, expected: np.ndarray, known: np.ndarray) -> list[Person]:
+    def expected(self, image: np.ndarray, expected: np.ndarray, known: np.ndarray) -> list[Person]:
         """Return the people of an image (H, W, 3) at expected places (n, 33, 2) px that are not known (D, 33, 2) px."""
-        pyramid, found, others = pyramid_of(np.ascontiguousarray(picture)), [], list(known)
+        pyramid, found, others = pyramid_of(np.ascontiguousarray(image)), [], list(known)
         for places in expected:
             person = find_expected(self._joints, pyramid, places, others)
             if person is not None:
@@ -549,25 +549,25 @@ def blazepose(config: PoseDetectorConfig) -> "BlazePose":
 
 
 class BlazePose:
-    """A `PictureDetector`."""
+    """An `ImageDetector`."""
 
     skeleton = BLAZEPOSE33
 
     def __init__(self, config: PoseDetectorConfig):
         self._people, self._size = PeopleDetector(config, look_back=True), (0, 0)
 
-    def __call__(self, picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        self._size = picture.shape[:2]
-        return self._joints_of(self._people(picture))
+    def __call__(self, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        self._size = image.shape[:2]
+        return self._joints_of(self._people(image))
 
     def found_late(self) -> list[tuple[int, np.ndarray, np.ndarray]]:
-        """Return earlier images in which people were found by the last image; see `PictureDetector`."""
+        """Return earlier images in which people were found by the last image; see `ImageDetector`."""
         return [(ago, *self._joints_of(people)) for ago, people in self._people.late]
 
-    def find_at(self, picture: np.ndarray, expected: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the people at expected places; see `PictureDetector`."""
-        self._size = picture.shape[:2]
-        return self._joints_of(self._people.expected(picture, expected, known))
+    def find_at(self, image: np.ndarray, expected: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the people at expected places; see `ImageDetector`."""
+        self._size = image.shape[:2]
+        return self._joints_of(self._people.expected(image, expected, known))
 
     def _joints_of(self, people: list[Person]) -> tuple[np.ndarray, np.ndarray]:
         if not people:

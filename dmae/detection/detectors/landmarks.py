@@ -46,9 +46,9 @@ class Network:
         self._input, self.size = given["index"], int(given["shape"][1])
         self._outputs = {each["name"]: each["index"] for each in self._interpreter.get_output_details()}
 
-    def __call__(self, picture: np.ndarray, *outputs: str) -> list[np.ndarray]:
+    def __call__(self, image: np.ndarray, *outputs: str) -> list[np.ndarray]:
         """Return the named outputs for an image (S, S, 3) float32."""
-        self._interpreter.set_tensor(self._input, picture[None])
+        self._interpreter.set_tensor(self._input, image[None])
         self._interpreter.invoke()
         return [self._interpreter.get_tensor(self._outputs[name])[0] for name in outputs]
 
@@ -111,11 +111,11 @@ class Region:
         """Radius of the circle around the body, px."""
         return self.side / 2 / _MARGIN
 
-    def to_picture(self, points: np.ndarray) -> np.ndarray:
+    def to_image(self, points: np.ndarray) -> np.ndarray:
         """Return the places (..., 2) px in the image of points (..., 2) in the square, from 0 to 1."""
         return self.centre + (points - 0.5) * self.side @ self._axes
 
-    def from_picture(self, places: np.ndarray) -> np.ndarray:
+    def from_image(self, places: np.ndarray) -> np.ndarray:
         """Return the points (..., 2) in the square, from 0 to 1, of places (..., 2) px in the image."""
         return (places - self.centre) @ self._axes.T / self.side + 0.5
 
@@ -135,15 +135,15 @@ class Region:
         scale = self.side / size
         level = min(max(floor(log2(max(scale, 1e-3))), 0), len(pyramid) - 1)
         axes = self._axes.T * scale / 2**level
-        corner = (self.to_picture(np.zeros(2)) / 2**level + axes @ (0.5, 0.5)) - 0.5
+        corner = (self.to_image(np.zeros(2)) / 2**level + axes @ (0.5, 0.5)) - 0.5
         return cv2.warpAffine(
             pyramid[level], np.column_stack([axes, corner]), (size, size), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
         )
 
 
-def pyramid_of(picture: np.ndarray) -> list[np.ndarray]:
+def pyramid_of(image: np.ndarray) -> list[np.ndarray]:
     """Return an image (H, W, 3) and copies of half, a quarter and an eighth of its size."""
-    levels = [picture]
+    levels = [image]
     while len(levels) < _LEVELS and min(levels[-1].shape[:2]) >= 2:
         height, width = levels[-1].shape[:2]
         # An odd row or column at the end is left out, so that each pixel is the mean of four.
@@ -203,7 +203,7 @@ def find_person(network: Network, pyramid: list[np.ndarray], region: Region, wit
     pixels = painted_over(region.cut(pyramid, network.size), region, without).astype(np.float32) / 255
     values, presence = network(pixels, "Identity", "Identity_1")
     values = values.reshape(-1, 5).astype(np.float64)
-    places = region.to_picture(values[:, :2] / network.size)
+    places = region.to_image(values[:, :2] / network.size)
     joints = slice(len(BLAZEPOSE33))
     return Person(
         places[joints] - 0.5,
@@ -240,7 +240,7 @@ def painted_over(pixels: np.ndarray, region: Region, people: Sequence[Person]) -
     size = len(pixels)
     mask = np.zeros(pixels.shape[:2], np.uint8)
     for person in people:
-        at = np.round(np.clip(region.from_picture(person.xy + 0.5) * size, -8 * size, 8 * size)).astype(np.int32)
+        at = np.round(np.clip(region.from_image(person.xy + 0.5) * size, -8 * size, 8 * size)).astype(np.int32)
         torso = person.torso_size / region.side * size
         for limb in LIMBS:
             cv2.polylines(mask, [at[limb]], False, 255, max(round(_LIMB_WIDTH * torso), 1))

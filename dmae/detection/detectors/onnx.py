@@ -38,7 +38,7 @@ def onnx(config: PoseDetectorConfig) -> "OnnxDetector":
 
 
 class OnnxDetector:
-    """A `PictureDetector` of two steps: BlazePose's regions of people, and the joints in each by the model.
+    """An `ImageDetector` of two steps: BlazePose's regions of people, and the joints in each by the model.
 
     The model takes (1, 3, H, W) RGB, normalised as in ImageNet. It returns heat maps (1, J, h, w), or SimCC: the places
     across (1, J, n W) and down (1, J, n H).
@@ -57,18 +57,18 @@ class OnnxDetector:
         joints = len(self._joints(np.zeros((self._height, self._width, 3), np.uint8))[0])
         self.skeleton = _skeleton(config, joints)
 
-    def __call__(self, picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        regions = [person.region for person in self._people(picture) if person.region is not None]
-        return self.in_boxes(picture, np.array([[*each.centre, 2 * each.radius] for each in regions]).reshape(-1, 3))
+    def __call__(self, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        regions = [person.region for person in self._people(image) if person.region is not None]
+        return self.in_boxes(image, np.array([[*each.centre, 2 * each.radius] for each in regions]).reshape(-1, 3))
 
-    def in_boxes(self, picture: np.ndarray, boxes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def in_boxes(self, image: np.ndarray, boxes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return xy (D, J, 2), px, and score (D, J) of the people in known boxes, which no other network searches.
 
         Args:
-            picture: (H, W, 3) uint8 RGB.
-            boxes: (D, 3) centre from the corner of the picture and side of a square just around each body, px.
+            image: (H, W, 3) uint8 RGB.
+            boxes: (D, 3) centre from the corner of the image and side of a square just around each body, px.
         """
-        pyramid, size = pyramid_of(np.ascontiguousarray(picture)), max(self._height, self._width)
+        pyramid, size = pyramid_of(np.ascontiguousarray(image)), max(self._height, self._width)
         top, left = (size - self._height) // 2, (size - self._width) // 2
         joints = len(self.skeleton)
         xy, score = np.empty((len(boxes), joints, 2)), np.empty((len(boxes), joints))
@@ -76,12 +76,12 @@ class OnnxDetector:
             box = Region(np.array([x, y]), side * _BOX_MARGIN, np.array([0.0, -1.0]))
             square = box.cut(pyramid, size)
             places, score[number] = self._joints(square[top : top + self._height, left : left + self._width])
-            xy[number] = box.to_picture((places + (left, top)) / size) - 0.5
+            xy[number] = box.to_image((places + (left, top)) / size) - 0.5
         return xy, np.clip(score, 0, 1)
 
-    def _joints(self, picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _joints(self, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return places (J, 2), px from the corner, and scores (J,) of the person in an image (H, W, 3) uint8."""
-        pixels = ((picture.astype(np.float32) - _MEAN) / _DEVIATION).transpose(2, 0, 1)
+        pixels = ((image.astype(np.float32) - _MEAN) / _DEVIATION).transpose(2, 0, 1)
         try:
             outputs = [each[0] for each in self._session.run(None, {self._input: pixels[None]})]
         # onnxruntime raises its own kinds of errors, and an output may not be an array.

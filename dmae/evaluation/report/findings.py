@@ -482,7 +482,7 @@ def examine(clip: Clip) -> Findings:
         "fps": clip.fps,
         "cameras": len(clip.rig),
         "has_truth": clip.truth is not None and bool(np.isfinite(clip.truth.xyz).any()),
-        "has_images": clip.has_pictures,
+        "has_images": clip.has_images,
     }
     if state in (State.empty, State.not_captured, State.no_person):
         return Findings(**facts)

@@ -1,11 +1,11 @@
-// The player: one clip at a time, its motion in 3D and one camera's picture in step.
+// The player: one clip at a time, its motion in 3D and one camera's image in step.
 
 async function player() {
   const packedClips = JSON.parse(byId("clips").textContent);
   const box = byId("player");
-  const toggles = { truth: true, measured: true, completed: true, uncertainty: false, cameras: true, detections: true, picture: true };
+  const toggles = { truth: true, measured: true, completed: true, uncertainty: false, cameras: true, detections: true, image: true };
   const orbit = { yaw: -0.9, pitch: 0.38, distance: 8, target: [0, 0, 1] };
-  const video = byId("picture"), world = byId("world"), view = byId("view");
+  const video = byId("image"), world = byId("world"), view = byId("view");
   let clip = null, frame = 0, camera = 0, followed = null, playing = false, clock = 0, drawn = false;
 
   // Choices and toggles
@@ -13,7 +13,7 @@ async function player() {
   const option = (text, value) => Object.assign(document.createElement("option"), { textContent: text, value });
   byId("clip").append(...packedClips.map((data, i) => option(data.id, i)));
   byId("clip-field").hidden = packedClips.length < 2;
-  const toggleTitles = { measured: "measured", completed: "completed", truth: "truth", uncertainty: "uncertainty (90 %)", detections: "detections", cameras: "cameras", picture: "picture" };
+  const toggleTitles = { measured: "measured", completed: "completed", truth: "truth", uncertainty: "uncertainty (90 %)", detections: "detections", cameras: "cameras", image: "image" };
   for (const [name, title] of Object.entries(toggleTitles)) {
     const label = document.createElement("label");
     const input = Object.assign(document.createElement("input"), { type: "checkbox", checked: toggles[name], id: `show-${name}` });
@@ -36,7 +36,7 @@ async function player() {
     const people = clip.poses ? clip.poses.persons : 0;
     byId("follow").replaceChildren(option("no one", ""), ...Array.from({ length: people }, (_, i) => option(`P${i + 1}`, i)));
     byId("frame").max = Math.max(0, clip.frames - 1);
-    const has = { truth: clip.truth, measured: clip.poses, completed: clip.poses, uncertainty: clip.poses, picture: clip.cameras.some((each) => each.video) };
+    const has = { truth: clip.truth, measured: clip.poses, completed: clip.poses, uncertainty: clip.poses, image: clip.cameras.some((each) => each.video) };
     for (const name of Object.keys(toggleTitles)) byId(`show-${name}`).parentElement.hidden = name in has && !has[name];
     byId("hole").disabled = !clip.gaps.starts.length;
     byId("worst").disabled = worst() === null;
@@ -86,7 +86,7 @@ async function player() {
     return counts.indexOf(Math.max(...counts));
   }
 
-  // Time. With a picture, the video is the clock and every drawing is of the frame that it shows.
+  // Time. With an image, the video is the clock and every drawing is of the frame that it shows.
 
   const hasVideo = () => Boolean(video.src) && !video.error;
   const speed = () => Number(byId("speed").value);
@@ -137,7 +137,7 @@ async function player() {
     if (hasVideo()) seek(frame);
   }
 
-  // The video presents a new picture, of this time in seconds.
+  // The video presents a new image, of this time in seconds.
   function shown(seconds) {
     const number = Math.min(clip.frames - 1, Math.max(0, Math.round(seconds * clip.fps)));
     video.dataset.frame = number;
@@ -163,7 +163,7 @@ async function player() {
   video.addEventListener("ended", () => { if (playing) { frame = clip.frames - 1; pause(); draw(); } });
   video.addEventListener("error", () => {
     if (!clip || !video.src) return;
-    say([...clip.notes, "This browser cannot play the pictures, which are H.264 video."]);
+    say([...clip.notes, "This browser cannot play the images, which are H.264 video."]);
     draw();
   });
 
@@ -313,8 +313,8 @@ async function player() {
   }
 
   function drawView(colours) {
-    const waiting = hasVideo() && toggles.picture && (video.seeking || video.readyState < 2);
-    if (waiting && "frame" in video.dataset) return;  // what is drawn stays until the next picture is there
+    const waiting = hasVideo() && toggles.image && (video.seeking || video.readyState < 2);
+    if (waiting && "frame" in video.dataset) return;  // what is drawn stays until the next image is there
     const { context, width, height } = cleared(view);
     if (!clip.frames || !clip.cameras.length) return;
     const chosen = clip.cameras[camera];
@@ -324,11 +324,11 @@ async function player() {
     const project = (point) => { const at = projected(chosen, point); return at && [...scale(at), at[2]]; };
     const ready = hasVideo() && video.readyState >= 2;
     const now = ready && "frame" in video.dataset ? Number(video.dataset.frame) : frame;
-    if (toggles.picture && ready) context.drawImage(video, left, top, factor * chosen.size[0], factor * chosen.size[1]);
+    if (toggles.image && ready) context.drawImage(video, left, top, factor * chosen.size[0], factor * chosen.size[1]);
     else { context.fillStyle = colours.panel; context.fillRect(0, 0, width, height); }
-    const onPicture = toggles.picture && ready;
+    const onImage = toggles.image && ready;
     if (toggles.detections) drawDetections(context, scale, clip, now, camera);
-    if (clip.truth && toggles.truth) drawTruth(context, project, clip.truth, now, onPicture ? "#ffffff" : colours.ink);
+    if (clip.truth && toggles.truth) drawTruth(context, project, clip.truth, now, onImage ? "#ffffff" : colours.ink);
     if (clip.poses) {
       drawPeople(context, project, clip, now, toggles, colours);
       drawNames(context, project, clip, now, colours);

@@ -196,7 +196,7 @@ function drawCameras(context, project, cameras, chosen, size, colours) {
   });
 }
 
-// Detections: hollow circles and thin lines, dark under light, to be seen on any picture.
+// Detections: hollow circles and thin lines, dark under light, to be seen on any image.
 function drawDetections(context, scale, clip, frame, view) {
   const { detections } = clip;
   for (let detection = 0; detection < detections.number; detection++) {

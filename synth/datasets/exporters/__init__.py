@@ -12,7 +12,7 @@ from dmae.registry import Entry, Registry
 class Exporter(Entry):
     """An exporter: a function that takes a `Selection` and the folder to write, and returns counts by split."""
 
-    pictures: bool = True  # Whether it needs colour images
+    images: bool = True  # Whether it needs colour images
     skeleton: str = "coco17"  # Default skeleton
     only: bool = False  # Whether the format supports only this skeleton
     validation: bool = False  # Whether readers of the format require splits for training and validation

@@ -53,7 +53,7 @@ _DESCRIBED = {
     "npz": "*/*.npz", "panoptic": "*/*/calibration_*.json",
 }  # fmt: skip
 """Files that the metadata lists one by one, by layout. `SHA256SUMS` lists all."""
-_PICTURE_FIELDS = {
+_IMAGE_FIELDS = {
     "file_name": ("sc:Text", "file_name", {}),
     "depth_file_name": ("sc:Text", "depth_file_name", {}),
     # Croissant's reader turns a column of names like 000000 into numbers, so the name is taken from the path.
@@ -65,7 +65,7 @@ _PICTURE_FIELDS = {
     "xyz": ("sc:Float", "persons", {"jsonPath": "xyz"}),
     "visibility": ("sc:Integer", "persons", {"jsonPath": "visibility"}),
 }
-"""Fields of a picture of the layout `huggingface`: type, column of `metadata.jsonl`, and what is taken from it."""
+"""Fields of an image of the layout `huggingface`: type, column of `metadata.jsonl`, and what is taken from it."""
 _ANNOTATION_FIELDS = {
     "id": "sc:Integer", "image_id": "sc:Integer", "track_id": "sc:Integer", "area": "sc:Float", "bbox": "sc:Float",
     "keypoints": "sc:Float",
@@ -110,12 +110,12 @@ def describe(summary: dict, scenes: Counter, seed: int | None) -> dict[str, str]
     """Return what is known of a data set, by the names of Croissant's RAI fields, and `rights`."""
     recorded = any(key.startswith("motion=") and key != "motion=procedural" for key in scenes)
     rooms = ", ".join(sorted(key.removeprefix("arena=") for key in scenes if key.startswith("arena="))) or "unknown"
-    counts = {key: sum(split.get(key, 0) for split in summary["splits"].values()) for key in ("clips", "pictures")}
+    counts = {key: sum(split.get(key, 0) for split in summary["splits"].values()) for key in ("clips", "images")}
     origin = "recorded takes, replayed with contacts" if recorded else "procedural motion with published kinematics"
     return {
         "dataCollection": (
             f"Simulated by {summary['made_by']}: {counted(counts['clips'], 'clip')}, "
-            f"{counted(counts['pictures'], 'picture')}. People are "
+            f"{counted(counts['images'], 'image')}. People are "
             f"MuJoCo bodies that follow {origin}; rooms: {rooms}. The same configuration and seed"
             f"{'' if seed is None else f' ({seed})'} give the same clips."
         ),
@@ -138,7 +138,7 @@ def describe(summary: dict, scenes: Counter, seed: int | None) -> dict[str, str]
             "truth. Not to be the only data of a detector for real images, and not to draw conclusions on real people."
         ),
         "dataLimitations": (
-            "Pictures are plain renderings; clothes, hair and hands are outlines. "
+            "Images are plain renderings; clothes, hair and hands are outlines. "
             + (
                 "Motion is that of the takes, as far as a simulated body can follow it."
                 if recorded
@@ -210,7 +210,7 @@ def croissant(out: Path, summary: dict, texts: dict[str, str], about: AboutConfi
 
 
 def _record_sets(out: Path, summary: dict) -> list[dict]:
-    """Return the sets of records that Croissant's readers load: pictures, or COCO's annotations, by split."""
+    """Return the sets of records that Croissant's readers load: images, or COCO's annotations, by split."""
     found = []
     for split in summary["splits"]:
         if summary["exporter"] == "huggingface":
@@ -219,7 +219,7 @@ def _record_sets(out: Path, summary: dict) -> list[dict]:
                 first = json.loads(next(lines, "{}"))
             sources = {
                 key: (kind, {"column": column}, transform)
-                for key, (kind, column, transform) in _PICTURE_FIELDS.items()
+                for key, (kind, column, transform) in _IMAGE_FIELDS.items()
                 if transform.get("jsonPath") in first.get("persons", ())
                 or column not in ("persons", "depth_file_name")
                 or key in first
@@ -266,7 +266,7 @@ def hub_metadata(out: Path, summary: dict, about: AboutConfig) -> str:
         summary: Content of `export.json`.
         about: What only the publisher knows.
     """
-    pictures, masks = (sum(each.get(key, 0) for each in summary["splits"].values()) for key in ("pictures", "masks"))
+    images, masks = (sum(each.get(key, 0) for each in summary["splits"].values()) for key in ("images", "masks"))
     tasks = {
         "keypoint-detection": True,
         "object-detection": True,
@@ -278,7 +278,7 @@ def hub_metadata(out: Path, summary: dict, about: AboutConfig) -> str:
         "pretty_name": about.name or TITLE,
         **_hub_licence(about.licence),
         "task_categories": [task for task, there in tasks.items() if there],
-        "size_categories": [next((name for name, most in edges if pictures < most), "n>10M")],
+        "size_categories": [next((name for name, most in edges if images < most), "n>10M")],
         "annotations_creators": ["machine-generated"],
         "tags": ["synthetic", "human-pose-estimation", "multi-view", "occlusion", "3d", "mujoco"],
     }

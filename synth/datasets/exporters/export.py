@@ -13,7 +13,7 @@ from dmae.files.contents import check_vacant, whole_folder, write_atomic
 from dmae.files.structured import read_json
 from dmae.parallel import check_workers
 from dmae.reporting.tables import counted, markdown_table
-from synth.datasets.config import AboutConfig, PictureFormat
+from synth.datasets.config import AboutConfig, ImageFormat
 from synth.datasets.exporters import Exporter, exporter
 from synth.datasets.exporters.croissant import TITLE, hub_metadata, write_metadata
 from synth.datasets.exporters.selection import PARTS, Selection
@@ -36,7 +36,7 @@ def export(
     splits: str | Path | None = None,
     skeleton: str | None = None,
     every: int = 1,
-    pictures: str = "jpg",
+    images: str = "jpg",
     workers: int = 1,
     damaged: bool = False,
     robot: str | None = None,
@@ -52,7 +52,7 @@ def export(
         splits: File that `split` wrote; by default all clips are in the split `train`.
         skeleton: Skeleton of the joints; by default coco17, for panoptic always panoptic19.
         every: Number of frames from one image to the next; 2 for every other frame.
-        pictures: `jpg` or `png`.
+        images: `jpg` or `png`.
         workers: Processes; -1 for one per core.
         damaged: Whether to export even if files are missing or have changed.
         robot: MJCF of the Unitree G1, for `g1` and `lerobot`; by default from an installed mjlab.
@@ -73,8 +73,8 @@ def export(
     """
     data, out, about = Path(path), Path(out), about or AboutConfig()
     entry = exporter.find(format)
-    if pictures not in PictureFormat.__members__:
-        raise ValueError(f"pictures={pictures!r}: expected one of {', '.join(PictureFormat.__members__)}")
+    if images not in ImageFormat.__members__:
+        raise ValueError(f"images={images!r}: expected one of {', '.join(ImageFormat.__members__)}")
     if every < 1:
         raise ValueError(f"every: expected 1 or more frames, got {every}")
     check_workers(workers)
@@ -93,20 +93,20 @@ def export(
             f"{' and no '.join(sorted(missing))}; make them by synth split, and give splits=..."
         )
     used = [folder for folder in folders if any(folder.name in each for each in chosen.values())]
-    selection = Selection(data, chosen, _skeleton(entry, used, skeleton), every, pictures, workers, robot)
+    selection = Selection(data, chosen, _skeleton(entry, used, skeleton), every, images, workers, robot)
     with whole_folder(out) as partial:
         found = entry.function(selection, partial)
         shutil.rmtree(partial / PARTS, ignore_errors=True)
         summary = _summary(entry, selection, found, len(names))
         write_atomic(partial / SUMMARY, json.dumps(summary, indent=1))
         hub = hub_metadata(partial, summary, about) if entry.name == "huggingface" else ""
-        write_atomic(partial / CARD, hub + card(summary, entry.pictures, about.name or TITLE))
+        write_atomic(partial / CARD, hub + card(summary, entry.images, about.name or TITLE))
         write_metadata(data, partial, summary, about)
     return summary
 
 
 _COUNTED = {
-    "clips": "clips", "pictures": "pictures", "persons": "persons", "hidden": "persons hidden", "masks": "masks",
+    "clips": "clips", "images": "images", "persons": "persons", "hidden": "persons hidden", "masks": "masks",
     "amodal_masks": "amodal masks", "pixel_boxes": "boxes of visible pixels",
 }  # fmt: skip
 """What layouts count, and how their README calls it."""
@@ -122,9 +122,9 @@ def _skeleton(entry: Exporter, folders: list[Path], wanted: str | None) -> Skele
             raise ValueError(f"{folder}: the clip has no truth, which exports of data sets are made of")
         found.setdefault(truth, folder.name)
         kinds = (meta.get("images") or {}).get("kinds", ())
-        if entry.pictures and "rgb" not in kinds:
+        if entry.images and "rgb" not in kinds:
             raise ValueError(
-                f"{folder}: format={entry.name} needs pictures, and the clip has images of "
+                f"{folder}: format={entry.name} needs images, and the clip has images of "
                 f"{', '.join(kinds) or 'no kind'}; "
                 "synth generate images=rgb makes them (images=all for masks and true boxes, too)"
             )
@@ -157,12 +157,12 @@ def card(summary: dict, annotated: bool, title: str) -> str:
 
     Args:
         summary: Content of `export.json`.
-        annotated: Whether the layout has a box and the joints of each person in each picture.
+        annotated: Whether the layout has a box and the joints of each person in each image.
         title: Its heading.
     """
     splits = summary["splits"]
     total = sum((Counter({key: each[key] for key in _COUNTED if key in each}) for each in splits.values()), Counter())
-    columns = [key for key in _COUNTED if key != "pixel_boxes" and (total[key] or key in ("clips", "pictures"))]
+    columns = [key for key in _COUNTED if key != "pixel_boxes" and (total[key] or key in ("clips", "images"))]
     header = ["split", *(_COUNTED[key] for key in columns)]
     rows = [(name, *(str(each.get(key, 0)) for key in columns)) for name, each in splits.items()]
     frames = "every frame" if summary["every"] == 1 else f"one frame of {summary['every']}"
@@ -183,8 +183,8 @@ def _notes(total: Counter, left_out: int, annotated: bool) -> list[str]:
     notes = []
     if left_out:
         notes.append(f"{counted(left_out, 'clip')} of the data set in no split: left out.")
-    if not total["pictures"]:
-        notes.append("There are no pictures.")
+    if not total["images"]:
+        notes.append("There are no images.")
     if not annotated:
         return notes
     notes.append("Joints have v = 2 where they are visible, 1 where they are in the image and hidden, else 0.")

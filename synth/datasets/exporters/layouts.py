@@ -18,7 +18,7 @@ from dmae.data.conversion import convert
 from dmae.data.labels import Visibility
 from dmae.files.structured import read_json
 from dmae.formats.coco import annotation_entry, category_entry, clip_entry, image_entry, joint_names
-from dmae.formats.labelled_images import PersonLabel, Picture, file_part, joint_labels
+from dmae.formats.labelled_images import LabelledImage, PersonLabel, file_part, joint_labels
 from dmae.formats.panoptic import write_panoptic
 from synth.datasets.exporters import exporter
 from synth.datasets.exporters.selection import ClipTask, Selection
@@ -49,20 +49,20 @@ class PhysicalEntries:
         contacts = self._labels.contacts
         self._persons = None if contacts is None else contacts.persons
 
-    def of(self, picture: Picture, person: PersonLabel) -> dict:
-        """Return the entry of a person in a picture, with the known keys of `KEYS`."""
+    def of(self, image: LabelledImage, person: PersonLabel) -> dict:
+        """Return the entry of a person in an image, with the known keys of `KEYS`."""
         found = {}
         if self._labels.contacts is not None:
-            found["contacts"] = self._contacts(picture.frame, person.person)
+            found["contacts"] = self._contacts(image.frame, person.person)
         if (forces := self._labels.forces) is not None:
-            at = picture.frame, person.person
+            at = image.frame, person.person
             found |= {"weight": round(float(forces.weights[person.person]), 2)}
             found |= {
                 name: [_known(values, digits) for values in getattr(forces, name)[at]]
                 for name, digits in (("ground_reaction", 2), ("centre_of_pressure", 4), ("residual", 2))
             }
         if self._labels.surface is not None:
-            found |= self._surface(picture, person.person)
+            found |= self._surface(image, person.person)
         return found
 
     def _contacts(self, frame: int, person: int) -> list[dict]:
@@ -87,8 +87,8 @@ class PhysicalEntries:
                 )
         return found
 
-    def _surface(self, picture: Picture, person: int) -> dict:
-        surface, frame, view = self._labels.surface, picture.frame, picture.view
+    def _surface(self, image: LabelledImage, person: int) -> dict:
+        surface, frame, view = self._labels.surface, image.frame, image.view
         xy = self._rig[view : view + 1].project(surface.xyz[frame, person][None])[0][0, 0]
         codes = surface.visibility[frame, view, person]
         flags = np.select([codes == Visibility.VISIBLE, codes <= Visibility.HIDDEN_BY_OBJECT], [2, 1], 0)
@@ -135,12 +135,12 @@ def _write_coco_clip(task: ClipTask) -> Counter:
     clip, counts = task.load(), Counter(clips=1)
     images, annotations = [], []
     physical = PhysicalEntries(task.folder, clip.rig)
-    for picture in task.pictures(clip, counts, depth=True):
-        entry = image_entry(picture, len(images) + 1, task.write(picture, "images"))
-        images.append(entry | task.write_depth(picture, "images", "depth_file_name") | {"clip": task.name})
-        for person in picture.persons:
+    for image in task.images(clip, counts, depth=True):
+        entry = image_entry(image, len(images) + 1, task.write(image, "images"))
+        images.append(entry | task.write_depth(image, "images", "depth_file_name") | {"clip": task.name})
+        for person in image.persons:
             entry = annotation_entry(person, len(annotations) + 1, len(images))
-            annotations.append(entry | physical.of(picture, person))
+            annotations.append(entry | physical.of(image, person))
     _write_lines(task.part("images"), images)
     _write_lines(task.part("annotations"), annotations)
     task.part("clip").write_text(json.dumps(clip_entry(clip)))
@@ -192,21 +192,21 @@ def export_yolo(selection: Selection, out: Path) -> dict[str, Counter]:
 
 def _write_yolo_clip(task: ClipTask) -> Counter:
     counts = Counter(clips=1)
-    for picture in task.pictures(task.load(), counts, masks=False):
-        name = Path(task.write(picture, "images"))
+    for image in task.images(task.load(), counts, masks=False):
+        name = Path(task.write(image, "images"))
         path = task.out / "labels" / task.split / name.with_suffix(".txt")
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text("".join(_line(person, picture) + "\n" for person in picture.persons if person.box))
+        path.write_text("".join(_line(person, image) + "\n" for person in image.persons if person.box))
     return counts
 
 
-def _line(person: PersonLabel, picture: Picture) -> str:
+def _line(person: PersonLabel, image: LabelledImage) -> str:
     """Return the line of a person: class, centre, width and height of the box, and x, y, v of each joint.
 
     Positions are fractions of the image, from its corner. Pixel (0, 0) of our convention is the centre of the first
     pixel.
     """
-    width, height = picture.size
+    width, height = image.size
     x, y, box_width, box_height = person.box
     # A box around joints is in pixel coordinates, so its origin is the centre of a pixel.
     half = 0 if person.visible_pixels else 0.5
@@ -253,21 +253,21 @@ def _write_webdataset_clip(task: ClipTask) -> Counter:
     about = clip_entry(clip) | {"clip": task.name, "joints": joint_names(task.skeleton)}
     physical = PhysicalEntries(task.folder, clip.rig)
     with tarfile.open(task.part("tar"), "w") as tar:
-        for picture in task.pictures(clip, counts, depth=True):
+        for image in task.images(clip, counts, depth=True):
             persons = []
-            for number, person in enumerate(picture.persons, 1):
+            for number, person in enumerate(image.persons, 1):
                 entry = annotation_entry(person, number, 0)
                 entry = {key: value for key, value in entry.items() if not key.endswith("id") or key == "track_id"}
-                persons.append(entry | {"xyz": _world(person)} | physical.of(picture, person))
-            camera = camera_entry(clip.rig, picture.view)
-            label = about | {"camera": camera, "frame": picture.number, "persons": persons}
-            files = {task.suffix: picture.encoded(task.suffix), "json": json.dumps(label).encode()}
-            if picture.depth is not None:
+                persons.append(entry | {"xyz": _world(person)} | physical.of(image, person))
+            camera = camera_entry(clip.rig, image.view)
+            label = about | {"camera": camera, "frame": image.number, "persons": persons}
+            files = {task.suffix: image.encoded(task.suffix), "json": json.dumps(label).encode()}
+            if image.depth is not None:
                 # Not PNG: readers of shards decode each PNG as 8 bits of colour, and silently clip millimetres.
-                np.savez_compressed(stream := io.BytesIO(), depth=picture.depth)
+                np.savez_compressed(stream := io.BytesIO(), depth=image.depth)
                 files["depth.npz"] = stream.getvalue()
             for suffix, data in files.items():
-                member = tarfile.TarInfo(f"{task.file_name(picture)}.{suffix}")
+                member = tarfile.TarInfo(f"{task.file_name(image)}.{suffix}")
                 member.size = len(data)
                 tar.addfile(member, io.BytesIO(data))
     return counts
@@ -298,7 +298,7 @@ are left out, because a column of nulls has no type."""
 
 @exporter("huggingface")
 def export_huggingface(selection: Selection, out: Path) -> dict[str, Counter]:
-    """Image folders that `datasets.load_dataset` reads, with the persons of each picture."""
+    """Image folders that `datasets.load_dataset` reads, with the persons of each image."""
     found = selection.export(_write_huggingface_clip, out)
     for task in selection.tasks(out):
         with (out / task.split / METADATA).open("ab") as joined, task.part("jsonl").open("rb") as part:
@@ -310,15 +310,12 @@ def _write_huggingface_clip(task: ClipTask) -> Counter:
     clip, counts = task.load(), Counter(clips=1)
     about = clip_entry(clip) | {"clip": task.name}
     lines, of_persons, physical = [], [], PhysicalEntries(task.folder, clip.rig)
-    for picture in task.pictures(clip, counts, depth=True):
-        files = {"file_name": task.write(picture, ""), **task.write_depth(picture, "", "depth_file_name")}
-        camera = camera_entry(clip.rig, picture.view)
-        lines.append({**files, **about, "camera": camera, "frame": picture.number})
+    for image in task.images(clip, counts, depth=True):
+        files = {"file_name": task.write(image, ""), **task.write_depth(image, "", "depth_file_name")}
+        camera = camera_entry(clip.rig, image.view)
+        lines.append({**files, **about, "camera": camera, "frame": image.number})
         of_persons.append(
-            [
-                annotation_entry(each, 0, 0) | {"xyz": _world(each)} | physical.of(picture, each)
-                for each in picture.persons
-            ]
+            [annotation_entry(each, 0, 0) | {"xyz": _world(each)} | physical.of(image, each) for each in image.persons]
         )
     known = [key for key in PERSONS if any(entry.get(key, []) != [] for entries in of_persons for entry in entries)]
     for line, entries in zip(lines, of_persons, strict=True):
@@ -330,7 +327,7 @@ def _write_huggingface_clip(task: ClipTask) -> Counter:
 # NumPy: one `.npz` per clip with its cameras, truth and labels, for programs without this package.
 
 
-@exporter("npz", pictures=False, skeleton="body25")
+@exporter("npz", images=False, skeleton="body25")
 def export_npz(selection: Selection, out: Path) -> dict[str, Counter]:
     """One numpy file per clip: cameras, joints, visibility, and physical labels if there are any."""
     return selection.export(_write_npz_clip, out)
@@ -377,7 +374,7 @@ IMAGES = "hdImgs"
 PHYSICS = "physics.npz"
 
 
-@exporter("panoptic", pictures=False, skeleton="panoptic19", only=True)
+@exporter("panoptic", images=False, skeleton="panoptic19", only=True)
 def export_panoptic(selection: Selection, out: Path) -> dict[str, Counter]:
     """One folder per clip in the layout of CMU Panoptic: calibration, poses in 3D, and images if there are any."""
     return selection.export(_write_panoptic_clip, out)
@@ -389,12 +386,12 @@ def _write_panoptic_clip(task: ClipTask) -> Counter:
     counts = Counter(clips=1, persons=clip.truth.xyz.shape[1])
     names = [name if re.fullmatch(r"\d\d_\d\d", name) else f"00_{view:02}" for view, name in enumerate(clip.rig.names)]
     folder = task.out / task.split / file_part(task.name)
-    for picture in task.pictures(clip, Counter()) if clip.has_pictures else ():
-        counts["pictures"] += 1
-        camera = names[picture.view]
-        path = folder / IMAGES / camera / f"{camera}_{picture.number:08d}.{task.suffix}"
+    for image in task.images(clip, Counter()) if clip.has_images else ():
+        counts["images"] += 1
+        camera = names[image.view]
+        path = folder / IMAGES / camera / f"{camera}_{image.number:08d}.{task.suffix}"
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(picture.encoded(task.suffix))
+        path.write_bytes(image.encoded(task.suffix))
     named = replace(clip, id=file_part(clip.id), rig=replace(clip.rig, names=tuple(names)), images=None)
     write_panoptic(convert(clip.truth, task.skeleton), named, folder)
     if physical := physical_arrays(task.folder):

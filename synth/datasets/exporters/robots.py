@@ -16,14 +16,14 @@ from synth.datasets.exporters.selection import ClipTask, Selection
 from synth.physics.body_state import BodyState, load_state
 
 
-@exporter("g1", pictures=False, skeleton="body25", only=True)
+@exporter("g1", images=False, skeleton="body25", only=True)
 def export_g1(selection: Selection, out: Path) -> dict[str, Counter]:
     """Unitree G1 joint CSV, a file for each person, in m and radians: `<split>/<clip>_P1.csv`."""
     load_robot(selection.robot)  # what is missing is said before the first clip
     return selection.export(_write_csv, out)
 
 
-@exporter("lerobot", pictures=False, skeleton="body25", only=True)
+@exporter("lerobot", images=False, skeleton="body25", only=True)
 def export_lerobot(selection: Selection, out: Path) -> dict[str, Counter]:
     """LeRobot v3 data set of Unitree G1 robots for each split: `<split>/data`, `<split>/meta`."""
     load_robot(selection.robot)

@@ -105,13 +105,13 @@ class _SceneInMotion:
     lights: list[_Light]
 
 
-@exporter("glb", pictures=False, skeleton="body25")
+@exporter("glb", images=False, skeleton="body25")
 def export_glb(selection: Selection, out: Path) -> dict[str, Counter]:
     """glTF scene for each clip: room, props, people in motion, cameras, lights: `<split>/<clip>.glb`."""
     return selection.export(_write_glb, out)
 
 
-@exporter("usd", pictures=False, skeleton="body25")
+@exporter("usd", images=False, skeleton="body25")
 def export_usd(selection: Selection, out: Path) -> dict[str, Counter]:
     """USD scene for each clip, with full pinhole cameras: `<split>/<clip>.usdc`. It needs usd-core.
 

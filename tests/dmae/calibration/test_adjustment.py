@@ -98,7 +98,7 @@ def test_a_camera_displaced_by_10_cm_and_2_degrees_is_mended_and_the_others_stay
 
 
 @pytest.mark.slow
-def test_stature_and_floor_place_the_world_and_the_pictures_stay():
+def test_stature_and_floor_place_the_world_and_the_images_stay():
     clip = exact()
     pose = clip.rig.cam_from_world @ np.linalg.inv(
         np.array([[0, 0, 1, 2], [0, 1, 0, 0], [-1, 0, 0, 5], [0, 0, 0, 1.0]])

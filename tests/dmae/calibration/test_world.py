@@ -111,7 +111,7 @@ def test_joints_that_were_completed_are_not_used():
     assert find_floor(completed, FPS).stances == 0
 
 
-def test_a_clip_is_placed_with_everything_in_it_and_its_pictures_stay():
+def test_a_clip_is_placed_with_everything_in_it_and_its_images_stay():
     T, rig = world(4, 0.3), ring()
     truth = people(T, persons=1)
     rig = place_rig(rig, T)

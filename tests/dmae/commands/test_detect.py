@@ -1,4 +1,4 @@
-"""`dmae detect` and `dmae run`, with a detector that finds bright dots, and BlazePose on real and rendered pictures."""
+"""`dmae detect` and `dmae run`, with a detector that finds bright dots, and BlazePose on real and rendered images."""
 
 import inspect
 import json
@@ -28,8 +28,8 @@ from dmae import get_skeleton
 class Dots:
     """Joint j of COCO-17 is the dot of brightness 80 + 10 j."""
     skeleton = get_skeleton("coco17")
-    def __call__(self, picture):
-        shades = picture[..., 0].astype(int)
+    def __call__(self, image):
+        shades = image[..., 0].astype(int)
         xy = np.full((1, 17, 2), np.nan)
         for joint in range(17):
             rows, columns = np.nonzero(abs(shades - 80 - 10 * joint) <= 2)
@@ -52,27 +52,27 @@ def session(tmp_path: Path) -> Clip:
     (tmp_path / "my_dots.py").write_text(DETECTOR)
     write_calibration(clip.rig, tmp_path / "calibration.toml", "pose2sim")
     for view, name in enumerate(clip.rig.names):
-        write_pictures(tmp_path / "videos" / name, clip, view)
+        write_images(tmp_path / "videos" / name, clip, view)
     return clip
 
 
-def write_pictures(folder: Path, clip: Clip, view: int) -> None:
+def write_images(folder: Path, clip: Clip, view: int) -> None:
     folder.mkdir(parents=True)
     joints = clip.detections.skeleton.index(*COCO17.joints)
     for frame in range(len(clip)):
-        picture = np.zeros((*clip.rig.size[view][::-1], 3), np.uint8)
+        image = np.zeros((*clip.rig.size[view][::-1], 3), np.uint8)
         for number, (x, y) in enumerate(clip.detections.xy[frame, view, 0][joints]):
             if np.isfinite(x):
                 cv2.rectangle(
-                    picture, (round(x) - 2, round(y) - 2), (round(x) + 2, round(y) + 2), (80 + 10 * number,) * 3, -1
+                    image, (round(x) - 2, round(y) - 2), (round(x) + 2, round(y) + 2), (80 + 10 * number,) * 3, -1
                 )
-        cv2.imwrite(str(folder / f"{frame:05d}.png"), picture)
+        cv2.imwrite(str(folder / f"{frame:05d}.png"), image)
 
 
 ARGUMENTS = ("videos=videos", "calibration=calibration.toml", "detector=my_dots:dots", "fps=25")
 
 
-def test_pictures_become_a_clip_that_is_captured(session: Clip, tmp_path: Path):
+def test_images_become_a_clip_that_is_captured(session: Clip, tmp_path: Path):
     done = dmae(tmp_path, "run", *ARGUMENTS, "out=made", "export=[npz]")
     assert done.returncode == 0, done.stderr
     clip = load_clip(tmp_path / "made/captured")
@@ -95,7 +95,7 @@ def test_damaged_frames_a_shorter_and_a_missing_camera_lose_nothing_else(session
     (tmp_path / "videos" / names[0] / "00005.png").write_bytes(b"damaged")
     done = dmae(tmp_path, "detect", *ARGUMENTS, "out=found", "output.images=false")
     assert done.returncode == 0, done.stderr
-    for said in ("are left out", "1 of 12 pictures cannot be read (5)", "cameras end at different frames"):
+    for said in ("are left out", "1 of 12 images cannot be read (5)", "cameras end at different frames"):
         assert said in done.stdout
     seen = load_clip(tmp_path / "found").detections.observed.any((2, 3))
     assert seen.shape == (12, 2) and not seen[5, 0] and not seen[11, 1] and seen.sum() == 22
@@ -154,8 +154,8 @@ def test_another_detector_is_refused_in_the_same_folder(session: Clip, tmp_path:
 
 def test_a_clip_with_images_keeps_its_truth(session: Clip, tmp_path: Path):
     for name in session.rig.names:
-        pictures = (cv2.imread(str(file)) for file in sorted((tmp_path / "videos" / name).glob("*.png")))
-        write_video(tmp_path / "seen/rgb" / f"{name}.mp4", pictures, 25)
+        images = (cv2.imread(str(file)) for file in sorted((tmp_path / "videos" / name).glob("*.png")))
+        write_video(tmp_path / "seen/rgb" / f"{name}.mp4", images, 25)
     images = Images(tmp_path / "seen", session.rig.names, tuple(range(12)), ("rgb",))
     save_clip(replace(session, images=images), tmp_path / "seen")
     done = dmae(tmp_path, "detect", "clip=seen", "detector=my_dots:dots", "out=found")

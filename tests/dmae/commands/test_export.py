@@ -26,7 +26,7 @@ from dmae.formats.own import read_npz
 from dmae.formats.reading import Clips, DataConfig
 from dmae.formats.registry import pose_writer
 from dmae.formats.trc import read_trc
-from tests.support.clips import full_clip, pictured_clip, walkers
+from tests.support.clips import full_clip, image_clip, walkers
 from tests.support.recordings import recording, same_detections, write_openpose_recording
 from tests.support.robots import needs_robot
 
@@ -137,16 +137,16 @@ def test_of_two_fused_skeletons_the_first_is_written(tmp_path):
     assert read_npz(export(clip, tmp_path, "npz", "c.npz"))[0].skeleton == skeleton
 
 
-def test_coco_of_a_clip_with_images_has_masks_true_boxes_and_pictures(tmp_path, capsys):
-    clip = pictured_clip(tmp_path / "images")
+def test_coco_of_a_clip_with_images_has_masks_true_boxes_and_images(tmp_path, capsys):
+    clip = image_clip(tmp_path / "images")
     path = export(clip, tmp_path, "coco", "a.json", skeleton="coco17")
     coco = COCO(path)
-    assert coco.dataset["info"]["pictures"] and coco.dataset["info"]["objects"] == ["box"]
+    assert coco.dataset["info"]["images"] and coco.dataset["info"]["objects"] == ["box"]
     ids = {name: list(clip.images.read("ids", name)) for name in clip.rig.names}
     assert len(coco.anns) == 12
     for image in coco.loadImgs(coco.getImgIds()):
-        picture = cv2.imread(str(tmp_path / image["file_name"]))
-        assert picture.shape == (image["height"], image["width"], 3) == (150, 240, 3)
+        image = cv2.imread(str(tmp_path / image["file_name"]))
+        assert image.shape == (image["height"], image["width"], 3) == (150, 240, 3)
         for annotation in coco.loadAnns(coco.getAnnIds(image["id"])):
             mask = ids[image["camera"]][image["frame"] - 5] == 1 + annotation["track_id"]
             np.testing.assert_array_equal(coco.annToMask(annotation), mask)
@@ -158,7 +158,7 @@ def test_coco_of_a_clip_with_images_has_masks_true_boxes_and_pictures(tmp_path, 
 
 def test_coco_without_images_says_so(tmp_path):
     content = json.loads(export(full_clip(), tmp_path, "coco", "a.json").read_text())
-    assert content["info"]["pictures"] is False
+    assert content["info"]["images"] is False
     assert {each["bbox_of"] for each in content["annotations"]} == {"joints"}
     assert not (tmp_path / "a_images").exists()
 

@@ -157,34 +157,34 @@ def test_normals_flow_and_whole_persons_are_read_back(tmp_path):
 
 
 @pytest.mark.parametrize("rgb", ["h264", "png", "jpeg"])
-def test_any_picture_is_read_alone(tmp_path, rgb):
+def test_any_image_is_read_alone(tmp_path, rgb):
     ramp = np.linspace(0, 255, 64).astype(np.uint8)
-    pictures = [np.full((48, 64, 3), (20 * frame, 255 - 10 * frame, 0), np.uint8) for frame in range(12)]
-    pictures = [np.where(np.arange(48)[:, None, None] < 24, picture, ramp[:, None]) for picture in pictures]
+    images = [np.full((48, 64, 3), (20 * frame, 255 - 10 * frame, 0), np.uint8) for frame in range(12)]
+    images = [np.where(np.arange(48)[:, None, None] < 24, image, ramp[:, None]) for image in images]
     images = Images(tmp_path, ("a",), tuple(range(12)), ("rgb",), rgb=rgb)
     if rgb == "h264":
-        write_video(images.path("rgb", "a"), pictures, 5)
+        write_video(images.path("rgb", "a"), images, 5)
     else:
-        for frame, picture in enumerate(pictures):
-            write_image("rgb", images.path("rgb", "a", frame), picture)
+        for frame, image in enumerate(images):
+            write_image("rgb", images.path("rgb", "a", frame), image)
     whole = list(images.read("rgb", "a"))
     for frame in (11, 0, 5, 4, 7):
         np.testing.assert_array_equal(images.at("rgb", "a", frame), whole[frame])
-        assert np.abs(whole[frame].astype(int) - pictures[frame]).mean() < (1 if rgb == "png" else 6)
+        assert np.abs(whole[frame].astype(int) - images[frame]).mean() < (1 if rgb == "png" else 6)
     np.testing.assert_array_equal(images.select([3, 9], ("a",)).at("rgb", "a", 1), whole[9])
     with pytest.raises(IndexError):
         images.at("rgb", "a", 12)
 
 
-def test_a_video_of_the_same_pictures_is_the_same(tmp_path):
+def test_a_video_of_the_same_images_is_the_same(tmp_path):
     """The width is no multiple of 16: x264 by itself reads memory beyond it."""
     rng = np.random.default_rng(0)
     noise = rng.integers(0, 40, (776, 1032, 3), np.uint8)
-    pictures = [np.roll(noise, 3 * frame, 1) + np.uint8(10 * frame) for frame in range(6)]
+    images = [np.roll(noise, 3 * frame, 1) + np.uint8(10 * frame) for frame in range(6)]
     written = set()
     for number in range(4):
         litter = [rng.integers(0, 256, 1_000_000 + 999 * number, np.uint8) for _ in range(20)]
         del litter[::2]
-        write_video(tmp_path / "a.mp4", iter(pictures), 25)
+        write_video(tmp_path / "a.mp4", iter(images), 25)
         written.add((tmp_path / "a.mp4").read_bytes())
     assert len(written) == 1

@@ -16,7 +16,7 @@ from dmae.data.skeleton import BODY25, SHELF14
 from dmae.data.store import load_clip, save_clip, write_manifest
 from dmae.datasets import ClipDataset, FrameDataset, WindowDataset
 from tests.support.clips import full_clip
-from tests.support.data_sets import pictured_set
+from tests.support.data_sets import image_set
 
 LENGTHS = (12, 7, 3)
 
@@ -37,8 +37,8 @@ def clips(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def pictures(tmp_path_factory) -> Path:
-    return pictured_set(tmp_path_factory.mktemp("pictures") / "set")
+def images(tmp_path_factory) -> Path:
+    return image_set(tmp_path_factory.mktemp("images") / "set")
 
 
 def test_a_part_of_a_clip_is_that_part_of_the_whole(clips):
@@ -86,13 +86,13 @@ def test_windows_of_poses_on_another_skeleton(clips):
     assert (window["source"] == Source.COMPLETED).all() and (window["views"] == 3).all()
 
 
-def test_pictures_are_the_images_with_what_the_ids_show(pictures):
-    frames = FrameDataset(pictures, masks=True)
+def test_images_are_the_images_with_what_the_ids_show(images):
+    frames = FrameDataset(images, masks=True)
     assert len(frames) == 3 * 2 * 3
     shown = 0
     for index in np.random.default_rng(0).permutation(len(frames)).tolist():
         clip_number, view, frame = frames.place(index)
-        clip = load_clip(pictures / f"{clip_number:06d}")
+        clip = load_clip(images / f"{clip_number:06d}")
         image, target = frames[index]
         name = clip.rig.names[view]
         assert image.dtype == torch.float32 and image.max() <= 1  # as torchvision's detectors demand
@@ -113,12 +113,12 @@ def test_pictures_are_the_images_with_what_the_ids_show(pictures):
             np.testing.assert_allclose(joints[0, :2], nose if joints[0, 2] else (0, 0), atol=1e-3)
             shown += 1
     assert shown == 33
-    assert len(FrameDataset(pictures, every=2)) == 3 * 2 * 2
-    assert "masks" not in FrameDataset(pictures)[0][1]
+    assert len(FrameDataset(images, every=2)) == 3 * 2 * 2
+    assert "masks" not in FrameDataset(images)[0][1]
 
 
 def test_depth_is_in_metres_and_says_where_it_is_known(tmp_path):
-    frames = FrameDataset(pictured_set(tmp_path / "set", clips=1, depth=True), depth=True)
+    frames = FrameDataset(image_set(tmp_path / "set", clips=1, depth=True), depth=True)
     for index in range(len(frames)):
         _, view, frame = frames.place(index)
         image, target = frames[index]
@@ -131,8 +131,8 @@ def test_depth_is_in_metres_and_says_where_it_is_known(tmp_path):
 
 
 @pytest.mark.slow
-def test_workers_give_what_one_process_gives(clips, pictures):
-    windows, frames = WindowDataset(clips, frames=4, every=3), FrameDataset(pictures)
+def test_workers_give_what_one_process_gives(clips, images):
+    windows, frames = WindowDataset(clips, frames=4, every=3), FrameDataset(images)
     assert frames[0][0].shape == (3, 150, 240)  # a video is open when workers are forked
     for made, collate, batch in ((windows, None, 4), (frames, frames.collate, 5), (ClipDataset(clips), list, 2)):
         one, two = (
@@ -158,31 +158,31 @@ def same(one, two) -> None:
         torch.testing.assert_close(one, two, rtol=0, atol=0)
 
 
-def test_clips_are_read_when_they_are_asked_for(clips, pictures, monkeypatch):
+def test_clips_are_read_when_they_are_asked_for(clips, images, monkeypatch):
     """Making a data set reads sizes and names alone; pickled, as for workers, it stays small."""
     monkeypatch.setattr(datasets, "assemble_clip", None)
-    for made in (ClipDataset(clips), WindowDataset(clips, frames=2), FrameDataset(pictures)):
+    for made in (ClipDataset(clips), WindowDataset(clips, frames=2), FrameDataset(images)):
         assert len(pickle.dumps(made)) < 5_000
     lengths = ClipDataset(clips, transform=len)
     assert [lengths[index] for index in range(3)] == list(LENGTHS)
 
 
-def test_bad_input_is_refused(clips, pictures, tmp_path):
+def test_bad_input_is_refused(clips, images, tmp_path):
     for kind in (ClipDataset, WindowDataset, FrameDataset):
         with pytest.raises(FileNotFoundError, match="expected a clip"):
             kind(tmp_path)
     with pytest.raises(ValueError, match=r"no truth of 30 frames in 3 clips; the longest has 12 frames"):
         WindowDataset(clips)
     with pytest.raises(ValueError, match=r"no poses of 3 frames"):
-        WindowDataset(pictures, frames=3, of="poses")
+        WindowDataset(images, frames=3, of="poses")
     with pytest.raises(ValueError, match="got frames=0"):
         WindowDataset(clips, frames=0)
     with pytest.raises(ValueError, match=r"expected images of kind rgb, found none; synth generate images=rgb"):
         FrameDataset(clips)
     with pytest.raises(ValueError, match=r"expected images of kind depth, found rgb, ids; synth generate images=all"):
-        FrameDataset(pictures, depth=True)
+        FrameDataset(images, depth=True)
     with pytest.raises(KeyError, match="body26"):
-        FrameDataset(pictures, skeleton="body26")
+        FrameDataset(images, skeleton="body26")
     clip = full_clip(3)
     save_clip(clip, tmp_path / "cut")
     data = (tmp_path / "cut/arrays.safetensors").read_bytes()

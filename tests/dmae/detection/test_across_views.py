@@ -9,8 +9,8 @@ import pytest
 
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import BODY25
-from dmae.detection.pictures import CameraPictures, find_cameras
-from dmae.detection.pipeline import Pictures, compare_views
+from dmae.detection.images import CameraImages, find_cameras
+from dmae.detection.pipeline import CameraPeople, compare_views
 from dmae.detection.registry import PoseDetectorConfig
 from dmae.formats.footage import Fitting
 from tests.support.detected_people import FPS, detected_clip, standing, with_body
@@ -24,10 +24,10 @@ class _Looks:
 
     skeleton = BODY25
 
-    def __call__(self, picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def __call__(self, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         raise AssertionError("the first pass is over")
 
-    def find_at(self, picture: np.ndarray, expected: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def find_at(self, image: np.ndarray, expected: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         assert len(known) == 1
         return expected + [1, 0], np.full(expected.shape[:2], 0.8)
 
@@ -38,7 +38,7 @@ def looks(config: PoseDetectorConfig) -> _Looks:
 
 def looks_elsewhere(config: PoseDetectorConfig) -> _Looks:
     detector = _Looks()
-    detector.find_at = lambda picture, expected, known: (expected + [0, 200], np.ones(expected.shape[:2]))
+    detector.find_at = lambda image, expected, known: (expected + [0, 200], np.ones(expected.shape[:2]))
     return detector
 
 
@@ -63,7 +63,7 @@ def clip() -> Clip:
 
 
 @pytest.fixture
-def cameras(tmp_path: Path, clip: Clip) -> list[CameraPictures]:
+def cameras(tmp_path: Path, clip: Clip) -> list[CameraImages]:
     for name in clip.rig.names:
         (tmp_path / "videos" / name).mkdir(parents=True)
         for number in range(FRAMES):
@@ -71,12 +71,12 @@ def cameras(tmp_path: Path, clip: Clip) -> list[CameraPictures]:
     return list(find_cameras(tmp_path / "videos"))
 
 
-def found_in(clip: Clip) -> list[Pictures]:
+def found_in(clip: Clip) -> list[CameraPeople]:
     rows = np.concatenate([clip.detections.xy, clip.detections.score[..., None]], -1)
     return [[each[np.isfinite(each).any((-1, -2))] for each in rows[:, view]] for view in range(len(clip.rig))]
 
 
-def search(clip: Clip, cameras, pieces: Path, config: PoseDetectorConfig = CONFIG, **options) -> list[Pictures]:
+def search(clip: Clip, cameras, pieces: Path, config: PoseDetectorConfig = CONFIG, **options) -> list[CameraPeople]:
     frames, fittings = [np.arange(FRAMES)] * len(clip.rig), options.get("fittings", [Fitting()] * len(clip.rig))
     workers = options.get("workers", 1)
     return compare_views(

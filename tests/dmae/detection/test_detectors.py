@@ -1,4 +1,4 @@
-"""BlazePose on real pictures, and models of users' own in ONNX."""
+"""BlazePose on real images, and models of users' own in ONNX."""
 
 import os
 from dataclasses import replace
@@ -12,7 +12,7 @@ from dmae.data.conversion import convert_detections
 from dmae.data.skeleton import BLAZEPOSE33, BODY25, COCO17
 from dmae.detection.detectors.blazepose import PeopleDetector, find_expected
 from dmae.detection.detectors.landmarks import Network, Person, find_person, part_of, pyramid_of
-from dmae.detection.pictures import find_cameras
+from dmae.detection.images import find_cameras
 from dmae.detection.pipeline import detect_people, make_detector, to_detections
 from dmae.detection.registry import PoseDetectorConfig
 
@@ -21,39 +21,39 @@ real = pytest.mark.skipif(not VIDEOS.is_dir(), reason="DMAE_DATA with pose2sim/v
 
 
 @pytest.fixture(scope="module")
-def picture() -> np.ndarray:
-    (picture,) = find_cameras(VIDEOS)[2].read(0, 1)
-    return picture
+def image() -> np.ndarray:
+    (image,) = find_cameras(VIDEOS)[2].read(0, 1)
+    return image
 
 
 @real
 @pytest.mark.parametrize("turned", [0, 2], ids=["upright", "upside down"])
-def test_the_man_is_found(picture, turned):
+def test_the_man_is_found(image, turned):
     detector = make_detector(PoseDetectorConfig(windows=[1.0]))
-    xy, score = detector(np.ascontiguousarray(np.rot90(picture, turned)))
+    xy, score = detector(np.ascontiguousarray(np.rot90(image, turned)))
     assert xy.shape == (1, 33, 2)
     if turned:
-        xy = np.array(picture.shape[1::-1]) - 1 - xy
+        xy = np.array(image.shape[1::-1]) - 1 - xy
     nose, hip, ankle = (xy[0, BLAZEPOSE33.index(joint)[0], 1] for joint in ("nose", "l_hip", "l_ankle"))
     assert nose < hip - 100 and hip < ankle - 100
     assert 0.5 < np.nanmedian(score) <= 1
 
 
 @real
-def test_a_person_is_followed_and_an_empty_picture_is_empty(picture):
+def test_a_person_is_followed_and_an_empty_image_is_empty(image):
     detector = make_detector(PoseDetectorConfig(windows=[1.0], search_every=100))
-    first, _ = detector(picture)
-    second, _ = detector(picture)
+    first, _ = detector(image)
+    second, _ = detector(image)
     assert np.nanmedian(np.linalg.norm(second - first, axis=-1)) < 10
-    assert len(detector(np.zeros_like(picture))[0]) == 0
+    assert len(detector(np.zeros_like(image))[0]) == 0
 
 
 @real
-def test_a_person_cut_off_by_the_border_is_found_in_a_photograph(picture):
-    (person,) = PeopleDetector(PoseDetectorConfig(windows=[1.0]))(picture)
+def test_a_person_cut_off_by_the_border_is_found_in_a_photograph(image):
+    (person,) = PeopleDetector(PoseDetectorConfig(windows=[1.0]))(image)
     head, shoulder = (person.xy[BLAZEPOSE33.index(joint)[0]].round().astype(int) for joint in ("nose", "l_shoulder"))
     size = 2 * (shoulder[1] - head[1])
-    cut = picture[head[1] - size : head[1] + size, head[0] - size : head[0] + size]
+    cut = image[head[1] - size : head[1] + size, head[0] - size : head[0] + size]
     assert len(PeopleDetector(PoseDetectorConfig())(cut)) == 0
     detector = PeopleDetector(PoseDetectorConfig(photographs=True))
     for _ in range(2):
@@ -64,7 +64,7 @@ def test_a_person_cut_off_by_the_border_is_found_in_a_photograph(picture):
 
 
 class _SeesLate(PeopleDetector):
-    """Searches for nobody in the first two pictures."""
+    """Searches for nobody in the first two images."""
 
     def _search(self, *args):
         if self._number >= 2:
@@ -72,18 +72,18 @@ class _SeesLate(PeopleDetector):
 
 
 @real
-def test_a_person_found_late_is_found_in_the_pictures_before(picture):
+def test_a_person_found_late_is_found_in_the_images_before(image):
     detector = _SeesLate(PoseDetectorConfig(windows=[1.0]), look_back=True)
-    empty = np.zeros_like(picture)
-    assert [detector(each) for each in (empty, picture)] == [[], []] and not detector.late
-    (person,) = detector(picture)
+    empty = np.zeros_like(image)
+    assert [detector(each) for each in (empty, image)] == [[], []] and not detector.late
+    (person,) = detector(image)
     ((ago, (before,)),) = detector.late
     assert ago == 1 and np.abs(before.xy - person.xy).mean() < 10
-    assert len(detector(picture)) == 1 and not detector.late
+    assert len(detector(image)) == 1 and not detector.late
 
 
 class _SeesAPart(PeopleDetector):
-    """Finds a small body with the head of a person in the first picture, and does not follow it."""
+    """Finds a small body with the head of a person in the first image, and does not follow it."""
 
     def _follow(self, pyramid):
         return [], []
@@ -104,19 +104,19 @@ def _shrunken(person: Person, size: float = 0.4) -> Person:
 
 
 @real
-def test_a_person_found_late_replaces_a_part_of_it_in_the_picture_before(picture):
+def test_a_person_found_late_replaces_a_part_of_it_in_the_image_before(image):
     detector = _SeesAPart(PoseDetectorConfig(windows=[1.0]), look_back=True)
-    (part,) = detector(picture)
-    (person,) = detector(picture)
+    (part,) = detector(image)
+    (person,) = detector(image)
     assert part.torso_size < 0.5 * person.torso_size
     ((ago, (before,)),) = detector.late
     assert ago == 1 and np.abs(before.xy - person.xy).mean() < 10
 
 
 @real
-def test_a_body_too_small_for_its_head_becomes_a_larger_one(picture):
-    detector, pyramid = PeopleDetector(PoseDetectorConfig(windows=[1.0])), pyramid_of(picture)
-    (person,) = detector(picture)
+def test_a_body_too_small_for_its_head_becomes_a_larger_one(image):
+    detector, pyramid = PeopleDetector(PoseDetectorConfig(windows=[1.0])), pyramid_of(image)
+    (person,) = detector(image)
     region = _shrunken(person).region
     alone = find_person(Network("pose_landmark_full"), pyramid, region)
     larger = detector._person(pyramid, region)
@@ -126,57 +126,57 @@ def test_a_body_too_small_for_its_head_becomes_a_larger_one(picture):
 @real
 class TestSearchAtExpectedPlaces:
     @pytest.fixture
-    def person(self, picture) -> Person:
-        (person,) = PeopleDetector(PoseDetectorConfig(windows=[1.0]))(picture)
+    def person(self, image) -> Person:
+        (person,) = PeopleDetector(PoseDetectorConfig(windows=[1.0]))(image)
         return person
 
-    def find(self, picture, expected: np.ndarray, known=()) -> Person | None:
-        return find_expected(Network("pose_landmark_full"), pyramid_of(picture), expected, known)
+    def find(self, image, expected: np.ndarray, known=()) -> Person | None:
+        return find_expected(Network("pose_landmark_full"), pyramid_of(image), expected, known)
 
-    def test_a_person_is_found_near_where_it_is_expected(self, picture, person):
+    def test_a_person_is_found_near_where_it_is_expected(self, image, person):
         expected = person.xy + 0.04 * 2 * person.region.radius
         expected[BLAZEPOSE33.index("nose")] = np.nan
-        found = self.find(picture, expected)
+        found = self.find(image, expected)
         assert np.median(np.linalg.norm(found.xy - person.xy, axis=-1)) < 0.04 * person.region.radius
 
-    def test_nothing_is_found_elsewhere(self, picture, person):
-        assert self.find(picture, person.xy + [0.5 * person.region.radius, 0]) is None
-        assert self.find(np.zeros_like(picture), person.xy) is None
+    def test_nothing_is_found_elsewhere(self, image, person):
+        assert self.find(image, person.xy + [0.5 * person.region.radius, 0]) is None
+        assert self.find(np.zeros_like(image), person.xy) is None
 
-    def test_a_known_person_is_not_found_again(self, picture, person):
-        assert self.find(picture, person.xy, [person.xy]) is None
+    def test_a_known_person_is_not_found_again(self, image, person):
+        assert self.find(image, person.xy, [person.xy]) is None
 
-    def test_places_of_one_point_are_no_person(self, picture):
-        assert self.find(picture, np.zeros((33, 2))) is None
+    def test_places_of_one_point_are_no_person(self, image):
+        assert self.find(image, np.zeros((33, 2))) is None
 
 
 class _Late:
-    """Finds a person at (0, 0) in each picture, and one in the picture before that was there."""
+    """Finds a person at (0, 0) in each image, and one in the image before that was there."""
 
     skeleton = COCO17
 
     def __init__(self, config: PoseDetectorConfig):
-        self.pictures = 0
+        self.images = 0
 
-    def __call__(self, picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        self.pictures += 1
+    def __call__(self, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        self.images += 1
         return np.zeros((1, 17, 2)), np.ones((1, 17))
 
     def found_late(self) -> list[tuple[int, np.ndarray, np.ndarray]]:
-        both = np.stack([np.zeros((17, 2)), np.full((17, 2), self.pictures)])
-        return [(1, both, np.ones((2, 17)))] if self.pictures > 1 else []
+        both = np.stack([np.zeros((17, 2)), np.full((17, 2), self.images)])
+        return [(1, both, np.ones((2, 17)))] if self.images > 1 else []
 
 
 def late_detector(config: PoseDetectorConfig) -> _Late:
     return _Late(config)
 
 
-def test_people_found_late_are_added_to_the_picture_that_they_are_in(tmp_path: Path):
-    pictures = tmp_path / "videos/cam"
-    pictures.mkdir(parents=True)
+def test_people_found_late_are_added_to_the_image_that_they_are_in(tmp_path: Path):
+    images = tmp_path / "videos/cam"
+    images.mkdir(parents=True)
     for number in range(4):
-        cv2.imwrite(str(pictures / f"{number}.png"), np.zeros((8, 8, 3), np.uint8))
-    (pictures / "2.png").write_bytes(b"unreadable")
+        cv2.imwrite(str(images / f"{number}.png"), np.zeros((8, 8, 3), np.uint8))
+    (images / "2.png").write_bytes(b"unreadable")
     (camera,) = find_cameras(tmp_path / "videos")
     found = detect_people([camera], PoseDetectorConfig(name=f"{__name__}:late_detector"), tmp_path / "pieces")
     people = found["cam"]
@@ -205,11 +205,11 @@ def test_pieces_are_kept_and_not_done_again(tmp_path: Path):
 
 
 def heat_map_model(path: Path, simcc: bool) -> None:
-    """A model that finds all 17 joints where the picture is brightest."""
+    """A model that finds all 17 joints where the image is brightest."""
     onnx = pytest.importorskip("onnx")
     pytest.importorskip("onnxruntime")
     make, kind = onnx.helper, onnx.TensorProto.FLOAT
-    nodes = [make.make_node("ReduceMean", ["picture"], ["grey"], axes=[1], keepdims=1)]
+    nodes = [make.make_node("ReduceMean", ["image"], ["grey"], axes=[1], keepdims=1)]
     ones = make.make_tensor("ones", kind, (1, 17, 1, 1), [1.0] * 17)
     nodes.append(make.make_node("Mul", ["grey", "ones"], ["maps"]))
     outputs = [make.make_tensor_value_info("maps", kind, (1, 17, 64, 48))]
@@ -218,18 +218,18 @@ def heat_map_model(path: Path, simcc: bool) -> None:
         nodes.append(make.make_node("ReduceMax", ["maps"], ["y"], axes=[3], keepdims=0))
         sizes = {"x": (1, 17, 48), "y": (1, 17, 64)}
         outputs = [make.make_tensor_value_info(name, kind, size) for name, size in sizes.items()]
-    given = [make.make_tensor_value_info("picture", kind, (1, 3, 64, 48))]
+    given = [make.make_tensor_value_info("image", kind, (1, 3, 64, 48))]
     graph = make.make_graph(nodes, "brightest", given, outputs, [ones])
     onnx.save(make.make_model(graph, opset_imports=[make.make_opsetid("", 13)], ir_version=8), str(path))
 
 
 @real
 @pytest.mark.parametrize("simcc", [False, True], ids=["heat maps", "SimCC"])
-def test_a_model_in_onnx(picture, tmp_path: Path, simcc: bool):
+def test_a_model_in_onnx(image, tmp_path: Path, simcc: bool):
     heat_map_model(tmp_path / "model.onnx", simcc)
     detector = make_detector(PoseDetectorConfig(name="onnx", path=str(tmp_path / "model.onnx"), windows=[1.0]))
     assert detector.skeleton is COCO17
-    dark = picture // 8
+    dark = image // 8
     (xy,), _ = make_detector(PoseDetectorConfig(windows=[1.0]))(dark)
     hip = xy[BLAZEPOSE33.index("l_hip", "r_hip")].mean(0)
     x, y = (hip + (40, -60)).round().astype(int)

@@ -30,19 +30,19 @@ def test_anchors_are_those_of_the_network():
 
 @pytest.mark.parametrize("degrees", [0, 30, -120])
 @pytest.mark.parametrize("side", [100, 700])
-def test_a_point_of_a_cut_lies_where_it_is_in_the_picture(degrees, side):
+def test_a_point_of_a_cut_lies_where_it_is_in_the_image(degrees, side):
     angle = np.radians(degrees)
     region = Region(np.array([410.0, 300.0]), side, np.array([np.sin(angle), -np.cos(angle)]))
-    place = region.to_picture(np.array([0.3, 0.6]))
+    place = region.to_image(np.array([0.3, 0.6]))
     y, x = np.mgrid[:600, :800] + 0.5
-    picture = 255 * np.exp(-((x - place[0]) ** 2 + (y - place[1]) ** 2) / (2 * (side / 20) ** 2))
-    cut = region.cut(pyramid_of(np.repeat(picture.astype(np.uint8)[..., None], 3, 2)), 256)[..., 0].astype(float)
+    image = 255 * np.exp(-((x - place[0]) ** 2 + (y - place[1]) ** 2) / (2 * (side / 20) ** 2))
+    cut = region.cut(pyramid_of(np.repeat(image.astype(np.uint8)[..., None], 3, 2)), 256)[..., 0].astype(float)
     rows, columns = np.mgrid[:256, :256] + 0.5
     found = np.array([(columns * cut).sum(), (rows * cut).sum()]) / cut.sum() / 256
     np.testing.assert_allclose(found, (0.3, 0.6), atol=0.003)
 
 
-def test_windows_cover_the_picture_and_keep_in_it():
+def test_windows_cover_the_image_and_keep_in_it():
     for window in windows_of(1920, 1080, (1.0, 0.6, 0.35)):
         assert window.side <= 1920
     small = windows_of(1920, 1080, (0.35,))
@@ -145,7 +145,7 @@ def test_the_region_of_a_body_too_small_for_its_head_grows_around_the_head():
     larger = larger_region(small)
     assert larger.side == pytest.approx(2 * small.region.side, rel=0.01)
     place = small.xy[head].mean(0) + 0.5
-    np.testing.assert_allclose(larger.from_picture(place) - 0.5, (small.region.from_picture(place) - 0.5), atol=1e-9)
+    np.testing.assert_allclose(larger.from_image(place) - 0.5, (small.region.from_image(place) - 0.5), atol=1e-9)
     assert larger_region(replace(small, region=None)) is None
 
 
@@ -169,7 +169,7 @@ def test_boxes_of_two_people_that_overlap_are_not_averaged():
 def test_places_in_a_region_and_back():
     region = Region(np.array([410.0, 300.0]), 200.0, np.array([0.6, -0.8]))
     points = np.random.default_rng(0).uniform(0, 1, (5, 2))
-    np.testing.assert_allclose(region.from_picture(region.to_picture(points)), points)
+    np.testing.assert_allclose(region.from_image(region.to_image(points)), points)
 
 
 def test_a_person_painted_over_takes_the_colour_around():
@@ -177,11 +177,11 @@ def test_a_person_painted_over_takes_the_colour_around():
     xy[TORSO] = [[40, 24], [24, 24], [38, 44], [26, 44]]
     person = Person(xy, np.zeros(33), np.zeros(33), 1.0, None)
     region = Region.upright(0, 0, 64)
-    picture = np.full((64, 64, 3), 90, np.uint8)
-    picture[26:42, 28:36] = 255
-    painted = painted_over(picture, region, [person])
+    image = np.full((64, 64, 3), 90, np.uint8)
+    image[26:42, 28:36] = 255
+    painted = painted_over(image, region, [person])
     assert abs(painted.astype(int) - 90).max() <= 1
-    assert painted_over(picture, region, []) is picture
+    assert painted_over(image, region, []) is image
 
 
 @pytest.mark.parametrize("degrees", [0, 90, 200])

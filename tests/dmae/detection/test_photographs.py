@@ -10,9 +10,9 @@ import pytest
 from PIL import Image
 
 from dmae.data.store import load_clip
-from dmae.detection.pictures import find_cameras
+from dmae.detection.images import find_cameras
 from dmae.detection.recording import find_photographs
-from dmae.files.pictures import read_upright, upright_size
+from dmae.files.images import read_upright, upright_size
 from dmae.formats.pose2sim import write_cameras
 from tests.support.clips import looking_at_origin
 from tests.support.commands import dmae
@@ -22,15 +22,15 @@ import numpy as np
 from dmae import get_skeleton
 
 class Brightest:
-    """The brightest pixel is the nose of a person. After its first picture, the detector finds no people."""
+    """The brightest pixel is the nose of a person. After its first image, the detector finds no people."""
     skeleton = get_skeleton("coco17")
     seen = 0
-    def __call__(self, picture):
+    def __call__(self, image):
         self.seen += 1
-        if picture.max() < 100 or self.seen > 1:
+        if image.max() < 100 or self.seen > 1:
             return np.empty((0, 17, 2)), np.empty((0, 17))
         xy = np.full((1, 17, 2), np.nan)
-        xy[0, 0] = np.unravel_index(picture[..., 1].argmax(), picture.shape[:2])[::-1]
+        xy[0, 0] = np.unravel_index(image[..., 1].argmax(), image.shape[:2])[::-1]
         return xy, np.where(np.isnan(xy[..., 0]), np.nan, 0.9)
 
 def brightest(config):
@@ -38,7 +38,7 @@ def brightest(config):
 '''
 
 
-def picture(width: int, height: int, x: int, y: int) -> Image.Image:
+def image(width: int, height: int, x: int, y: int) -> Image.Image:
     pixels = np.zeros((height, width, 3), np.uint8)
     pixels[y, x] = 255
     return Image.fromarray(pixels)
@@ -49,19 +49,19 @@ def photographs(tmp_path: Path) -> Path:
     folder = tmp_path / "photographs"
     folder.mkdir()
     (tmp_path / "my_brightest.py").write_text(DETECTOR)
-    picture(64, 48, 10, 20).save(folder / "a.png")
+    image(64, 48, 10, 20).save(folder / "a.png")
     exif = Image.Exif()
-    # The camera was turned by a quarter: column 12 of row 30 is shown at column 25 of row 12 of a picture 56 px wide.
+    # The camera was turned by a quarter: column 12 of row 30 is shown at column 25 of row 12 of an image 56 px wide.
     exif[0x0112] = 6
-    picture(80, 56, 12, 30).save(folder / "b.webp", lossless=True, exif=exif)
-    picture(40, 40, 5, 6).convert("L").save(folder / "c.bmp")
-    picture(30, 20, 0, 0).point(lambda _: 0).save(folder / "dark.tif")
+    image(80, 56, 12, 30).save(folder / "b.webp", lossless=True, exif=exif)
+    image(40, 40, 5, 6).convert("L").save(folder / "c.bmp")
+    image(30, 20, 0, 0).point(lambda _: 0).save(folder / "dark.tif")
     (folder / "notes.txt").write_text("not a photograph")
     (folder / "z.jpg").write_bytes(b"damaged")
     return folder
 
 
-def test_pictures_are_upright(photographs: Path):
+def test_images_are_upright(photographs: Path):
     assert upright_size(photographs / "b.webp") == (56, 80)
     upright = read_upright(photographs / "b.webp")
     assert upright.shape == (80, 56, 3)
@@ -69,7 +69,7 @@ def test_pictures_are_upright(photographs: Path):
 
 
 @pytest.mark.parametrize("mode", ["L", "RGBA", "P", "I;16", "CMYK", "LA"])
-def test_pictures_of_any_mode_are_read_as_rgb(tmp_path: Path, mode: str):
+def test_images_of_any_mode_are_read_as_rgb(tmp_path: Path, mode: str):
     pixels = np.full((6, 8), 200, np.uint8)
     made = Image.fromarray(pixels.astype(np.uint16) << 8) if mode == "I;16" else Image.fromarray(pixels).convert(mode)
     made.save(tmp_path / "a.tif" if mode == "CMYK" else tmp_path / "a.png")
@@ -83,7 +83,7 @@ def test_keypoints_and_drawings_of_each_photograph_are_written(photographs: Path
     assert done.returncode == 0, done.stderr
     assert "found: 4 photographs, 3 people, coco17" in done.stdout
     assert "no people detected in 1 photograph: dark.tif" in done.stdout
-    assert "left out: photographs/z.jpg: expected a PNG, JPEG, BMP, WebP or TIFF picture" in done.stdout
+    assert "left out: photographs/z.jpg: expected a PNG, JPEG, BMP, WebP or TIFF image" in done.stdout
     noses = {}
     for file in sorted((tmp_path / "found").glob("*_keypoints.json")):
         people = json.loads(file.read_text())["people"]
@@ -131,7 +131,7 @@ def test_photographs_that_cannot_be_used(photographs: Path, tmp_path: Path):
     (tmp_path / "empty/z.jpg").write_bytes(b"damaged")
     with pytest.raises(ValueError, match=r"not one photograph can be read; .*z\.jpg"):
         find_photographs(tmp_path / "empty")
-    picture(8, 8, 1, 1).save(photographs / "a.jpg")
+    image(8, 8, 1, 1).save(photographs / "a.jpg")
     with pytest.raises(ValueError, match=r"different names, found a\.jpg, a\.png"):
         find_photographs(photographs)
 
@@ -161,7 +161,7 @@ def test_photographs_in_sets_are_stills(tmp_path: Path, layout: str):
     for (camera, number), nose in noses.items():
         file = tmp_path / "sets" / layout.format(camera=camera, set=number)
         file.parent.mkdir(parents=True, exist_ok=True)
-        picture(64, 48, *nose).save(file)
+        image(64, 48, *nose).save(file)
     clip_of = ("calibration=rig.toml", "detector=my_brightest:brightest", "out=found")
     done = dmae(tmp_path, "detect", "photos=sets", *clip_of)
     assert done.returncode == 0, done.stderr

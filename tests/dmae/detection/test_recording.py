@@ -7,35 +7,35 @@ import numpy as np
 import pytest
 
 from dmae.data.images import write_image, write_video
-from dmae.detection.pictures import CameraPictures, align, find_cameras
+from dmae.detection.images import CameraImages, align, find_cameras
 from dmae.detection.recording import open_recording
-from dmae.formats.footage import fit_pictures
+from dmae.formats.footage import fit_images
 from tests.support.clips import looking_at_origin
 
 
 def shades(count: int, size: tuple[int, int] = (64, 48)) -> list[np.ndarray]:
-    """Pictures that grow lighter: the number of each can be read from it."""
+    """Images that grow lighter: the number of each can be read from it."""
     return [np.full((size[1], size[0], 3), 10 + 5 * number, np.uint8) for number in range(count)]
 
 
-def camera(name: str, times, rate: float | None, timecode: str | None = None) -> CameraPictures:
-    return CameraPictures(name, Path(name), (64, 48), np.asarray(times, float), rate, None, "h264", timecode)
+def camera(name: str, times, rate: float | None, timecode: str | None = None) -> CameraImages:
+    return CameraImages(name, Path(name), (64, 48), np.asarray(times, float), rate, None, "h264", timecode)
 
 
-def test_a_video_is_read_from_any_picture_on(tmp_path: Path):
+def test_a_video_is_read_from_any_image_on(tmp_path: Path):
     write_video(tmp_path / "a.mp4", shades(40), 10)
     (found,) = find_cameras(tmp_path)
     assert (found.name, len(found), found.size, round(found.rate, 3)) == ("a", 40, (64, 48), 10)
-    read = [picture.mean() for picture in found.read(23, 27)]
+    read = [image.mean() for image in found.read(23, 27)]
     np.testing.assert_allclose(read, [10 + 5 * number for number in range(23, 27)], atol=3)
 
 
-def test_damaged_pictures_are_none_and_the_others_read(tmp_path: Path):
-    for number, picture in enumerate(shades(4)):
-        write_image("rgb", tmp_path / "a" / f"a_{number + 7:04d}.png", picture)
+def test_damaged_images_are_none_and_the_others_read(tmp_path: Path):
+    for number, image in enumerate(shades(4)):
+        write_image("rgb", tmp_path / "a" / f"a_{number + 7:04d}.png", image)
     (tmp_path / "a" / "a_0008.png").write_bytes(b"\x89PNG nothing")
     (found,) = find_cameras(tmp_path)
-    assert [picture is None for picture in found.read(0, 4)] == [False, True, False, False]
+    assert [image is None for image in found.read(0, 4)] == [False, True, False, False]
     assert found.times.tolist() == [7, 8, 9, 10]
 
 
@@ -50,7 +50,7 @@ def test_a_damaged_video_loses_frames_alone(tmp_path: Path):
     (found,) = find_cameras(tmp_path)
     read = list(found.read(0, len(found)))
     assert len(read) == 30
-    assert sum(picture is not None for picture in read) >= 10
+    assert sum(image is not None for image in read) >= 10
 
 
 @pytest.mark.parametrize("files", [[], ["notes.txt"]])
@@ -88,32 +88,32 @@ def test_offsets_by_option_timecode_and_first_time():
         align(two, None, [1])
 
 
-def test_pictures_without_a_rate_ask_for_it():
-    pictures = [camera("a", [3, 4, 6], None), camera("b", [2, 3, 4], None)]
+def test_images_without_a_rate_ask_for_it():
+    images = [camera("a", [3, 4, 6], None), camera("b", [2, 3, 4], None)]
     with pytest.raises(ValueError, match="fps="):
-        align(pictures, None, None)
-    found = align(pictures, 30, None)
+        align(images, None, None)
+    found = align(images, 30, None)
     assert [frames.tolist() for frames in found.frames] == [[1, 2, 4], [0, 1, 2]]
 
 
 def test_a_smaller_copy_with_black_borders():
-    picture = np.full((2, 1920, 1080, 3), 120, np.uint8)
-    picture[:, :7], picture[:, -7:] = 12, 12
-    found = fit_pictures("cam", (1080, 1920), (1088, 1920), picture)
+    image = np.full((2, 1920, 1080, 3), 120, np.uint8)
+    image[:, :7], image[:, -7:] = 12, 12
+    found = fit_images("cam", (1080, 1920), (1088, 1920), image)
     np.testing.assert_allclose(
         found.to_calibration(np.array([100.0, 200.0])),
         ((100.5) * 1088 / 1080 - 0.5, (200.5 - 7.06) * 1088 / 1080 - 0.5),
         atol=0.01,
     )
     with pytest.raises(ValueError, match="1080 x 1920 px, its calibration is for 1088 x 1920"):
-        fit_pictures("cam", (1080, 1920), (1088, 1920), np.full((2, 1920, 1080, 3), 120, np.uint8))
+        fit_images("cam", (1080, 1920), (1088, 1920), np.full((2, 1920, 1080, 3), 120, np.uint8))
 
 
 def test_half_the_size_and_turned():
-    found = fit_pictures("cam", (960, 540), (1920, 1080), np.empty((0, 1, 1, 3)))
+    found = fit_images("cam", (960, 540), (1920, 1080), np.empty((0, 1, 1, 3)))
     np.testing.assert_allclose(found.to_calibration(np.array([0.0, 0.0])), (0.5, 0.5))
     with pytest.raises(ValueError, match="turn them"):
-        fit_pictures("cam", (1080, 1920), (1920, 1080), np.full((1, 1920, 1080, 3), 90, np.uint8))
+        fit_images("cam", (1080, 1920), (1920, 1080), np.full((1, 1920, 1080, 3), 90, np.uint8))
 
 
 def test_cameras_are_called_as_in_the_calibration(tmp_path: Path):
@@ -122,8 +122,8 @@ def test_cameras_are_called_as_in_the_calibration(tmp_path: Path):
     for name in ("cam01", "cam02"):
         write_video(tmp_path / f"{name}.mp4", shades(3, (width, height)), 10)
     assert [note.partition(" times")[0] for note in open_recording(tmp_path, rig).notes if "times" in note] == [
-        "cam_01: pictures are 0.5000",
-        "cam_02: pictures are 0.5000",
+        "cam_01: images are 0.5000",
+        "cam_02: images are 0.5000",
     ]
 
 
@@ -137,4 +137,4 @@ def test_a_video_without_a_calibration_and_one_camera_less(tmp_path: Path):
     (tmp_path / "another.mp4").unlink()
     found = open_recording(tmp_path, rig)
     assert found.rig.names == rig.names[:2]
-    assert "have no pictures and are left out" in found.notes[0]
+    assert "have no images and are left out" in found.notes[0]

@@ -93,7 +93,7 @@ def test_clips_of_a_manifest_lie_in_its_folder(tmp_path, name):
         clip_folders(tmp_path / "set")
 
 
-def test_pictures_of_a_camera_lie_in_the_folder_of_the_clip(tmp_path):
+def test_images_of_a_camera_lie_in_the_folder_of_the_clip(tmp_path):
     for kind in ("rgb", "depth"):
         images = Images(tmp_path / "images", ("../../secret",), (0,), (kind,))
         with pytest.raises(ValueError, match="cannot be the name of a file"):

@@ -1,4 +1,4 @@
-"""Pictures of a recording in a folder for each camera; time offsets by the names of cameras."""
+"""Images of a recording in a folder for each camera; time offsets by the names of cameras."""
 
 import numpy as np
 import pytest
@@ -10,8 +10,8 @@ from dmae.formats.reading import offsets_of_all
 from tests.support.recordings import recording, write_openpose_recording
 
 
-def write_pictures(folder, frames: range, cameras: int = 4, size: tuple[int, int] = (600, 960), name="f{}.png"):
-    """Pictures in which every camera has its own grey, and every frame is a little lighter."""
+def write_images(folder, frames: range, cameras: int = 4, size: tuple[int, int] = (600, 960), name="f{}.png"):
+    """Images in which every camera has its own grey, and every frame is a little lighter."""
     for camera in range(cameras):
         for frame in frames:
             grey = np.full((*size, 3), 40 * camera + 3 * frame, np.uint8)
@@ -20,18 +20,18 @@ def write_pictures(folder, frames: range, cameras: int = 4, size: tuple[int, int
 
 
 def write_videos(folder, frames: range, cameras: int = 4, size: tuple[int, int] = (600, 960), name="cam{}.mp4"):
-    """Videos of the same pictures; their first frame is number 0."""
+    """Videos of the same images; their first frame is number 0."""
     for camera in range(cameras):
         grey = [np.full((*size, 3), 40 * camera + 3 * frame, np.uint8) for frame in range(frames.stop)]
         write_video(folder / name.format(camera), grey, 25)
     return str(folder)
 
 
-KINDS = {"images": write_pictures, "videos": write_videos}
+KINDS = {"images": write_images, "videos": write_videos}
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_pictures_are_those_of_the_frame_and_camera(tmp_path, kind):
+def test_images_are_those_of_the_frame_and_camera(tmp_path, kind):
     write_openpose_recording(recording(BODY25, 4), tmp_path / "rec", first=8)
     footage = {kind: KINDS[kind](tmp_path / "footage", range(7, 14))}
     clip = dmae.read(tmp_path / "rec", fps=25, cameras=["cam3", "cam1"], frames=[1, 3], **footage)
@@ -45,12 +45,12 @@ def test_pictures_are_those_of_the_frame_and_camera(tmp_path, kind):
     assert frames == pytest.approx([40 + 3 * 9, 40 + 3 * 10], abs=2 * (kind == "videos"))
 
 
-def test_pictures_without_the_numbers_of_the_frames_are_noted(tmp_path):
+def test_images_without_the_numbers_of_the_frames_are_noted(tmp_path):
     write_openpose_recording(recording(BODY25, 4), tmp_path / "rec", first=100)
-    pictures = write_pictures(tmp_path / "pictures", range(4), size=(300, 480), name="p{}.jpg")
-    clip = dmae.read(tmp_path / "rec", fps=25, images=pictures)
-    assert any("the first of the 4 pictures is assumed to be frame 100" in note for note in clip.provenance["notes"])
-    assert "cam0: pictures are 0.5000 times the size of the calibration; this is undone" in clip.provenance["notes"]
+    images = write_images(tmp_path / "images", range(4), size=(300, 480), name="p{}.jpg")
+    clip = dmae.read(tmp_path / "rec", fps=25, images=images)
+    assert any("the first of the 4 images is assumed to be frame 100" in note for note in clip.provenance["notes"])
+    assert "cam0: images are 0.5000 times the size of the calibration; this is undone" in clip.provenance["notes"]
 
 
 def test_black_borders_are_cut_off_as_dmae_run_does(tmp_path):
@@ -62,8 +62,8 @@ def test_black_borders_are_cut_off_as_dmae_run_does(tmp_path):
     for camera in range(4):
         write_video(tmp_path / f"videos/cam{camera}.mp4", [framed] * 4, 25)
         for frame in range(4):
-            write_image("rgb", tmp_path / f"pictures/cam{camera}/f{frame}.png", framed)
-    for given in ({"videos": str(tmp_path / "videos")}, {"images": str(tmp_path / "pictures")}):
+            write_image("rgb", tmp_path / f"images/cam{camera}/f{frame}.png", framed)
+    for given in ({"videos": str(tmp_path / "videos")}, {"images": str(tmp_path / "images")}):
         clip = dmae.read(tmp_path / "rec", fps=25, **given)
         assert any("black border of 50 px at the sides; this is undone" in note for note in clip.provenance["notes"])
         dmae.save(clip, tmp_path / "clip")
@@ -72,9 +72,9 @@ def test_black_borders_are_cut_off_as_dmae_run_does(tmp_path):
             assert image.shape == (height // 2, width // 2, 3) and image[:, 3:-3].min() > 180
 
 
-def test_pictures_of_another_shape_are_stretched_and_noted(tmp_path):
+def test_images_of_another_shape_are_stretched_and_noted(tmp_path):
     write_openpose_recording(recording(BODY25, 4), tmp_path / "rec")
-    clip = dmae.read(tmp_path / "rec", fps=25, images=write_pictures(tmp_path / "pictures", range(4), size=(900, 300)))
+    clip = dmae.read(tmp_path / "rec", fps=25, images=write_images(tmp_path / "images", range(4), size=(900, 300)))
     assert any("300 x 900 px, the calibration says" in note for note in clip.provenance["notes"])
     assert clip.images.at("rgb", "cam3", 0).shape == (900, 300, 3)
 
@@ -82,11 +82,11 @@ def test_pictures_of_another_shape_are_stretched_and_noted(tmp_path):
 @pytest.mark.parametrize(
     ("kind", "nothing", "few"),
     [
-        ("images", "expected a folder of PNG or JPEG files for each camera", "cam0: expected 4 pictures or more"),
+        ("images", "expected a folder of PNG or JPEG files for each camera", "cam0: expected 4 images or more"),
         ("videos", "expected a video for each camera", r"cam0\.mp4: expected 4 frames or more"),
     ],
 )
-def test_what_lacks_pictures_is_refused_by_name(tmp_path, kind, nothing, few):
+def test_what_lacks_images_is_refused_by_name(tmp_path, kind, nothing, few):
     write_openpose_recording(recording(BODY25, 4), tmp_path / "rec")
     (tmp_path / "none").mkdir()
     with pytest.raises(FileNotFoundError, match=nothing):
@@ -105,7 +105,7 @@ def test_videos_that_begin_with_the_clip_or_have_another_size_are_noted(tmp_path
     clip = dmae.read(tmp_path / "rec", fps=25, videos=videos)
     notes = clip.provenance["notes"]
     assert "the first frame of the videos is assumed to be frame 100, as they have 4 frames" in notes
-    assert any("has pictures of 952 x 600 px, the calibration says 960 x 600; they are" in note for note in notes)
+    assert any("has images of 952 x 600 px, the calibration says 960 x 600; they are" in note for note in notes)
     assert clip.images.at("rgb", "cam0", 2).mean() == pytest.approx(6, abs=2)
 
 

@@ -10,7 +10,7 @@ import pytest
 from dmae.data.images import Images, write_video
 from dmae.reporting.player import packed, player_data, small_videos, window
 from tests.support.clips import full_clip
-from tests.support.reported_clips import completed_clip, grey_of, with_pictures
+from tests.support.reported_clips import completed_clip, grey_of, with_images
 
 MINUTE_BYTES = 15e6
 
@@ -48,7 +48,7 @@ def test_windows_hold_their_centre_and_lie_in_the_clip():
 
 
 def test_each_frame_of_a_small_video_is_that_frame_of_the_clip(tmp_path):
-    clip = with_pictures(completed_clip(), tmp_path).select(frames=slice(5, 25), views=[2])
+    clip = with_images(completed_clip(), tmp_path).select(frames=slice(5, 25), views=[2])
     (video,), problem = small_videos(clip)
     assert problem is None
     with av.open(io.BytesIO(base64.b64decode(video))) as container:
@@ -60,9 +60,9 @@ def test_each_frame_of_a_small_video_is_that_frame_of_the_clip(tmp_path):
 
 
 @pytest.mark.parametrize(("minutes", "width"), [(0.2, 960), (0.5, 640), (1.0, 480)])
-def test_pictures_are_as_wide_as_the_length_of_the_clip_allows(tmp_path, monkeypatch, minutes, width):
+def test_images_are_as_wide_as_the_length_of_the_clip_allows(tmp_path, monkeypatch, minutes, width):
     """Of five cameras. The share of the page that a part of the clip has is that of the part."""
-    clip = with_pictures(completed_clip(), tmp_path).select(frames=slice(0, 5), views=[2])
+    clip = with_images(completed_clip(), tmp_path).select(frames=slice(0, 5), views=[2])
     share = len(clip) / clip.fps / (60 * minutes) * len(clip.rig) / 5
     monkeypatch.setattr("dmae.reporting.player._BITS_OF_CLIP", 60_000_000 * share)
     (video,), _ = small_videos(clip)
@@ -70,7 +70,7 @@ def test_pictures_are_as_wide_as_the_length_of_the_clip_allows(tmp_path, monkeyp
         assert container.streams.video[0].width == width
 
 
-def test_pictures_of_five_cameras_fit_their_share_of_the_page(tmp_path, monkeypatch):
+def test_images_of_five_cameras_fit_their_share_of_the_page(tmp_path, monkeypatch):
     """Even of moving noise: no more than two seconds' share for one second, as the first frame is dear."""
     monkeypatch.setattr("dmae.reporting.player._BITS_OF_CLIP", 2_000_000)  # of a minute, for the part of two seconds
     rng = np.random.default_rng(0)

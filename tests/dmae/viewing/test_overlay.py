@@ -159,7 +159,7 @@ def test_the_legend_is_complete_at_any_width():
         assert near(captured, colour).sum() > 20
 
 
-def test_joints_far_outside_a_picture_are_left_out():
+def test_joints_far_outside_a_image_are_left_out():
     clip = captured_clip()
     xyz = clip.poses.xyz.copy()
     xyz[:, 0, BODY25.index("l_wrist")[0]] = (-3.999, 3, 1)

@@ -121,8 +121,8 @@ def test_both_commands_draw_the_same(tmp_path: Path):
     assert done.returncode == 0, done.stderr
     assert "only the floor of the room is drawn: clip 'shown' has no scene in its provenance" in done.stdout
     assert dmae(tmp_path, "show", "data=walk", "out=other", "frames=1", "width=200").returncode == 0
-    pictures = [cv2.imread(str(tmp_path / out / "sheet.png")) for out in ("one", "other")]
-    np.testing.assert_array_equal(*pictures)
+    images = [cv2.imread(str(tmp_path / out / "sheet.png")) for out in ("one", "other")]
+    np.testing.assert_array_equal(*images)
 
 
 def test_rerun_that_is_not_installed_is_refused_before_any_work(tmp_path: Path, monkeypatch):

@@ -13,7 +13,7 @@ from dmae.datasets import FrameDataset
 from synth.datasets.config import AboutConfig
 from synth.datasets.exporters.croissant import hub_metadata
 from synth.datasets.exporters.export import export
-from tests.support.data_sets import pictured_set
+from tests.support.data_sets import image_set
 
 # Its readers use functions that rdflib and pandas are about to remove.
 pytestmark = [
@@ -30,7 +30,7 @@ RAI = (
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory) -> Path:
-    return pictured_set(tmp_path_factory.mktemp("data") / "set", clips=2)
+    return image_set(tmp_path_factory.mktemp("data") / "set", clips=2)
 
 
 @pytest.fixture(scope="module")

@@ -45,7 +45,7 @@ def test_the_same_command_repairs_damages(data, sound):
     """Missing files, other sizes and changed labels are seen at once, images of the same size with `recheck`."""
     before, rng = contents(sound), np.random.default_rng(7)
     done = dict(structural(data, rng))
-    for name in ("a picture is missing", "clips exchanged", "a cut picture", "checksums of a clip are missing"):
+    for name in ("an image is missing", "clips exchanged", "a cut image", "checksums of a clip are missing"):
         dict(structural(data, rng))[name]()
         assert verify(data, fast=True).problems, name
         generate(data_set(data))
@@ -54,7 +54,7 @@ def test_the_same_command_repairs_damages(data, sound):
     (data / "000001/clip.json").write_text(text.replace('"fps": 25.0', '"fps": 50.0'))
     generate(data_set(data))
     assert contents(data) == before
-    assert done.keys() >= {"pictures exchanged"}
+    assert done.keys() >= {"images exchanged"}
     video = data / "000000/images/rgb/ring0.mp4"
     changed = bytearray(video.read_bytes())
     changed[-1] ^= 1
@@ -104,9 +104,9 @@ def test_damaged_files_of_the_data_set_are_replaced(data, sound, tmp_path):
 
 
 def test_nothing_that_is_no_file_hangs(data):
-    picture = next((data / "000001/images").rglob("*.png"))
-    picture.unlink()
-    os.mkfifo(picture)
+    image = next((data / "000001/images").rglob("*.png"))
+    image.unlink()
+    os.mkfifo(image)
     (data / "000000/clip.json").unlink()
     (data / "000000/clip.json").symlink_to("nowhere")
     assert set(verify(data).again) == set(verify(data, fast=True).again) == {"000000", "000001"}

@@ -21,7 +21,7 @@ from synth.datasets.exporters.export import export
 from tests.support.clips import full_clip, walkers
 from tests.support.commands import start_command, synth
 from tests.support.damages import contents
-from tests.support.data_sets import pictured_set
+from tests.support.data_sets import image_set
 
 _HANGS = 300
 """Seconds after which a command hangs; on a busy machine imports alone can take a minute."""
@@ -29,7 +29,7 @@ _HANGS = 300
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory) -> Path:
-    return pictured_set(tmp_path_factory.mktemp("data") / "set", clips=2)
+    return image_set(tmp_path_factory.mktemp("data") / "set", clips=2)
 
 
 @pytest.mark.parametrize(
@@ -44,17 +44,17 @@ def test_an_export_is_the_same_from_any_number_of_processes(data, tmp_path, form
     assert contents(one) == contents(two)
     assert not [name for name in contents(one) if "/." in f"/{name}"]
     summary = json.loads((one / "export.json").read_text())
-    # Layouts of pictures count who is seen in each; others count the two people of the clip.
-    persons = 11 if exporter[format].pictures else 2
+    # Layouts of images count who is seen in each; others count the two people of the clip.
+    persons = 11 if exporter[format].images else 2
     assert summary["splits"]["train"]["names"] == ["000001"] and summary["splits"]["train"]["persons"] == persons
-    hidden, masks = (" 1 |" * exporter[format].pictures, " 11 |" * (exporter[format].pictures and format != "yolo"))
+    hidden, masks = (" 1 |" * exporter[format].images, " 11 |" * (exporter[format].images and format != "yolo"))
     assert f"| {persons} |{hidden}{masks}\n" in (one / "README.md").read_text()
 
 
 def test_the_command_writes_every_other_frame_of_a_clip(data, tmp_path, capsys):
     done = synth(tmp_path, "export", f"data={data / '000001'}", "every=2", "skeleton=body25", "out=out")
     assert done.returncode == 0, done.stderr
-    assert "out: train: 1 clip, 4 pictures, 7 persons, 7 masks" in done.stdout
+    assert "out: train: 1 clip, 4 images, 7 persons, 7 masks" in done.stdout
     content = json.loads((tmp_path / "out/annotations/person_keypoints_train.json").read_text())
     assert {image["frame"] for image in content["images"]} == {5, 7}
     save_clip(replace(load_clip(data / "000001"), images=None), tmp_path / "plain")
@@ -76,9 +76,9 @@ def test_without_images_of_ids_boxes_are_of_joints_and_the_card_says_so(data, tm
 @pytest.mark.parametrize(
     ("format", "written", "absent"),
     [
-        ("npz", ["clips | pictures | persons |\n", "no pictures"], ["masks", "Boxes", "v = 2"]),
-        ("panoptic", ["clips | pictures | persons |\n"], ["no pictures", "masks", "Boxes", "v = 2"]),
-        ("coco", ["persons | persons hidden | masks |", "Boxes are of the visible", "v = 2"], ["no pictures"]),
+        ("npz", ["clips | images | persons |\n", "no images"], ["masks", "Boxes", "v = 2"]),
+        ("panoptic", ["clips | images | persons |\n"], ["no images", "masks", "Boxes", "v = 2"]),
+        ("coco", ["persons | persons hidden | masks |", "Boxes are of the visible", "v = 2"], ["no images"]),
     ],
 )
 def test_the_card_tells_of_what_the_layout_holds(format, written, absent, data, tmp_path):
@@ -86,11 +86,11 @@ def test_the_card_tells_of_what_the_layout_holds(format, written, absent, data, 
     card = (tmp_path / "out/README.md").read_text()
     assert all(each in card for each in written) and not any(each in card for each in absent)
     sheet = (tmp_path / "out/DATASHEET.md").read_text()
-    pictures = summary["splits"]["train"].get("pictures", 0)
-    assert f"1 clip, {pictures} pictures" in sheet and bool(pictures) == bool(list((tmp_path / "out").rglob("*.jpg")))
+    images = summary["splits"]["train"].get("images", 0)
+    assert f"1 clip, {images} images" in sheet and bool(images) == bool(list((tmp_path / "out").rglob("*.jpg")))
 
 
-def test_a_calibration_in_error_is_not_what_pictures_are_of(data, tmp_path):
+def test_a_calibration_in_error_is_not_what_images_are_of(data, tmp_path):
     clip = load_clip(data / "000000")
     wrong = replace(clip.rig, K=clip.rig.K + [[0, 0, 9], [0, 0, 9], [0, 0, 0]])
     save_clip(replace(clip, true_rig=clip.rig, rig=wrong), tmp_path / "wrong/000000")
@@ -119,7 +119,7 @@ def test_names_of_clips_and_cameras_stay_in_the_folder(data, tmp_path):
         (["data=set", "out=file"], "expected a folder, found a file"),
         (["data=set", "out=file/in"], "file is a file, not a folder"),
         (["data=set", "out=foreign"], "foreign: expected no such folder yet, or an empty one"),
-        (["data=unpictured"], "needs pictures, and the clip has images of no kind; synth generate images=rgb"),
+        (["data=unpictured"], "needs images, and the clip has images of no kind; synth generate images=rgb"),
         (["data=untrue"], "the clip has no truth"),
         (["data=mixed"], "expected clips with truth of one skeleton, found body25 (clip 0) and shelf14 (clip 1)"),
         (["data=set", "skeleton=body26"], "skeleton=body26"),

@@ -25,14 +25,14 @@ from synth.datasets.exporters import layouts
 from synth.datasets.exporters.export import export
 from synth.datasets.splits import write_splits
 from tests.support.commands import synth
-from tests.support.data_sets import pictured_set
+from tests.support.data_sets import image_set
 from tests.support.masks import decode_mask
 from tests.support.other_process import printed_lines
 
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory) -> Path:
-    return pictured_set(tmp_path_factory.mktemp("data") / "set")
+    return image_set(tmp_path_factory.mktemp("data") / "set")
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +57,7 @@ SHOWN = {"train": 22, "validation": 11}
 
 @pytest.mark.parametrize("split", SHOWN)
 def test_masks_boxes_areas_and_files_are_what_the_images_show(exported, data, split, capsys):
-    out = exported("coco", pictures="png")
+    out = exported("coco", images="png")
     coco = COCO(out / f"annotations/person_keypoints_{split}.json")
     assert len(coco.anns) == SHOWN[split]
     for image in coco.loadImgs(coco.getImgIds()):
@@ -103,23 +103,23 @@ def test_the_truth_scores_full_marks(exported, kind, capsys):
 # YOLO pose, read by the rules that Ultralytics documents; its package is too heavy to test with.
 
 
-def test_labels_are_fractions_of_the_pictures(exported, data):
+def test_labels_are_fractions_of_the_images(exported, data):
     out = exported("yolo")
     content = yaml.safe_load((out / "data.yaml").read_text())
     assert content["kpt_shape"] == [17, 3] and content["names"] == {0: "person"}
     assert [COCO17.joints[joint][:2] for joint in content["flip_idx"]][1:3] == ["r_", "l_"]
     people = 0
     for split in ("train", "val"):
-        pictures = sorted((out / content[split]).rglob("*.jpg"))
-        assert len(pictures) == {"train": 12, "val": 6}[split]
-        for picture in pictures:
-            height, width = cv2.imread(str(picture)).shape[:2]
+        images = sorted((out / content[split]).rglob("*.jpg"))
+        assert len(images) == {"train": 12, "val": 6}[split]
+        for image in images:
+            height, width = cv2.imread(str(image)).shape[:2]
             # As Ultralytics finds them: the last /images/ becomes /labels/.
-            labels = "/labels/".join(str(picture).rsplit("/images/", 1)).removesuffix("jpg") + "txt"
+            labels = "/labels/".join(str(image).rsplit("/images/", 1)).removesuffix("jpg") + "txt"
             lines = np.loadtxt(labels, ndmin=2)
             assert lines.shape[1] == 5 + 3 * 17
             assert (lines >= 0).all() and (lines[:, :5] <= 1).all() and (lines[:, 0] == 0).all()
-            clip_name, camera, number = picture.parts[-3:]
+            clip_name, camera, number = image.parts[-3:]
             clip = load_clip(data / clip_name)
             frame, view = int(number[:-4]) - 5, clip.rig.names.index(camera)
             ids = list(clip.images.read("ids", camera))[frame]
@@ -152,21 +152,21 @@ import json, sys
 import numpy as np
 import webdataset
 for number, sample in enumerate(webdataset.WebDataset(sys.argv[2:], shardshuffle=False).decode("rgb8")):
-    picture = next(sample[suffix] for suffix in ("png", "jpg") if suffix in sample)
-    np.save(f"{sys.argv[1]}/{number}.npy", picture)
+    image = next(sample[suffix] for suffix in ("png", "jpg") if suffix in sample)
+    np.save(f"{sys.argv[1]}/{number}.npy", image)
     print(json.dumps({"key": sample["__key__"], "label": sample["json"]}))
 """
 
 
 def read(shards, folder):
-    """Each sample's key, label and picture."""
+    """Each sample's key, label and image."""
     folder.mkdir()
     lines = printed_lines(READ_SHARDS, folder, folder, *sorted(shards))
-    return [line | {"picture": np.load(folder / f"{number}.npy")} for number, line in enumerate(lines)]
+    return [line | {"image": np.load(folder / f"{number}.npy")} for number, line in enumerate(lines)]
 
 
-def test_samples_hold_picture_camera_and_persons(exported, data, tmp_path):
-    out = exported("webdataset", pictures="png")
+def test_samples_hold_image_camera_and_persons(exported, data, tmp_path):
+    out = exported("webdataset", images="png")
     samples = read(out.glob("train-*.tar"), tmp_path / "train")
     assert len(samples) == 12 and len(read(out.glob("validation-*.tar"), tmp_path / "validation")) == 6
     for sample in samples:
@@ -174,7 +174,7 @@ def test_samples_hold_picture_camera_and_persons(exported, data, tmp_path):
         clip = load_clip(data / label["clip"])
         camera, frame = label["camera"], label["frame"] - 5
         assert sample["key"] == f"{label['clip']}/{camera['name']}/{label['frame']:06d}"
-        np.testing.assert_array_equal(sample["picture"], list(clip.images.read("rgb", camera["name"]))[frame])
+        np.testing.assert_array_equal(sample["image"], list(clip.images.read("rgb", camera["name"]))[frame])
         ids = list(clip.images.read("ids", camera["name"]))[frame]
         own = [[camera[name]] for name in ("K", "dist", "cam_from_world", "size", "fisheye")]
         rig = CameraRig([camera["name"]], *own)
@@ -207,12 +207,12 @@ from datasets import load_dataset
 found = load_dataset(sys.argv[1])
 for split in found:
     for row in found[split]:
-        picture = row.pop("image")
-        print(json.dumps({"split": split, "size": picture.size, **row}))
+        image = row.pop("image")
+        print(json.dumps({"split": split, "size": image.size, **row}))
 """
 
 
-def test_rows_hold_picture_camera_and_persons(exported, data, tmp_path):
+def test_rows_hold_image_camera_and_persons(exported, data, tmp_path):
     """Read in a process of its own: the library keeps what it read in a folder that the environment names."""
     out = exported("huggingface")
     offline = {"HF_HOME": str(tmp_path / "kept"), "HF_HUB_OFFLINE": "1", "HF_DATASETS_OFFLINE": "1"}
@@ -260,7 +260,7 @@ for number, row in enumerate(load_dataset(sys.argv[2])["train"]):
 
 @pytest.mark.parametrize("format", ["coco", *READ_DEPTH])
 def test_depth_is_that_of_the_clip(format, tmp_path):
-    data, out, folder = pictured_set(tmp_path / "set", clips=1, depth=True), tmp_path / "out", tmp_path / "read"
+    data, out, folder = image_set(tmp_path / "set", clips=1, depth=True), tmp_path / "out", tmp_path / "read"
     export(data, out, format)
     folder.mkdir()
     found = {}
@@ -290,7 +290,7 @@ def test_depth_is_that_of_the_clip(format, tmp_path):
 # Sequences of CMU Panoptic, read back by the reader of such recordings.
 
 
-def test_poses_cameras_and_pictures_are_those_of_the_clip(exported, data):
+def test_poses_cameras_and_images_are_those_of_the_clip(exported, data):
     out = exported("panoptic", workers=2)
     for split, name in (("train", "000000"), ("train", "000001"), ("validation", "000002")):
         clip, folder = load_clip(data / name), out / split / name
@@ -302,8 +302,8 @@ def test_poses_cameras_and_pictures_are_those_of_the_clip(exported, data):
         np.testing.assert_allclose(rig.projections, clip.rig.projections, atol=1e-6)
         for view, camera in enumerate(rig.names):
             for frame, colour in enumerate(clip.images.read("rgb", clip.rig.names[view])):
-                picture = cv2.imread(str(folder / "hdImgs" / camera / f"{camera}_{5 + frame:08d}.jpg"))
-                assert np.abs(picture[..., ::-1].astype(int) - colour).mean() < 3
+                image = cv2.imread(str(folder / "hdImgs" / camera / f"{camera}_{5 + frame:08d}.jpg"))
+                assert np.abs(image[..., ::-1].astype(int) - colour).mean() < 3
 
 
 # From a seed to what another library reads: a generated data set, split, exported, and compared with its images.
@@ -333,7 +333,7 @@ def test_a_generated_set_is_split_exported_and_read(tmp_path, capsys):
         done = synth(tmp_path, *command)
         assert done.returncode == 0, done.stderr
     assert "| clips by arena | office: 2 |" in (tmp_path / "set/statistics/README.md").read_text()
-    pictures = persons = 0
+    images = persons = 0
     for split in ("train", "validation"):
         coco = COCO(tmp_path / f"coco/annotations/person_keypoints_{split}.json")
         for image in coco.loadImgs(coco.getImgIds()):
@@ -348,8 +348,8 @@ def test_a_generated_set_is_split_exported_and_read(tmp_path, capsys):
                 assert coco_mask.iou([runs], [true], [0]) == 1.0
                 assert each["bbox"] == coco_mask.toBbox(true).tolist()
                 assert each["area"] == coco_mask.area(true)
-            pictures, persons = pictures + 1, persons + len(annotations)
-    assert pictures == 2 * 2 * 5 and persons > 20
+            images, persons = images + 1, persons + len(annotations)
+    assert images == 2 * 2 * 5 and persons > 20
     frames = FrameDataset(tmp_path / "set")
-    assert len(frames) == pictures
+    assert len(frames) == images
     assert sum(len(frames[index][1]["boxes"]) for index in range(len(frames))) == persons

@@ -45,14 +45,14 @@ def test_the_forecast_is_near_the_truth(config, images, monkeypatch):
     # Even so the same work has taken 1.5 times as long: the least of three tells what it takes.
     found = min((forecast(config) for _ in range(3)), key=lambda each: each.seconds)
     assert not Path(config.out).exists(), "nothing is written"
-    assert (found.clips, found.frames, found.pictures) == (3, 90, 180 if images else 0)
+    assert (found.clips, found.frames, found.images) == (3, 90, 180 if images else 0)
     took = min(seconds_to_generate(replace(config, out=f"{config.out}{again}")) for again in ("", "2", "3"))
     assert found.seconds == pytest.approx(took, rel=0.4)
     assert found.megabytes * 1e6 == pytest.approx(bytes_of_clips(config.out), rel=0.2)
     assert forecast(config) == Forecast(0, 0, 0, 0.0, 0.0), "nothing is left to make"
     if not images:
         more = forecast(replace(config, images=["rgb"]))
-        assert (more.clips, more.pictures) == (0, 180)
+        assert (more.clips, more.images) == (0, 180)
         assert more.seconds > 0
 
 
@@ -75,7 +75,7 @@ def test_a_forecast_makes_a_third_of_the_frames_at_most(config, clips, seconds, 
 
 def test_a_forecast_reads_well():
     assert str(Forecast(8, 1000, 5000, 5400.0, 1234.5)) == (
-        "8 clips, 1,000 frames, 5,000 pictures: about 90 min, 1,234 MB"
+        "8 clips, 1,000 frames, 5,000 images: about 90 min, 1,234 MB"
     )
     assert str(Forecast(1, 25, 0, 3.2, 1.0)) == "1 clip, 25 frames: about 3 s, 1 MB"
     assert str(Forecast(1, 25, 0, 10800.0, 1.0)).endswith("about 3.0 h, 1 MB")
@@ -101,12 +101,12 @@ def test_a_dry_run_prints_and_writes_nothing(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_progress_by_picture_prints_lines_where_there_is_no_terminal(capsys, monkeypatch):
+def test_progress_by_image_prints_lines_where_there_is_no_terminal(capsys, monkeypatch):
     monkeypatch.setattr("dmae.progress.LINE_EVERY", 0.05)
     start = time.monotonic()
 
     def count() -> tuple[int, int]:
-        """The second picture is done before the first line."""
+        """The second image is done before the first line."""
         return 1 + (time.monotonic() - start > 0.03), 1000
 
     def slowly():
@@ -114,7 +114,7 @@ def test_progress_by_picture_prints_lines_where_there_is_no_terminal(capsys, mon
             time.sleep(0.2)
             yield item
 
-    assert list(counted_progress(slowly(), "rendering pictures", count)) == ["a", "b"]
+    assert list(counted_progress(slowly(), "rendering images", count)) == ["a", "b"]
     lines = capsys.readouterr().err.splitlines()
     assert lines
-    assert lines[0].startswith("rendering pictures: 2 of 1000, 0.0 min, about")
+    assert lines[0].startswith("rendering images: 2 of 1000, 0.0 min, about")

@@ -92,7 +92,7 @@ def test_other_cameras_see_what_generation_with_them_would_have_made(labels, tmp
 
 
 @pytest.mark.parametrize("rgb", [RgbFormat.png, RgbFormat.jpeg])
-def test_colour_is_a_file_a_picture_on_request(labels, painted, tmp_path, rgb):
+def test_colour_is_a_file_a_image_on_request(labels, painted, tmp_path, rgb):
     render(RenderConfig(str(labels / "000000"), str(tmp_path / "set"), ["rgb"], ImageQuality.draft, rgb))
     clip, video = load_clip(tmp_path / "set/000000"), load_clip(painted / "000000")
     assert clip.images.path("rgb", "ring0", 3).suffix == {"png": ".png", "jpeg": ".jpg"}[rgb.value]
@@ -214,17 +214,17 @@ def test_an_interrupted_rendering_leaves_the_labels_and_no_half_images(labels, t
         count += 1
         if count == 4:
             raise KeyboardInterrupt
-        return picture(*arguments, **more)
+        return image(*arguments, **more)
 
     from synth.rendering.renderer import Renderer
 
-    picture = Renderer.picture
-    monkeypatch.setattr(Renderer, "picture", stop)
+    image = Renderer.image
+    monkeypatch.setattr(Renderer, "image", stop)
     with pytest.raises(KeyboardInterrupt):
         generate(config(out, images=["rgb"]))
     assert contents(out / "000000") == before
     assert json.loads((out / "manifest.jsonl").read_text())["id"] == "000000"
-    monkeypatch.setattr(Renderer, "picture", picture)
+    monkeypatch.setattr(Renderer, "image", image)
     generate(config(out, images=["rgb"]))
     assert load_clip(out / "000000").images.kinds == ("rgb",)
 
@@ -233,7 +233,7 @@ def test_an_interrupted_rendering_leaves_the_labels_and_no_half_images(labels, t
 def test_a_forecast_counts_what_is_left_and_writes_nothing(labels, tmp_path, rig):
     config = RenderConfig(str(labels), str(tmp_path / "out"), quality=ImageQuality.draft, rig=rig)
     found = forecast_rendering(config)
-    assert (found.clips, found.frames, found.pictures) == (1, 5, 15 if rig is OTHER else 10)
+    assert (found.clips, found.frames, found.images) == (1, 5, 15 if rig is OTHER else 10)
     assert found.seconds > 0 and found.megabytes > 0
     assert not list(tmp_path.iterdir())
     render(config)

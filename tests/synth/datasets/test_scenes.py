@@ -46,7 +46,7 @@ def clip(data):
 
 @pytest.fixture(scope="module")
 def drawn(data, clip):
-    """The triangles (T, 3, 3) of the second person in the last frame, as pictures show them, for each material."""
+    """The triangles (T, 3, 3) of the second person in the last frame, as images show them, for each material."""
     model = build_scene(SceneSpec.of(clip), clip.rig, painted=False).model
     state = mujoco.MjData(model)
     state.qpos[:] = load_state(data / "000000").qpos[-1]
@@ -62,7 +62,7 @@ def drawn(data, clip):
     return {material: np.concatenate(parts) for material, parts in found.items()}
 
 
-def test_skins_of_glb_are_the_surfaces_of_pictures(data, clip, drawn, tmp_path):
+def test_skins_of_glb_are_the_surfaces_of_images(data, clip, drawn, tmp_path):
     pygltflib = pytest.importorskip("pygltflib")
     export(data, tmp_path / "out", "glb")
     content = pygltflib.GLTF2().load(tmp_path / "out/train/000000.glb")
@@ -119,7 +119,7 @@ def test_skins_of_glb_are_the_surfaces_of_pictures(data, clip, drawn, tmp_path):
     assert away.max() < 1e-5
 
 
-def test_skins_of_usd_are_the_surfaces_of_pictures(data, drawn, tmp_path):
+def test_skins_of_usd_are_the_surfaces_of_images(data, drawn, tmp_path):
     pytest.importorskip("pxr", reason="usd-core, of the extra `usd`, is not installed")
     from pxr import Usd, UsdGeom, UsdSkel, Vt
 

@@ -15,15 +15,15 @@ from synth.datasets import splits as module
 from synth.datasets.config import SplitBy
 from synth.datasets.splits import find_leaks, identities, split, write_splits
 from tests.support.commands import synth
-from tests.support.data_sets import pictured_set
+from tests.support.data_sets import image_set
 
 PEOPLE = [{"a", "b"}, {"b", "c"}, {"d", "e"}, {"f", "g"}, {"h", "i"}, {"j", "k"}]
-"""Of the clips of `pictured_set`: the first two have to stay together."""
+"""Of the clips of `image_set`: the first two have to stay together."""
 
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory) -> Path:
-    return pictured_set(tmp_path_factory.mktemp("data") / "set", clips=6)
+    return image_set(tmp_path_factory.mktemp("data") / "set", clips=6)
 
 
 def scene(folder: Path, **changes) -> Path:

@@ -1,4 +1,4 @@
-"""Statistics against counts made one by one, and the page and picture that show them."""
+"""Statistics against counts made one by one, and the page and image that show them."""
 
 import io
 import json
@@ -31,12 +31,12 @@ from synth.people.body import SEGMENTS, Body
 from synth.physics.body_state import BodyState
 from tests.support.clips import full_clip, looking_inwards, t_pose
 from tests.support.commands import synth
-from tests.support.data_sets import pictured_set
+from tests.support.data_sets import image_set
 
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory) -> Path:
-    return pictured_set(tmp_path_factory.mktemp("data") / "set", clips=3)
+    return image_set(tmp_path_factory.mktemp("data") / "set", clips=3)
 
 
 def bins(found: Statistics, name: str) -> dict[float, int]:
@@ -60,7 +60,7 @@ def test_occlusion_is_counted_by_joint_cause_and_occluder():
     assert found.counts == {
         "clips": 1,
         "frames": 12,
-        "pictures": 48,
+        "images": 48,
         "cameras=4": 1,
         "persons=2": 1,
         "seconds": 12 / 25,
@@ -80,7 +80,7 @@ def test_distances_and_angles_of_a_person_who_faces_x():
     assert bins(first, "elevation") == {3.75: 2, 48.75: 1}
     assert bins(both, "hip_speed") == {1.05: 1}
     assert bins(both, "wrist_speed") == {1.1: 2}
-    assert bins(both, "persons_in_picture") == {1.0: 6}
+    assert bins(both, "persons_in_image") == {1.0: 6}
 
 
 def test_statistics_of_a_set_are_those_of_its_clips_from_any_number_of_processes(data):
@@ -114,14 +114,14 @@ def test_what_is_not_there_is_not_measured():
     assert Image.open(io.BytesIO(draw(found))).size == (1430, 1045)
 
 
-def test_the_command_writes_page_picture_and_numbers(data, tmp_path):
+def test_the_command_writes_page_image_and_numbers(data, tmp_path):
     done = synth(tmp_path, "stats", f"data={data}", "out=card", "workers=2")
     assert done.returncode == 0, done.stderr
     assert "3 clips, 9 frames" in done.stdout
     text = (tmp_path / "card/README.md").read_text()
     assert "| clips by persons | 2: 3 |" in text and "| box |" in text and "![Histograms](statistics.png)" in text
-    picture = np.asarray(Image.open(tmp_path / "card/statistics.png").convert("RGB"))
-    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 50
+    image = np.asarray(Image.open(tmp_path / "card/statistics.png").convert("RGB"))
+    assert len(np.unique(image.reshape(-1, 3), axis=0)) > 50
     content = json.loads((tmp_path / "card/statistics.json").read_text())
     assert content["different"] == {"persons": 5, "takes": 6, "rigs": 1}
     assert synth(tmp_path, "stats", f"data={data}", "out=card").returncode == 0

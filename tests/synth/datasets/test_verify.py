@@ -215,7 +215,7 @@ def test_the_command_counts_and_fails(data, tmp_path, capsys):
         verify(tmp_path)
 
 
-# Damaged pictures, videos and their labels are found and named.
+# Damaged images, videos and their labels are found and named.
 
 
 def test_missing_broken_and_wrongly_sized_images_are_found(data):

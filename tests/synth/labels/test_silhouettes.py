@@ -108,14 +108,14 @@ def test_a_visible_joint_lies_under_a_part_of_its_limb(painter, crowds):
         on_body = np.array([not name.endswith("top_head") for name in simulation.skeleton.joints])
         with Renderer(model, simulation.geom_ids, RIG, ImageQuality.draft) as renderer:
             for view in range(len(RIG)):
-                picture = renderer.picture(simulation.qpos[0], view, ("ids", "parts"))
-                in_person = (picture.ids > 0) & (picture.ids < FIRST_OBJECT_ID)
-                np.testing.assert_array_equal(picture.parts > 0, in_person)
-                shown += np.bincount(picture.parts.ravel(), minlength=len(shown))
+                image = renderer.image(simulation.qpos[0], view, ("ids", "parts"))
+                in_person = (image.ids > 0) & (image.ids < FIRST_OBJECT_ID)
+                np.testing.assert_array_equal(image.parts > 0, in_person)
+                shown += np.bincount(image.parts.ravel(), minlength=len(shown))
                 person, joint = np.nonzero((sight.visibility[0, view] == Visibility.VISIBLE) & on_body)
                 column, row = np.clip(np.round(xy[0, view, person, joint]).astype(int), 0, RIG.size[view] - 1).T
-                own = picture.ids[row, column] == 1 + person
-                under = bodies[person, picture.parts[row, column].astype(int) - 1]
+                own = image.ids[row, column] == 1 + person
+                under = bodies[person, image.parts[row, column].astype(int) - 1]
                 on_limb.append(limbs[person, joint, under][own])
     assert (shown > 0).all()
     on_limb = np.concatenate(on_limb)
@@ -131,7 +131,7 @@ def test_opengl_and_ray_casting_paint_the_same_parts(crowds, gl):
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr("synth.rendering.renderer.find_backend", backend)
             with Renderer(simulation.model, simulation.geom_ids, RIG, ImageQuality.standard) as renderer:
-                found.append(renderer.picture(simulation.qpos[0], 0, ("parts",)).parts)
+                found.append(renderer.image(simulation.qpos[0], 0, ("parts",)).parts)
     drawn, cast = found
     for part in range(1, 1 + len(SEGMENTS)):
         both, either = (
@@ -165,7 +165,7 @@ def test_only_requested_kinds_are_painted(painter, tmp_path, monkeypatch):
     rig = looking_along_x((-4, 0, 1))
     model, ids, _ = scene(rig, [(0, 0)])
     with Renderer(model, ids, rig, ImageQuality.draft) as renderer:
-        whole = renderer.picture(model.qpos0, 0)
+        whole = renderer.image(model.qpos0, 0)
         images, _, _ = render_images(renderer, model.qpos0[None], rig, tmp_path / "ids", 25, ("ids",))
         assert sorted(path.name for path in (tmp_path / "ids").iterdir()) == ["ids"]
         assert images.kinds == ("ids",)
@@ -179,11 +179,11 @@ def test_only_requested_kinds_are_painted(painter, tmp_path, monkeypatch):
                 "_read",
                 lambda self, *how, **more: reads.append(more.get("identify", False)) or read(self, *how, **more),
             )
-            rgb = renderer.picture(model.qpos0, 0, ("rgb",))
-            ids_only = renderer.picture(model.qpos0, 0, ("ids",))
+            rgb = renderer.image(model.qpos0, 0, ("rgb",))
+            ids_only = renderer.image(model.qpos0, 0, ("ids",))
             # Of ids, what stands still and the person; a pose that was drawn is not drawn again.
             assert reads == [False, True, True]
-            renderer.picture(model.qpos0, 0, ("ids",))
+            renderer.image(model.qpos0, 0, ("ids",))
             assert reads == [False, True, True]
             assert rgb.ids is rgb.depth is rgb.parts is ids_only.rgb is None
             np.testing.assert_array_equal(rgb.rgb, whole.rgb)

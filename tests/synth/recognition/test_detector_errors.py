@@ -40,17 +40,17 @@ def with_detections(clip: Clip, xy: np.ndarray, score: np.ndarray) -> Clip:
 
 def test_exact_detections_have_no_errors(clip):
     found = rows(clip)
-    pictures = FRAMES * VIEWS
-    assert (found["pictures"], found["ghosts"], found["duplicates"]) == (pictures, 0, 0)
+    images = FRAMES * VIEWS
+    assert (found["images"], found["ghosts"], found["duplicates"]) == (images, 0, 0)
     visible, hidden = found["cause", "visible"], found["cause", "hidden by an object"]
-    assert (visible["joints"], hidden["joints"]) == (49 * pictures, pictures)
+    assert (visible["joints"], hidden["joints"]) == (49 * images, images)
     for row in (visible, hidden):
         assert (row["missed"], row["near"], row["inverted"]) == (0, 1, 0)
         assert row["median"] == pytest.approx(0, abs=1e-4)
         assert row["confidence"] == pytest.approx(0.8)
-    assert found["margin of hidden joints", "0.15 to 0.3 m"]["joints"] == pictures
+    assert found["margin of hidden joints", "0.15 to 0.3 m"]["joints"] == images
     assert found["in plain sight", ""] == {
-        "heading": "in plain sight", "group": "", "people": 2 * pictures, "found": 1.0
+        "heading": "in plain sight", "group": "", "people": 2 * images, "found": 1.0
     }  # fmt: skip
 
 
@@ -121,7 +121,7 @@ def test_simulated_detectors_beside_the_measured_one(clip, tmp_path):
 def test_pooling_adds_up(clip):
     one = observe(clip)
     both = pooled([one, one])
-    assert both.pictures == 2 * one.pictures
+    assert both.images == 2 * one.images
     assert len(both.joints.error) == 2 * len(one.joints.error)
 
 

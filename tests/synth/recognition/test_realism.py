@@ -1,4 +1,4 @@
-"""The meter on pictures whose pixels say where joints are, and how people appear."""
+"""The meter on images whose pixels say where joints are, and how people appear."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -27,11 +27,11 @@ class Decoder:
     def __init__(self, wrong: str = "r_knee"):
         self.wrong = BODY25.index(wrong)[0]
 
-    def __call__(self, picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def __call__(self, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         found = np.full((PEOPLE, len(BODY25), 2), np.nan)
         for person in range(PEOPLE):
             for joint in range(len(BODY25)):
-                y, x = np.nonzero((picture == colour(person, joint)).all(-1))
+                y, x = np.nonzero((image == colour(person, joint)).all(-1))
                 if len(x):
                     found[person, joint] = x[0], y[0]
         found[:, self.wrong, 0] += 20
@@ -56,11 +56,11 @@ def clip(tmp_path: Path) -> Clip:
     visibility[:, 1, 1] = Visibility.HIDDEN_BY_OBJECT
     for view, name in enumerate(clip.rig.names):
         for frame in range(2):
-            picture = np.full((600, 960, 3), 220, np.uint8)
+            image = np.full((600, 960, 3), 220, np.uint8)
             for person in range(PEOPLE):
                 for joint, (x, y) in enumerate(xy[frame, view, person].round().astype(int)):
-                    picture[y, x] = colour(person, joint)
-            write_image("rgb", tmp_path / "rgb" / name / f"{frame:06d}.png", picture)
+                    image[y, x] = colour(person, joint)
+            write_image("rgb", tmp_path / "rgb" / name / f"{frame:06d}.png", image)
     images = Images(tmp_path, clip.rig.names, (0, 1), ("rgb",), rgb="png")
     clip = replace(
         clip, true_rig=None, images=images, occlusion=replace(clip.occlusion, visibility=visibility), provenance={}
@@ -88,7 +88,7 @@ def test_people_in_plain_sight_are_found_and_a_wrong_joint_counts(clip):
 
 def test_a_detector_without_people_finds_none(clip):
     class Blind(Decoder):
-        def __call__(self, picture):
+        def __call__(self, image):
             return np.empty((0, 25, 2)), np.empty((0, 25))
 
     assert [each.found for each in crops(clip, sightings(clip), Blind())] == [False] * 6
@@ -99,29 +99,29 @@ def test_a_person_is_not_found_by_the_joints_of_the_person_at_its_side(clip):
     xy, aside = seen.xy.copy(), (round(0.1 * seen.height[0, 0, 0]), 0)
     xy[:, :, 0] = xy[:, :, 0].round()
     xy[:, :, 1] = xy[:, :, 0] + aside
-    picture = np.full((600, 960, 3), 220, np.uint8)
+    image = np.full((600, 960, 3), 220, np.uint8)
     for joint, (x, y) in enumerate(xy[0, 0, 1].astype(int)):
-        picture[y, x] = colour(1, joint)
-    first, second = (found_in(picture, replace(seen, xy=xy), (0, 0, person), Decoder()) for person in (0, 1))
+        image[y, x] = colour(1, joint)
+    first, second = (found_in(image, replace(seen, xy=xy), (0, 0, person), Decoder()) for person in (0, 1))
     assert (first.found, first.taken, first.near) == (False, True, 0)
     assert (second.found, second.taken, second.near) == (True, False, len(BODY25) - 1)
 
 
 def test_a_model_of_a_user_is_told_where_each_person_is(clip):
     class Told(Decoder):
-        def in_boxes(self, picture, boxes):
+        def in_boxes(self, image, boxes):
             ((x, y, side),) = boxes
-            found, score = Decoder.__call__(self, picture)
+            found, score = Decoder.__call__(self, image)
             assert (np.abs(found - (x, y)) < side / 2).all((1, 2)).any(), "all joints of one person are in the box"
             return found, score
 
-        def __call__(self, picture):
+        def __call__(self, image):
             raise AssertionError("it is not asked to search")
 
     assert [each.found for each in crops(clip, sightings(clip), Told())] == [True] * 6
 
 
-def test_rates_and_picture(clip, tmp_path):
+def test_rates_and_image(clip, tmp_path):
     judged = judge([tmp_path], PoseDetectorConfig(name=f"{__name__}:decoder"))
     rows = {(row.heading, row.group): row for row in rates(judged)}
     whole = rows["all", ""]
@@ -181,11 +181,11 @@ def test_how_people_appear():
     assert np.isinf(seen.crowding).all()
 
 
-def test_what_is_cut_out_beyond_the_picture_is_black():
+def test_what_is_cut_out_beyond_the_image_is_black():
     from synth.recognition.realism import cut
 
-    picture = np.full((10, 20, 3), 200, np.uint8)
-    square = cut(picture, (-4, 2), 12)
+    image = np.full((10, 20, 3), 200, np.uint8)
+    square = cut(image, (-4, 2), 12)
     assert (square[:8, 4:] == 200).all()
     assert not square[:, :4].any() and not square[8:].any()
     assert cv2.countNonZero(square[..., 0]) == 8 * 8

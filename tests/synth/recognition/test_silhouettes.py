@@ -48,5 +48,5 @@ def test_intervals_come_from_cameras_and_tell_two_kinds_of_people_apart():
     assert row[0] == "width" and row[1].startswith("0.3") and row[3] == "apart"
     (row,) = comparison(cameras(0.3), [*cameras(0.3), []]).rows
     assert row[3] == ""
-    with pytest.raises(ValueError, match="in no real picture is a person whole"):
+    with pytest.raises(ValueError, match="in no real image is a person whole"):
         comparison(cameras(0.3), [[], []])

@@ -46,7 +46,7 @@ START = replace(DetectorConfig(), parts=PartsConfig(*[PartConfig(noise=0.005, sc
 
 
 def clip(number: int) -> Clip:
-    """Three people. An object hides the joints behind a bar that moves down the picture. Of the other joints, one in
+    """Three people. An object hides the joints behind a bar that moves down the image. Of the other joints, one in
     five is hidden by the person's own body."""
     rng = np.random.default_rng(number)
     truth, rig = circling_people(60, 3, rng=rng), looking_at_origin(3)

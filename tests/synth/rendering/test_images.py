@@ -77,12 +77,12 @@ def in_sight(
     return found
 
 
-def misplaced(painter: str, picture: RenderedView, marker: int, expected: np.ndarray) -> float:
-    """By how many pixels the centroid of a marker in a picture is off."""
-    covered = picture.ids == 256 + marker
+def misplaced(painter: str, image: RenderedView, marker: int, expected: np.ndarray) -> float:
+    """By how many pixels the centroid of a marker in an image is off."""
+    covered = image.ids == 256 + marker
     # OpenGL's antialiased edges carry the part of the pixel that is covered; a ray hits or does not.
     around = cv2.dilate(covered.astype(np.uint8), np.ones((5, 5)))
-    weights = around * picture.rgb.mean(-1) if painter == "gl" else covered.astype(float)
+    weights = around * image.rgb.mean(-1) if painter == "gl" else covered.astype(float)
     return np.hypot(*(centroid(weights) - expected))
 
 
@@ -101,27 +101,27 @@ def test_a_marker_s_centroid_is_its_projection_in_every_rig(painter, name):
     expected = outline_centroids(rig, APART, radius)
     with Renderer(model, ids, rig, ImageQuality.high) as renderer:
         for view in range(len(rig)):
-            picture = renderer.picture(model.qpos0, view)
-            assert picture.rgb.shape[:2] == tuple(rig.size[view][::-1])
-            for marker in in_sight(rig, view, picture.ids, radius, APART):
-                assert misplaced(painter, picture, marker, expected[view, marker]) < 0.1, (view, marker)
+            image = renderer.image(model.qpos0, view)
+            assert image.rgb.shape[:2] == tuple(rig.size[view][::-1])
+            for marker in in_sight(rig, view, image.ids, radius, APART):
+                assert misplaced(painter, image, marker, expected[view, marker]) < 0.1, (view, marker)
 
 
 def test_a_fisheye_too_wide_for_any_pinhole_shows_markers_all_around_and_dark_corners(painter):
     rig, radius = wide(), 0.12
-    # On the axis, on the borders between the pictures it is made of, and almost beside the camera.
+    # On the axis, on the borders between the images it is made of, and almost beside the camera.
     angle, turn = np.radians([0, 30, 45, 45, 60, 70, 80, 84]), np.radians([0, 10, 0, 90, 45, 225, 135, 315])
     x, y, z = np.cos(angle), np.sin(angle) * np.cos(turn), np.sin(angle) * np.sin(turn)
     points = rig.centers[0] + 1.5 * np.stack([x, -y, -z], -1)
     model, ids = markers(rig, radius, points)
     expected = outline_centroids(rig, points, radius)[0]
     with Renderer(model, ids, rig, ImageQuality.high) as renderer:
-        picture = renderer.picture(model.qpos0, 0)
+        image = renderer.image(model.qpos0, 0)
     for marker in range(len(points)):
-        assert misplaced(painter, picture, marker, expected[marker]) < 0.1, marker
-    assert (picture.ids[:60, :60] == 0).all()
-    assert np.isnan(picture.depth[:60, :60]).all()
-    assert (picture.rgb[:60, :60] == 0).all()
+        assert misplaced(painter, image, marker, expected[marker]) < 0.1, marker
+    assert (image.ids[:60, :60] == 0).all()
+    assert np.isnan(image.depth[:60, :60]).all()
+    assert (image.rgb[:60, :60] == 0).all()
 
 
 def test_depth_is_the_distance_along_the_axis(painter):
@@ -130,13 +130,13 @@ def test_depth_is_the_distance_along_the_axis(painter):
     xy, depth = rig.project(MARKERS[None])
     with Renderer(model, ids, rig) as renderer:
         for view in range(len(rig)):
-            picture = renderer.picture(model.qpos0, view)
-            assert (np.isnan(picture.depth) == (picture.ids == 0)).all()
-            for marker in in_sight(rig, view, picture.ids):
+            image = renderer.image(model.qpos0, view)
+            assert (np.isnan(image.depth) == (image.ids == 0)).all()
+            for marker in in_sight(rig, view, image.ids):
                 column, row = np.round(xy[0, view, marker]).astype(int)
                 # The nearest point lies towards the camera, on the ray to the centre.
                 ray = rig.rays(xy[:, :, marker : marker + 1])[0, view, 0] @ rig.cam_from_world[view, 2, :3]
-                assert abs(picture.depth[row, column] - (depth[0, view, marker] - RADIUS * ray)) < 2e-3
+                assert abs(image.depth[row, column] - (depth[0, view, marker] - RADIUS * ray)) < 2e-3
 
 
 def test_a_distorting_lens_shows_markers_where_it_projects_them(painter):
@@ -145,13 +145,13 @@ def test_a_distorting_lens_shows_markers_where_it_projects_them(painter):
     expected = outline_centroids(rig, MARKERS, RADIUS)
     with Renderer(model, ids, rig, ImageQuality.high) as renderer:
         for view in range(len(rig)):
-            picture = renderer.picture(model.qpos0, view)
-            assert picture.rgb.shape == (776, 1032, 3)
-            for marker in in_sight(rig, view, picture.ids):
-                covered = picture.ids == 256 + marker
+            image = renderer.image(model.qpos0, view)
+            assert image.rgb.shape == (776, 1032, 3)
+            for marker in in_sight(rig, view, image.ids):
+                covered = image.ids == 256 + marker
                 # OpenGL's ids are warped by nearest neighbour: what is near by moves together, by up to half a pixel.
                 assert (np.abs(centroid(covered.astype(float)) - expected[view, marker]) < 0.5).all(), (view, marker)
-                assert misplaced(painter, picture, marker, expected[view, marker]) < 0.1, (view, marker)
+                assert misplaced(painter, image, marker, expected[view, marker]) < 0.1, (view, marker)
 
 
 def test_a_camera_outside_a_room_looks_into_it_as_in_visibility(painter):
@@ -160,11 +160,11 @@ def test_a_camera_outside_a_room_looks_into_it_as_in_visibility(painter):
     model, ids, joints = scene(rig, [(0, 0)], wall.format("near", -2) + wall.format("far", -1).replace('"1 0', '"-1 0'))
     qpos, depth = model.qpos0[None], np.full(joints.shape[1:3], 0.2)
     with Renderer(model, ids, rig, ImageQuality.draft) as renderer:
-        (xy, _), picture = rig.project(joints), renderer.picture(model.qpos0, 0)
+        (xy, _), image = rig.project(joints), renderer.image(model.qpos0, 0)
     sight = joint_visibility(model, qpos, joints, depth, ids, rig)
     assert (sight.occluder == 1).all(), "the near wall is seen through, the far one is not"
     columns, rows = np.round(xy[0, 0, 0]).astype(int).T
-    assert (picture.ids[rows, columns] == 257).all()
+    assert (image.ids[rows, columns] == 257).all()
 
 
 def test_images_agree_with_visibility(painter):
@@ -181,11 +181,11 @@ def test_images_agree_with_visibility(painter):
     agree, asked = 0, 0
     with Renderer(model, ids, rig, ImageQuality.draft) as renderer:
         for view in range(len(rig)):
-            picture = renderer.picture(qpos[0], view)
+            image = renderer.image(qpos[0], view)
             for person, point in zip(*np.nonzero(seen.visibility[0, view] <= Visibility.HIDDEN_BY_OBJECT), strict=True):
                 column, row = np.round(xy[0, view, person, point]).astype(int)
                 around = np.s_[max(row - 2, 0) : row + 3, max(column - 2, 0) : column + 3]
-                near, owners = picture.depth[around], np.unique(picture.ids[around])
+                near, owners = image.depth[around], np.unique(image.ids[around])
                 # Away from silhouettes, and from surfaces that the point lies right at.
                 if len(owners) > 1 or np.ptp(near) > 0.05 or np.abs(near - depth[0, view, person, point]).min() < 0.05:
                     continue
@@ -203,11 +203,11 @@ def test_opengl_and_ray_casting_agree(gl):
     rig = preset("shelf")
     model, ids, _ = scene(rig, [(0, 0), (0.9, -0.5)], '<geom name="box" type="box" pos="-.9 .6 .5" size=".4 .3 .5"/>')
     with Renderer(model, ids, rig, ImageQuality.high) as renderer:
-        drawn = [renderer.picture(model.qpos0, view) for view in range(5)]
+        drawn = [renderer.image(model.qpos0, view) for view in range(5)]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("synth.rendering.renderer.find_backend", lambda: None)
         with Renderer(model, ids, rig, ImageQuality.high) as renderer:
-            cast = [renderer.picture(model.qpos0, view) for view in range(5)]
+            cast = [renderer.image(model.qpos0, view) for view in range(5)]
     for a, b in zip(drawn, cast, strict=True):
         same = a.ids == b.ids
         assert same.mean() > 0.998
@@ -221,15 +221,15 @@ def test_rays_cast_only_near_moving_geoms_find_all_of_them(monkeypatch):
         rig, [(0, 0), (1, 0.5), (-1, -0.5)], '<geom name="box" type="box" pos="2 0 1" size=".4 .3 1"/>'
     )
     with Renderer(model, ids, rig, ImageQuality.standard) as renderer:
-        pictures = [renderer.picture(model.qpos0, view) for view in range(len(rig))]
+        images = [renderer.image(model.qpos0, view) for view in range(len(rig))]
     for view in range(len(rig)):
         with monkeypatch.context() as patch:
             everywhere = lambda painter, data, view, geoms: np.ones(painter._shape, bool).ravel()  # noqa: E731
             patch.setattr("synth.rendering.renderer.RayPainter._may_be_visible", everywhere)
             with Renderer(model, ids, rig, ImageQuality.standard) as renderer:
-                whole = renderer.picture(model.qpos0, view)
-        np.testing.assert_array_equal(pictures[view].ids, whole.ids)
-        np.testing.assert_array_equal(pictures[view].depth, whole.depth)
+                whole = renderer.image(model.qpos0, view)
+        np.testing.assert_array_equal(images[view].ids, whole.ids)
+        np.testing.assert_array_equal(images[view].depth, whole.depth)
 
 
 def test_images_are_written_and_read_back(painter, tmp_path):
@@ -239,12 +239,12 @@ def test_images_are_written_and_read_back(painter, tmp_path):
     qpos[:, 0] = (0, 0.1, 0.2)
     with Renderer(model, ids, rig, ImageQuality.draft) as renderer:
         images, _, _ = render_images(renderer, qpos, rig, tmp_path, 25)
-        expected = [renderer.picture(state, 1) for state in qpos]
+        expected = [renderer.image(state, 1) for state in qpos]
     rgb, depth, found = (list(images.read(kind, "1")) for kind in ("rgb", "depth", "ids"))
-    for frame, picture in enumerate(expected):
-        np.testing.assert_array_equal(found[frame], picture.ids)
-        np.testing.assert_allclose(depth[frame], np.where(picture.depth < 65.5, picture.depth, np.nan), atol=6e-4)
-        assert np.abs(rgb[frame].astype(int) - picture.rgb).mean() < 5
+    for frame, image in enumerate(expected):
+        np.testing.assert_array_equal(found[frame], image.ids)
+        np.testing.assert_allclose(depth[frame], np.where(image.depth < 65.5, image.depth, np.nan), atol=6e-4)
+        assert np.abs(rgb[frame].astype(int) - image.rgb).mean() < 5
 
 
 @pytest.mark.gl

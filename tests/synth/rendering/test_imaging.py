@@ -29,23 +29,23 @@ def grey(level: int, side: int = 400) -> np.ndarray:
 
 def test_without_faults_every_value_stays_as_it_is():
     values = np.arange(256, dtype=np.uint8)[:, None, None].repeat(3, 2)
-    np.testing.assert_array_equal(Sensor(PLAIN, 0, 0, 0).picture(values, 0), values)
+    np.testing.assert_array_equal(Sensor(PLAIN, 0, 0, 0).image(values, 0), values)
 
 
 @pytest.mark.parametrize("read_noise", [0, 15])
 def test_the_variance_of_light_is_linear_in_light(read_noise):
     config = ImagingConfig(exposure=0, white_balance=0, electrons=400, read_noise=read_noise)
     levels = [110, 140, 170, 200]
-    pictures = [decode(Sensor(config, 3, 1, 0).picture(grey(level), 5)) for level in levels]
+    images = [decode(Sensor(config, 3, 1, 0).image(grey(level), 5)) for level in levels]
     signal = decode(np.array(levels))
-    np.testing.assert_allclose([picture.mean() for picture in pictures], signal, rtol=0.01)
+    np.testing.assert_allclose([image.mean() for image in images], signal, rtol=0.01)
     expected = signal / 400 + (read_noise / 400) ** 2
-    np.testing.assert_allclose([picture.var() for picture in pictures], expected, rtol=0.03)
+    np.testing.assert_allclose([image.var() for image in images], expected, rtol=0.03)
 
 
 def test_noise_is_independent_between_pixels_channels_and_frames():
     sensor = Sensor(ImagingConfig(exposure=0, white_balance=0, electrons=500), 0, 0, 0)
-    one, two = (decode(sensor.picture(grey(150), frame)) - 0.3 for frame in (0, 1))
+    one, two = (decode(sensor.image(grey(150), frame)) - 0.3 for frame in (0, 1))
     pairs = [(one[1:], one[:-1]), (one[:, 1:], one[:, :-1]), (one[..., 0], one[..., 1]), (one, two)]
     for a, b in pairs:
         assert abs(np.corrcoef(a.ravel(), b.ravel())[0, 1]) < 0.02
@@ -55,28 +55,28 @@ def test_exposure_and_white_balance_are_gains_of_light_that_differ_from_camera_t
     config = ImagingConfig(exposure=0.4, white_balance=0.2, electrons=0)
     sensors = [Sensor(config, 7, 2, view) for view in range(300)]
     for sensor in sensors[:3]:
-        light = decode(sensor.picture(grey(120, 2), 0))[0, 0]
+        light = decode(sensor.image(grey(120, 2), 0))[0, 0]
         np.testing.assert_allclose(light / decode(np.array(120)), sensor.gains, rtol=0.02)
     stops = np.log2([sensor.gains for sensor in sensors])
     np.testing.assert_allclose(stops[:, 1].std(), 0.4, rtol=0.15)
     np.testing.assert_allclose((stops[:, 0] - stops[:, 1]).std(), 0.2, rtol=0.15)
 
 
-def test_a_picture_depends_on_seed_clip_camera_and_frame_alone():
+def test_a_image_depends_on_seed_clip_camera_and_frame_alone():
     config = ImagingConfig()
 
-    def picture(seed, clip, view, frame):
-        return Sensor(config, seed, clip, view).picture(grey(100, 20), frame).tobytes()
+    def image(seed, clip, view, frame):
+        return Sensor(config, seed, clip, view).image(grey(100, 20), frame).tobytes()
 
-    assert picture(0, 1, 2, 3) == picture(0, 1, 2, 3)
-    others = [picture(1, 1, 2, 3), picture(0, 0, 2, 3), picture(0, 1, 1, 3), picture(0, 1, 2, 2)]
-    assert len({picture(0, 1, 2, 3), *others}) == 5
+    assert image(0, 1, 2, 3) == image(0, 1, 2, 3)
+    others = [image(1, 1, 2, 3), image(0, 0, 2, 3), image(0, 1, 1, 3), image(0, 1, 2, 2)]
+    assert len({image(0, 1, 2, 3), *others}) == 5
 
 
 def test_jpeg_of_low_quality_leaves_the_edges_of_its_blocks():
     y, x = np.mgrid[:256, :256]
     smooth = (60 + 60 * np.sin(x / 23) * np.sin(y / 31))[..., None].repeat(3, 2).astype(np.uint8)
-    stored = Sensor(ImagingConfig(jpeg=5, **FAULTLESS), 0, 0, 0).picture(smooth, 0).astype(float)
+    stored = Sensor(ImagingConfig(jpeg=5, **FAULTLESS), 0, 0, 0).image(smooth, 0).astype(float)
     steps = np.abs(np.diff(stored[..., 1], axis=1)).mean(0)
     assert steps[7::8].mean() > 3 * np.delete(steps, np.s_[7::8]).mean()
 
@@ -107,9 +107,9 @@ def test_a_moving_edge_is_blurred_over_speed_times_shutter_around_its_place(gl):
     for config in (PLAIN, ImagingConfig(lamp=0, ambient_occlusion=0, shutter=shutter)):
         with Renderer(model, np.array([256], np.uint16), rig, ImageQuality.draft, config) as renderer:
             motion = renderer.motion(qpos, 1, fps)
-            picture = renderer.picture(qpos[1], 0, ("rgb", "ids"), None, motion)
-        profiles.append(decode(picture.rgb)[240, :, 0])
-        assert (picture.ids[240] == 256).sum() == profiles[0].round().sum()
+            image = renderer.image(qpos[1], 0, ("rgb", "ids"), None, motion)
+        profiles.append(decode(image.rgb)[240, :, 0])
+        assert (image.ids[240] == 256).sum() == profiles[0].round().sum()
     sharp, blurred = profiles
     # The right edge of the box, at y = 0, is in the middle of the image.
     edge = slice(270, 370)
@@ -140,7 +140,7 @@ def painted(xml: str, rig: CameraRig, config: ImagingConfig) -> np.ndarray:
     add_cameras(spec, rig)
     model = spec.compile()
     with Renderer(model, np.zeros(model.ngeom, np.uint16), rig, ImageQuality.standard, config) as renderer:
-        return renderer.picture(model.qpos0, 0, ("rgb",)).rgb[..., 0].astype(float)
+        return renderer.image(model.qpos0, 0, ("rgb",)).rgb[..., 0].astype(float)
 
 
 @pytest.mark.gl
@@ -227,7 +227,7 @@ def test_ids_and_depth_do_not_depend_on_light_and_camera(painter):
         with Renderer(model, ids, rig, ImageQuality.standard, config) as renderer:
             kinds = ("rgb", "depth", "ids", "normals", "amodal")
             motion = None if config is PLAIN else 0.05 * np.ones(model.nv)
-            found.append(renderer.picture(model.qpos0, 0, kinds, None, motion))
+            found.append(renderer.image(model.qpos0, 0, kinds, None, motion))
     for kind in ("depth", "ids", "normals", "amodal"):
         np.testing.assert_array_equal(getattr(found[0], kind), getattr(found[1], kind))
     assert (found[0].rgb != found[1].rgb).any()

@@ -41,14 +41,14 @@ def test_normals_are_those_of_the_surface(painter, lens):
     rig = lens(preset("shelf")[1:3])
     model, ids = moving(rig)
     with Renderer(model, ids, rig, ImageQuality.high) as renderer:
-        picture = renderer.picture(model.qpos0, 0, ("ids", "normals"))
-    np.testing.assert_array_equal(np.isnan(picture.normals).any(-1), picture.ids == 0)
-    np.testing.assert_allclose(np.linalg.norm(picture.normals, axis=-1)[picture.ids > 0], 1, atol=1e-5)
-    floor = picture.normals[picture.ids == 256]
+        image = renderer.image(model.qpos0, 0, ("ids", "normals"))
+    np.testing.assert_array_equal(np.isnan(image.normals).any(-1), image.ids == 0)
+    np.testing.assert_allclose(np.linalg.norm(image.normals, axis=-1)[image.ids > 0], 1, atol=1e-5)
+    floor = image.normals[image.ids == 256]
     np.testing.assert_allclose(floor, np.broadcast_to((0, 0, 1), floor.shape), atol=1e-5)
-    row, column, points = on_the_ball(rig, picture.ids)
+    row, column, points = on_the_ball(rig, image.ids)
     assert len(row) > 1000
-    cosine = (picture.normals[row, column] * (points - (0, 0, 1)) / 0.3).sum(-1)
+    cosine = (image.normals[row, column] * (points - (0, 0, 1)) / 0.3).sum(-1)
     # OpenGL's ball has facets, and shades of 8 bits.
     assert np.degrees(np.arccos(np.clip(cosine, -1, 1))).mean() < (2.0 if painter == "gl" else 0.05)
 
@@ -61,19 +61,19 @@ def test_flow_is_the_projected_motion_of_the_surface(painter, lens):
     following[:3] += step
     following[3:7] = (np.cos(angle / 2), 0, 0, np.sin(angle / 2))
     with Renderer(model, ids, rig, ImageQuality.high) as renderer:
-        picture = renderer.picture(model.qpos0, 0, ("ids", "flow"), following)
-        last = renderer.picture(model.qpos0, 0, ("flow",))
-    assert picture.depth is None
-    assert (picture.flow[picture.ids == 256] == 0).all(), "the floor does not move"
-    assert np.isnan(picture.flow[picture.ids == 0]).all()
+        image = renderer.image(model.qpos0, 0, ("ids", "flow"), following)
+        last = renderer.image(model.qpos0, 0, ("flow",))
+    assert image.depth is None
+    assert (image.flow[image.ids == 256] == 0).all(), "the floor does not move"
+    assert np.isnan(image.flow[image.ids == 0]).all()
     assert np.isnan(last.flow).all(), "nothing follows"
-    row, column, points = on_the_ball(rig, picture.ids)
+    row, column, points = on_the_ball(rig, image.ids)
     turn = np.array([(np.cos(angle), -np.sin(angle), 0), (np.sin(angle), np.cos(angle), 0), (0, 0, 1)])
     moved = (points - (0, 0, 1)) @ turn.T + (0, 0, 1) + step
     expected = rig[:1].project(moved[None])[0][0, 0] - np.stack([column, row], -1)
     assert np.abs(expected).mean() > 10
     # OpenGL's ball has facets, which lie up to some millimetres under it.
-    assert np.abs(picture.flow[row, column] - expected).mean() < (0.2 if painter == "gl" else 1e-3)
+    assert np.abs(image.flow[row, column] - expected).mean() < (0.2 if painter == "gl" else 1e-3)
 
 
 def test_amodal_masks_show_persons_whole(painter):
@@ -81,11 +81,11 @@ def test_amodal_masks_show_persons_whole(painter):
     wall = '<geom name="wall" type="box" pos="-2 1 1" size=".01 1 3"/>'
     model, ids, _ = scene(rig, [(0, 0), (2, -1.2)], wall)
     with Renderer(model, ids, rig, ImageQuality.draft) as renderer:
-        picture = renderer.picture(model.qpos0, 0, ("ids", "amodal"))
+        image = renderer.image(model.qpos0, 0, ("ids", "amodal"))
         alone = [renderer.alone(model.qpos0, 0, person) for person in range(2)]
     for person in range(2):
-        mask = picture.amodal >> person & 1 > 0
+        mask = image.amodal >> person & 1 > 0
         np.testing.assert_array_equal(mask, alone[person])
-        assert mask[picture.ids == 1 + person].all()
-    hidden = (picture.amodal & 1 > 0) & (picture.ids == 256)
+        assert mask[image.ids == 1 + person].all()
+    hidden = (image.amodal & 1 > 0) & (image.ids == 256)
     assert hidden.sum() > 0.3 * alone[0].sum(), "half of the first man is behind the wall"

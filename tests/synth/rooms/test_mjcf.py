@@ -76,7 +76,7 @@ def test_includes_stay_in_the_folder(folder, name):
         '<asset><mesh name="m" file="&#46;&#46;/private/secret.obj"/></asset>',
     ],
 )
-def test_meshes_and_pictures_stay_in_the_folder(folder, asset):
+def test_meshes_and_images_stay_in_the_folder(folder, asset):
     private = folder.parent / "private"
     (folder / "link.obj").symlink_to(private / "secret.obj")
     path = write(folder, room("", asset.replace("PRIVATE", str(private))))
@@ -99,7 +99,7 @@ HARMFUL = {
     "numeric": room("", '<custom><numeric name="n" size="2000000000" data="1"/></custom>'),
     "sphere": room("", '<asset><mesh name="m" builtin="supersphere" params="100000 1 1"/></asset>'),
     "sensor": "<mujoco><worldbody/><sensor><user dim='2000000000'/></sensor></mujoco>",
-    "picture": room("", '<asset><texture name="t" type="2d" file="large.png"/></asset>'),
+    "image": room("", '<asset><texture name="t" type="2d" file="large.png"/></asset>'),
     "pipe": room("", '<asset><mesh name="m" file="pipe.obj"/></asset>'),
     "not a number": room('<geom type="box" size="nan 1 1"/>'),
     "infinite": room('<geom type="box" size="1 1 1" pos="inf 0 0"/>'),

@@ -128,7 +128,7 @@ def test_a_body_in_t_pose_has_no_contact_with_itself(built):
     assert model.npair > 20
 
 
-def test_paint_changes_pictures_only(built):
+def test_paint_changes_images_only(built):
     """Without it the geoms, their shapes and the physics are the same to the last bit."""
     plain = build_scene(scene([BODY, BODY], 25, props=PROPS, arena="office"), RIG, painted=False)
     model, painted = plain.model, built.model

@@ -14,14 +14,14 @@ from dmae.evaluation.report.findings import rank_doubts
 from dmae.evaluation.report.page import write_clips_report
 from dmae.evaluation.review import DECISIONS, load_decisions
 from tests.support.browser import opened
-from tests.support.reported_clips import completed_clip, grey_of, with_pictures
+from tests.support.reported_clips import completed_clip, grey_of, with_images
 
 pytestmark = pytest.mark.browser
 
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory):
-    return with_pictures(completed_clip(), tmp_path_factory.mktemp("pictures"))
+    return with_images(completed_clip(), tmp_path_factory.mktemp("images"))
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +36,7 @@ def frame_of(page) -> int:
 
 
 def at_frame(page, frame: int) -> None:
-    """Wait until the motion, and the camera's picture under its drawing, are of this frame."""
+    """Wait until the motion, and the camera's image under its drawing, are of this frame."""
     page.wait_for_selector(f'#player[data-frame="{frame}"]')
     page.wait_for_selector(f'#view[data-frame="{frame}"]')
 
@@ -55,7 +55,7 @@ def colours(image: np.ndarray) -> int:
     return len(np.unique(image.reshape(-1, 4).view(np.uint32)))
 
 
-def test_the_picture_and_the_motion_are_of_the_same_frame(browser, path):
+def test_the_image_and_the_motion_are_of_the_same_frame(browser, path):
     with opened(browser, path) as page:
         at_frame(page, 0)
         for frame in (1, 2):
@@ -132,7 +132,7 @@ def test_toggles_and_orbit_change_what_is_drawn(browser, path):
         page.wait_for_timeout(100)
         assert max(_reds(pixels(page, canvas)) for canvas in before) < min(red.values()) / 4
         page.check("#show-completed")
-        for name in ("truth", "measured", "detections", "cameras", "picture", "uncertainty"):
+        for name in ("truth", "measured", "detections", "cameras", "image", "uncertainty"):
             page.wait_for_timeout(60)
             before = pixels(page, "world"), pixels(page, "view")
             page.click(f"#show-{name}")
@@ -261,7 +261,7 @@ def test_a_script_that_got_into_the_page_would_not_run(browser, path):
         page.complaints.clear()
 
 
-def test_clips_that_are_not_captured_not_pictured_or_empty_open(browser, clip, tmp_path):
+def test_clips_that_are_not_captured_not_filmed_or_empty_open(browser, clip, tmp_path):
     plain = replace(clip, images=None)
     for name, shown in {
         "uncaptured": replace(plain, id="a", poses=None),
@@ -282,7 +282,7 @@ def test_clips_that_are_not_captured_not_pictured_or_empty_open(browser, clip, t
         assert "It has no frames, so there is nothing to show." in page.inner_text(".summary")
 
 
-def test_without_pictures_a_clock_plays(browser, clip, tmp_path):
+def test_without_images_a_clock_plays(browser, clip, tmp_path):
     write_clips_report(tmp_path / "report.html", [replace(clip, images=None)])
     with opened(browser, tmp_path / "report.html") as page:
         page.click("#play")

@@ -50,11 +50,11 @@ def test_people_and_sources_have_the_names_of_files(tmp_path):
     assert all(row[1] in ("P1", "P2") and row[6] in SOURCE_WORDS.values() for row in rows)
 
 
-def test_pictures_that_are_gone_are_said_to_be(tmp_path):
+def test_images_that_are_gone_are_said_to_be(tmp_path):
     clip = replace(full_clip(), images=Images(tmp_path / "gone", full_clip().rig.names, tuple(range(12)), ("rgb",)))
     dmae.report(clip, tmp_path / "report.html")
     (shown,) = players(tmp_path / "report.html")
-    assert shown["notes"][-1].startswith("The pictures of cameras cam0, cam1, cam2, cam3 cannot be read")
+    assert shown["notes"][-1].startswith("The images of cameras cam0, cam1, cam2, cam3 cannot be read")
 
 
 def test_a_data_set_without_clips_is_a_page(tmp_path):

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from dmae.data.images import Images
-from dmae.files.checks import PICTURES, VIDEOS, check_rate
-from dmae.files.pictures import open_video, read_upright, upright_size
+from dmae.files.checks import IMAGES, VIDEOS, check_rate
+from dmae.files.images import open_video, read_upright, upright_size
 from dmae.formats.recordings import by_name, frame_number
 
 
 @dataclass(frozen=True)
-class CameraPictures:
+class CameraImages:
     """The N images of a camera."""
 
     name: str  # Name of the camera
@@ -33,7 +33,7 @@ class CameraPictures:
         return len(self.times)
 
 
-def find_cameras(path: Path) -> list[CameraPictures]:
+def find_cameras(path: Path) -> list[CameraImages]:
     """Return the cameras of a folder, each a video or a folder of images, in the order of their names.
 
     Args:
@@ -49,13 +49,13 @@ def find_cameras(path: Path) -> list[CameraPictures]:
     places = [path] if path.is_file() else by_name(path.iterdir())
     places = [each for each in places if not each.name.startswith(".")]
     found = [_video(each) for each in places if each.is_file() and each.suffix.lower() in VIDEOS]
-    found += [_folder(each) for each in places if each.is_dir() and pictures_in(each)]
-    if not found and path.is_dir() and pictures_in(path):
+    found += [_folder(each) for each in places if each.is_dir() and images_in(each)]
+    if not found and path.is_dir() and images_in(path):
         found = [_folder(path)]
     if not found:
         raise FileNotFoundError(
-            f"videos={path}: expected for each camera a video ({', '.join(VIDEOS)}) or a folder of pictures "
-            f"({', '.join(PICTURES)}), found {', '.join(each.name for each in places[:6]) or 'nothing'}"
+            f"videos={path}: expected for each camera a video ({', '.join(VIDEOS)}) or a folder of images "
+            f"({', '.join(IMAGES)}), found {', '.join(each.name for each in places[:6]) or 'nothing'}"
         )
     names = [camera.name for camera in found]
     if twice := sorted({name for name in names if names.count(name) > 1}):
@@ -63,11 +63,11 @@ def find_cameras(path: Path) -> list[CameraPictures]:
     return by_name(found)
 
 
-def cameras_of(images: Images, sizes: np.ndarray) -> list[CameraPictures]:
+def cameras_of(images: Images, sizes: np.ndarray) -> list[CameraImages]:
     """Return the cameras of a clip with images; `sizes` (V, 2) px are the sizes in its rig."""
     numbers = np.arange(len(images.frames), dtype=float)
     return [
-        CameraPictures(name, images.folder, tuple(map(int, size)), numbers, None, partial(_read_images, images, name))
+        CameraImages(name, images.folder, tuple(map(int, size)), numbers, None, partial(_read_images, images, name))
         for name, size in zip(images.views, sizes, strict=True)
     ]
 
@@ -77,24 +77,24 @@ def _read_images(images: Images, name: str, start: int, stop: int) -> Iterator[n
         yield images.at("rgb", name, frame)
 
 
-def pictures_in(folder: Path) -> list[Path]:
+def images_in(folder: Path) -> list[Path]:
     """Return the image files of a folder by their numbers and names."""
-    found = [each for each in folder.iterdir() if each.suffix.lower() in PICTURES and not each.name.startswith(".")]
+    found = [each for each in folder.iterdir() if each.suffix.lower() in IMAGES and not each.name.startswith(".")]
     return by_name(found)
 
 
-def _folder(path: Path) -> CameraPictures:
-    files = pictures_in(path)
+def _folder(path: Path) -> CameraImages:
+    files = images_in(path)
     try:
         numbers = [frame_number(file, file.stem) for file in files]
     except ValueError:
         numbers = list(range(len(files)))
     if len(set(numbers)) < len(numbers):
         numbers = list(range(len(files)))
-    return pictures_of(path.name, path, files, numbers)
+    return images_of(path.name, path, files, numbers)
 
 
-def pictures_of(name: str, path: Path, files: list[Path], numbers: list[int]) -> CameraPictures:
+def images_of(name: str, path: Path, files: list[Path], numbers: list[int]) -> CameraImages:
     """Return the camera with these image files, each with its number, in their order.
 
     Raises:
@@ -107,18 +107,18 @@ def pictures_of(name: str, path: Path, files: list[Path], numbers: list[int]) ->
         except ValueError as damaged:
             error = error or damaged
     if not sizes:
-        raise ValueError(f"{path}: not one picture can be read; {error}")
+        raise ValueError(f"{path}: not one image can be read; {error}")
     size, *others = sizes
     if others:
         (width, height), (other_width, other_height) = size, others[0]
         raise ValueError(
-            f"{path}: expected the pictures of one camera, all of one size; {sizes[size].name} has {width} x {height} "
+            f"{path}: expected the images of one camera, all of one size; {sizes[size].name} has {width} x {height} "
             f"px, {sizes[others[0]].name} {other_width} x {other_height}. Photographs that do not belong together: "
             f"dmae detect photos={path}"
         )
     order = np.argsort(numbers, kind="stable")
     ordered = [files[i] for i in order]
-    return CameraPictures(name, path, size, np.array(numbers, float)[order], None, partial(read_files, ordered))
+    return CameraImages(name, path, size, np.array(numbers, float)[order], None, partial(read_files, ordered))
 
 
 def read_files(files: list[Path], start: int, stop: int) -> Iterator[np.ndarray | None]:
@@ -130,7 +130,7 @@ def read_files(files: list[Path], start: int, stop: int) -> Iterator[np.ndarray 
             yield None
 
 
-def _video(path: Path) -> CameraPictures:
+def _video(path: Path) -> CameraImages:
     import av
 
     with open_video(path) as container:
@@ -145,11 +145,11 @@ def _video(path: Path) -> CameraPictures:
     except av.FFmpegError as error:
         raise ValueError(f"{path}: this video is damaged, {error}") from None
     if first is None:
-        raise ValueError(f"{path}: expected a video, found no picture that can be decoded")
+        raise ValueError(f"{path}: expected a video, found no image that can be decoded")
     times = np.array(stamps, float) * base
     if len(times) > 1 and not (rate and 0.5 < rate * (times[-1] - times[0]) / (len(times) - 1) < 2):
         rate = (len(times) - 1) / max(times[-1] - times[0], 1e-9)
-    return CameraPictures(
+    return CameraImages(
         path.stem, path, first.shape[1::-1], times, rate, partial(_read_video, path, stamps), codec, timecode
     )
 
@@ -186,9 +186,9 @@ def _read_video(path: Path, stamps: list[int], start: int, stop: int) -> Iterato
 
 def _upright(frame) -> np.ndarray:
     """Return the image of a frame, rotated as players show it: phones record their orientation in the video."""
-    picture = frame.to_ndarray(format="rgb24")
+    image = frame.to_ndarray(format="rgb24")
     quarters = round((getattr(frame, "rotation", 0) or 0) / 90)
-    return np.ascontiguousarray(np.rot90(picture, quarters)) if quarters % 4 else picture
+    return np.ascontiguousarray(np.rot90(image, quarters)) if quarters % 4 else image
 
 
 # Which images belong to one frame, by the frame rates and offsets of the videos
@@ -209,7 +209,7 @@ class Alignment:
     notes: tuple[str, ...]  # Decisions that can be wrong
 
 
-def align(cameras: Sequence[CameraPictures], fps: float | None, offsets: Sequence[int] | None) -> Alignment:
+def align(cameras: Sequence[CameraImages], fps: float | None, offsets: Sequence[int] | None) -> Alignment:
     """Assign each image to the frame that is nearest in time.
 
     The frame rate is the highest of the cameras. A camera with a lower rate has no image in some frames. The clip ends
@@ -232,13 +232,13 @@ def align(cameras: Sequence[CameraPictures], fps: float | None, offsets: Sequenc
     if fps is None:
         if not known:
             raise ValueError(
-                "expected fps=...: folders of pictures do not say how many frames a second they have; photographs that "
+                "expected fps=...: folders of images do not say how many frames a second they have; photographs that "
                 "do not belong together are given as photos=<folder>"
             )
         fps = max(known)
         if min(known) < fps * (1 - _SAME_RATE):
             listed = ", ".join(f"{camera.name} {camera.rate:.5g}" for camera in cameras if camera.rate)
-            notes.append(f"cameras have other frame rates ({listed}); those of fewer have no picture in some frames")
+            notes.append(f"cameras have other frame rates ({listed}); those of fewer have no image in some frames")
     fastest = next((camera for camera in cameras if camera.rate == fps), None)
     check_rate("fps" if given or fastest is None else f"{fastest.path}: fps", fps)
     late = _offsets(cameras, fps, notes) if offsets is None else np.asarray(offsets, float)
@@ -252,7 +252,7 @@ def align(cameras: Sequence[CameraPictures], fps: float | None, offsets: Sequenc
             counts = span <= _MOST_SPAN * len(camera)
             place = camera.times - first if counts else np.arange(len(camera))
             if not counts:
-                notes.append(f"the numbers of the pictures of {camera.name} do not count frames; taken in their order")
+                notes.append(f"the numbers of the images of {camera.name} do not count frames; taken in their order")
         elif given and len({round(each, 3) for each in known}) == 1:
             place = np.arange(len(camera))
         else:
@@ -262,9 +262,7 @@ def align(cameras: Sequence[CameraPictures], fps: float | None, offsets: Sequenc
     frames = [np.where(each >= 0, each - start, -1) for each in frames]
     for camera, each in zip(cameras, frames, strict=True):
         if unused := int((each < 0).sum()):
-            notes.append(
-                f"{camera.name}: {unused} of {len(each)} pictures were taken in the frame of another, not used"
-            )
+            notes.append(f"{camera.name}: {unused} of {len(each)} images were taken in the frame of another, not used")
     count = max(int(each.max()) + 1 for each in frames)
     ends = [int(each.max()) + 1 for each in frames]
     if min(ends) < count:
@@ -281,12 +279,12 @@ def _unique(frames: np.ndarray) -> np.ndarray:
     return np.where(kept, frames, -1)
 
 
-def _offsets(cameras: Sequence[CameraPictures], fps: float, notes: list[str]) -> np.ndarray:
+def _offsets(cameras: Sequence[CameraImages], fps: float, notes: list[str]) -> np.ndarray:
     """Return the number of frames by which each camera started late: from the timecodes, else from the first times."""
     starts = np.array([np.nan if each.timecode is None else _seconds(each.timecode, fps) for each in cameras])
     how = "timecodes"
     if np.isnan(starts).any():
-        starts, how = np.array([each.times[0] if each.rate else 0.0 for each in cameras]), "times of the first pictures"
+        starts, how = np.array([each.times[0] if each.rate else 0.0 for each in cameras]), "times of the first images"
     late = np.round((starts - starts.min()) * fps)
     longest = max(len(each) / (each.rate or fps) for each in cameras) * fps
     if not late.any():

@@ -1,4 +1,4 @@
-"""Pictures and videos, their size checked before memory is allocated. Videos that refer to others are not decoded."""
+"""Images and videos, their size checked before memory is allocated. Videos that refer to others are not decoded."""
 
 import os
 import warnings
@@ -15,12 +15,12 @@ from PIL import Image, ImageOps, UnidentifiedImageError
 from dmae.files.contents import check_file
 
 MOST_PIXELS = 1 << 26
-"""Largest number of pixels of a picture; phones take pictures of 50 million."""
+"""Largest number of pixels of an image; phones take images of 50 million."""
 _DECODED, _UPRIGHT = ("PNG", "JPEG", "BMP"), ("PNG", "JPEG", "BMP", "WebP", "TIFF")
-_ORIENTATION = 0x0112  # EXIF tag; from 5 on, the picture is rotated by a quarter turn
+_ORIENTATION = 0x0112  # EXIF tag; from 5 on, the image is rotated by a quarter turn
 
 
-def check_picture(path: Path) -> tuple[int, int]:
+def check_image(path: Path) -> tuple[int, int]:
     """Return width and height of a PNG, JPEG or BMP file, px, from its header.
 
     Raises FileNotFoundError, or ValueError if it is none of these, or has more than `MOST_PIXELS` pixels.
@@ -29,17 +29,17 @@ def check_picture(path: Path) -> tuple[int, int]:
         return image.size
 
 
-def read_picture(path: Path, channels: tuple[int, ...]) -> np.ndarray:
-    """Return a picture (H, W) or (H, W, C), C one of `channels`, in OpenCV's order; errors as in `check_picture`."""
-    check_picture(path)
+def read_image(path: Path, channels: tuple[int, ...]) -> np.ndarray:
+    """Return an image (H, W) or (H, W, C), C one of `channels`, in OpenCV's order; errors as in `check_image`."""
+    check_image(path)
     try:
         image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
-        raise ValueError(f"{path}: this picture is damaged, {error}") from None
+        raise ValueError(f"{path}: this image is damaged, {error}") from None
     found = None if image is None else 1 if image.ndim == 2 else image.shape[2]
     if found not in channels:
         wanted = " or ".join(map(str, channels))
-        raise ValueError(f"{path}: expected a readable picture of {wanted} channels, found {found or 'none'}")
+        raise ValueError(f"{path}: expected a readable image of {wanted} channels, found {found or 'none'}")
     return image
 
 
@@ -52,7 +52,7 @@ def upright_size(path: Path) -> tuple[int, int]:
 
 
 def read_upright(path: Path) -> np.ndarray:
-    """Return a picture (H, W, 3) uint8 RGB as viewers show it: phones record their orientation in the EXIF data.
+    """Return an image (H, W, 3) uint8 RGB as viewers show it: phones record their orientation in the EXIF data.
 
     Raises FileNotFoundError, or ValueError if it is damaged, of another format, or has more than `MOST_PIXELS` pixels.
     """
@@ -71,20 +71,20 @@ def _has_exif(image: Image.Image) -> bool:
 
 @contextmanager
 def _opened(path: Path, formats: tuple[str, ...]) -> Iterator[Image.Image]:
-    """Open a picture with Pillow, which reads its header; its errors become ValueErrors that name the file."""
+    """Open an image with Pillow, which reads its header; its errors become ValueErrors that name the file."""
     check_file(path)
     try:
-        # Pillow warns of pictures that are refused here.
+        # Pillow warns of images that are refused here.
         with warnings.catch_warnings(action="ignore"), Image.open(path, formats=[*map(str.upper, formats)]) as image:
             if not 0 < image.size[0] * image.size[1] <= MOST_PIXELS:
                 raise ValueError(
-                    f"expected a picture of at most {MOST_PIXELS} pixels, found {image.size[0]} x {image.size[1]}"
+                    f"expected an image of at most {MOST_PIXELS} pixels, found {image.size[0]} x {image.size[1]}"
                 )
             yield image
     except UnidentifiedImageError:
-        raise ValueError(f"{path}: expected a {', '.join(formats[:-1])} or {formats[-1]} picture") from None
+        raise ValueError(f"{path}: expected a {', '.join(formats[:-1])} or {formats[-1]} image") from None
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-        raise ValueError(f"{path}: this picture cannot be used, {error}") from None
+        raise ValueError(f"{path}: this image cannot be used, {error}") from None
 
 
 def open_video(path: Path):
