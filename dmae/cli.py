@@ -205,10 +205,7 @@ def compose(command: Command, overrides: Sequence[str]) -> object:
 
 @contextmanager
 def _config_folder(command: Command) -> Iterator[str]:
-    """Yield the folder of configurations, without groups of presets that have the name of a plain option.
-
-    Hydra would look for a preset in the group: `dmae pretrain rig=mine.toml` names a file.
-    """
+    """Yield the folder of configurations, less presets named like a plain option (`pretrain rig=mine.toml`)."""
     folder = resource_folder("dmae", "configs").resolve()
     options = command.options().members
     plain = [each.key for each in options if isinstance(each, Option) and (folder / each.key).is_dir()]
@@ -221,7 +218,6 @@ def _config_folder(command: Command) -> Iterator[str]:
 
 
 def _store(command: Command) -> None:
-    """Give Hydra the configuration of a command, and the presets that registries have."""
     from hydra.core.config_store import ConfigStore
 
     store, options = ConfigStore.instance(), command.options()
@@ -241,7 +237,7 @@ def _store(command: Command) -> None:
 
 
 def _schema(configuration: type):
-    """A dataclass as Hydra's schema. OmegaConf takes a frozen one to forbid overrides; here it only means immutable."""
+    """A dataclass as Hydra's schema: OmegaConf takes a frozen one to forbid overrides."""
     from omegaconf import DictConfig, OmegaConf
 
     node = OmegaConf.structured(configuration)

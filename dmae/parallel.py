@@ -267,10 +267,8 @@ CLUSTERS = {"ray": Ray, "dask": Dask}
 
 @cache
 def _connect(name: str, processes: int) -> Cluster:
-    """Return the cluster of one of `CLUSTERS`, to which this process stays connected until it ends.
-
-    A local one, where the environment names none, has so many processes. Raises ValueError without the library.
-    """
+    """Return one of `CLUSTERS`, connected until this process ends; one of this machine, with so many processes, if none
+    is named."""
     try:
         return CLUSTERS[name](processes)
     except ImportError as error:

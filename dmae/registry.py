@@ -129,7 +129,6 @@ class Registry(Mapping[str, E], Generic[E]):
         return found
 
     def _describe(self, function: Callable, name: str, help: str, home: str, settings: dict) -> E:
-        """Return the entry of a function that is imported."""
         parameters = inspect.signature(function).parameters.values()
         options = tuple(each.name for each in parameters if each.kind == inspect.Parameter.KEYWORD_ONLY)
         entry = self._entry(name, help, options, home, **settings)

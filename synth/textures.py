@@ -88,7 +88,6 @@ def _bricks(x, y, rng):
 
 
 def _hair(x, y, rng):
-    """Return strands that run upwards, in locks."""
     strands, locks = noise(x, rng, (28, 0.8)), noise(x, rng, (48, 6))
     return np.clip(0.45 + 0.22 * strands + 0.2 * locks, 0, 1), 0.04 * noise(x, rng, (10, 1))
 

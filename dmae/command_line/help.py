@@ -73,7 +73,6 @@ def command_help(command: Command, options: Group, topic: str = "") -> str:
 
 
 def _group_line(group: Group) -> Iterator[str]:
-    """A group in a line or two: its meaning, its presets, the names of its options."""
     name = group.key if group.preset is None else f"{group.key}={'...' if group.preset == REQUIRED else group.preset}"
     meaning = _first_sentence(group.meaning)
     if group.presets:
@@ -88,7 +87,6 @@ def _group_line(group: Group) -> Iterator[str]:
 
 
 def _topic(command: Command, found: Option | Group, deep: bool = False) -> Iterator[str]:
-    """An option, or a group with its presets and all its options."""
     if isinstance(found, Option):
         yield from _option(found, whole=True)
         return
@@ -142,7 +140,6 @@ def _shown(value: object) -> str:
 
 
 def _row(name: str, text: str) -> Iterator[str]:
-    """A name and its meaning, which begins in the next line where the name is long."""
     lines = textwrap.wrap(text, max(30, _width() - _LEFT - 2)) or [""]
     if len(name) > _LEFT - 2:
         yield f"  {_bold(_short(name))}"
@@ -162,7 +159,6 @@ def _first_sentence(text: str) -> str:
 
 
 def _documentation(text: str) -> list[str]:
-    """A docstring: paragraphs wrapped, what is indented as it is."""
     lines = []
     for paragraph in text.split("\n\n"):
         lines += [""] if lines else []

@@ -194,7 +194,6 @@ def _meanings(configuration: type) -> dict[str, str]:
 
 
 def _documentation(configuration: type) -> str:
-    """The docstring of a dataclass, up to its section of attributes."""
     return (inspect.getdoc(configuration) or "").partition("\nAttributes:")[0].strip()
 
 

@@ -172,7 +172,6 @@ def required(options: Group, given: Collection[str] = ()) -> list[str]:
 
 
 def _read(override: str) -> Override:
-    """Read an override as Hydra does."""
     from hydra.core.override_parser.overrides_parser import OverridesParser
     from hydra.errors import HydraException
 
@@ -191,10 +190,7 @@ def _values(override: Override) -> list[tuple[str, object]]:
 
 
 def _expanded(options: Group, override: str) -> list[str]:
-    """`detector=onnx` is short for `detector.name=onnx`, `data=<folder>` for what is in a folder, of any format.
-
-    Raises ValueError, which lists the formats, if data is neither a format nor a folder.
-    """
+    """`detector=onnx` is short for `detector.name=onnx`, `data=<folder>` for `data=clip data.path=<folder>`."""
     key, _, value = override.partition("=")
     group = options.find(key)
     if not isinstance(group, Group) or not value:

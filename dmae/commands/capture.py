@@ -93,7 +93,6 @@ def run(config: CaptureCommand, out: Path) -> None:
 
 
 def _worst_joints(by_joint: dict[str, JointGroup]) -> str:
-    """Return the joints with the largest mean reprojection errors, in words."""
     worst = sorted((each.mean, joint) for joint, each in by_joint.items() if each.mean is not None)[: -_WORST - 1 : -1]
     return f"largest: {', '.join(f'{joint} {mean:.1f} px' for mean, joint in worst)}; dmae report lists all joints"
 

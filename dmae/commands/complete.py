@@ -48,7 +48,6 @@ def run(config: CompleteCommand, out: Path) -> None:
 
 
 def _settings(config: CompleteCommand) -> dict:
-    """Return all that completed clips depend on: with the options and the clips, the weights."""
     settings = settings_of("dmae complete", config, Path(config.clip))
     model = None if config.weights is None else checksum(weights_folder(config.weights) / "model.json").sha256
     return settings | {"options": settings["options"] | {"weights": model}}

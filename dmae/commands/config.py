@@ -21,7 +21,6 @@ _FILLS = ("none", *(name for name, method in completion_method.items() if not me
 
 
 def _presets(group: str) -> tuple[str, ...]:
-    """Names of the presets of a group of `synth generate`."""
     return tuple(sorted(file.stem for file in (resource_folder("dmae", "configs") / group).glob("*.yaml")))
 
 

@@ -84,7 +84,6 @@ def interrupted(config: DetectCommand, out: Path) -> str:
 
 
 def _detect_clips(config: DetectCommand, out: Path) -> None:
-    """Detect in clips; pieces of an interrupted run lie beside them."""
     folders = clip_folders(Path(config.clip))
     several = folders != [Path(config.clip)]
     if out.resolve() == Path(config.clip).resolve():

@@ -53,7 +53,6 @@ def run(config: DoctorCommand, out: Path) -> None:
 
 
 def _print(clip: Clip, diagnosis: Diagnosis) -> None:
-    """Print a diagnosis."""
     for note in clip.provenance.get("notes", ()):
         print(f"{clip.id}: {note}")
     header = ("cameras", "residual px", "agreeing", "agreement", "detections")
@@ -84,7 +83,6 @@ def _print(clip: Clip, diagnosis: Diagnosis) -> None:
 
 
 def _print_sides(clip: Clip) -> None:
-    """Print the cameras in which the detector exchanges left and right."""
     some = clip.select(frames=slice(0, _SIDES_FRAMES))
     if len(some.rig) < 2 or not len(some):
         return
@@ -126,7 +124,6 @@ def _cameras(clip: Clip, diagnosis: Diagnosis) -> Table:
 
 
 def _images(clip: Clip) -> list[np.ndarray | None]:
-    """Return the first image of each camera, where there is one."""
     if not clip.has_images:
         return [None] * len(clip.rig)
     return [next(iter(clip.images.select([0], (name,)).read("rgb", name)), None) for name in clip.rig.names]

@@ -102,7 +102,6 @@ def configurations(config: PretrainCommand, out: Path) -> dict[str, dict[str, An
 
 
 def _divided(motion: Path, takes: Path, seed: int) -> Path:
-    """List the takes of a folder in a table, divided by subject."""
     import synth
     from synth.datasets.splits import as_table
 

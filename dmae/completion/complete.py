@@ -88,8 +88,7 @@ def predict(
 def _corrections(model: DMAE, rows: Rows, needed: np.ndarray) -> np.ndarray:
     """Return what the model adds to the interpolation, m, world, and the logarithm of its error scale, (S, J, 4).
 
-    Windows overlap by two thirds and are weighted by a triangle; NaN where there is no window, or a joint is not
-    `needed` (F, P, J).
+    Windows overlap by two thirds, weighted by a triangle. NaN outside windows, and where not `needed` (F, P, J).
     """
     config = model.config
     frames, device = config.frames, next(model.parameters()).device
@@ -120,7 +119,6 @@ def _corrections(model: DMAE, rows: Rows, needed: np.ndarray) -> np.ndarray:
 
 
 def _by_frame(rows: np.ndarray, persons: int) -> np.ndarray:
-    """Return rows (S, ...) as (frames, P, ...)."""
     return rows.reshape(persons, -1, *rows.shape[1:]).swapaxes(0, 1)
 
 
@@ -198,7 +196,6 @@ class Completer:
         return in_pieces(lambda poses, frames: self._whole(poses, fps, frames), poses, fps, frames)
 
     def _whole(self, poses: Poses3D, fps: float, frames: slice) -> Poses3D:
-        """Return some frames of poses that are completed in one piece."""
         with one_thread():
             if not self.smooth:
                 return self._complete(poses, fps, frames)
@@ -281,7 +278,6 @@ class Completer:
         return convert(poses, wanted)
 
     def _fuse(self, poses: Poses3D, fps: float, frames: slice) -> Poses3D:
-        """Return poses of the source, turned into poses of the target."""
         there, count = present(poses, fps)[frames], len(self.target)
         if not there.any():
             return fusion.absent(self.target, *there.shape)
@@ -292,7 +288,6 @@ class Completer:
         return _with_covariances(done, there[..., None], self._deviation(poses, fps, scale, frames))
 
     def _evidence(self, poses: Poses3D, fps: float) -> Poses3D:
-        """Return the poses without joints that are no evidence."""
         poses = poses.without(poses.source == Source.COMPLETED)
         if not self.reject:
             return poses
@@ -329,10 +324,8 @@ class Completer:
         return xyz
 
     def _deviation(self, poses: Poses3D, fps: float, scale: np.ndarray, frames: slice) -> np.ndarray | None:
-        """Return standard deviations along each axis, m, of joints predicted in those frames with those scales.
-
-        NaN where unknown; None where all are.
-        """
+        """Return standard deviations along each axis, m, of joints predicted in those frames; NaN where unknown, None
+        if all are."""
         if self.factors is None:
             return None
         lengths, noisy = (part[frames] for part in self.uncertainty_inputs(poses, fps))
@@ -356,7 +349,6 @@ def _outer_unknown(unknown: np.ndarray, skeleton: Skeleton) -> np.ndarray:
 
 
 def _with_covariances(done: Poses3D, predicted: np.ndarray, deviation: np.ndarray | None) -> Poses3D:
-    """Return the poses with the covariances of the joints that were predicted."""
     if deviation is None:
         return done
     variance = deviation[..., None, None] ** 2 * np.eye(3)

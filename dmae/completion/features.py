@@ -97,10 +97,8 @@ def bone_stretch(xyz: np.ndarray, bones: Bones) -> np.ndarray:
 
 
 def _noise_levels(sizes: np.ndarray, frames: int) -> np.ndarray:
-    """Return logarithms (F, P, J, 3) of means of `sizes` (F, P, J), m, where known.
-
-    The means are: of the person, and of the joint over a number of frames around the last and the next known frame.
-    """
+    """Return logarithms (F, P, J, 3) of means of `sizes` (F, P, J), m: of the person, and around the last and next
+    known frame."""
     known = ~np.isnan(sizes)
     sizes = np.nan_to_num(sizes)
     own = _moving_mean(sizes, known, frames)

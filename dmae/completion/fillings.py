@@ -106,9 +106,7 @@ def contradicted(xyz: np.ndarray, fps: float, acceleration: float = ACCELERATION
 def _deviation(paths, before, after, reach, fps, acceleration):
     """Return the deviation of samples of paths (F, n, 3) as a multiple of the tolerance, (F, n); 0 where unknown.
 
-    Args:
-        before: (F, n) frame of the last sample, as `after` from `neighbours`.
-        reach: Samples fewer frames away than this are left out.
+    `before` and `after` (F, n) are as of `neighbours`; samples nearer than `reach` frames are left out.
     """
     frames, columns = before.shape
     found = np.zeros((frames, columns))

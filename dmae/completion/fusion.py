@@ -52,8 +52,7 @@ def absent(skeleton: Skeleton, frames: int, persons: int) -> Poses3D:
 def true_pair(truth: Poses3D, skeleton: Skeleton) -> Poses3D:
     """Return truth on two skeletons: the target as annotated, the source where it is known as well and else absent.
 
-    Raises:
-        ValueError: the target was not annotated; joints derived from others are no truth of it.
+    Raises ValueError if the target was not annotated; joints derived from others are no truth of it.
     """
     source, target = skeleton.parts
     if target not in truth.skeleton.parts:

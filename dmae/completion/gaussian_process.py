@@ -199,10 +199,8 @@ def _correct(bodies: Bodies, joint: int, weight: np.ndarray, fps: float) -> None
 def _inputs(bodies: Bodies, joint: int, seen: np.ndarray) -> tuple[int | None, list[int], list[int]]:
     """Return what a joint is placed from, in a gap throughout which the joints `seen` (J,) are measured.
 
-    Returns:
-        The anchor, the nearest joint above it, or beside it in the torso, that is seen (None in a torso of which none
-        is), joints to predict from, and the joints that their offsets are taken from. What hangs from a joint that is
-        hidden with this one is taken from the anchor.
+    The anchor is the nearest seen joint above it, or beside it in the torso (None if none is); then come the joints to
+    predict from, and those that their offsets are taken from: the anchor, for what hangs from another hidden joint.
     """
     parents, torso = bodies.parents, bodies.torso
     if joint in torso:

@@ -132,7 +132,6 @@ class Attention(nn.Module):
         return self.out(y.transpose(1, 2).flatten(2))
 
     def _by_head(self, x: Tensor) -> Tensor:
-        """Return (B, n, C) as (B, heads, n, head_dim)."""
         return x.unflatten(-1, (self.heads, -1)).transpose(1, 2)
 
 
@@ -352,7 +351,6 @@ class DMAE(nn.Module):
         return tokens, base + torch.where(known, 1, scale) * (predicted[..., :3] + predicted[..., 3:] * ray), features
 
     def _ablated(self, *features: Tensor) -> list[Tensor]:
-        """Return the fields of input features with those named in `ablate` set to zero."""
         fields = dict(zip(_FIELDS, features, strict=True))
         for name in self.config.ablate:
             field, part = FEATURES[name]

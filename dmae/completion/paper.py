@@ -83,8 +83,7 @@ def paper_rows(pairs: Sequence[PosePair], frames: int) -> PaperRows:
     Of captured poses of two skeletons the target alone is learned. Windows need a known joint to look at and one to
     learn.
 
-    Raises:
-        ValueError: some have captured poses and others have not.
+    Raises ValueError if some have captured poses and others have not.
     """
     parts: list[tuple[np.ndarray, ...]] = []
     offset, captured = 0, _all_captured(bool(pair.captured) for pair in pairs)
@@ -297,7 +296,6 @@ class PaperCompleter:
         return [f"poses are {poses.skeleton.name}, returned as {returned.name}, on which the paper's network works"]
 
     def _whole(self, poses: Poses3D, fps: float, frames: slice) -> Poses3D:
-        """Return some frames of poses that are completed in one piece."""
         done = self._complete(poses, fps)
         if self.smooth:
             noisy = noisiness(poses.without(poses.source == Source.COMPLETED))

@@ -28,8 +28,7 @@ _SEEN_ON_FLOOR = 20  # Smallest number of measured feet that say where the floor
 def pose_covariance(xyz: np.ndarray, skeleton: Skeleton, rest: np.ndarray) -> np.ndarray:
     """Return the covariance (3J, 3J) m^2 of bodies (..., J, 3) about the rest pose (J, 3); of whole bodies only.
 
-    Raises:
-        KeyError: the skeleton has no hips.
+    Raises KeyError if the skeleton has no hips.
     """
     flat, first = xyz.reshape(-1, *xyz.shape[-2:]).astype(np.float64), skeleton.parts[0]
     upright = in_window(flat, mid_hip(flat, first), body_heading(flat, first)) - rest

@@ -139,8 +139,7 @@ class CheckedCheckpoints(TorchCheckpointIO):
 def newest_checkpoint(folder: Path) -> Path | None:
     """Return the newest checkpoint that is as it was written; None where training has not come to one yet.
 
-    Raises:
-        ValueError: there are checkpoints, and all of them are damaged.
+    Raises ValueError if there are checkpoints, and all of them are damaged.
     """
     found = [folder / name for name in (CHECKPOINT, _BEFORE) if (folder / name).is_file()]
     errors = []
@@ -354,7 +353,6 @@ class Learner(lightning.LightningModule):
         return DataLoader(batches, batch_size=None, num_workers=config.examples.workers)
 
     def _paper_rows(self, pairs: list[PosePair]) -> PaperRows:
-        """Return the rows of recordings; made once."""
         if id(pairs) not in self._rows:
             self._rows[id(pairs)] = paper_rows(pairs, self.recipe.model.frames)
         return self._rows[id(pairs)]
@@ -376,7 +374,6 @@ class Learner(lightning.LightningModule):
         return loss
 
     def _predict(self, batch: Examples) -> Prediction:
-        """Return what the network predicts, in single precision whatever it computes with."""
         # The default network is trained on observed joints, too.
         wanted = None if self.train_config.learning.observed_weight else batch.hidden
         return Prediction(*(part.float() for part in self.model(*batch.windows, wanted=wanted)))
@@ -479,11 +476,7 @@ def strategy_of(devices: int) -> DDPStrategy | str:
 
 @contextmanager
 def errors_of_processes():
-    """Raise a ValueError of one of the processes as such.
-
-    Raises:
-        ValueError: as the process raised it.
-    """
+    """Raise a ValueError of one of the processes as such."""
     try:
         yield
     except torch.multiprocessing.ProcessRaisedException as error:
@@ -655,7 +648,6 @@ def _reserve_time(
 
 
 def _bodies(found: TrainingSet, skeleton: Skeleton, config: TrainConfig) -> np.ndarray:
-    """Return the true bodies (N, J, 3) of all people to learn from."""
     pairs = (*found.pairs.values(), *found.extra.values())
     bodies = np.concatenate([pair.truth.xyz.reshape(-1, len(skeleton), 3) for pair in pairs])
     source, *target = skeleton.parts
@@ -668,7 +660,6 @@ def _bodies(found: TrainingSet, skeleton: Skeleton, config: TrainConfig) -> np.n
 
 
 def _load_initial(config: TrainConfig) -> tuple[DMAE, Skeleton, dict] | None:
-    """Return the model to start from, its skeleton and its record."""
     if config.init is None:
         return None
     if config.init == "shipped":

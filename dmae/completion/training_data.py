@@ -61,7 +61,6 @@ def mask_scattered(
 
 
 def _least(values: np.ndarray, count: int, axis: int) -> np.ndarray:
-    """Return True for the `count` smallest values along an axis."""
     return values.argsort(axis).argsort(axis) < count
 
 
@@ -270,8 +269,7 @@ def read_training_set(
 ) -> TrainingSet:
     """Read clips to learn from and to validate on.
 
-    Raises:
-        ValueError: a clip has no truth, two clips have one name, or no clip has a person in it.
+    Raises ValueError if a clip has no truth, two clips have one name, or no clip has a person in it.
     """
     pairs, more, held_back = (_read(found, skeleton, config) for found in (clips, extra, validation))
     twice = sorted(pairs.keys() & more.keys())
@@ -300,7 +298,6 @@ def _same_name(name: str) -> str:
 
 
 def _read(clips: Iterable[Clip], skeleton: Skeleton, config: TrainConfig) -> dict[str, PosePair]:
-    """Return pairs of poses by the names of their clips; clips without people are left out."""
     found = {}
     for clip in progress(_captured(clips, skeleton, config), "reading"):
         if clip.id in found:

@@ -42,11 +42,10 @@ PAPER = "paper"
 def save_model(model: DMAE, skeleton: Skeleton, folder: Path, record: dict) -> None:
     """Write a model, replacing the one that is there.
 
+    Raises ValueError if weights are not finite; the message names their tensors.
+
     Args:
         record: JSON-able; how the model was made.
-
-    Raises:
-        ValueError: weights are not finite; the message names their tensors.
     """
     folder = Path(folder)
     check_finite(model.state_dict(), "nothing was saved")
@@ -143,9 +142,8 @@ def weights_folder(weights: str | Path) -> Path:
 def find_shipped(skeleton: Skeleton) -> Path:
     """Return the folder of the shipped weights for a skeleton, or else for the one that shares most joints with it.
 
-    Raises:
-        ValueError: no weights are shipped for a skeleton with a joint of the same name, or it is of a body of your own
-            without the hips and shoulders of people.
+    Raises ValueError if no weights are shipped for a skeleton with a joint of the same name, or it is of a body of your
+    own without the hips and shoulders of people.
     """
     if skeleton.defined and not set(skeleton.joints) >= OF_PEOPLE:
         raise ValueError(
@@ -243,7 +241,6 @@ def _card(folder: Path, scores: Sequence[Path], command: str) -> str:
 
 
 def _config(folder: Path) -> dict:
-    """Return the resolved configuration with which a command made a folder."""
     return read_yaml(folder / "config.yaml")
 
 

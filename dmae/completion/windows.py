@@ -30,8 +30,7 @@ def in_window(xyz: np.ndarray, origin: np.ndarray, heading: np.ndarray) -> np.nd
 def mid_hip(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
     """Return the mid hip of bodies (..., J, 3), by that name or between the hips, (..., 3); NaN where unknown.
 
-    Raises:
-        KeyError: the skeleton has no hips.
+    Raises KeyError if the skeleton has no hips.
     """
     if "mid_hip" in skeleton.joints:
         return xyz[..., skeleton.index("mid_hip")[0], :]
@@ -43,8 +42,7 @@ def rest_pose(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
 
     Of two skeletons side by side, the first gives the mid hip and the heading.
 
-    Raises:
-        ValueError: a joint is never known together with the hips and a pair of hips or shoulders.
+    Raises ValueError if a joint is never known together with the hips and a pair of hips or shoulders.
     """
     flat = xyz.reshape(-1, *xyz.shape[-2:]).astype(np.float64)
     first = skeleton.parts[0]
@@ -203,10 +201,8 @@ def _features(
 
 
 def _place_and_heading(xyz: np.ndarray, skeleton: Skeleton, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return origin (F, P, 3) and heading (F, P) of bodies (F, P, J, 3) of which any joints may be NaN.
-
-    Where the hips are unknown, they are put where the rest pose has them relative to the joints that are known.
-    """
+    """Return origin (F, P, 3) and heading (F, P) of bodies (F, P, J, 3) with gaps; unknown hips are placed by the rest
+    pose."""
     known_heading = body_heading(xyz, skeleton)
     direction = _interpolate(np.stack([np.sin(known_heading), np.cos(known_heading)], -1))
     heading = np.arctan2(direction[..., 0], direction[..., 1])

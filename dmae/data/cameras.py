@@ -166,7 +166,6 @@ class CameraRig:
         return normalised @ self.K[:, :2, :2].swapaxes(-1, -2) + self.K[:, None, :2, 2]
 
     def _distort(self, view: int, points: np.ndarray) -> np.ndarray:
-        """Return normalised points (n, 1, 2), distorted by the lens of a view."""
         if self.fisheye[view]:
             return cv2.fisheye.distortPoints(points, np.eye(3), self.dist[view, :4])
         rays = np.concatenate([points, np.ones_like(points[..., :1])], -1)
@@ -208,7 +207,6 @@ class CameraRig:
         return ideal
 
     def _undistort(self, view: int, points: np.ndarray) -> np.ndarray:
-        """Invert `_distort`."""
         if self.fisheye[view]:
             # OpenCV's own inverse clips distorted angles at 90 degrees.
             return points * _undistorted_ratio(self.dist[view, :4], np.linalg.norm(points, axis=-1, keepdims=True))
@@ -263,10 +261,7 @@ def _fisheye_reach(k: np.ndarray) -> float:
 
 
 def _undistorted_ratio(k: np.ndarray, distorted: np.ndarray) -> np.ndarray:
-    """Return the ratio of ideal to distorted radius for distorted radii; NaN beyond the reach of the lens.
-
-    Newton's method starts from a table of angles, so four steps are enough.
-    """
+    """Return the ratio of ideal to distorted radius, NaN beyond the lens: four Newton steps from a table."""
     table = np.linspace(0, _fisheye_reach(k), 1001)
     angle = np.interp(distorted, _distorted_angle(k, table), table, right=np.nan)
     for _ in range(4):

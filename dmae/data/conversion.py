@@ -145,7 +145,6 @@ def head_ends(poses: Poses3D) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _head_ends(xyz: np.ndarray, skeleton: Skeleton) -> tuple[np.ndarray, np.ndarray]:
-    """Return the results of `head_ends` for joints (F, P, J, 3), m."""
     nowhere = np.full((*xyz.shape[:2], 3), np.nan)
     at = {
         name: xyz[:, :, skeleton.index(name)[0]] if name in skeleton.joints else nowhere

@@ -111,7 +111,6 @@ class Images:
             raise KeyError(f"no {kind} images of view {view!r}; there are {self.kinds} of {self.views}")
 
     def _cut(self, image: np.ndarray, view: str) -> np.ndarray:
-        """Return a colour image (H, W, 3) of a view without its border."""
         left, top = self.borders[self.views.index(view)] if self.borders else (0, 0)
         height, width = image.shape[:2]
         return image[top : height - top, left : width - left]
@@ -156,7 +155,6 @@ def _numbered(folder: Path, frame: int) -> Path:
 
 
 def _read_image(kind: str, path: Path) -> np.ndarray:
-    """Read and decode an image file."""
     image = read_image(path, _CHANNELS.get(kind, (1,)))
     # The order of OpenCV's channels is blue, green, red.
     if kind == "rgb":

@@ -97,8 +97,7 @@ def _folder(path: Path) -> CameraImages:
 def images_of(name: str, path: Path, files: list[Path], numbers: list[int]) -> CameraImages:
     """Return the camera with these image files, each with its number, in their order.
 
-    Raises:
-        ValueError: not one can be read, or they are not of one size.
+    Raises ValueError if not one can be read, or they are not of one size.
     """
     sizes, error = {}, None
     for file in files:
@@ -215,13 +214,12 @@ def align(cameras: Sequence[CameraImages], fps: float | None, offsets: Sequence[
     The frame rate is the highest of the cameras. A camera with a lower rate has no image in some frames. The clip ends
     with the camera that ends last.
 
+    Raises ValueError if the frame rate is not known, or the number of offsets differs from the number of cameras.
+
     Args:
         cameras: V cameras.
         fps: Frames per second; None to take it from the videos. Folders of images do not state it.
         offsets: (V,) frames by which each camera started late; None to take them from the videos.
-
-    Raises:
-        ValueError: the frame rate is not known, or the number of offsets differs from the number of cameras.
     """
     notes: list[str] = []
     if offsets is not None and len(offsets) != len(cameras):

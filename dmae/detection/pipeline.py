@@ -35,8 +35,7 @@ None for an image that cannot be read."""
 def make_detector(config: PoseDetectorConfig) -> ImageDetector:
     """Return a detector for the images of one camera.
 
-    Raises:
-        ValueError: there is no such detector, or it cannot be made; the message says why.
+    Raises ValueError if there is no such detector, or it cannot be made; the message says why.
     """
     detector = pose_detector.find(config.name).function(config)
     if not isinstance(getattr(detector, "skeleton", None), Skeleton) or not callable(detector):
@@ -52,6 +51,8 @@ def detect_people(
 ) -> dict[str, CameraPeople]:
     """Run a detector over all images of some cameras.
 
+    Raises ValueError if the detector cannot be made, or its results are not people.
+
     Args:
         cameras: Each with its images.
         config: The detector.
@@ -60,9 +61,6 @@ def detect_people(
 
     Returns:
         What was found, by name of the camera.
-
-    Raises:
-        ValueError: the detector cannot be made, or its results are not people.
     """
     tasks = [
         (camera, config, start, min(start + PIECE, len(camera)), pieces / f"{number:03d}_{start:08d}.npz")
@@ -105,7 +103,6 @@ def to_detections(
 
 
 def _detect_piece(camera: CameraImages, config: PoseDetectorConfig, start: int, stop: int, file: Path) -> None:
-    """Detect the people of some images, and write them to a file."""
     detector = make_detector(config)
     people: list[np.ndarray | None] = []
     readable: list[int] = []
@@ -135,7 +132,6 @@ def check_people(detector: ImageDetector, found: Sequence[np.ndarray], name: str
 
 
 def _write_piece(file: Path, people: CameraPeople, joints: int) -> None:
-    """Write the people of each image of a piece."""
     readable = np.array([each is not None for each in people], bool)
     there = [np.empty((0, joints, 3)) if each is None else each for each in people]
     values = np.concatenate([np.empty((0, joints, 3)), *there]).astype(np.float32)
@@ -332,10 +328,8 @@ def _project(poses: Poses3D, rig: CameraRig, frame: int, persons: np.ndarray) ->
 
 
 def _distances(xy: np.ndarray, projected: np.ndarray) -> np.ndarray:
-    """Return the median distance of the joints of detections (V, D, J, 2) and persons (V, P, J, 2), (V, D, P) px.
-
-    NaN where they have no joint in common.
-    """
+    """Return the median distances (V, D, P), px, of the common joints of detections (V, D, J, 2) and persons (V, P, J,
+    2)."""
     distance = np.linalg.norm(xy[:, :, None] - projected[:, None], axis=-1)
     return median_over_frames(np.moveaxis(distance, -1, 0))
 

@@ -178,7 +178,6 @@ def detect_recording(
             notes.append(f"{name}: no people detected")
 
     def detections(found: Sequence[CameraPeople]) -> Detections2D:
-        """Return detections in the pixels of the calibration."""
         fitted = [
             [
                 None if each is None else np.concatenate([fitting.to_calibration(each[..., :2]), each[..., 2:]], -1)
@@ -207,8 +206,7 @@ def detect_clip(
     Labels of the previous detections, and poses made from them, are dropped. Other arguments and errors: see
     `detect_recording`.
 
-    Raises:
-        ValueError: the clip has no colour images.
+    Raises ValueError if the clip has no colour images.
     """
     if not clip.has_images:
         raise ValueError(f"clip {clip.id!r} has no colour images; make it with images=rgb")

@@ -194,8 +194,7 @@ def evaluate(config: EvaluateConfig) -> dict:
 
 
 def _score_clip(config: EvaluateConfig, clips: Sequence[Clip], shown: bool) -> tuple[str, dict, str, list]:
-    """Return the id of the single clip in `clips`, facts about it, the skeleton of the comparison, and for each run the
-    method, the number of views and the scores."""
+    """Return the id of the clip, facts about it, the skeleton, and method, number of views and scores of each run."""
     entries, facts = [], None
     methods = _loaded(tuple(config.methods), config.weights, config.poses)
     truth = angles = None

@@ -232,7 +232,6 @@ def _check_content(scores: dict, what: str) -> None:
 
 
 def _changes(method: str, views: int, old: dict, new: dict) -> tuple[list[Change], list[str]]:
-    """Return the changes of the figures of a method, and what could not be compared, as text."""
     where, changes, refused = _where(method, views), [], []
     pair = [sorted(each["runs"], key=_run) for each in (old, new)]
     if [*map(_run, pair[0])] != [*map(_run, pair[1])]:
@@ -266,7 +265,7 @@ def _run(run: dict) -> tuple:
 
 
 def _without_interval(where: str, old: dict, new: dict) -> list[str]:
-    """Return the changed figures that have no interval, as text. A figure is changed if its printed value differs."""
+    """Return the figures without an interval whose printed value changed, as text."""
     lines = []
     for metric in metrics():
         for column in metric.columns if metric.name not in FIGURES else ():

@@ -133,10 +133,10 @@ def open_hdf5(path: Path, what: str) -> Iterator[Hdf5]:
 
 
 def _check_heaps(path: Path) -> None:
-    """Refuse damaged heaps of texts: the HDF5 library never returns if an object of size 0 follows itself.
+    """Refuse damaged heaps of texts, on which the HDF5 library hangs: an object of size 0 follows itself.
 
-    A heap consists of `GCOL`, version 1, its size, and objects with an index, a count and a size each. Index 0 is free
-    space, and its size includes its header (HDF5 File Format Specification, III.E).
+    A heap is `GCOL`, version 1, its size, and objects with index, count and size. Index 0 is free space, whose size
+    includes its header (HDF5 File Format Specification, III.E).
     """
     with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as data:
         if len(data) < _SHORTEST:

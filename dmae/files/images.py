@@ -155,7 +155,7 @@ def kept_open(path: Path) -> VideoFrames:
 def _videos_of(process: int) -> Callable[[Path, int], VideoFrames]:
     """Return the cache of the open videos of a process.
 
-    A forked process opens its own, because an open file has one position. It does not close those of its parent: that
-    would wait for threads of the decoder, which do not exist in the forked process.
+    A forked process opens its own, as an open file has one position, and leaves its parent's open: closing would wait
+    for threads of the decoder, which it lacks.
     """
     return lru_cache(maxsize=4)(lambda path, modified: VideoFrames(path))

@@ -94,13 +94,12 @@ def joint_rotations(poses: Poses3D, fps: float, person: int) -> JointRotations:
     Joints that are absent in some frames are interpolated. Before the first and after the last known frame they do not
     move. Joints that are absent in all frames are left out.
 
+    Raises NoBody if hips and shoulders of the person, or the root of your own skeleton, are never known.
+
     Args:
         poses: Poses in F frames.
         fps: Frames per second.
         person: Index of the person.
-
-    Raises:
-        NoBody: hips and shoulders of the person, or the root of your own skeleton, are never known.
     """
     skeleton = poses.skeleton
     one = Poses3D(skeleton, *(by_frames(lambda all: all[:, [person]], each) for each in (poses.xyz, poses.source)))
@@ -219,14 +218,9 @@ def _tree(parents: tuple[int, ...], known: np.ndarray, root: int) -> tuple[tuple
 def _rest(
     measured: np.ndarray, xyz: np.ndarray, names: tuple[str, ...], parents: tuple[int, ...], heading: np.ndarray
 ) -> np.ndarray:
-    """Return offsets (J, 3) from the parents in the rest pose, m.
+    """Return offsets (J, 3) from the parents in the rest pose, m: limbs as in a T-pose, others in their mean direction.
 
-    Limbs point as in a T-pose. Other offsets have the mean direction relative to the heading of the person.
-
-    Args:
-        measured: (F, 1, J, 3) m; NaN where absent.
-        xyz: (F, J, 3) m, without gaps.
-        heading: (F,) rad.
+    `measured` (F, 1, J, 3) m has gaps, `xyz` (F, J, 3) m none; `heading` (F,) rad is the person's.
     """
     bones = [(parent, joint) for joint, parent in enumerate(parents) if parent >= 0]
     known = by_frames(lambda measured: bone_lengths(measured, bones)[:, 0], measured)

@@ -30,8 +30,7 @@ def write_c3d(poses: Poses3D, clip: Clip, path: Path) -> list[Path]:
     A file contains at most 65535 frames. Longer recordings are written to files of 50,000 frames, named after their
     first frame: `<name>_000000.c3d`, `<name>_050000.c3d` and so on.
 
-    Raises:
-        ValueError: ezc3d is not installed.
+    Raises ValueError if ezc3d is not installed.
     """
     try:
         import ezc3d  # noqa: F401

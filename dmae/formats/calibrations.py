@@ -283,9 +283,8 @@ def write_calibration(
     Every format stores names and image sizes. The formats pose2sim and easymocap write Rodrigues vectors: rotations
     that a publication rounded become exact, and camera centres do not change.
 
-    Raises:
-        ValueError: the format is unknown or cannot store a lens. shelf stores no distortion, voxelpose and panoptic
-            store five coefficients, voxelpose stores no skew, and only pose2sim and caliscope store fisheyes.
+    Raises ValueError if the format is unknown or cannot store a lens. shelf stores no distortion, voxelpose and
+    panoptic store five coefficients, voxelpose stores no skew, and only pose2sim and caliscope store fisheyes.
     """
     found = calibration_format.find(format)
     found.write(found.convention.changed(unit, up, inverse).written_rig(rig), Path(path))

@@ -24,7 +24,6 @@ _IDS = ("cam_id", "port")
 
 
 def _tables(content: dict) -> dict[str, dict]:
-    """Return the tables of cameras, by name."""
     cameras = content.get("cameras")
     if isinstance(cameras, dict):
         return cameras

@@ -270,7 +270,6 @@ def _places(
 
 
 def _add_people(file: Path, annotations: list, places: dict[_Id, tuple[str, int]], people: People) -> None:
-    """Add the people in the annotations; `places` are camera and frame by the id of an image."""
     found, bare = [], []
     for number, annotation in enumerate(annotations):
         here = f"{file}: annotations[{number}]"

@@ -51,7 +51,6 @@ def _read(file: Path) -> NamedDetections:
 
 
 def _files(path: Path) -> dict[str, Path]:
-    """Return the file of each camera."""
     if path.is_file():
         raise ValueError(f"{path}: expected a folder with a file for each camera, found a file")
     found: dict[str, Path] = {}

@@ -140,7 +140,6 @@ def _by_camera(
 def _with_images(
     clip: Clip, folder: Path, ordered: list[Path], start: int, notes: list[str], borders: list, **options
 ) -> Clip:
-    """Return the clip with images that begin at index `start` of the files."""
     frames, names = tuple(range(start, start + len(clip))), tuple(item.name for item in ordered)
     cut = tuple(borders) if any(map(any, borders)) else ()
     images = Images(folder, clip.rig.names, frames, ("rgb",), files=names, borders=cut, **options)
@@ -193,14 +192,13 @@ class Fitting:
 def fit_images(camera: str, image: tuple[int, int], calibration: tuple[int, int], sample: np.ndarray) -> Fitting:
     """Return the scale and margin of images relative to the images of the calibration.
 
+    Raises ValueError if the images cannot be smaller or larger copies of the images of the calibration.
+
     Args:
         camera: Name, for messages.
         image: Width and height of the images, px.
         calibration: Width and height that the calibration is for, px.
         sample: (N, H, W, 3) uint8, some images of the camera.
-
-    Raises:
-        ValueError: the images cannot be smaller or larger copies of the images of the calibration.
     """
     if tuple(image) == tuple(calibration):
         return Fitting()

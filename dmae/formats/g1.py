@@ -107,8 +107,7 @@ def write_episodes(folder: Path, given: Sequence[Episode], fps: float) -> None:
 
     The base quaternion has w last. Robots of one clip are consecutive episodes with the same frames.
 
-    Raises:
-        ValueError: pyarrow is not installed.
+    Raises ValueError if pyarrow is not installed.
     """
     import pandas as pd
 
@@ -198,12 +197,10 @@ def write_episodes(folder: Path, given: Sequence[Episode], fps: float) -> None:
 
 
 def _joined(columns: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    """Return the features of several episodes, one after the other."""
     return {name: np.concatenate([each[name] for each in columns]) for name in columns[0]}
 
 
 def _stats(values: dict[str, np.ndarray]) -> dict[str, dict[str, list]]:
-    """Return least, greatest, mean, standard deviation, quantiles and count of each feature, as lists."""
     found = {}
     for name, value in values.items():
         table = np.asarray(value, np.float64).reshape(len(value), -1)

@@ -66,11 +66,8 @@ def joint_labels(clip: Clip, poses: Poses3D, skeleton: Skeleton) -> JointLabels:
 def _converted_causes(
     poses: Poses3D, skeleton: Skeleton, visibility: np.ndarray, occluder: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return cause and occluder of one view, (F, P, J) each, for the joints of another skeleton.
-
-    For a derived joint, `convert` returns the smallest `views` of its sources: here their ranks, 1 for the least
-    visible.
-    """
+    """Return cause and occluder of one view, (F, P, J) each, for another skeleton: of the least visible source of a
+    joint."""
     order = np.argsort(-visibility.astype(int), -1, kind="stable")
     ranks = np.empty(order.shape, np.uint8)
     np.put_along_axis(ranks, order, np.arange(1, order.shape[-1] + 1, dtype=np.uint8), -1)

@@ -72,7 +72,6 @@ def _files(path: Path) -> list[Path]:
 
 
 def _content(file: Path):
-    """Return the frames of a file."""
     if file.suffix in _PICKLES:
         try:
             content = pickled_values(read_bytes(file))
@@ -89,7 +88,6 @@ def _content(file: Path):
 
 
 def _people(place: str, frame: object) -> list:
-    """Return the people of a frame."""
     people = frame
     if isinstance(frame, dict):
         people = next((frame[name] for name in ("instances", "predictions", "people") if name in frame), None)

@@ -85,7 +85,6 @@ def _reader(path: Path) -> PoseReader | None:
 
 
 def _expected() -> str:
-    """Return a list of the pose formats as text, for messages."""
     return " or ".join(each.file or f"a folder of {each.signs[0]}" for each in pose_reader.values())
 
 

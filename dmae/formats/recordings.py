@@ -91,7 +91,6 @@ def camera_files(path: Path, pattern: str) -> list[Path]:
 
 
 def _ranks(keys: list) -> list[int]:
-    """Return the rank of each key."""
     return [sorted(keys).index(key) for key in keys]
 
 
@@ -182,13 +181,12 @@ class People:
     def add(self, camera: str, number: int, place: str, keypoints: object, scores: object = None) -> None:
         """Add a person to a frame.
 
+        Raises ValueError if these are other values, impossible ones, or of another number of joints.
+
         Args:
             place: File and field of the keypoints, for messages.
             keypoints: x, y in px and confidence of each joint, in rows or one after the other.
             scores: Confidences, if they are apart.
-
-        Raises:
-            ValueError: these are other values, impossible ones, or of another number of joints.
         """
         rows = numbers_of(keypoints)
         rows = rows.reshape(-1, 3) if rows.ndim == 1 and rows.size % 3 == 0 else rows

@@ -207,15 +207,14 @@ def retarget(
 ) -> RobotMotion:
     """Return the motions of robots that move as P people do, together.
 
+    Raises ValueError if a person lacks hips, shoulders or ankles in all frames, or there are no frames or no persons.
+
     Args:
         poses: (F, P, 25, 3) poses on `body25`, F > 0; gaps are filled, see `fill_body_frame`. Before a person's first
             and after its last known frame the robot stands still.
         fps: Frames per second.
         model: Of `load_robot`.
         contacts: Hands that touch other people; by default those that the joints show.
-
-    Raises:
-        ValueError: a person lacks hips, shoulders or ankles in all frames, or there are no frames or no persons.
     """
     frames, persons = poses.xyz.shape[:2]
     if not frames or not persons:
@@ -422,7 +421,6 @@ _HAND_RADIUS = 0.035  # m; distance of palms from what they touch if the model h
 
 
 def _part(person: _Person, part: str, side: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the ends (F, 3) of a part of a person."""
     if part == "trunk":
         return person.mid_hip, person.neck
     places = {"upper_arm": (person.shoulders, person.elbows), "forearm": (person.elbows, person.wrists)}

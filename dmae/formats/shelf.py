@@ -117,7 +117,6 @@ class _Numbers:
         self.finite = int(np.argmin(np.append(np.abs(self.values) < MOST_METRES, False)))
 
     def error(self, expected: str, found: str) -> ValueError:
-        """Return an error about the number at the current position."""
         ends = np.cumsum([len(line.split()) for line in read_text(self.path).splitlines()])
         line = max(min(np.searchsorted(ends, self.position, side="right") + 1, len(ends)), 1)
         place = f"line {line}, number {self.position + 1}, {self.place}"

@@ -260,8 +260,7 @@ _ROWS, _COLUMNS = np.triu_indices(3)
 def _write_cov(path: Path, names: list[str], cov: np.ndarray, metre: float, first: int) -> None:
     """Write `<name>.covariance.csv` beside a TRC: six columns per joint, in its axes and the square of its unit.
 
-    If no covariance (F, J, 3, 3) m^2 is known, no table is written, and a table of earlier poses is removed. Unknown
-    ones are empty cells. The unit of the TRC is `metre` m.
+    Unknown covariances are empty cells; if all are, an earlier table is removed. The unit of the TRC is `metre` m.
     """
     if all(np.isnan(cov[part]).all() for part in frame_blocks(cov)):
         _covariance_table(path).unlink(missing_ok=True)

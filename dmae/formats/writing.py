@@ -27,8 +27,7 @@ class Written:
 def export_path(path: Path, format: str) -> Path:
     """Return the path that `write_poses` writes. A file without a suffix gets the suffix of the format.
 
-    Raises:
-        ValueError: the format is unknown, or the file has the suffix of another format.
+    Raises ValueError if the format is unknown, or the file has the suffix of another format.
     """
     writer, path = pose_writer.find(format), Path(path)
     if writer.folder or writer.name not in pose_writer:
@@ -147,10 +146,8 @@ def _skeleton(writer: PoseWriter, poses: Poses3D, wanted: str | None) -> Skeleto
 
 
 def _check_folder(folder: Path, clip: Clip) -> None:
-    """Raise ValueError if the folder contains files, or if the name of a camera cannot be the name of a folder.
-
-    A reader would take files that are already there for a part of the new recording.
-    """
+    """Refuse a folder with files, which readers would take for the new recording's, and camera names that name no
+    folder."""
     check_vacant(folder, "a file for each frame")
     for name in clip.rig.names:
         child(folder, name, "camera")

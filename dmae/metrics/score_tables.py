@@ -138,7 +138,6 @@ def _table(
     columns: Iterable[str],
     values: Callable[[dict], Iterable[str | float | None]],
 ) -> Table:
-    """Return a table with a row for each result: its method, its number of views, and `values` of it."""
     rows = [
         (result["method"], str(result["views"] or "-"), *(_text(value) for value in values(result)))
         for result in results

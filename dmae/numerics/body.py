@@ -304,18 +304,10 @@ class Bodies:
 def _onto_rays(estimate: np.ndarray, rays: np.ndarray, parent: np.ndarray, length: np.ndarray) -> np.ndarray:
     """Return points (n, 3) m, moved onto their rays to positions at which bones have about their usual lengths.
 
-    The position on the ray minimises the sum of two squared distances: the distance from the point of the ray nearest
-    to the estimate, in units of `_ALONG_RAY`, and the distance from the sphere of radius `length` around the parent, in
-    units of `_BONE_ERROR`.
-
-    Args:
-        estimate: (n, 3) m, world.
-        rays: (n, 2, 3) origins and unit directions.
-        parent: (n, 3) m, world; NaN where unknown.
-        length: (n,) m; NaN where unknown.
-
-    Returns:
-        (n, 3) m; NaN for points too far from their rays, and for points with too long or too short bones.
+    The position minimises the sum of two squared distances: to the point of the ray nearest to the estimate, in units
+    of `_ALONG_RAY`, and to the sphere of radius `length` (n,) m around `parent` (n, 3), in units of `_BONE_ERROR`.
+    `rays` (n, 2, 3) are origins and unit directions. NaN for points too far from their rays, and bones too long or too
+    short.
     """
     # Copies, as each layout of arrays would be compiled for.
     given = estimate, rays, np.broadcast_to(parent, estimate.shape), np.broadcast_to(length, len(estimate))
@@ -324,7 +316,6 @@ def _onto_rays(estimate: np.ndarray, rays: np.ndarray, parent: np.ndarray, lengt
 
 @compiled()
 def _place_on_rays(estimate, rays, parent, length):
-    """Return the result of `_onto_rays`, (n, 3)."""
     placed = np.full(estimate.shape, np.nan)
     for i in range(len(estimate)):
         depth = 0.0

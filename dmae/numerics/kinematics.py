@@ -35,8 +35,6 @@ ISB = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 
 
 class _Segment(NamedTuple):
-    """A segment."""
-
     name: str  # Name; segments on a side have a twin, `l_` and `r_`
     parent: str  # Name of the parent, with `l_` or `r_` left out
     # Joint with the parent, in the parent's axes, fractions of stature; of the right side
@@ -269,11 +267,10 @@ def _scaled(body: Body, xyz: np.ndarray) -> Body:
 
 
 def _refined(motion: BodyMotion, xyz: np.ndarray) -> Body:
-    """Return the body with landmarks where they usually are on this person, alike on both sides.
+    """Return the body with landmarks at the median place of joints (F, J, 3) in their segment, alike on both sides.
 
-    They move to the median place of joints (F, J, 3) in the axes of their segment. Landmarks of head, hands and feet
-    keep their direction as a whole, because a rotation of them would be a rotation of the segment. Limbs have the
-    lengths that were measured.
+    Landmarks of head, hands and feet keep their mean direction, as a rotation of them would be one of the segment.
+    Limbs keep the lengths that were measured.
     """
     body = motion.body
     at, turned = body.place(motion.root, motion.local)
@@ -313,7 +310,7 @@ def _refined(motion: BodyMotion, xyz: np.ndarray) -> Body:
 
 
 def _level(body: Body, motion: BodyMotion, xyz: np.ndarray) -> Body:
-    """Return the body whose pelvis is level while the person stands upright in frames of joints (F, J, 3).
+    """Return the body whose pelvis is level in frames of joints (F, J, 3) in which the person stands upright.
 
     Without such frames the mean of people applies, with a larger standard deviation.
     """
@@ -368,11 +365,8 @@ def _precision(poses: Poses3D, person: int, given: list[int]) -> np.ndarray:
 
 
 def _starting_frames(xyz: np.ndarray, body: Body, person: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return mid points of the hips (F, 3) and axes of the pelvis (F, 3, 3) from hips and shoulders; nearest in time.
-
-    Raises:
-        NoBody: they are never known.
-    """
+    """Return mid points of the hips (F, 3) and axes of the pelvis (F, 3, 3), nearest in time; NoBody if they are never
+    known."""
     at = {joint: xyz[:, body.joints.index(joint)] for joint in ("l_hip", "r_hip", "l_shoulder", "r_shoulder")}
     hips, shoulders = (at["l_hip"] + at["r_hip"]) / 2, (at["l_shoulder"] + at["r_shoulder"]) / 2
     if "mid_hip" in body.joints:
@@ -453,10 +447,8 @@ def _solve(body: Body, xyz: np.ndarray, precision: np.ndarray, start: tuple[np.n
 def _solve_part(
     body: Body, moving: list[int], xyz: np.ndarray, precision: np.ndarray, root: np.ndarray, local: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return root (F, 3), rotations (F, S, 3, 3) and the covariance (F, N, N) of shift and small rotations.
-
-    N is 3 plus 3 for each of the `moving` segments.
-    """
+    """Return root (F, 3), rotations (F, S, 3, 3) and the covariance (F, N, N) of shift and rotations; N is 3 + 3 per
+    segment."""
     frames, joints, on = len(xyz), len(body.joints), list(body.on)
     column = {segment: 3 + 3 * number for number, segment in enumerate(moving)}
     size, known = 3 + 3 * len(moving), np.nan_to_num(xyz)
@@ -525,7 +517,6 @@ def _trunk_share(body: Body) -> float:
 
 
 def _upwards(parents: tuple[int, ...], segment: int) -> Iterator[int]:
-    """Yield a segment and its ancestors."""
     while segment >= 0:
         yield segment
         segment = parents[segment]

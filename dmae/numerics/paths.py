@@ -21,7 +21,6 @@ def neighbours(observed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @compiled()
 def _neighbours(observed):
-    """Return the result of `neighbours` for `observed` (F, n)."""
     frames, columns = observed.shape
     before, after = np.empty((frames, columns), np.int64), np.empty((frames, columns), np.int64)
     for frame in range(frames):

@@ -197,7 +197,6 @@ class OnlineCapture:
         self._measured = self._measured[len(self._measured) - (len(self._tracked) - self._waiting) :]
 
     def _finish(self) -> list[FinishedFrame]:
-        """Return the frames whose joints were measured last, unless they were returned already."""
         if self._measuring is None:
             return []
         poses_of, persons, count = self._measuring
@@ -208,10 +207,8 @@ class OnlineCapture:
         return finished
 
     def _persons(self, window: slice) -> tuple[np.ndarray, Tracks]:
-        """Return the numbers (P,), ascending, and tracks of people; settle who is in the frames of the window.
-
-        A track that was settled stays with its person, so that the number of a person never changes.
-        """
+        """Return the numbers (P,), ascending, and tracks of people; settle who is in the window, so that numbers never
+        change."""
         config, fps = self._config, self._fps
         index = np.unique(np.concatenate([frame.track for frame in self._tracked]))
         tracks = Tracks.of(self._tracked, index, len(self._rig), len(self._skeleton))

@@ -132,7 +132,6 @@ class OnlineCompleter:
 
     @property
     def _first(self) -> int:
-        """Number of the first frame that waits."""
         return self._frames[-1].number + 1 - self._waiting
 
     def _complete(self, end: int) -> None:
@@ -153,7 +152,6 @@ class OnlineCompleter:
             self._job = start, self._thread.submit(done)
 
     def _collect(self) -> None:
-        """Wait for what is being completed in the background."""
         if self._job is not None:
             (start, job), self._job = self._job, None
             self._keep(start, job.result())

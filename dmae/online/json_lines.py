@@ -71,8 +71,7 @@ def answer_lines(
 def read_frame(line: str, cameras: tuple[str, ...], skeleton: Skeleton) -> tuple[Detections2D, list[str]]:
     """Return the detections of a line, (1, V, D, J, ...), and the names of the cameras that it does not name.
 
-    Raises:
-        ValueError: the line is no frame of these cameras and joints; the message says where and what was expected.
+    Raises ValueError if the line is no frame of these cameras and joints; the message says where and what was expected.
     """
     if len(line) > LONGEST:
         raise ValueError(f"a line of {len(line)} characters; expected at most {LONGEST}")

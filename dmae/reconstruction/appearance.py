@@ -49,8 +49,7 @@ class TorsoColours:
 
         NaN where no joint of the torso is detected, or the patch is outside the image.
 
-        Raises:
-            ValueError: the frame is before the last requested one.
+        Raises ValueError if the frame is before the last requested one.
         """
         if frame < self._next:
             raise ValueError(f"frame {frame} was read already, the next is {self._next}: ask for frames in order")
@@ -82,14 +81,13 @@ def _boxes(torso: np.ndarray) -> np.ndarray:
 def appearance_differs(clip: Clip, assigned: np.ndarray) -> np.ndarray:
     """Find the tracks with clothes of different colours, medians over some frames and all views.
 
+    Raises as `TorsoColours`.
+
     Args:
         assigned: (F, P, V, J) detections assigned to the tracks, or `NONE`.
 
     Returns:
         (P, P) True where two tracks differ; False where a colour is unknown.
-
-    Raises:
-        ValueError, FileNotFoundError: see `TorsoColours`.
     """
     colours_of, whole = TorsoColours(clip), by_frames(lambda assigned: assigned.max(-1), assigned)
     sampled: dict[int, list[int]] = {}

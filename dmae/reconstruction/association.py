@@ -176,10 +176,7 @@ _ROUNDING = np.float32(1e-4)  # Of affinities, by far
 def _ray_distance(ax, ay, az, bx, by, bz, base_x, base_y, base_z, square):
     """Return s and s d^2 of two rays at the distance d in front of their cameras, with s > 0: one division serves all.
 
-    Args:
-        ax: x of the unit direction of ray a; y and z follow, then those of ray b.
-        base_x: m, x from the start of a to the start of b; y and z follow.
-        square: m^2, of the length of that base.
+    `base` is m from the start of a to the start of b, `square` its squared length; directions are unit vectors.
     """
     zero, one = np.float32(0), np.float32(1)
     cosine = ax * bx + ay * by + az * bz
@@ -309,13 +306,8 @@ def find_partners(candidates, rays, shown, half_distance, colour_weight, least, 
 def _most(i, first, last, rays, weights, base_x, base_y, base_z, half_distance, by_rays, most):
     """Write an upper bound of `near - by_rays * total`, the sums of `agreement`, of detection i and `first` to `last`.
 
-    Only the rays of the first joints are compared. The rays of the others are assumed to meet, which gives the bound.
-
-    Args:
-        rays: (3, J, n) unit directions; zeros where the joint is absent.
-        weights: (J, n) root of the confidence; 0 where the joint is absent.
-        by_rays: Smallest affinity of interest.
-        most: (n,) written, from its beginning.
+    Only the rays (3, J, n) of the first joints are compared; those of the others are assumed to meet. `by_rays` is the
+    least affinity of interest, `weights` (J, n) are roots of confidences, `most` (n,) is written from its beginning.
     """
     zero, one = np.float32(0), np.float32(1)
     square = base_x * base_x + base_y * base_y + base_z * base_z

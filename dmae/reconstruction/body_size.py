@@ -22,8 +22,7 @@ _WHOLE = 0.6  # Smallest share of the joints that two cameras must have in commo
 def in_units_of_people(steps: Callable[[Clip, CaptureConfig], Poses3D], clip: Clip, config: CaptureConfig) -> Poses3D:
     """Run steps of capture in a world in which bodies are as large as people; return their result in the clip's world.
 
-    Raises:
-        ValueError: as `as_people`.
+    Raises as `as_people`.
     """
     clip, config, scale = as_people(clip, config)
     poses = steps(clip, config)
@@ -36,8 +35,7 @@ def as_people(clip: Clip, config: CaptureConfig) -> tuple[Clip, CaptureConfig, f
     The size of bodies is measured if the skeleton states none. Only cameras and detections of the clip are resized;
     people's own clips are returned as they are.
 
-    Raises:
-        ValueError: the skeleton states no size, and the detections do not determine it.
+    Raises ValueError if the skeleton states no size, and the detections do not determine it.
     """
     found, skeleton = clip.detections, clip.detections.skeleton
     if skeleton.size_m is None:

@@ -81,10 +81,7 @@ def _at_rest(
 ) -> np.ndarray | None:
     """Return the mean figures (V, J, 2), undistorted px, of a track that rests in S sampled frames; None if it moves.
 
-    Args:
-        frames: (S,)
-        assigned: (S, V, J) detections of its joints, or `NONE`.
-        xyz: (S, J, 3) m.
+    `frames` is (S,), `assigned` (S, V, J) detections of its joints, `xyz` (S, J, 3) m.
     """
     rig, views = clip.rig, assigned.shape[1]
     figure = np.array([[_most_frequent(row) for row in each] for each in assigned])  # (S, V)
@@ -111,16 +108,13 @@ def _at_rest(
 
 
 def _most_frequent(detections: np.ndarray) -> int:
-    """Return the detection that most joints have, or `NONE`."""
     known = detections[detections != NONE]
     return int(np.bincount(known).argmax()) if len(known) else NONE
 
 
 def _drop_misfits(evidence: Evidence, own: np.ndarray) -> None:
-    """Replace by `NONE`, one after the other, the views (V, J) of a figure that fit the others least.
-
-    A view fits if half of its joints are closer to the reprojected ones than detections scatter.
-    """
+    """Replace by `NONE`, one by one, the views (V, J) of a figure that fit worst: most joints farther off than noise
+    explains."""
     rig, limit = evidence.rig, _FITTING * evidence.noise.usual_m
     while (seen := (own != NONE).any(-1)).sum() > 2:
         xyz = evidence.triangulate(own[None, None]).xyz[0, 0]
@@ -232,9 +226,8 @@ def _measure(projections, focal, xy, assigned, xyz, used, depth, agrees, radius2
     """Write the depth of a person in each view, m, the views that agree, and the squared residual, m^2, that each of
     `_SHARES` of the joints in these views has at most.
 
-    The figure of a view is the detection that shows most joints there; fragments of others are not judged. A view
-    agrees if three joints or more, and half of those that it and another view detect, were triangulated from its
-    figure. False positives in the other views say nothing about those that agree, so only these have residuals.
+    A view shows the detection with most joints there. It agrees if three joints or more, and half of those that it and
+    another view detect, were triangulated from that detection.
     """
     views, joints = assigned.shape
     middle, known = np.zeros(3), 0

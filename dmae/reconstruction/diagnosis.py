@@ -131,10 +131,8 @@ def _suggestions_without_pairs(clip: Clip, config: CaptureConfig, enough: np.nda
 
 @dataclass(frozen=True)
 class _Compared:
-    """Numbers of pairs of detections, of pairs that agree, of groups that form a body, and of joints in their views.
-
-    Joints count if three views or more agree on them, as two views often agree by coincidence.
-    """
+    """Numbers of pairs of detections, of pairs that agree, of groups that form a body, and of joints that three views
+    see."""
 
     pairs: int
     agreeing: int

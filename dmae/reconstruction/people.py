@@ -29,8 +29,7 @@ def steps_to_people(
 ) -> Iterator[tuple[str, Tracks]]:
     """Yield what is left of tracks after each step, by its name: people, volume, duration, agreement, motion, wanted.
 
-    Raises:
-        ValueError: as `wanted_people`.
+    Raises as `wanted_people`.
     """
     skeleton, fps, tracking = clip.detections.skeleton, clip.fps, config.tracking
     differs = partial(appearance_differs, clip, tracks.assigned) if has_appearance(clip, config) else None
@@ -124,7 +123,6 @@ def merge(tracks: Tracks, label: np.ndarray) -> Tracks:
 
 
 def _join(label: np.ndarray, a: int, b: int) -> None:
-    """Give the tracks of two persons one label."""
     low, high = sorted((label[a], label[b]))
     label[label == high] = low
 
@@ -204,8 +202,7 @@ def wanted_people(tracks: Tracks, rig: CameraRig, skeleton: Skeleton, fps: float
     The whole recording decides: the people measured most, by joints times frames, are kept. If there are more tracks
     than requested people, tracks that follow each other, of the same build and within reach, are linked first.
 
-    Raises:
-        ValueError: the subject cannot be found; the message states the places of people.
+    Raises ValueError if the subject cannot be found; the message states the places of people.
     """
     subject = config.subject
     if subject.leg_m is not None:
@@ -236,7 +233,6 @@ def leg_lengths(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
 
 
 def _person_at(xyz: np.ndarray, rig: CameraRig, subject: SubjectConfig) -> int:
-    """Return the index of the person at the given place."""
     frame, *place = subject.at
     if frame != int(frame) or not 0 <= frame < len(xyz):
         raise ValueError(f"subject.at={subject.at}: expected a frame from 0 to {len(xyz) - 1}, found {frame:g}")
@@ -262,12 +258,9 @@ def _person_at(xyz: np.ndarray, rig: CameraRig, subject: SubjectConfig) -> int:
 
 
 def _linked(xyz: np.ndarray, skeleton: Skeleton, fps: float, persons: int, only: int | None = None) -> np.ndarray:
-    """Return (P,) for each track the lowest index of the tracks linked with it; links stop at a given number of people.
+    """Return (P,) for each track the lowest index of the tracks linked with it, until so many people are left.
 
-    The possible link with the most similar bone lengths comes first.
-
-    Args:
-        only: A track; only links with its person are made.
+    The link with the most similar bone lengths comes first; with `only`, links of that track's person alone.
     """
     label, present = np.arange(xyz.shape[1]), known_joints(xyz) > 0
     lengths = symmetric_bone_lengths(xyz, skeleton)

@@ -61,6 +61,9 @@ def capture(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None = No
     People are bodies of any skeleton. Lengths of the configuration are for bodies of human size. For skeletons of
     another size they are multiplied by `Skeleton.scale`.
 
+    Raises ValueError if the clip has a single camera, its coordinates are no pixels, the requested subject cannot be
+    found, or a method of your own returns something else than poses of the clip.
+
     Args:
         clip: F frames of V cameras; only its rig, detections, frame rate and images are read.
         config: Thresholds.
@@ -71,10 +74,6 @@ def capture(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None = No
         of each frame, a column for another person in each. A joint on which fewer than `th_v` views agree is NaN and
         `Source.ABSENT`; the others are `MEASURED`, with covariance and number of views. `rays` contains the ray of the
         most confident camera to each joint.
-
-    Raises:
-        ValueError: the clip has a single camera, its coordinates are no pixels, the requested subject cannot be found,
-            or a method of your own returns something else than poses of the clip.
     """
     if len(clip.rig) < 2:
         raise ValueError(f"clip {clip.id!r}: capture needs at least 2 cameras, found {len(clip.rig)}")
@@ -104,7 +103,6 @@ def _capture(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None) ->
 
 
 def _people_of(clip: Clip, tracks: Tracks, config: CaptureConfig, noise: DetectionNoise) -> Poses3D:
-    """Return the people that tracks are of, with joints measured again."""
     for _, kept in steps_to_people(clip, tracks, config, noise):
         tracks = kept
     return _measured_people(clip, tracks, config, noise)
@@ -160,8 +158,7 @@ _SAMPLED, _SAMPLED_DETECTIONS = (8, 100), 600
 def learn_noise(clip: Clip, config: CaptureConfig) -> DetectionNoise:
     """Learn from frames of a recording how far its detections scatter, see `dmae.reconstruction.noise`.
 
-    Raises:
-        ValueError: the skeleton states no size, and the detections do not determine it.
+    Raises ValueError if the skeleton states no size, and the detections do not determine it.
     """
     if not config.noise.learn or config.method != ADAPTIVE:
         return DetectionNoise.prior(config.noise, *clip.detections.score.shape[1::2])
@@ -169,11 +166,7 @@ def learn_noise(clip: Clip, config: CaptureConfig) -> DetectionNoise:
 
 
 def _learned(clip: Clip, config: CaptureConfig) -> DetectionNoise:
-    """Learn the noise of a clip of bodies as large as people.
-
-    People are found in each frame alone, so that stills serve as well as videos; first with distances that are wide and
-    all confidences alike, then with those that were learned.
-    """
+    """Learn the noise of a clip of bodies as large as people, from people found in each frame alone."""
     skeleton, (views, joints) = clip.detections.skeleton, clip.detections.score.shape[1::2]
     prior = DetectionNoise.prior(config.noise, views, joints)
     if not config.noise.learn:
@@ -258,12 +251,9 @@ def _poses(
 ) -> Poses3D:
     """Return joints as poses, with the rays of joints that were not measured.
 
-    Args:
-        known: (F, P, J, 3) m, joints after pruning, NaN where absent; their covariances (F, P, J, 3, 3), m^2, and
-            numbers of views (F, P, J) before pruning.
-        expected: (F, P, J, 3) m, expected places of the joints.
-        assigned: (F, P, V, J) detections that the joints were measured from, or `NONE`.
-        first_pass: (F, P, V, J) detections that tracking assigned.
+    `known` are xyz, covariances and numbers of views of joints (F, P, J) after pruning; `expected` (F, P, J, 3) m are
+    their expected places; `assigned` and `first_pass` (F, P, V, J) the detections that they were measured from, and
+    that tracking assigned.
     """
     xyz, cov, views = known
     absent = np.isnan(xyz[..., 0])

@@ -228,8 +228,8 @@ class Tracker:
     def _plausible(self, xyz: np.ndarray, assigned: np.ndarray, min_joints: int) -> tuple[np.ndarray, np.ndarray]:
         """Return joints (T, J, 3), and (T,) True where assigned detections (T, V, J) show one person by these joints.
 
-        At least `min_joints` must be known, and at least half of the joints that enough views detected, because the
-        rays of two different people hardly ever meet, and do not make bones of usual lengths.
+        Of the joints that enough views detect, `min_joints` and half must be known: rays of two people hardly ever
+        meet.
         """
         start, end = self._bones.T
         impossible = np.linalg.norm(xyz[:, start] - xyz[:, end], axis=-1) > self._longest
@@ -266,7 +266,6 @@ def track(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None = None
 
 
 def _compared_joints(skeleton: Skeleton, joints: ComparedJoints) -> list[int]:
-    """Return the indices of the joints to compare."""
     if joints == ComparedJoints.all:
         return list(range(len(skeleton)))
     if skeleton.defined and not {"l_hip", "r_hip"} <= set(skeleton.joints) and "mid_hip" not in skeleton.joints:
@@ -285,15 +284,10 @@ def fewest_joints(joints: int) -> int:
 
 
 def _propagate(evidence: Evidence, state: TrackState, sides: Sides, mirror: list[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Identity propagation: assign detections to the T tracks, those with left and right exchanged as well.
+    """Identity propagation: return detections (T, V, J) of the tracks, and the track (V, D) of each detection, or
+    `NONE`.
 
-    Args:
-        sides: Of the skeleton.
-        mirror: (J,) index of the partner of each joint.
-
-    Returns:
-        assigned: (T, V, J) detections, or `NONE`.
-        owner: (V, D) index of the track of each detection, or `NONE`.
+    Detections with left and right exchanged are assigned as well; `mirror` (J,) is the partner of each joint.
     """
     config, confidence = evidence.config, evidence.confidence[0]
     present = ~np.isnan(confidence)
@@ -334,10 +328,7 @@ def _match(
 def _supported(evidence: Evidence, assigned: np.ndarray, xyz: np.ndarray, used: np.ndarray) -> np.ndarray:
     """Return (P,) True for people with views that agree better than unrelated figures would, see `beyond_chance`.
 
-    Args:
-        assigned: (P, V, J) detections, or `NONE`.
-        xyz: (P, J, 3) m.
-        used: (P, J, V) True for the views that a joint was triangulated from.
+    `assigned` is (P, V, J), `xyz` (P, J, 3) m, `used` (P, J, V) True for the views that a joint was triangulated from.
     """
     rig, most = evidence.rig, evidence.config.tracking.max_by_chance
     if not len(assigned) or most is None:
@@ -350,15 +341,10 @@ def _supported(evidence: Evidence, assigned: np.ndarray, xyz: np.ndarray, used: 
 
 
 def _reenter(new: np.ndarray, state: TrackState, unmeasured: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Assign G new persons to tracks that are not measured in this frame and that they re-enter.
+    """Assign G new persons, (G, J, 3) m, to tracks that they re-enter: of those `unmeasured` (T,) in this frame.
 
-    Args:
-        new: (G, J, 3) m.
-        unmeasured: (T,) True for tracks without a measurement.
-
-    Returns:
-        track: (G,) index of the track that each person re-enters, or `NONE`.
-        born: (G,) True for persons that start a new track; the others are duplicates of measured ones.
+    Return the track (G,) or `NONE`, and (G,) True for persons that start a track; others are duplicates of measured
+    ones.
     """
     offset = np.linalg.norm(new[:, None] - state.xyz[None], axis=-1)
     distance = median_known(offset[..., None])[..., 0]

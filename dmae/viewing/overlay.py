@@ -374,7 +374,6 @@ class Overlay:
     def _number_people(
         self, draw: ImageDraw.ImageDraw, pixels: np.ndarray | None, frame: int, view: int, scale: float
     ) -> None:
-        """Write the number of each person above the highest joint, in the person's colour."""
         width, height = self.clip.actual_rig.size[view]
         for person, joints in enumerate([] if pixels is None else pixels):
             inside = np.isfinite(joints).all(-1) & ((joints >= 0) & (joints < (width, height))).all(-1)
@@ -411,7 +410,6 @@ class Overlay:
                 x += draw.textlength(text + "   ", letters)
 
     def _counts(self, frame: int, view: int) -> list[tuple[str, RGB]]:
-        """Return the counts of detections and joints in a view as texts, each with its colour."""
         clip, words = self.clip, []
         if self.layers.detections:
             people = int(clip.detections.observed[frame, view].any(-1).sum())

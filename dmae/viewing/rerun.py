@@ -130,7 +130,7 @@ def _log_bones(recording, path: str, poses: Poses3D, xyz: np.ndarray, known: np.
 
 
 def _log_marks(recording, camera: str, layer: str, points: np.ndarray, colours, labels=None) -> None:
-    """Log marks in a view. Labels appear only on hovering, because hundreds of labels would cover the image."""
+    """Log marks in a view; labels appear on hovering only, as hundreds would cover the image."""
     marks = rr.Points2D(np.reshape(points, (-1, 2)), colors=colours, labels=labels, radii=4.0, show_labels=False)
     recording.log(f"world/camera_{camera}/image/{layer}", marks)
 

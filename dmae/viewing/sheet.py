@@ -151,7 +151,6 @@ def header(overlay: Overlay, width: int) -> np.ndarray:
 
 
 def _legend(overlay: Overlay) -> list[list[Item]]:
-    """Return the lines below the first line."""
     layers, clip = overlay.layers, overlay.clip
     if layers.occlusion:
         return _occlusion_legend(overlay)

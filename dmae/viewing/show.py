@@ -74,7 +74,7 @@ def show_clip(
 
 
 def _of_cameras(clip: Clip, cameras: Sequence[str]) -> Clip:
-    """Return the clip with some cameras only. Its poses are kept unchanged, because they are only drawn."""
+    """Return the clip with some cameras only; its poses are only drawn, and kept."""
     if not cameras:
         return clip
     return replace(clip.select(views=camera_indices(clip, cameras, "cameras")), poses=clip.poses)

@@ -80,7 +80,6 @@ def _fit_to_truth(config: FitDetectorCommand, clips: list[Clip], out: Path) -> N
 
 
 def _write(config: FitDetectorCommand, fitted: Fit, what: str, out: Path) -> None:
-    """Write the preset, and print the undetermined options."""
     for name, why in fitted.undetermined.items():
         print(f"undetermined, not changed: {name}: {why}")
     # Hydra needs this folder: with --config-dir=<out> the preset is part of the group.

@@ -47,7 +47,6 @@ def _shares(config: SplitCommand) -> dict[str, float]:
 
 
 def _check(config: SplitCommand, data: Path, out: Path) -> None:
-    """Write the leaks of splits of clips, and raise ValueError if there are any."""
     path = Path(config.check)
     splits = read_splits(path, [folder.name for folder in clip_folders(data)])
     text = [str(leak) for leak in find_leaks(data, splits, [config.by])]
@@ -58,7 +57,6 @@ def _check(config: SplitCommand, data: Path, out: Path) -> None:
 
 
 def _list_takes(config: SplitCommand, path: Path, out: Path) -> None:
-    """Write the list of takes, and raise ValueError if a subject is in two sets."""
     is_list = path.suffix.lower() == LIST and path.is_file()
     try:
         found = takes(path, **({} if is_list else _shares(config)), seed=config.seed)

@@ -48,6 +48,8 @@ def label_clip(
 ) -> Clip:
     """Return the clip of simulated states with its labels. The same states and cameras always give the same labels.
 
+    Raises FailedSimulation if the clip does not meet the target.
+
     Args:
         line: The clip's line in the manifest. `occlusion` is added to it and, if the calibration has errors,
             `calibration_error`.
@@ -55,9 +57,6 @@ def label_clip(
         qpos: (F, nq) states.
         occlusion: Settings of the summary of occlusion, and the target that the clip must meet.
         stage: The people's area, for the error of the calibration.
-
-    Raises:
-        FailedSimulation: the clip does not meet the target.
     """
     bodies = [person.body for person in spec.persons]
     joints = joint_positions(scene.model, qpos, bodies)

@@ -31,8 +31,7 @@ class RgbFormat(Enum):
 def image_kinds(choices: list[str] | tuple[str, ...] | str) -> tuple[str, ...]:
     """Return the kinds of images that one or several `IMAGE_CHOICES` mean.
 
-    Raises:
-        ValueError: a choice is unknown, or `none` is combined with others.
+    Raises ValueError if a choice is unknown, or `none` is combined with others.
     """
     choices = [choices] if isinstance(choices, str) else list(choices)
     unknown = [choice for choice in choices if choice not in IMAGE_CHOICES]

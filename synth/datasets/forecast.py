@@ -122,7 +122,6 @@ def makespan(seconds: list[float], workers: int) -> float:
 
 
 def _missing(config: GenerateConfig) -> tuple[list[int], list[int]]:
-    """Return the numbers of the clips to make, and of the existing clips that lack images."""
     to_make, to_render = [], []
     for index in config.numbers:
         path = Path(config.out) / clip_id(index, config.prefix) / "clip.json"
@@ -136,8 +135,7 @@ def _missing(config: GenerateConfig) -> tuple[list[int], list[int]]:
 
 
 def _measure(config: GenerateConfig, indices: list[int]) -> tuple[float, ...]:
-    """Return the cost of a clip, the first of `indices` that succeeds, measured with a short clip, a longer clip and a
-    few images: time, s, for the clip and for each frame, size, bytes, of both, and the fields of `ImageCost`."""
+    """Return time, s, and size, bytes, of a clip, each fixed and by frame, and the fields of `ImageCost`."""
     whole = len(config.numbers) * config.scene.seconds
     long = min(config.scene.seconds, _LONG, max(2 * _SHORT, whole / _PART))
     with tempfile.TemporaryDirectory() as folder:

@@ -152,7 +152,6 @@ def _make(config: GenerateConfig, number: int, expected: Checksum | None) -> dic
 
 
 def _with_images(config: GenerateConfig, folder: Path) -> dict:
-    """Add the missing images of a clip in a folder, and return its manifest line."""
     clip, tally = load_clip(folder), ImageTally(config)
     if missing_kinds(clip, config):
         add_images(clip, load_state(folder), folder, config, tally.add)
@@ -184,8 +183,7 @@ def claim(out: Path, settings: dict) -> None:
     `settings` are all settings that the clips depend on, as JSON values. Those of images may differ when images are
     added to existing clips.
 
-    Raises:
-        ValueError: the folder contains something else, or a data set of another configuration.
+    Raises ValueError if the folder contains something else, or a data set of another configuration.
     """
     if out.exists() and not out.is_dir():
         raise ValueError(f"out={out}: expected a folder, found a file")

@@ -23,8 +23,7 @@ _FOLDER = "images"
 def check_images(options: GenerateConfig | RenderConfig, rig: CameraRig) -> None:
     """Check that images can be rendered, before any work is done, and find the OpenGL backend.
 
-    Raises:
-        ValueError: H.264 is requested for images with an odd width or height.
+    Raises ValueError if H.264 is requested for images with an odd width or height.
     """
     if not options.kinds:
         return

@@ -100,8 +100,7 @@ def take_tracks(
 def clip_tracks(path: Path, *, captured: bool) -> list[Track]:
     """Read the track of every person of a clip, or of the clips of a data set; see `tracks_of`.
 
-    Raises:
-        FileNotFoundError: there are no clips at the path.
+    Raises FileNotFoundError if there are no clips at the path.
     """
     clips = Clips(DataConfig("clip", str(path)))
     named = zip(map(str, clips.folders), clips, strict=True)
@@ -186,8 +185,7 @@ class Difference:
 def measure(tracks: Sequence[Track], longest: float) -> list[Sample]:
     """Measure the kinematics of every track that is long enough. At most `longest` s of each track are used.
 
-    Raises:
-        ValueError: no track is long enough.
+    Raises ValueError if no track is long enough.
     """
     samples = []
     for track in progress([track for track in tracks if track.seconds >= MIN_SECONDS], "measuring"):

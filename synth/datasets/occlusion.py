@@ -219,7 +219,6 @@ class _OcclusionPrediction:
         """Predicted histograms of occlusion, by number of props. They are computed only once."""
 
     def share(self, count: int) -> float:
-        """Return the fraction of the joints that count as hidden with the first `count` props of the scene."""
         if count not in self.histograms:
             seen = self._without_props
             if count:

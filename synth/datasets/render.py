@@ -92,7 +92,6 @@ def _checked(config: RenderConfig) -> tuple[list[Path], dict, CameraRig]:
 
 
 def _settings(config: RenderConfig, folder: Path) -> dict:
-    """Return the configuration that would generate these clips, and the path of the original clips."""
     path = folder.parent / CONFIG
     if not path.is_file():
         raise FileNotFoundError(
@@ -140,7 +139,6 @@ def _render(config: RenderConfig, settings: dict, folder: Path) -> dict:
 
 
 def _relabelled(config: RenderConfig, settings: dict, clip: Clip, state: BodyState) -> Clip:
-    """Return the clip with truth, visibility and detections for other cameras."""
     spec = SceneSpec.of(clip)
     rig = _new_rig(config, settings, spec)
     dropped = ("occlusion", "calibration_error")

@@ -99,7 +99,6 @@ def _read(line: ListedTake) -> Take:
 
 
 def _divided(takes: Sequence[Take], shares: Mapping[str, float], *, seed: int) -> list[Take]:
-    """Return the takes with their sets."""
     seconds: dict[str, float] = defaultdict(float)
     for take in takes:
         seconds[take.listed.subject] += take.seconds
@@ -115,8 +114,8 @@ def _divided(takes: Sequence[Take], shares: Mapping[str, float], *, seed: int) -
 
 
 def _dealt(sizes: Sequence[float], shares: Mapping[str, float], *, seed: int) -> list[str]:
-    """Return the set of each group, given the sizes of the groups. In random order, each group goes to the set that
-    lacks most, and every set gets at least one group."""
+    """Return the set of each group, given their sizes: in random order, each goes to the set that lacks most, none is
+    empty."""
     total, taken, chosen = sum(sizes), dict.fromkeys(shares, 0.0), [""] * len(sizes)
     order = np.random.default_rng(seed).permutation(len(sizes))
     for left, index in zip(range(len(sizes), 0, -1), order, strict=True):
@@ -270,8 +269,7 @@ def _groups(found: dict[str, set[str]]) -> list[list[str]]:
 def find_leaks(data: Path, splits: dict[str, list[str]], kinds: Iterable[SplitBy] = tuple(SplitBy)) -> list[Leak]:
     """Return every person, motion, subject and rig that is in several splits, and every clip that is.
 
-    Raises:
-        ValueError: persons or motions are checked, but the provenance of a clip has no scene.
+    Raises ValueError if persons or motions are checked, but the provenance of a clip has no scene.
     """
     found = []
     for by in kinds:

@@ -198,7 +198,6 @@ def _add(found: Statistics, name: str, values) -> None:
 
 
 def _measure_people(clip: Clip, found: Statistics) -> None:
-    """Add to `found` the positions of people relative to the cameras, and their motion."""
     rig = clip.actual_rig
     part = clip.truth.skeleton.parts[0]
     xyz = clip.truth.xyz[:, :, : len(part)].astype(np.float64)
@@ -454,7 +453,6 @@ def _listed_counts(counts: Counter[str], prefix: str) -> str:
 
 
 def _occlusion(found: Statistics) -> str:
-    """Return a table of joints by cause of occlusion, and a table of occluders."""
     if found.causes is None:
         return "Not measured: the clips have no labels of visibility."
     judged = found.causes[:, : Visibility.ABSENT]
@@ -477,7 +475,6 @@ def _occlusion(found: Statistics) -> str:
 
 
 def _contacts(found: Statistics) -> str:
-    """Return a table of contacts by interaction."""
     if not found.contacts:
         return "Not measured: no clip has the state of its bodies."
     return (

@@ -148,7 +148,6 @@ def check_labels(clip: Clip) -> list[str]:
 
 
 def _wrong_occlusion(labels: OcclusionLabels, truth: Poses3D) -> dict[str, np.ndarray]:
-    """Return where labels are wrong, by what is wrong."""
     code, wrong = labels.visibility, {}
     persons = truth.xyz.shape[1]
     absent = np.broadcast_to(np.isnan(truth.xyz).any(-1)[:, None], code.shape)
@@ -366,7 +365,6 @@ def _config(path: Path) -> tuple[dict | None, list[Problem]]:
 
 
 def _check_data_set(path: Path, lines: list[dict]) -> Iterator[str]:
-    """Compare the manifest with the folders."""
     names = [line["id"] for line in lines]
     made = {line["id"] for line in lines if line["status"] == "ok"}
     there = {folder.parent.name for folder in path.glob("*/clip.json")}
@@ -378,7 +376,6 @@ def _check_data_set(path: Path, lines: list[dict]) -> Iterator[str]:
 
 
 def _check_line(clip: Clip, line: dict, config: dict | None) -> Iterator[str]:
-    """Compare a clip with its line of the manifest, and with the configuration of the data set."""
     if clip.id != line["id"]:
         yield f"its id in clip.json is {clip.id!r}"
     if clip.poses is not None:

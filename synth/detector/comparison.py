@@ -39,8 +39,7 @@ class Row:
 def compare(real: DetectorStatistics, sim: DetectorStatistics, limits: Limits) -> list[Row]:
     """Compare every statistic. Statistics by view are compared only if both have the same number of views.
 
-    Raises:
-        ValueError: the recordings have different skeletons.
+    Raises ValueError if the recordings have different skeletons.
     """
     if real.kinds != sim.kinds:
         raise ValueError(f"the recording has joints {list(real.kinds)}, the simulation {list(sim.kinds)}")

@@ -142,11 +142,8 @@ class Merges:
 
 
 def _merge(arrays: dict[str, np.ndarray], frame, host, guest, limbs, keep_rest) -> None:
-    """Move limbs of the guest to the host, in place.
-
-    `limbs` (n, limbs) are those that the host gets in each of the n frames; `keep_rest` (n,) is True where the rest of
-    the guest is reported as well.
-    """
+    """Move `limbs` (n, limbs) of the guest to the host in n frames, in place; the guest keeps the rest if `keep_rest`
+    (n,)."""
     given = (limbs[..., None] & _LIMBS).any(1) & np.isfinite(arrays["score"][frame, guest])
     n, joint = np.nonzero(given)
     for array in arrays.values():

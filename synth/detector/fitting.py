@@ -55,8 +55,7 @@ def _flow(value) -> str:
 def load_preset(name: str) -> DetectorConfig:
     """Return a preset by its name, or from a YAML file.
 
-    Raises:
-        ValueError: there is no such preset, or the file is not a preset.
+    Raises ValueError if there is no such preset, or the file is not a preset.
     """
     folder = resource_folder("dmae", "configs") / "detector"
     path = Path(name) if name.endswith(".yaml") else folder / f"{name}.yaml"
@@ -178,9 +177,8 @@ def _rounded(value):
 def _corrected_part(part: PartConfig, real: DetectorStatistics, sim: DetectorStatistics, kind: int) -> PartConfig:
     """Correct noise by the median error, its tail by larger errors, misses by their odds, scores by mean and spread.
 
-    If joints are missed more often on the far side of the body, misses of visible joints are fitted to the misses on
-    the camera's side, and misses of hidden joints to the rest. A person that turns away from one camera faces another
-    one, so joints are seldom missed in all views.
+    If the far side of the body is missed more often, misses of visible joints are fitted to the camera's side, those of
+    hidden joints to the rest: a person that turns away from one camera faces another.
     """
     if not (sim.kind == kind).any():
         return part
@@ -295,15 +293,14 @@ def fit(
 ) -> Fit:
     """Fit a detector to the measured statistics of a recording.
 
+    Raises ValueError if the clips have no visibility labels, or another skeleton than the recording.
+
     Args:
         real: Statistics of the recording.
         clips: Simulated clips with truth and visibility, of a scene similar to the recording's.
         start: Start of the fit. Parameters that the recording does not determine keep its values.
         rounds: Number of simulations. The detector has the same `seed` in all of them.
         reference: Reference for the detections of the clips, the same as for the recording.
-
-    Raises:
-        ValueError: the clips have no visibility labels, or another skeleton than the recording.
     """
     for clip in clips:
         if clip.occlusion is None:

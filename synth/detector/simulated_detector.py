@@ -43,15 +43,14 @@ def detect(
 ) -> Detected:
     """Simulate a detector on a clip. The detections of a view do not depend on the other views.
 
+    Raises ValueError if the truth lacks joints of BODY25, arrays have wrong shapes, `fps` is not above 0, or a custom
+    error cannot be imported.
+
     Args:
         truth: (F, P, K) poses on a skeleton with the joints of BODY25, with the names `<joint>` or `body25.<joint>`.
         occlusion: Visibility and occluders of the K joints of `truth` in V views.
         rig: V cameras.
         rng: Used for exactly one draw for any clip.
-
-    Raises:
-        ValueError: the truth lacks joints of BODY25, arrays have wrong shapes, `fps` is not above 0, or a custom error
-            cannot be imported.
     """
     columns = body25_columns(truth)
     expected = (len(truth.xyz), len(rig), *truth.xyz.shape[1:3])
@@ -98,8 +97,7 @@ def _generator(base: int, view: int, *stream: int) -> np.random.Generator:
 def body25_columns(truth: Poses3D) -> list[int]:
     """Return the indices of the joints of BODY25, with the names `<joint>` or `body25.<joint>`, in a truth.
 
-    Raises:
-        ValueError: it lacks some.
+    Raises ValueError if it lacks some.
     """
     columns = truth.skeleton.index_of_part(BODY25)
     if columns is None:
@@ -113,9 +111,7 @@ def body25_columns(truth: Poses3D) -> list[int]:
 
 
 def _shown(view: View) -> tuple[View, np.ndarray]:
-    """Return the view as the detector reports it, and the person of each detection (F, D), -1 for none.
-
-    Detections are in random order, empty ones last. Each frame shows the detections of the frame `view.shown`."""
+    """Return the view as reported, detections in random order, and the person of each detection (F, D), -1 for none."""
     detected, lost = view.observed.any(-1), view.shown < 0
     order = np.argsort(view.random(ErrorStream.ORDER).uniform(size=detected.shape) + ~detected, axis=1)
     place = view.shown[:, None], order[view.shown]

@@ -128,9 +128,8 @@ class DetectorStatistics:
 def measure(clip: Clip, reference: ErrorReference = ErrorReference.others) -> DetectorStatistics:
     """Measure the statistics of a clip's detections.
 
-    Raises:
-        ValueError: fewer than three cameras, so that no joint can be checked against the others; no annotation for
-            `ErrorReference.annotated`; or no person is detected in two views.
+    Raises ValueError if there are fewer than three cameras, so that no joint can be checked against the others, no
+    annotation for `ErrorReference.annotated`, or no person detected in two views.
     """
     views = len(clip.rig)
     if reference == ErrorReference.annotated:
@@ -224,7 +223,7 @@ def _reference(clip: Clip, reference: ErrorReference) -> Poses3D:
 def _errors(clip: Clip, view: int, reference: ErrorReference) -> tuple:
     """Measure the errors of detected joints in one view, against the truth or people captured from the other views.
 
-    Returns error, inverted, score, joint, (n,) each, and the energies for the ratios `autocorrelation` and `constant`.
+    Returns error, inverted, score, joint, (n,) each, and the energies for `autocorrelation` and `constant`.
     """
     others = [other for other in range(len(clip.rig)) if other != view]
     match = match_detections(clip.select(views=[view]), _reference(clip.select(views=others), reference))
@@ -268,8 +267,8 @@ def _joint_misses(missed: np.ndarray, expected: np.ndarray, clip: Clip) -> dict[
 def _sides(clip: Clip, reference: Poses3D) -> tuple[np.ndarray, np.ndarray]:
     """Return two (F, V, P, J) masks of joints on the camera's side of the body, and on the far side.
 
-    A joint is on a side if it is within 60 degrees of the direction to the camera, or of the opposite direction. For
-    the face the directions start between the ears, for limbs between the shoulders. Neck and trunk have no side.
+    These are directions within 60 degrees of that to the camera, or its opposite: of the face from between the ears, of
+    limbs from between the shoulders. Neck and trunk have no side.
     """
     flat, index = reference.xyz[..., :2].astype(np.float64), reference.skeleton.index
     middles = [flat[:, :, index(f"l_{part}", f"r_{part}")].mean(2, keepdims=True) for part in ("shoulder", "ear")]
@@ -312,8 +311,7 @@ def pool(parts: Sequence[DetectorStatistics], frames: Sequence[int]) -> Detector
     If clips have different numbers of cameras, shares by camera are replaced by their mean over all cameras, and
     `views` is empty.
 
-    Raises:
-        ValueError: the clips have several skeletons.
+    Raises ValueError if the clips have several skeletons.
     """
     if len({part.kinds for part in parts}) > 1:
         raise ValueError("clips of several skeletons cannot be measured as one")

@@ -131,8 +131,7 @@ def reach_for(motion: Motion, body: Body, reach: Reach) -> Motion:
 
 
 def _blended(own: np.ndarray, wanted: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Return rotations (F, 3, 3) at shares (F,) of the way from `own` to `wanted`: the shortest way in the frame of the
-    greatest share, and in other frames the way that does not jump from frame to frame."""
+    """Return rotations (F, 3, 3) at shares (F,) of the way from `own` to `wanted`, without jumps between frames."""
     turn = Rotation.from_matrix(own.swapaxes(-1, -2) @ wanted).as_rotvec()
     angle = np.linalg.norm(turn, axis=1)
     axis = turn / np.maximum(angle, 1e-12)[:, None]
@@ -237,7 +236,6 @@ def _recorded_pair(cast: Cast, config: MotionConfig, *, rng: np.random.Generator
 
 
 def _together(pair: tuple[Motion, ...]) -> list[Motion]:
-    """Return the frames that both takes of a pair have."""
     first = max(take.first for take in pair)
     end = min(take.first + len(take) for take in pair)
     if end <= first:
@@ -273,7 +271,6 @@ def _draw(role: Role, body: Body, cast: Cast, config: MotionConfig, *, rng: np.r
 
 
 def _is_walk(base: Motion) -> bool:
-    """Return whether a motion is a forward walk throughout."""
     if len(base) < 4:
         return False
     _, along, direction = course(base)

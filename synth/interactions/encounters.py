@@ -138,8 +138,8 @@ def circle_talk(cast: Cast, *, rng: np.random.Generator) -> Script:
 
 
 def _through(cast: Cast, heading: float, speed: float, side: float, late: float = 0.0) -> np.ndarray:
-    """Return a (F, 3) path that passes the origin at half time, or `late` s after it. It is slower, and bent towards a
-    `side`, as far as necessary to stay within the radius."""
+    """Return a (F, 3) path past the origin at half time, or `late` s after it, slower and bent to a `side` to stay in
+    the radius."""
     farthest = cast.seconds[-1] / 2 + abs(late)
     speed = max(min(speed, cast.radius / max(farthest, 1e-9)), _SLOWEST)
     along = speed * (cast.seconds - cast.seconds[-1] / 2 - late)

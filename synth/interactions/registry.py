@@ -53,8 +53,7 @@ class InteractionConfig:
     def participants(self, asked: Sequence[int] | None, usual: tuple[int, int]) -> tuple[int, int]:
         """Return the least and greatest number of people: those asked for, if any, or `usual` without interaction.
 
-        Raises:
-            ValueError: the interaction takes none of the requested numbers; the message lists what it takes.
+        Raises ValueError if the interaction takes none of the requested numbers; the message lists what it takes.
         """
         if not self.together:
             return tuple(asked or usual)

@@ -254,8 +254,7 @@ class PeopleContacts:
 def owners(names: Sequence[str]) -> np.ndarray:
     """Return the person that each name of `PeopleContacts` belongs to, -1 for objects.
 
-    Raises:
-        ValueError: the name of a person has no number.
+    Raises ValueError if the name of a person has no number.
     """
     found = np.full(len(names), -1)
     for number, name in enumerate(names):
@@ -377,12 +376,11 @@ class BodyForces:
 def carry(scene: Scene, state: BodyState, fps: float) -> tuple[PeopleContacts, BodyForces]:
     """Return all contacts of people, and their sums for each person, from the states of a clip.
 
+    Raises ValueError if frames are too far apart for accelerations.
+
     Args:
         scene: The scene of the clip.
         state: The states of its bodies, F frames.
-
-    Raises:
-        ValueError: frames are too far apart for accelerations.
     """
     if fps < LEAST_FPS:
         raise ValueError(
@@ -444,10 +442,7 @@ def _person_forces(
 
 
 def _about_point(wrench: np.ndarray, lever: np.ndarray) -> np.ndarray:
-    """Return (F, 2, 3) forces, N, and moments, N m, about another point.
-
-    `lever` (F, 3), m, is the vector from that point to the present one.
-    """
+    """Return (F, 2, 3) forces, N, and moments, N m, about the point at `lever` (F, 3), m, before the present one."""
     force, moment = wrench[:, :3], wrench[:, 3:]
     return np.stack([force, moment + np.cross(lever, force)], axis=1)
 

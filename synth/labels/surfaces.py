@@ -31,8 +31,6 @@ _RAY_START = 1.0
 
 
 class _Rings(NamedTuple):
-    """Rings of points around the axis of a segment."""
-
     directions: tuple[str, ...]  # Names of the directions around the axis, evenly spaced
     first: tuple[int, int, int]  # The first direction, in T-pose
     second: tuple[int, int, int]  # The direction towards which the following ones turn, on the left side of the body
@@ -96,12 +94,11 @@ class SurfacePoints(NamedTuple):
 def surface_points(scene: Scene, bodies: list[Body]) -> SurfacePoints:
     """Return the points on the people of a scene, where rays towards the axes of their segments meet them in T-pose.
 
+    Raises ValueError if a ray for a point does not meet the surface of the person.
+
     Args:
         scene: The scene, with people in T-pose.
         bodies: Proportions of P people.
-
-    Raises:
-        ValueError: a ray for a point does not meet the surface of the person.
     """
     model = copy.copy(scene.model)
     data = at_rest(model)
@@ -251,8 +248,7 @@ def _touched(
 ) -> np.ndarray:
     """Return the ids (P, S) of what points (P, S, 3) touch, 0 for nothing.
 
-    A ray through each point along its normal begins inside the person and passes through the person's own surface. It
-    ends at a surface that faces the point.
+    A ray along each normal leaves the person, and ends at a surface that faces the point.
     """
     found, geom, facing = np.zeros(points.shape[:2], np.uint16), np.zeros(1, np.int32), np.zeros(3)
     groups, stops = opaque.geom_group.copy(), np.array([1, 0, 0, 0, 0, 0], np.uint8)

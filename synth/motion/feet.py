@@ -153,8 +153,8 @@ def _eased(offsets: np.ndarray, known: np.ndarray) -> np.ndarray:
 
 
 def _on_floor(feet: np.ndarray, ankles: np.ndarray) -> np.ndarray:
-    """Turn feet (F, 3, 3) up or down so that neither tip nor heel is below the floor, as far as that is possible;
-    `ankles` (F,) are above it by these fractions of stature."""
+    """Turn feet (F, 3, 3) until tip and heel, if possible, are above the floor; ankles are `ankles` (F,) statures above
+    it."""
     down = np.arcsin(np.clip(-feet[:, 2, 0], -1, 1))
     least, most = (
         # Pitch at which heel and tip touch the floor, from their distance and direction from the ankle.
@@ -170,11 +170,10 @@ def _on_floor(feet: np.ndarray, ankles: np.ndarray) -> np.ndarray:
 def _reach(
     reach: np.ndarray, thigh: np.ndarray, shin: np.ndarray, lengths: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return thigh and shin orientations (F, 3, 3) of a leg turned and bent so that its ankle is at `reach` (F, 3) from
-    the hip, m.
+    """Return thigh and shin orientations (F, 3, 3) of a leg whose ankle is at `reach` (F, 3) from the hip, m.
 
-    The leg first turns as a whole, in the shortest way, until it points to the ankle. Then the knee, a hinge about the
-    y axis of the thigh, bends until the ankle is at that distance. `lengths` (2,) of thigh and shin, m.
+    The leg turns the shortest way to point there; then the knee, a hinge about y of the thigh, bends. `lengths` (2,) of
+    thigh and shin, m.
     """
     upper, lower = lengths
     before = -upper * thigh[:, :, 2] - lower * shin[:, :, 2]

@@ -149,8 +149,8 @@ def avoid_collisions(paths: np.ndarray, fps: float, *, clearance: float, obstacl
 
 
 def _sidestep(apart: np.ndarray, fps: float, clearance: float) -> np.ndarray | None:
-    """Return a smooth shift, (F, 2) m, that lengthens the shortest vector of `apart`, (F, 2) m, to the clearance; None
-    if the clearance is already kept."""
+    """Return a smooth shift, (F, 2) m, that lengthens the shortest vector of `apart`, (F, 2) m, to the clearance, or
+    None."""
     distance = np.linalg.norm(apart, axis=1)
     nearest = int(distance.argmin())
     missing = clearance - distance[nearest]

@@ -119,8 +119,7 @@ def repair(motion: Motion, path: Path) -> Motion:
     longest stretch between them is returned. The name lists the changes; `first` is the new first frame. A single step
     at no more than 8 m/s is not changed.
 
-    Raises:
-        ValueError: a take of more than one second has less than one second left.
+    Raises ValueError if a take of more than one second has less than one second left.
     """
     if len(motion) < 3:
         return motion
@@ -257,15 +256,14 @@ def retarget(
 
     Some files begin with a synthetic T-pose. It is left out, together with the frames that blend it into the motion.
 
+    Raises ValueError for an unlikely frame rate, joints of no known skeleton, bones without length, legs that fit no
+    unit, no frames after the T-pose, or as `put_on_floor`.
+
     Args:
         recording: With an unrotated root, x is left, y up and z forward, except if its joints are mapped.
         unit: Metres per unit of the recording, if its leg length does not determine the unit; see `unit_of`.
         up: Axis of its world that points up, `x`, `y` or `z`, if its skeleton does not determine the axis.
         from_motion: Whether the recording was made from a `Motion`, so that floor, soles and forearms need no repair.
-
-    Raises:
-        ValueError: an unlikely frame rate, joints of no known skeleton, bones without length, legs that fit no unit, no
-            frames after the T-pose, or as `put_on_floor`.
     """
     check_rate(recording.fps, recording.path)
     dialect, joint = recognise(recording)
@@ -307,9 +305,8 @@ def put_on_floor(motion: Motion, ankles: np.ndarray, path: Path, *, lies: bool =
     The ankles (F, 2, 3), m, in the world of the motion, determine the floor height: they stand as high above it as the
     ankles of an adult with the same leg length. The feet of the file are not used. `lies`: people are known to lie.
 
-    Raises:
-        ValueError: the motion is too fast for a person, or the body lies along an axis, as with axes in another order;
-            or as `repair`.
+    Raises ValueError if the motion is too fast for a person, or the body lies along an axis, as with axes in another
+    order; or as `repair`.
     """
     _check_axes(motion, path, lies)
     _check_speed(motion, path)
@@ -333,8 +330,7 @@ def check_rate(fps: float, path: Path) -> None:
 def unit_of(leg: float, path: Path, unit: float | None) -> tuple[str, float]:
     """Return the name of the unit of length and its size in metres, from the mean length of thigh and shin together.
 
-    Raises:
-        ValueError: no unit gives `leg` the length of a human leg, and `unit` is None.
+    Raises ValueError if no unit gives `leg` the length of a human leg, and `unit` is None.
     """
     if unit:
         return f"units of {unit:.4g} m", unit
@@ -392,9 +388,11 @@ def _segments(
 
 
 def _elbow_angle(dialect: Dialect, arm: np.ndarray, forearm: np.ndarray) -> float:
-    """Return the angle above the forward direction at which an elbow bends in the T-pose, rad: that of the dialect, or
-    the median over the frames with a bent elbow. `arm` (F, 3, 3) turns since the T-pose, `forearm` (F, 3) in canonical
-    axes."""
+    """Return the angle above forward at which an elbow bends in the T-pose, rad: the dialect's, or the median over
+    frames.
+
+    `arm` (F, 3, 3) turns since the T-pose, `forearm` (F, 3) in canonical axes.
+    """
     if dialect.elbow is not None:
         return np.radians(dialect.elbow)
     forward, _, up = (arm.swapaxes(-1, -2) @ forearm[..., None])[..., 0].T

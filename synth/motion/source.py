@@ -49,8 +49,7 @@ def draw_takes(
 ) -> tuple[Motion, ...]:
     """Draw a take, or a pair of takes, with equal probability. Takes that cannot be read are left out with a warning.
 
-    Raises:
-        ValueError: none of the choices can be read.
+    Raises ValueError if none of the choices can be read.
     """
     left = list(choices)
     while True:

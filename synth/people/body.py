@@ -313,14 +313,13 @@ def body_at(
 
     Percentiles are deviations from the median in standard deviations; 1.645 is the 95th percentile.
 
+    Raises ValueError if the age is below 4, or `feminine` is not within 0 to 1.
+
     Args:
         feminine: 0 for men and boys, 1 for women and girls.
         age: Years, from 4; adult proportions from 18 on.
         stature, index, legs, arms: Deviations of the stature, of the body mass index, and of the lengths of legs and
             arms at this stature. They are clipped to the range of the population.
-
-    Raises:
-        ValueError: the age is below 4, or `feminine` is not within 0 to 1.
     """
     if age < ADULT_AGE:
         index, stature = (float(np.clip(z, -_RAREST, _RAREST)) for z in (index, stature))

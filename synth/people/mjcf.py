@@ -257,7 +257,6 @@ def _add_materials(
 
 
 def _add_mesh(spec: mujoco.MjSpec, name: str, part: Part, bare: BareBody, *, textured: bool) -> None:
-    """Add the mesh of a part, in the frame of its segment."""
     segment, faces, texture = SEGMENTS.index(part.segment), part.faces.ravel(), {}
     turn = bare.rotations[segment]
     if textured:

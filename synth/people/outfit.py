@@ -212,9 +212,9 @@ def _bottom(sheet: _Sheet, body: Body, looks: PersonLooks) -> tuple[np.ndarray, 
 
 
 def _worn(sheet: _Sheet, field: np.ndarray, thickness: np.ndarray, over: np.ndarray | None = None) -> _Sheet:
-    """Return a garment over the skin where a field is above 0: smoother than the skin, and never inside it.
+    """Return a garment over the skin where a field is above 0, smoother than the skin, and never inside it.
 
-    Where another garment is worn over it, which is where the field `over` is above `_TUCKED`, it is left out.
+    What another garment covers, where the field `over` is above `_TUCKED`, is left out.
     """
     hidden = np.full(len(field), -_FAR) if over is None else over
     thickness = thickness * np.interp(hidden, (0, _UNDER), (1, 0.5))
@@ -256,7 +256,6 @@ def _shoes(sheet: _Sheet, bare: BareBody, body: Body) -> tuple[_Sheet, np.ndarra
 
 
 def _face(sheet: _Sheet, bare: BareBody, body: Body) -> list[tuple[str, _Sheet]]:
-    """Return eyes with irises, brows and lips."""
     size, head = body.stature * body.head, SEGMENTS.index("head")
     found, middles, front = [], bare.eyes.mean(1), _front(sheet, head)
     for ball, middle, turn in zip(bare.eyes, middles, (1, -1), strict=True):
@@ -377,7 +376,6 @@ def _rigid(points: np.ndarray, faces: np.ndarray, segment: int) -> _Sheet:
 
 
 def _split(sheet: _Sheet, material: str, bare: BareBody) -> list[Part]:
-    """Return the parts of a sheet that belong to each segment."""
     if not len(sheet.faces):
         return []
     share = sheet.weights[sheet.faces].sum(1)
@@ -406,10 +404,8 @@ def _split(sheet: _Sheet, material: str, bare: BareBody) -> list[Part]:
 
 
 def _texture(corners: np.ndarray, segment: int, material: str, bare: BareBody) -> np.ndarray:
-    """Return the (T, 3, 2) texture coordinates of corners (T, 3, 3), wound around the axis of limb or trunk.
-
-    Where a top hangs over the thighs, its pattern goes on as on the trunk.
-    """
+    """Return the (T, 3, 2) texture coordinates of corners (T, 3, 3), around limb or trunk; a top over the thighs goes
+    on."""
     _, name = side_and_name(SEGMENTS[segment])
     if material in ("iris", "lip"):
         return on_disc(corners[..., 1:])
@@ -441,9 +437,7 @@ def _texture(corners: np.ndarray, segment: int, material: str, bare: BareBody) -
 def _on_limb(corners: np.ndarray, first: int, axis: int, bare: BareBody) -> np.ndarray:
     """Return corners (T, 3, 3) in a frame that bends with a limb in the bind pose, so that patterns pass its joint.
 
-    Args:
-        first: Number of the limb's first segment.
-        axis: Column of its rotation that is lengthwise.
+    `first` is the limb's first segment, `axis` the column of its rotation that is lengthwise.
     """
     upper, lower = bare.rotations[first : first + 2]
     one, other = upper[:, axis], lower[:, axis]

@@ -124,11 +124,8 @@ def interpolate_steps(values: np.ndarray, between: int) -> np.ndarray:
 
 
 def _turn(start: np.ndarray, stop: np.ndarray) -> np.ndarray:
-    """Return the (..., 3) vector part of conj(start) stop: to second order half the rotation vector, in `start` axes.
-
-    Args:
-        start, stop: (..., 4) quaternions, w first.
-    """
+    """Return (..., 3), to second order half the rotation vector from `start` to `stop` (..., 4), w first, in `start`
+    axes."""
     (a, b, c, d), (w, x, y, z) = np.moveaxis(start, -1, 0), np.moveaxis(stop, -1, 0)
     rows = ((x * a - z * c) + (y * d - w * b), (y * a - w * c) + (z * b - x * d), (z * a + x * c) - (y * b + w * d))
     return np.stack(rows, -1)
@@ -292,10 +289,7 @@ class Controller:
         return torques.transpose(1, 2, 0)
 
     def _hold_feet(self, step: int) -> None:
-        """Hold standing feet in place; a shift of the path does not move them.
-
-        The engine provides the positions of bodies in the previous step.
-        """
+        """Hold standing feet in place; a shift of the path does not move them. Positions are of the previous step."""
         lag, grip = self._feet[step] - self._foot_places, self._grip[step]
         before = lag.copy() if step == 0 else self._foot_lag
         if self._shifted:

@@ -66,10 +66,8 @@ def leg_clearance(limbs: np.ndarray, fps: float, obstacles: np.ndarray) -> np.nd
 
 
 def _sidestep(apart: np.ndarray, missing: np.ndarray, fps: float) -> np.ndarray:
-    """Return the shortest smooth displacement after which no clearance is missing, (F, 2) m.
-
-    `apart` (F, n, m, 3) are vectors between points, m, and `missing` (F, n, m) is the clearance that they lack, m.
-    """
+    """Return the shortest smooth displacement, (F, 2) m, of vectors `apart` (F, n, m, 3) that lack `missing` (F, n, m),
+    m."""
     most = missing.max((1, 2), initial=-np.inf)
     worst = int(most.argmax())
     if not most[worst] > 0.005:

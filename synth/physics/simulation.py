@@ -31,7 +31,7 @@ _ON_FLOOR = 0.035
 def assess(
     joints: np.ndarray, wanted: np.ndarray, overlaps: np.ndarray, shifts: np.ndarray, fps: float, beyond: float
 ) -> dict[str, float]:
-    """Assess a simulation.
+    """Assess a simulation. Raises FailedSimulation if the clip is unfit for use.
 
     Args:
         joints: (F, P, 39, 3) simulated joints of `SKELETON`, m.
@@ -53,9 +53,6 @@ def assess(
         the floor.
         `beyond_limits`: share of joints, over all frames, in which the motion exceeded `synth.people.joint_limits`; it
         was limited.
-
-    Raises:
-        FailedSimulation: the clip is unfit for use.
     """
     people, objects = overlaps
     contact = np.isfinite(people)

@@ -103,7 +103,7 @@ def _plain(figures: dict) -> dict:
 
 
 def _preset(planned: PlannedRig) -> str:
-    """Return the YAML preset of a rig. `rig=planned_<n>` finds it with `--config-dir`."""
+    """YAML preset of a rig, found as `rig=planned_<n>` with `--config-dir`."""
     rig, keys = planned.rig, ("name", "size", "K", "cam_from_world", "dist", "fisheye")
     cameras = [{key: getattr(camera, key) for key in keys} for camera in listed_rig(rig).cameras]
     comment = f"# {len(rig)} cameras that `synth plan` chose.\n"

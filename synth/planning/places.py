@@ -237,8 +237,7 @@ def aimed_cameras(
     Places from which no people can be seen are left out (`stage`, see `synth.rigs.coverage`), and cameras that look
     down more than `steepest`, degrees.
 
-    Raises:
-        ValueError: people can be seen from fewer than two places.
+    Raises ValueError if people can be seen from fewer than two places.
     """
     centers, aims, place, angles = [], [], [], []
     for number, at in enumerate(places.at):

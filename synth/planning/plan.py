@@ -79,8 +79,7 @@ def check_rigs(
 
     People are simulated once for all rigs. A camera has the same detections in every rig that contains it.
 
-    Raises:
-        FailedSimulation: a clip failed with every seed.
+    Raises FailedSimulation if a clip failed with every seed.
     """
     tasks = ((config, cameras, [list(rig) for rig in rigs], number) for number in numbers)
     made = in_parallel(_check_clip, tasks, config.workers)

@@ -51,8 +51,7 @@ class DetectorObservations:
 def observe(clip: Clip) -> DetectorObservations:
     """Compare the detections of a clip with its truth.
 
-    Raises:
-        ValueError: the clip has no truth or no visibility labels, or its detections have an unsuitable skeleton.
+    Raises ValueError if the clip has no truth or no visibility labels, or its detections have an unsuitable skeleton.
     """
     seen = sightings(clip)
     body = convert_detections(clip.detections, BODY25)

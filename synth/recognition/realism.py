@@ -78,8 +78,7 @@ class Sightings:
 def sightings(clip: Clip) -> Sightings:
     """Return the appearance of the people of a clip in its views.
 
-    Raises:
-        ValueError: the clip has no truth, or no visibility labels.
+    Raises ValueError if the clip has no truth, or no visibility labels.
     """
     if clip.truth is None or clip.occlusion is None or clip.occlusion.depth_margin is None:
         raise ValueError(f"clip {clip.id!r}: expected truth and labels of visibility, as synth generate makes them")
@@ -167,8 +166,7 @@ def crops(clip: Clip, seen: Sightings, detector: ImageDetector, every: int = 1) 
 
     The detector gets a black image before each crop, so that it keeps no state of the previous one.
 
-    Raises:
-        ValueError: the clip has no colour images.
+    Raises ValueError if the clip has no colour images.
     """
     if not clip.has_images:
         raise ValueError(f"clip {clip.id!r} has no colour images; make it with images=rgb")

@@ -113,8 +113,7 @@ def photographed(path: Path, count: int) -> list[list[dict[str, float]]]:
 def comparison(ours: list[list[dict[str, float]]], real: list[list[dict[str, float]]]) -> Table:
     """Return a table of the means of both, with intervals of 95 % from resampled cameras.
 
-    Raises:
-        ValueError: no whole person was found in one of the two.
+    Raises ValueError if no whole person was found in one of the two.
     """
     for what, some in (("rendered", ours), ("real", real)):
         if not any(some):

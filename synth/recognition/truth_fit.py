@@ -50,8 +50,7 @@ def fit_to_truth(
     Each of the two parts of the fit takes `rounds` simulations, all with the same seed. Parameters that the clips do
     not determine keep the values of `start`.
 
-    Raises:
-        ValueError: a clip has no truth or labels, or the clips have different numbers of cameras.
+    Raises ValueError if a clip has no truth or labels, or the clips have different numbers of cameras.
     """
     clips = [on_body25(clip) for clip in recordings]
     real = _observed(clips, workers)
@@ -224,10 +223,7 @@ def _corrected_misses(part: PartConfig, real: pd.DataFrame, sim: pd.DataFrame, k
 
 
 def _exchanged(probability: float, real: pd.DataFrame, sim: pd.DataFrame, kinds: tuple[str, ...]) -> float:
-    """Return the corrected probability of an inversion, from visible joints of some kinds.
-
-    Large errors look like inversions. They do so in the simulation as well, so the difference counts.
-    """
+    """Return the corrected probability of an inversion, from visible joints; both have large errors."""
     some = [both[both.kind.isin(kinds) & (both.cause == Visibility.VISIBLE) & ~both.missed] for both in (real, sim)]
     if min(map(len, some)) < _ENOUGH:
         return probability

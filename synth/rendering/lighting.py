@@ -42,10 +42,8 @@ def covered(points: np.ndarray, axes: np.ndarray, origin: np.ndarray, parallel: 
 
 
 def _patterns() -> tuple[np.ndarray, np.ndarray]:
-    """Return places in a unit disc, (16, taps, 2), and steps of horizons, (16, directions, steps, 2), for 4 x 4 pixels.
-
-    Each of the 16 pixels has the pattern at another angle; the mean over them smooths it.
-    """
+    """Return places in a unit disc, (16, taps, 2), and steps of horizons, (16, directions, steps, 2), turned for 4 x 4
+    pixels."""
     turn = (np.arange(16) * 7 % 16 + 0.5)[:, None] / 16
     tap = np.arange(_TAPS)
     angle, away = 2.3999632 * tap + 2 * np.pi * turn, np.sqrt((tap + 0.5) / _TAPS)

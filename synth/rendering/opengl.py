@@ -179,10 +179,10 @@ class OpenGLPainter:
         return alone
 
     def _identify(self, data: mujoco.MjData, view: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return two (H, W) images: 1 + index of the geom at each pixel, 0 for none, and the value of the depth buffer.
+        """Return two (H, W) images: 1 + index of the geom at each pixel, 0 for none, and the depth buffer.
 
-        Geoms that stand still are drawn once for a view. Moving geoms are drawn separately, person by person, and only
-        the part of the image around them is read. This also gives the pixels that each person would cover alone.
+        What stands still is drawn once for a view; people one by one, only around them, which gives what each would
+        cover alone.
         """
         if self._known is not None and self._known[0] == view and np.array_equal(self._known[1], data.qpos):
             return self._known[2:]
@@ -251,10 +251,8 @@ class OpenGLPainter:
     def _read(
         self, view: int, drawing: mujoco.MjrContext, *, identify: bool = False, deep: bool = False, part=None
     ) -> tuple[np.ndarray, np.ndarray | None]:
-        """Draw the scene, and return colours (H, W, 3), or segment numbers as colours, and the depth buffer (H, W).
-
-        With a `part`, only these rows and columns are read.
-        """
+        """Draw the scene; return colours (H, W, 3), or segment numbers, and the depth buffer (H, W), or a `part` of
+        both."""
         rect = self._rects[view]
         rows, columns = (
             each.indices(size)[:2]
@@ -283,9 +281,8 @@ class OpenGLPainter:
     def _normals(self, view: int) -> np.ndarray:
         """Return (H, W, 3) float32 unit normals, world, from the light that white surfaces reflect.
 
-        Lights of pure colours shine along the three axes, once from the front and once from behind. A surface reflects
-        each light in proportion to the cosine of its angle. A colour has 8 bits, so the error of normals is below half
-        a degree.
+        Pure colours shine along the three axes, from the front and from behind; a surface reflects each by the cosine
+        of its angle. With 8 bits the error is below half a degree.
         """
         scene, effects = self._scene, self._scene.flags.copy()
         for geom in scene.geoms[: scene.ngeom]:
@@ -308,8 +305,7 @@ class OpenGLPainter:
     def _lit(self, rgb: np.ndarray, view: int) -> np.ndarray:
         """Return an image with shadows and ambient occlusion, from one without. The scene cannot be used again.
 
-        A second pass paints white surfaces, with the light of the lamp that throws shadows in red and the light of all
-        others in green.
+        A second pass paints white surfaces lit by the lamp that throws shadows in red, by all others in green.
         """
         scene = self._scene
         lamp, key = None, 0.0

@@ -165,10 +165,8 @@ def _silhouette(across: np.ndarray, along: np.ndarray, radius: np.ndarray) -> tu
 
 
 def _block_bounds(rays: np.ndarray) -> np.ndarray:
-    """Return (4, h, w) least and greatest x/z and y/z of rays (H, W, 3), camera frame, in each block of pixels.
-
-    The values are NaN in blocks where all rays are NaN.
-    """
+    """Return (4, h, w) least and greatest x/z and y/z of rays (H, W, 3), camera frame, by block; NaN where all rays
+    are."""
     height, width = rays.shape[:2]
     tangents = rays[..., :2] / rays[..., 2:]
     padding = ((0, -height % _BLOCK), (0, -width % _BLOCK), (0, 0))

@@ -91,9 +91,8 @@ def check_rig(rig: CameraRig, source: str, stage: Stage, origin: Sequence[float]
 
     `origin` is `rig.origin`, m, for cameras that are given in another world.
 
-    Raises:
-        FailedSimulation: a camera is under the floor, inside an object of the room, or sees no people; the message
-            names the camera and the object, and the point where the cameras' axes meet.
+    Raises FailedSimulation if a camera is under the floor, inside an object of the room, or sees no people; the message
+    names the camera and the object, and the point where the cameras' axes meet.
     """
     faults = find_faults(rig, stage)
     if not faults:

@@ -30,9 +30,8 @@ def pinholes(rig: CameraRig) -> list[CameraRig]:
     as wide or high, a fisheye is replaced by five cameras with a 90 degree view each, one ahead and four to the sides.
     They are called `<name>`, `<name>/left` and so on.
 
-    Raises:
-        ValueError: the pinhole image of a lens other than a fisheye would be over four times as wide or high, or the
-            distortion polynomial of the lens is not invertible within its image.
+    Raises ValueError if the pinhole image of a lens other than a fisheye would be over four times as wide or high, or
+    the distortion polynomial of the lens is not invertible within its image.
     """
     return [_pinholes(rig[view : view + 1]) for view in range(len(rig))]
 
@@ -137,8 +136,7 @@ def joined(rigs: list[CameraRig]) -> CameraRig:
 def add_cameras(spec: mujoco.MjSpec, rig: CameraRig) -> None:
     """Add the rig's `pinholes` to a scene in order, named by `camera_name`, and set the size of the image buffer.
 
-    Raises:
-        ValueError: a camera has skew, which MuJoCo cannot render, or a lens that `pinholes` refuses.
+    Raises ValueError if a camera has skew, which MuJoCo cannot render, or a lens that `pinholes` refuses.
     """
     largest = np.zeros(2, int)
     for cameras in pinholes(rig):

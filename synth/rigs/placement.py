@@ -154,8 +154,7 @@ _DRAWS = 1000
 def scatter(config: RandomConfig, stage: Stage, *, rng: np.random.Generator) -> CameraRig:
     """Return random cameras at possible places that together see enough of the people's area.
 
-    Raises:
-        ValueError: no such cameras were found; the message says what to change.
+    Raises ValueError if no such cameras were found; the message says what to change.
     """
     cameras = [_draw(config, view, stage, rng=rng) for view in range(config.views)]
     counts = [views_of_cells(camera, stage) for camera in cameras]

@@ -184,7 +184,6 @@ def load_mesh(path: str, scale: float = 1.0, up: MeshUp = MeshUp.auto) -> tuple[
 
 
 def _read(path: str) -> list[trimesh.Trimesh]:
-    """Return the meshes in a file, placed by its scene graph."""
     file = Path(path)
     if (size := check_file(file)) > _MOST_BYTES:
         raise ValueError(f"{path}: {size / 2**20:.0f} MiB are too large for a prop; simplify it to {_MOST_FACES} faces")

@@ -217,10 +217,8 @@ def _follow(path: Path, element: ElementTree.Element, found: _Found, above: tupl
 
 
 def _existing(found: _Found, path: Path, kind: str, names: list[Path]) -> list[Path]:
-    """Return the existing files among some names, in the folder of the first file, or of the one that gives the name.
-
-    Raises ValueError for absolute names and for links that lead out of the folder.
-    """
+    """Return existing files among names, in the first file's folder or the naming one's; ValueError if they lead out of
+    it."""
     places = []
     for name in names:
         for folder in (found.folder, path.resolve().parent):

@@ -151,12 +151,8 @@ def _in_window(
 
 
 def _merged(values: np.ndarray, scores: np.ndarray) -> list[tuple[np.ndarray, float]]:
-    """Weighted suppression: return the mean, weighted by score, for each best box and the boxes that overlap it.
-
-    Args:
-        values: (n, 6, 2) centre and size of the boxes, and points.
-        scores: (n,).
-    """
+    """Weighted suppression of boxes (n, 6, 2), centre, size and points: the mean by score of each best box and its
+    overlaps."""
     low, high = values[:, 0] - values[:, 1] / 2, values[:, 0] + values[:, 1] / 2
     area, found = np.prod(np.maximum(high - low, 0), -1), []
     left = np.argsort(-scores, kind="stable")
@@ -174,9 +170,9 @@ def _merged(values: np.ndarray, scores: np.ndarray) -> list[tuple[np.ndarray, fl
 
 
 def _same_body(values: np.ndarray, best: np.ndarray) -> np.ndarray:
-    """Return (n,) True for boxes (n, 6, 2) of the same body as another box (6, 2): near hips and a similar size.
+    """Return (n,) True for boxes (n, 6, 2) with hips near those of another box (6, 2), and a similar size.
 
-    The boxes of two people overlap when one stands in front of the other. Their mean would fit neither person.
+    Boxes of two people overlap where one stands in front of the other; their mean would fit neither.
     """
     radius, own = (np.maximum(np.hypot(*(each[..., 3, :] - each[..., 2, :]).T), 1e-6) for each in (values, best))
     apart = np.hypot(*(values[:, 2] - best[2]).T)
@@ -184,10 +180,7 @@ def _same_body(values: np.ndarray, best: np.ndarray) -> np.ndarray:
 
 
 def _is_cut(region: Region, window: Region, width: int, height: int) -> bool:
-    """Return whether a window cuts a body at a side that is not a side of the image.
-
-    A window that cuts a body often yields a smaller body that looks right.
-    """
+    """Return whether a window cuts a body inside the image; the smaller body that is then found often looks right."""
     across = np.array([-region.up[1], region.up[0]])
     body = np.array(
         [
@@ -382,10 +375,10 @@ class PeopleDetector:
         return found
 
     def _follow_back(self, person: Person) -> Iterator[int]:
-        """Follow a new person back through the previous images, until it is known there or not found with certainty.
+        """Follow a new person back through the previous images, as long as it is found with certainty and not known
+        there.
 
-        In each of these images it is added, and bodies that are parts of it are removed. Yield the numbers of images
-        before the current one.
+        It is added to them, and bodies that are parts of it are removed. Yield how many images back each one is.
         """
         for ago, (pyramid, known) in enumerate(reversed(self._before), 1):
             found = self._person(pyramid, person.region)
@@ -451,7 +444,7 @@ class PeopleDetector:
                     self._add(people, self._confirmed(pyramid, self._settled(pyramid, beside)))
 
     def _search_crowds(self, pyramid: list[np.ndarray], people: list[_Followed]) -> None:
-        """Add people near others. The first network misses them: in a window it finds only the most prominent person.
+        """Add people near others, of whom the first network finds only the most prominent one in a window.
 
         In the first images the search is around all people, later around one person per image, in turn.
         """
@@ -485,8 +478,8 @@ class PeopleDetector:
     def _person(self, pyramid: list[np.ndarray], region: Region, without: Sequence[Person] = ()) -> Person:
         """Return the person in a region. If its head is too large for its body, search a larger body around the head.
 
-        The second network fits a body into the region. Where the hips or legs are hidden, it returns a body that is too
-        small in a region that is too small, and the region shrinks from image to image.
+        The second network fits a body into the region: where legs are hidden, body and region would shrink from image
+        to image.
         """
         person = find_person(self._joints, pyramid, region, without)
         if (larger := larger_region(person)) is None:

@@ -314,7 +314,6 @@ def members() -> dict[str, list[int]]:
 
 @cache
 def _weights() -> np.ndarray:
-    """Return the (33, 3) weights of the features."""
     fitted, weights = read_json(MODELS / "confidence.json"), np.empty((len(BLAZEPOSE33), 3))
     for group, index in members().items():
         weights[index] = fitted[group]["weights"]

@@ -314,7 +314,6 @@ def _generate(each: LevelSet, data: Path, workers: int) -> None:
 
 
 def _prepare(definition: Definition, data: Path, name: str) -> FrozenMatch:
-    """Check a clip, and capture it if its capture does not exist yet."""
     clip = clip_of(data, name)
     frozen = definition.checksums.is_file()
     agreement = check_clip(name, clip, definition.checksums) if frozen else FrozenMatch.unchecked

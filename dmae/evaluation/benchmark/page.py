@@ -84,7 +84,6 @@ def _difficulty(scores: dict) -> Table:
 
 
 def _completion_tables(scores: dict) -> dict[str, Table]:
-    """Return the tables of the error of holes, by level, along each axis and in each cell, and of stated regions."""
     completion = {name: entry["summary"] for name, entry in scores["completion"].items()}
     header = ("method", "mm", "95 % interval", *(level["name"] for level in scores["levels"]), "filled %", "seen mm")
     rows = []
@@ -123,7 +122,6 @@ def _completion_tables(scores: dict) -> dict[str, Table]:
 
 
 def _angle_tables(scores: dict) -> dict[str, Table]:
-    """Return the tables of joint angles, by level and by hole; none if they are not scored."""
     summaries = {name: entry["summary"] for name, entry in scores["completion"].items()}
     turned = {name: each["angles"] for name, each in summaries.items() if "angles" in each}
     if not turned:

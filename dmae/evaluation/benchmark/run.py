@@ -238,7 +238,6 @@ def _ratios(table: pd.DataFrame, *by: str, value: str, count: str = "holes", sca
 
 
 def _total(cells: dict[str, dict], key: str) -> float:
-    """Return the sum of an entry over clips, and over cells."""
     return np.sum([each[key] for each in cells.values()])
 
 

@@ -149,10 +149,9 @@ def closeness(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
 def _with_people(clip: Clip, distance: np.ndarray, angle: np.ndarray, delay: np.ndarray) -> Clip:
     """Return the clip with detections of N additional people, which hide others and are hidden by them.
 
-    They are copies of the clip's people in turn, each moved by `distance` (N,) m at an `angle` (N or more,) rad, and
-    delayed by frames (N or more,). A joint of a copy is detected as the same joint of the copied person at the copied
-    time: with the same error, in proportion to the height in the image, and the same confidence, or not at all. Joints
-    behind any other body or outside the image are not detected.
+    They are copies of the clip's people in turn, moved by `distance` (N,) m at an `angle` (N or more,) rad, and delayed
+    by frames (N or more,). Their joints have the error, scaled with the height in the image, and the confidence of the
+    copied ones; none is detected behind another body or outside the image.
     """
     rig, skeleton, found = clip.actual_rig, clip.poses.skeleton, clip.detections
     people, count = clip.poses.xyz.astype(np.float64), clip.poses.xyz.shape[1]

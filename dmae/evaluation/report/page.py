@@ -180,7 +180,6 @@ def _sources(findings: Sequence[Findings]) -> list[str]:
 
 
 def _errors(findings: Sequence[Findings]) -> list[str]:
-    """Return sentences on errors against the truth, uncertainty, reprojection and the floor."""
     said, truth = [], added(*(each.against_truth for each in findings))
     if not truth:
         captured = any(each.sources for each in findings)

@@ -100,15 +100,10 @@ def _associate(
 
 
 class _Graph:
-    """Edges between joints of views and of the frame before.
+    """Edges between joints of views and of the frame before, each 0 to 1, or -1 where there can be none.
 
-    Attributes:
-        bones: Pairs of joints.
-        view: View of each detection.
-        epipolar: [J][n][n] from 0 to 1, -1 where two rays do not meet or are of one view.
-        tracking: [J][T][n] from 0 to 1, -1 where a ray misses the joint.
-        limb: [bone][n], -1 where a detection lacks an end.
-        root: [bone], 1 at the root of the body, 0 at its last bones.
+    `view` is that of each detection; `epipolar` is [J][n][n], `tracking` [J][T][n], `limb` [bone][n]; `root` [bone] is
+    1 at the root of the body, 0 at its last bones.
     """
 
     def __init__(self, frame: Frame, centers: np.ndarray, skeleton: Skeleton, before: list[np.ndarray]):

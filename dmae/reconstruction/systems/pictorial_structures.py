@@ -87,8 +87,7 @@ def _tied(joint: int, place: dict[int, np.ndarray], skeleton: Skeleton, prior) -
 
 
 def _states(frame: Frame, rig: CameraRig, joint: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the states of a joint: points (C, 3), m; logarithms of their potentials (C,); and (C, n, 2), True for the
-    two detections that a state was made of, and for all that show the joint there."""
+    """Return points (C, 3) m, log potentials (C,), and detections (C, n, 2) that made a state, and that show it."""
     shows = np.flatnonzero(np.isfinite(frame.score[:, joint]))
     only = slice(joint, joint + 1)
     one = Frame(frame.view, frame.xy[:, only], frame.score[:, only], frame.rays[:, only])

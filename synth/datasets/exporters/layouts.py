@@ -66,7 +66,6 @@ class PhysicalEntries:
         return found
 
     def _contacts(self, frame: int, person: int) -> list[dict]:
-        """Return the contacts of a person in a frame, with the forces that act on the person."""
         contacts, found = self._labels.contacts, []
         first, last = np.searchsorted(contacts.frame, (frame, frame + 1))
         for number in range(first, last):
@@ -201,11 +200,8 @@ def _write_yolo_clip(task: ClipTask) -> Counter:
 
 
 def _line(person: PersonLabel, image: LabelledImage) -> str:
-    """Return the line of a person: class, centre, width and height of the box, and x, y, v of each joint.
-
-    Positions are fractions of the image, from its corner. Pixel (0, 0) of our convention is the centre of the first
-    pixel.
-    """
+    """Return the line of a person: class, box centre and size, and x, y, v of each joint, as fractions from the image's
+    corner."""
     width, height = image.size
     x, y, box_width, box_height = person.box
     # A box around joints is in pixel coordinates, so its origin is the centre of a pixel.

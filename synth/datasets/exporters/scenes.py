@@ -47,8 +47,6 @@ _LIGHT_LUX, _LIGHT_CANDELA = 3.0, 60.0
 
 @dataclass(frozen=True)
 class _Piece:
-    """A rigid piece of the scene."""
-
     name: str  # Owner and number
     # points, faces: (n, 3) m and (m, 3) of its mesh, in the frame of its body
     points: np.ndarray
@@ -115,8 +113,7 @@ def export_glb(selection: Selection, out: Path) -> dict[str, Counter]:
 def export_usd(selection: Selection, out: Path) -> dict[str, Counter]:
     """USD scene for each clip, with full pinhole cameras: `<split>/<clip>.usdc`. It needs usd-core.
 
-    Raises:
-        ValueError: usd-core is not installed.
+    Raises ValueError if usd-core is not installed.
     """
     try:
         import pxr  # noqa: F401
@@ -202,13 +199,11 @@ def _skin(model: mujoco.MjModel, skin: SkinOfPerson, bones: np.ndarray) -> _Skin
 
 
 def _of_person(model: mujoco.MjModel, skin: SkinOfPerson) -> list[int]:
-    """Return the meshes that are drawn of a person."""
     drawn = (model.geom_group < _DRAWN) & (model.geom_type == mujoco.mjtGeom.mjGEOM_MESH)
     return np.flatnonzero(drawn & np.isin(model.geom_bodyid, skin.segments)).tolist()
 
 
 def _mesh(model: mujoco.MjModel, geom: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return points and faces of the mesh of a geom."""
     mesh = model.geom_dataid[geom]
     first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
     points = model.mesh_vert[first : first + count]

@@ -110,8 +110,8 @@ def carried(
 def _on_toes(
     trajectory: BodyTrajectory, size: np.ndarray, times: np.ndarray, fps: float, *, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return ankles (F, 2, 3) and feet (F, 2, 3, 3) with heels that rise a little over tips that stay in place. `size`
-    (F,) of the movement is 1 on average."""
+    """Return ankles (F, 2, 3) and feet (F, 2, 3, 3) whose heels rise over resting tips, by a `size` (F,) of 1 on
+    average."""
     ankles, feet = trajectory.ankles.copy(), trajectory.feet.copy()
     for leg in range(2):
         pitched = np.abs(feet[:, leg, 2, 0])

@@ -38,11 +38,7 @@ reader = Registry("reader", MotionReader, __package__, kind="motion", option="mo
 
 
 def reader_of(path: Path) -> MotionReader:
-    """Return the reader of a file, by its extension.
-
-    Raises:
-        ValueError: no reader has this extension.
-    """
+    """Return the reader of a file, by its extension. Raises ValueError if no reader has this extension."""
     name = format_of(path)
     if name is None:
         known = ", ".join(f".{each}" for each in reader)

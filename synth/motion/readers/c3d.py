@@ -132,11 +132,7 @@ def _one(parameters: dict[str, np.ndarray], name: str, default: float | str) -> 
 
 
 def _parameters(data: bytes, at: int, processor: int) -> dict[str, np.ndarray]:
-    """Return the values of all parameters by `GROUP:NAME`; text as strings.
-
-    Raises:
-        ValueError, IndexError, struct.error: the parameters do not fit the data.
-    """
+    """Return the values of all parameters by `GROUP:NAME`; ValueError, IndexError or struct.error if damaged."""
     groups: dict[int, str] = {}
     found: dict[tuple[int, str], np.ndarray] = {}
     while data[at]:
@@ -258,8 +254,7 @@ def segments(marker: dict[str, np.ndarray], path: Path) -> tuple[np.ndarray, np.
     bends, the line between the two markers of the wrist, or the pelvis, determines the axis. The markers of the fifth
     metatarsals may be missing.
 
-    Raises:
-        ValueError: two markers coincide that must be at different positions.
+    Raises ValueError if two markers coincide that must be at different positions.
     """
 
     def middle(*names: str) -> np.ndarray:

@@ -135,9 +135,8 @@ OWN = Dialect(
 def recognise(recording: SkeletonRecording) -> tuple[Dialect, dict[str, int]]:
     """Return the dialect of a recording, and the joint index of each part (`pelvis`, `l_knuckle`, ...), in any case.
 
-    Raises:
-        ValueError: the joints are of no known dialect; the message lists those found, and those that are missing from
-            the most similar dialect and from our own names.
+    Raises ValueError if the joints are of no known dialect; the message lists those found, and those that are missing
+    from the most similar dialect and from our own names.
     """
     there = {joint.casefold(): i for i, joint in enumerate(recording.joints)}
     lacking = []
@@ -172,8 +171,7 @@ def at_rest(recording: SkeletonRecording, joint: dict[str, int]) -> tuple[Skelet
     The skeleton with all angles zero determines the up and left axes, and the rotation of each limb from the T-pose.
     Its head and feet are assumed to face forward. Returns the turned recording, its dialect, and the rotation (3, 3).
 
-    Raises:
-        ValueError: with all angles zero, the skeleton does not stand upright along an axis of the file.
+    Raises ValueError if with all angles zero, the skeleton does not stand upright along an axis of the file.
     """
     places = np.zeros((len(recording.joints), 3))
     for i, parent in enumerate(recording.parents[1:], 1):
@@ -234,8 +232,7 @@ def read_mapping(path: Path) -> dict[str, str]:
 def renamed(names: tuple[str, ...], mapping: dict[str, str], known: set[str], path: Path) -> tuple[str, ...]:
     """Return names, replaced where a mapping contains them.
 
-    Raises:
-        ValueError: the mapping has none of the names, or maps two of them to the same name.
+    Raises ValueError if the mapping has none of the names, or maps two of them to the same name.
     """
     if not mapping:
         return names

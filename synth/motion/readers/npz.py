@@ -139,9 +139,10 @@ def _fill(
 
 
 def _unit_of(places: np.ndarray, feet: np.ndarray, unit: float | None, path: Path) -> tuple[str, float]:
-    """Return the name of the unit of `trans` and its size in metres, from `places` (F, 3) as stated and balls of the
-    feet (F, 2, 3) relative to the pelvis, m, y up. In the right unit, the hips are about as high above the floor as
-    above the feet."""
+    """Return name and size, m, of the unit of `trans`, in which hips are as high above the floor as above the feet.
+
+    `places` are (F, 3) as stated, `feet` (F, 2, 3) relative to the pelvis, m, y up.
+    """
     if unit:
         return f"units of {unit:.4g} m", unit
     high, legs = np.percentile(places[:, 1], 90), np.percentile(-feet[..., 1].min(1), 90)
@@ -159,10 +160,9 @@ def _unit_of(places: np.ndarray, feet: np.ndarray, unit: float | None, path: Pat
 def _size(places: np.ndarray, feet: np.ndarray, fps: float) -> float:
     """Return the size of the person relative to the template, 0.8 to 1.25, with which the lower foot stands still.
 
-    The velocity v of the hips and, on the template, the velocity r of the ball of a foot relative to the hips satisfy v
-    + s r = 0 for the right size s. It is found by least squares over all frames in which the hips move faster than 0.4
-    m/s. Frames without a standing foot get a low weight (Cauchy, 0.1 m/s), and every tenth of a second counts as one
-    measurement. If the person does not walk, a prior of 1 with a deviation of 6 % determines the size.
+    Velocities v of the hips, and r of the ball of a foot relative to them on the template, satisfy v + s r = 0 for the
+    right size s: least squares over frames in which the hips move faster than 0.4 m/s. Frames without a standing foot
+    have a low weight (Cauchy, 0.1 m/s), every tenth of a second is one measurement, and the prior is 1 +- 6 %.
     """
     lower = feet[:-1, :, 1].argmin(1)
     hips = np.diff(places, axis=0) * fps

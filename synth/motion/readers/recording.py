@@ -50,8 +50,7 @@ def malformed(path: Path, line: int, expected: str, found: str) -> ValueError:
 def numbers(path: Path, line: int, words: list[str], expected: int) -> list[float]:
     """Return the finite numbers in the words of a line, counted from 0.
 
-    Raises:
-        ValueError: words are no numbers, more or fewer than expected, NaN or infinite.
+    Raises ValueError if words are no numbers, more or fewer than expected, NaN or infinite.
     """
     try:
         values = [float(word) for word in words]
@@ -87,8 +86,7 @@ def fill_gaps(values: np.ndarray, names: list[str], fps: float, path: Path) -> t
     Gaps of up to a quarter of a second are filled by monotone cubic interpolation (Fritsch and Carlson, SIAM Journal on
     Numerical Analysis 17, 1980).
 
-    Raises:
-        ValueError: less than half of the recording is left.
+    Raises ValueError if less than half of the recording is left.
     """
     values = np.where(np.isfinite(values), values, np.nan)
     lost = np.isnan(values).any(2)
