@@ -90,7 +90,7 @@ def what_to_look_at(scores: dict, trained: str, duration: str) -> list[str]:
     return [
         "What to look at: press Play. Discs are joints that cameras measured; diamonds with a red outline are joints "
         "that no two cameras agree on, completed by the weights that come with the package; thin lines are the truth. "
-        "Next hole leads to the next diamond, Worst frame to the largest error.",
+        "Next gap leads to the next diamond, Worst frame to the largest error.",
         f"Mean error of the unmeasured joints that all three fill: {errors['dmae']} with these weights, "
         f"{errors[trained]} with the network that this demo trained for {duration}, {errors['linear']} with straight "
         "lines, which leave many joints out. The last tables compare them.",

@@ -63,7 +63,7 @@ class PaperRows(NamedTuple):
     starts: np.ndarray
     """(W,) first rows of the windows."""
     captured: bool
-    """Whether the poses to look at were captured; then they have holes of their own."""
+    """Whether the poses to look at were captured; then they have gaps of their own."""
 
 
 def _all_captured(captured: Iterable[bool]) -> bool:

@@ -172,7 +172,7 @@ class BenchmarkConfig(ProcessesConfig):
     """Score completion and capture on a benchmark of occlusion, which is generated, not downloaded.
 
     Clips are simulated from a definition and its seed, and their checksums are compared with the published ones.
-    Methods fill the holes of the same captured poses; captures make poses from the detections. A method or a capture is
+    Methods fill the gaps of the same captured poses; captures make poses from the detections. A method or a capture is
     a name, package.module:function, or a folder of poses with a file LEVEL/SET/CLIP.npz for each clip.
     """
 
@@ -181,7 +181,7 @@ class BenchmarkConfig(ProcessesConfig):
     size: BenchmarkSize = BenchmarkSize.small
     """Number of clips: small takes minutes; published tables use full."""
     methods: list[str] = field(default_factory=lambda: ["linear", "pchip_body", "gaussian_process", "dmae"])
-    """Methods that fill holes: completion methods, module:function of poses and their frame rate, or folders of
+    """Methods that fill gaps: completion methods, module:function of poses and their frame rate, or folders of
     poses."""
     captures: list[str] = field(default_factory=lambda: [OURS])
     """Methods that make poses from detections: `capture` (this package), published systems as `mvpose`,

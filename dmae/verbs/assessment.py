@@ -153,7 +153,7 @@ def benchmark(
     """Compare completion and capture on a benchmark of occlusion, which is generated from its definition.
 
     Args:
-        methods: Methods that fill the holes of captured poses: functions of poses and frames per second that return
+        methods: Methods that fill the gaps of captured poses: functions of poses and frames per second that return
             poses, names of completion methods, or folders of poses.
         captures: Methods that compute poses from detections: functions of a clip, `capture` (of this package), or
             folders of poses.

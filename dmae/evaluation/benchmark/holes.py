@@ -1,6 +1,7 @@
 """Holes: the joints on which methods are scored, by cause, length and body part, and the sums of errors in them.
 
-A hole is a run of frames in which a joint was not measured, or not seen. No method can change the holes.
+A hole is a joint of a person in a frame in which it was not measured, or not seen; holes in a row are a gap. No method
+can change them.
 """
 
 from collections.abc import Iterable

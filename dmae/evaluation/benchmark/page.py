@@ -40,28 +40,28 @@ def benchmark_tables(scores: dict) -> dict[str, Table]:
 
 
 def write_scores(scores: dict, folder: Path) -> None:
-    """Write `scores.json` and `benchmark.html`: the tables, and figures of the error by level and length of holes."""
+    """Write `scores.json` and `benchmark.html`: the tables, and figures of the error by level and length of gaps."""
     write_atomic(folder / "scores.json", json.dumps(scores))
     completion = {name: entry["summary"] for name, entry in scores["completion"].items() if entry["summary"]["mm"]}
     best = min(completion, key=lambda name: completion[name]["mm"]["value"], default=None)
     clips = sum(level["clips"] for level in scores["levels"])
     text = (
-        f"{clips} clips, made from a definition and its seed. Holes are the joints of captured persons that capture "
-        "did not measure; every method fills the same ones. Errors are means over levels."
+        f"{clips} clips, made from a definition and its seed. A gap is a run of frames in which capture did not "
+        "measure a joint of a captured person; every method fills the same ones. Errors are means over levels."
     )
     if best:
         mm = completion[best]["mm"]["value"]
-        text += f" Of {len(completion)} methods {best} has the smallest error of holes, {mm:.1f} mm."
+        text += f" Of {len(completion)} methods {best} has the smallest error in gaps, {mm:.1f} mm."
     text += f" {CHECKED[scores['checksums']]}"
     figures = []
     if completion:
         levels = [level["name"] for level in scores["levels"]]
         figures = [
             CaptionedFigure(
-                "Mean error of holes by level.", _figure(completion, levels, lambda each: each["levels"], "level")
+                "Mean error in gaps by level.", _figure(completion, levels, lambda each: each["levels"], "level")
             ),
             CaptionedFigure(
-                "Mean error of holes by their length.",
+                "Mean error in gaps by their length.",
                 _figure(completion, AXES["frames"], lambda each: list(each["frames"].values()), "frames at 25/s"),
             ),
         ]
@@ -93,7 +93,7 @@ def _completion_tables(scores: dict) -> dict[str, Table]:
             continue
         figures = map(number_text, (*each["levels"], each["filled"], each["seen"]))
         rows.append((name, number_text(each["mm"]["value"]), _interval(each["mm"]), *figures))
-    tables = {"levels": Table("Mean error of holes, mm: mean over levels, and by level", header, rows)}
+    tables = {"levels": Table("Mean error in gaps, mm: mean over levels, and by level", header, rows)}
     holes = np.reshape(scores["holes"], SHAPE)
     for number, (axis, title) in enumerate(_TITLES.items()):
         classes = AXES[axis]
@@ -101,15 +101,15 @@ def _completion_tables(scores: dict) -> dict[str, Table]:
             (name, *([number_text(each[axis][one]) for one in classes] if each[axis] else _unmeasured(classes)))
             for name, each in completion.items()
         ]
-        rows.append(("holes", *map(str, holes.sum(tuple({0, 1, 2} - {number})))))
-        tables[axis] = Table(f"Mean error of holes, mm, {title}", ("method", *classes), rows)
+        rows.append(("joints", *map(str, holes.sum(tuple({0, 1, 2} - {number})))))
+        tables[axis] = Table(f"Mean error in gaps, mm, {title}", ("method", *classes), rows)
     rows = []
     for number, cell in enumerate(product(*AXES.values())):
         if holes.flat[number]:
             found = (number_text(each["cells"][number]) if each["cells"] else "-" for each in completion.values())
             rows.append((" ".join(cell), str(holes.flat[number]), *found))
-    header = ("cause, frames, part", "holes", *completion)
-    tables["cells"] = Table("Mean error of holes, mm, by cause, length and body part", header, rows)
+    header = ("cause, frames, part", "joints", *completion)
+    tables["cells"] = Table("Mean error in gaps, mm, by cause, length and body part", header, rows)
     rows = [
         (name, *map(number_text, (each["held"], *each["held_frames"].values(), *each["held_cause"].values())))
         for name, each in completion.items()
@@ -117,7 +117,7 @@ def _completion_tables(scores: dict) -> dict[str, Table]:
     ]
     if rows:
         header = ("method", "all", *AXES["frames"], *AXES["cause"])
-        tables["regions"] = Table("Filled holes within the 90 % regions that methods state, %", header, rows)
+        tables["regions"] = Table("Filled joints within the 90 % regions that methods state, %", header, rows)
     return tables
 
 
@@ -141,10 +141,10 @@ def _angle_tables(scores: dict) -> dict[str, Table]:
          *(number_text(each["by"][one]) for one in causes))
         for name, each in turned.items()
     ]  # fmt: skip
-    title = "Mean error of joint angles of the legs, degrees, by the longest hole among the joints that show them"
+    title = "Mean error of joint angles of the legs, degrees, by the longest gap among the joints that show them"
     return {
         "angles": Table(caption, header, rows),
-        "angle_holes": Table(title, ("method", "no hole", *lengths, *causes), by_hole),
+        "angle_holes": Table(title, ("method", "no gap", *lengths, *causes), by_hole),
     }
 
 
@@ -183,7 +183,7 @@ def _differences(found: list[dict]) -> Table:
         interval = "-" if low is None else f"{low:+.1f} to {high:+.1f}"
         rows.append((each["method"], each["against"], f"{value:+.1f}", interval, verdict))
     header = ("method", "earlier", "mm", "95 % interval", "")
-    return Table("Against earlier scores: difference of the mean error of holes, mm, on the same clips", header, rows)
+    return Table("Against earlier scores: difference of the mean error in gaps, mm, on the same clips", header, rows)
 
 
 def _figure(completion: dict, classes: list[str], values, label: str) -> Figure:

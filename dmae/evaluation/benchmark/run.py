@@ -1,7 +1,7 @@
 """A benchmark from hand-ins to scores: make the clips, score every hand-in, compare with earlier scores.
 
 A hand-in is a method by name, a function of your own, or a folder of poses made elsewhere. Its scores on a clip are
-sums by cause, length and body part of the holes; `completion_summary` and `capture_summary` divide them over all clips.
+sums by cause, length and body part of the gaps; `completion_summary` and `capture_summary` divide them over all clips.
 """
 
 from collections.abc import Callable, Sequence
@@ -43,7 +43,7 @@ class Task(StrEnum):
     """The kind of result that a method hands in."""
 
     completion = "completion"
-    """Poses with the holes of our capture filled: all methods on the same holes."""
+    """Poses with the gaps of our capture filled: all methods on the same gaps."""
     capture = "capture"
     """Poses made from detections, by any capture."""
 
@@ -146,7 +146,7 @@ def completion_summary(levels: dict[str, int], cells: dict[str, dict]) -> dict:
     """Return the scores of completed poses, from the level of each clip and its `completion_cells`, by id.
 
     Returns:
-        JSON-able; None stands for "not measured". `mm`, the mean error of holes, is the mean over levels with its 95 %
+        JSON-able; None stands for "not measured". `mm`, the mean error in gaps, is the mean over levels with its 95 %
         interval over clips; `levels`, `cause`, `frames`, `part` and `cells` (flat, in the order of `AXES`) split it.
         `filled`, % of the holes that were filled. `held`, % of the filled holes with a covariance that are within their
         90 % region, and `held_cause`, `held_frames`. `seen`, mm, the error of measured joints. `angles`, if they are
@@ -228,7 +228,7 @@ def cell_table(levels: dict[str, int], cells: dict[str, dict], axes: dict[str, l
 
 
 def _mean_error(table: pd.DataFrame, value: str = "mm", count: str = "holes") -> Score:
-    """Return the error of holes, mm: the mean over levels. Clips of a level are drawn for its interval."""
+    """Return the error in gaps, mm: the mean over levels. Clips of a level are drawn for its interval."""
     return score_of(table, "level", within="level", draw="clip", value=value, count=count)
 
 

@@ -38,7 +38,7 @@ async function player() {
     byId("frame").max = Math.max(0, clip.frames - 1);
     const has = { truth: clip.truth, measured: clip.poses, completed: clip.poses, uncertainty: clip.poses, image: clip.cameras.some((each) => each.video) };
     for (const name of Object.keys(toggleTitles)) byId(`show-${name}`).parentElement.hidden = name in has && !has[name];
-    byId("hole").disabled = !clip.gaps.starts.length;
+    byId("gap").disabled = !clip.gaps.starts.length;
     byId("worst").disabled = worst() === null;
     for (const id of ["play", "back", "forward", "frame"]) byId(id).disabled = clip.frames < 2;
     say(clip.notes);
@@ -167,7 +167,7 @@ async function player() {
     draw();
   });
 
-  // Holes and the worst frame
+  // Gaps and the worst frame
 
   function worst() {
     const score = clip.error ? clip.error : Array.from(clip.gaps.completed, (share, i) => share + clip.gaps.missing[i]);
@@ -176,7 +176,7 @@ async function player() {
     return best;
   }
 
-  function nextHole() {
+  function nextGap() {
     const starts = clip.gaps.starts.filter((start) => followed === null || start.person === followed);
     const next = starts.find((start) => start.frame > frame) || starts[0];
     if (next) jump(next.frame);
@@ -391,7 +391,7 @@ async function player() {
   byId("play").addEventListener("click", () => (playing ? pause() : play()));
   byId("back").addEventListener("click", () => jump(frame - 1));
   byId("forward").addEventListener("click", () => jump(frame + 1));
-  byId("hole").addEventListener("click", nextHole);
+  byId("gap").addEventListener("click", nextGap);
   byId("worst").addEventListener("click", jumpToWorst);
   byId("frame").addEventListener("input", (event) => jump(Number(event.target.value)));
   byId("closer").addEventListener("click", () => zoom(0.8));
@@ -409,7 +409,7 @@ async function player() {
     ArrowRight: (shift) => jump(frame + (shift ? Math.round(clip.fps) : 1)),
     Home: () => jump(0),
     End: () => jump(clip.frames - 1),
-    n: nextHole,
+    n: nextGap,
     w: jumpToWorst,
     c: () => chooseCamera((camera + 1) % clip.cameras.length),
     f: () => {
