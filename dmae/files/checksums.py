@@ -15,8 +15,8 @@ FORMAT = 1
 RECORD = "config.yaml"
 """The options that a command ran with, written to its output. The file begins with its own checksum."""
 _BESIDE = (
-    RECORD, ".*.lock", "*.config.yaml", "verify.json", "splits.json", "leaks.json", "statistics", "report*.html",
-    "decisions.json",
+    RECORD, ".*.lock", "*.config.yaml", "verify.json", "splits.json", "leaks.json", "statistics", "errors", "realism",
+    "report*.html", "decisions.json", "*_review.csv",
 )  # fmt: skip
 """Files that commands write about a clip or data set into its folder. They are not part of it."""
 _OWN = "# sha256 of what follows: "

@@ -6,8 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dmae.commands import report, review
+from dmae.commands.config import ReportCommand, ReviewCommand
 from dmae.data.store import CHECKSUMS, save_clip, write_manifest
-from dmae.files.checksums import refuse_damaged
+from dmae.files.checksums import clip_checksum, end_data_set, refuse_damaged, write_checksums
+from synth.commands import config as options
+from synth.commands import detector_errors, realism, split, stats
+from synth.commands import verify as verify_command
 from synth.datasets.verify import verify
 from tests.support.commands import dmae
 from tests.support.stressed_clips import strollers
@@ -70,3 +75,27 @@ def test_training_and_completion_refuse_a_changed_clip(made):
         assert "damaged=true" in done.stderr
     done = dmae(made.parent, "complete", f"clip={made}", "damaged=true", "out=more")
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("part", ["", "a"])
+def test_what_commands_write_beside_the_clips_by_default_is_no_damage(part, tmp_path):
+    data = tmp_path / "data"
+    save_clip(strollers(frames=4, persons=1, views=2, name="a"), data / "a")
+    write_manifest(data, [{"id": "a", "status": "ok"}])
+    write_checksums(data / "a")
+    end_data_set(data, (), {"a": clip_checksum(data / "a")})
+    path = str(data / part)
+    for place in (
+        verify_command.default_out(options.VerifyCommand(path)),
+        detector_errors.default_out(options.DetectorErrorsCommand(data=path)) / "errors.json",
+        realism.default_out(options.RealismCommand(data=path)) / "realism.json",
+        stats.default_out(options.StatsCommand(data=path)) / "statistics.json",
+        split.default_out(options.SplitCommand(str(data))),
+        split.default_out(options.SplitCommand(str(data), check="splits.json")),
+        report.default_out(ReportCommand(clip=path)),
+        review.default_out(ReviewCommand(clip=str(data / "a"))),
+    ):
+        place.parent.mkdir(exist_ok=True)
+        place.write_text("{}")
+    assert verify(data).problems == []
+    refuse_damaged(data, None)
