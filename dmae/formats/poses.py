@@ -136,8 +136,10 @@ def read_provenance(path: Path, joints: Sequence[str], frames: int) -> np.ndarra
     Raises ValueError if the table is malformed, or has other frames or joints.
     """
     table, person = provenance_table(path), "P1"
-    if _PERSON.search(path.stem):
-        person = path.stem.rpartition("_")[2]
+    if not table.is_file() and _PERSON.search(path.stem):
+        # The file of one of several persons. A single person's own name can end in the same way: squat_P2.
+        name, _, person = path.stem.rpartition("_")
+        table = provenance_table(path.with_stem(name))
     if not table.is_file():
         return None
     source, first = np.full((frames, len(joints)), -1), None
@@ -162,9 +164,8 @@ def read_provenance(path: Path, joints: Sequence[str], frames: int) -> np.ndarra
 
 
 def provenance_table(path: Path) -> Path:
-    """Return the path of the table of sources that the pose files of one run share."""
-    path = Path(path)
-    return path.with_name(f"{_PERSON.sub('', path.stem)}.provenance.csv")
+    """Return the path of the table of sources, by the name that the pose files of all persons share."""
+    return Path(path).with_suffix(".provenance.csv")
 
 
 def person_paths(path: Path, persons: int) -> list[Path]:

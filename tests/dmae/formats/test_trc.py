@@ -237,3 +237,10 @@ def test_the_files_of_pose2sim_s_authors(data_folder):
     height = found.xyz[:, 0, BODY25B.index("head_top")[0], 2] - found.xyz[:, 0, BODY25B.index("l_heel")[0], 2]
     assert 1.4 < np.median(height) < 2.0
     assert np.isnan(found.xyz[:, 0, BODY25B.index("l_eye")[0]]).all()
+
+
+@pytest.mark.parametrize("persons", [1, 2])
+def test_the_name_of_a_file_may_end_like_that_of_a_person(tmp_path, persons):
+    poses = holed(persons)
+    export(poses, tmp_path / "squat_P2.trc")
+    np.testing.assert_array_equal(read_poses(tmp_path / "squat_P2.trc").poses.source, poses.source)
