@@ -58,8 +58,8 @@ def match_cameras(
 
 
 def plain(name: str) -> str:
-    """Return the letters and digits of a name, in lower case."""
-    return re.sub(r"[^a-z0-9]", "", name.lower())
+    """Return the letters and digits of a name, of any script, in lower case."""
+    return re.sub(r"[\W_]", "", name.lower())
 
 
 def _number(name: str) -> int | None:
@@ -69,7 +69,7 @@ def _number(name: str) -> int | None:
 
 def natural(name: str) -> list:
     """Return a sort key by which cam2 comes before cam10."""
-    return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", name)]
+    return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", name)]
 
 
 def by_name(items: Iterable) -> list:

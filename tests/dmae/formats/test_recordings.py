@@ -32,6 +32,8 @@ def rig(*names: str):
         (["img_1", "img_2"], ["2", "1"], [1, 0], "by number: img_1 = 1, img_2 = 2"),
         (["view0", "view1"], ["cam_1", "cam_2"], [0, 1], "in order of their numbers: view0 = cam_1"),
         (["v9", "v10"], ["c10", "c9"], [1, 0], "by number"),
+        (["右", "左"], ["左", "右"], [1, 0], None),
+        (["kamera²", "2²"], ["2²", "kamera²"], [1, 0], None),
         (["left", "right"], ["a", "b"], [0, 1], "in order of their names: left = a, right = b"),
     ],
 )
