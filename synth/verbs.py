@@ -462,7 +462,7 @@ def fit_detector(
         recording: The recording with the detections to imitate.
         clips: Simulated clips of a scene similar to the recording's, seen by its cameras.
         start: Start of the fit; options that the recording does not determine keep its values.
-        truth: Reference for the detections of the recording: `others`, the other views, or `annotated`, its truth.
+        truth: Reference for the detections of both: `others`, the other views, or `annotated`, their truth.
         rounds: Number of simulations.
         seed: Seed of the detector.
         workers: Processes; -1 for one per core.
@@ -484,8 +484,8 @@ def fit_detector(
     from synth.detector.fitting import fit
     from synth.detector.statistics import measure
 
-    statistics = measure(recording, ErrorReference(truth))
-    return fit(statistics, clips, start or DetectorConfig(), rounds=rounds, seed=seed, workers=workers)
+    how = {"rounds": rounds, "seed": seed, "workers": workers, "reference": ErrorReference(truth)}
+    return fit(measure(recording, how["reference"]), clips, start or DetectorConfig(), **how)
 
 
 def realism(

@@ -138,7 +138,7 @@ def measure(clip: Clip, reference: ErrorReference = ErrorReference.others) -> De
             raise ValueError(
                 f"clip {clip.id!r}: no person is annotated; measure against the other views with truth=others"
             )
-        clip = clip.select(frames=np.flatnonzero(known))
+        clip = replace(clip.select(frames=np.flatnonzero(known)), rig=clip.actual_rig)
     elif views < 3:
         raise ValueError(
             f"clip {clip.id!r}: errors are measured against the other views, which takes 3 cameras or more"

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import synth
 from dmae.data.clip import Clip
 from dmae.data.labels import OcclusionLabels, Visibility
 from dmae.data.rng import Stream, generator
@@ -17,6 +18,7 @@ from synth.detector.errors_of_joints import Misses
 from synth.detector.fitting import load_preset
 from synth.detector.parts import PartConfig, PartsConfig
 from synth.detector.simulated_detector import detect
+from synth.detector.statistics import measure
 from synth.recognition.truth_fit import distances, fit_to_truth
 from tests.support.circling_people import circling_people
 from tests.support.clips import looking_at_origin
@@ -84,6 +86,28 @@ def test_a_planted_detector_is_found_again():
 def test_clips_without_truth_are_refused():
     with pytest.raises(ValueError, match="truth=annotated fits to clips with truth"):
         fit_to_truth([replace(clip(0), truth=None, occlusion=None)], START, rounds=1)
+
+
+def test_a_recording_and_its_simulation_are_measured_against_the_same_reference(tmp_path):
+    """Two cameras can be measured against an annotation, and not against each other."""
+    real, *sim = (clip(number).select(views=[0, 1]) for number in range(2))
+    real = replace(real, occlusion=None)
+    assert synth.fit_detector(real, sim, start=START, truth="annotated", rounds=1).statistics.error.size
+    save_clip(real, tmp_path / "real")
+    save_clip(sim[0], tmp_path / "sim")
+    command = FitDetectorCommand(str(tmp_path / "real"), truth=ErrorReference.annotated, clips=str(tmp_path / "sim"))
+    run(replace(command, detector=START, rounds=1), tmp_path / "out")
+    assert (tmp_path / "out/detector/fitted.yaml").is_file()
+
+
+def test_errors_are_measured_by_the_true_cameras():
+    """What a calibration has wrong is no error of the detector."""
+    exact = clip(0)
+    wrong = replace(exact.rig, K=exact.rig.K * ((1.03, 1, 1), (1, 1.03, 1), (1, 1, 1)))
+    found = [
+        measure(each, ErrorReference.annotated).error for each in (exact, replace(exact, rig=wrong, true_rig=exact.rig))
+    ]
+    np.testing.assert_array_equal(*found)
 
 
 @pytest.mark.slow
