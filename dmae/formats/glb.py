@@ -80,10 +80,12 @@ class GltfFile:
         """
         material = {"baseColorFactor": [*colour, 1], "metallicFactor": 0, "roughnessFactor": 0.8}
         primitive = {"material": self.add("materials", name=name, pbrMetallicRoughness=material)}
-        # Faces have flat shading, so each face has its own copies of its points.
+        # Faces have flat shading, so each face has its own copies of its points. Those without an area, at the ends of
+        # limbs, are left out: the format allows only normals of length 1.
         flat = points[faces].astype(np.float32)
         normals = np.cross(flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0])
-        normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-12)
+        area = np.linalg.norm(normals, axis=-1)
+        flat, normals, faces = flat[area > 0], normals[area > 0] / area[area > 0, None], faces[area > 0]
         attributes = {
             "POSITION": self.accessor(flat.reshape(-1, 3), "VEC3", target=VERTICES, bounds=True),
             "NORMAL": self.accessor(np.repeat(normals, 3, 0), "VEC3", target=VERTICES),

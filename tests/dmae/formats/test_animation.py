@@ -304,3 +304,13 @@ def test_more_frames_than_a_c3d_counts_go_into_several(clip, tmp_path, monkeypat
     ]
     whole = ezc3d.c3d(str(tmp_path / "walk.c3d"))["data"]
     np.testing.assert_array_equal(np.concatenate([part["points"] for part in parts], -1), whole["points"])
+
+
+def test_normals_in_a_glb_have_length_1(clip, tmp_path):
+    pygltflib = pytest.importorskip("pygltflib")
+    file = pygltflib.GLTF2().load(str(written(clip.poses, tmp_path / "walk.glb", "glb")))
+    for mesh in file.meshes:
+        accessor = file.accessors[mesh.primitives[0].attributes.NORMAL]
+        start = file.bufferViews[accessor.bufferView].byteOffset
+        normals = np.frombuffer(file.binary_blob(), "<f4", 3 * accessor.count, start).reshape(-1, 3)
+        np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-5)
