@@ -58,7 +58,8 @@ def gaps_figure(scores: dict) -> Figure:
     views = list(dict.fromkeys(result["views"] for result in results)) or [0]
     figure = Figure(figsize=(4.6 * len(views) + 1.6, 3.4), layout="constrained")
     panels = figure.subplots(1, len(views), sharey=True, squeeze=False)[0]
-    colours = {method: PERSONS[i] for i, method in enumerate(dict.fromkeys(result["method"] for result in results))}
+    methods = dict.fromkeys(result["method"] for result in results)
+    colours = {method: PERSONS[i % len(PERSONS)] for i, method in enumerate(methods)}
     for axes, count in zip(panels, views, strict=True):
         for result in (result for result in results if result["views"] == count):
             gaps = result["mean"]["gaps"]
@@ -84,7 +85,9 @@ def plain(axes: Axes) -> None:
 def _draw_view(axes: Axes, clip: Clip, frame: int, view: int, pixels: np.ndarray) -> None:
     width, height = clip.rig.size[view]
     if clip.has_images:
-        axes.imshow(clip.images.at("rgb", clip.rig.names[view], frame), aspect="auto")
+        # Pictures of another size than the calibration's are stretched over it.
+        place = (-0.5, width - 0.5, height - 0.5, -0.5)
+        axes.imshow(clip.images.at("rgb", clip.rig.names[view], frame), aspect="auto", extent=place)
     else:
         axes.set_facecolor("#e9ecef")
     axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xticks=[], yticks=[])

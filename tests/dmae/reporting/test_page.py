@@ -8,6 +8,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from dmae.data.clip import Poses3D, Source
+from dmae.data.images import Images, write_image
 from dmae.evaluation.report.page import scores_section
 from dmae.reporting.figures import COMPLETED, gaps_figure, telling_frame, views_figure
 from dmae.reporting.page import CaptionedFigure, Section, write_report
@@ -63,6 +64,21 @@ def test_joints_are_drawn_where_the_camera_sees_them(completed):
     drawn = np.concatenate([np.stack(line.get_data(), -1) for line in dots])
     pixels, _ = completed.rig.project(completed.poses.xyz[:1])
     np.testing.assert_allclose(np.sort(drawn[:, 0]), np.sort(pixels[0, 2].reshape(-1, 2)[:, 0]), rtol=1e-6)
+
+
+def test_pictures_of_another_size_lie_under_the_joints(completed, tmp_path):
+    for name, (width, height) in zip(completed.rig.names, completed.rig.size.tolist(), strict=True):
+        write_image("rgb", tmp_path / "rgb" / name / "000000.png", np.zeros((height // 2, width // 2, 3), np.uint8))
+    images = Images(tmp_path, completed.rig.names, (0,) * len(completed), ("rgb",), rgb="png")
+    (image,) = views_figure(replace(completed, images=images), 0).axes[0].images
+    width, height = completed.rig.size[0]
+    assert image.get_extent() == pytest.approx((-0.5, width - 0.5, height - 0.5, -0.5))
+
+
+def test_gaps_of_any_number_of_methods_are_drawn():
+    (result, _) = scores([10.0])["results"]
+    figure = gaps_figure({"results": [result | {"method": f"method {number}"} for number in range(9)]})
+    assert len(figure.axes[0].lines) == 9
 
 
 def test_the_frame_drawn_has_most_completed_joints_or_else_most_missing(completed):
