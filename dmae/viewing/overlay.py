@@ -415,8 +415,9 @@ class Overlay:
             people = int(clip.detections.observed[frame, view].any(-1).sum())
             words.append((f"{people} detected", DETECTED))
         if self.layers.poses:
-            source = clip.poses.source[frame][:, first_joints(clip.poses)]
-            completed, measured = (source == Source.COMPLETED).sum(), clip.poses.measured[frame].sum()
+            joints = first_joints(clip.poses)
+            completed = (clip.poses.source[frame][:, joints] == Source.COMPLETED).sum()
+            measured = clip.poses.measured[frame][:, joints].sum()
             words += [(f"{measured} joints measured", INK)] if self.layers.measured else []
             words += [(f"{completed} completed", RED)] if self.layers.completed and completed else []
         return words

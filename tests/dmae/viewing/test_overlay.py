@@ -6,9 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from dmae.data.clip import Source
+from dmae.data.clip import Poses3D, Source
+from dmae.data.conversion import convert
 from dmae.data.labels import Visibility
-from dmae.data.skeleton import BODY25
+from dmae.data.skeleton import BODY25, SHELF14, fuse
 from dmae.viewing.config import LayersConfig
 from dmae.viewing.overlay import (
     COLOURS,
@@ -165,3 +166,11 @@ def test_joints_far_outside_a_image_are_left_out():
     xyz[:, 0, BODY25.index("l_wrist")[0]] = (-3.999, 3, 1)
     far = replace(clip, poses=replace(clip.poses, xyz=xyz))
     assert tile(far).shape == (480, 640, 3)
+
+
+def test_only_joints_that_are_drawn_are_counted():
+    clip = captured_clip()
+    both = [clip.poses, convert(clip.poses, SHELF14)]
+    xyz, source = (np.concatenate([getattr(each, name) for each in both], 2) for name in ("xyz", "source"))
+    fused = replace(clip, poses=Poses3D(fuse(BODY25, SHELF14), xyz, source))
+    assert overlay(fused)._counts(0, 0) == overlay(clip)._counts(0, 0)
