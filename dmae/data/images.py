@@ -13,7 +13,7 @@ import numpy as np
 from dmae.data.array_fields import short_repr
 from dmae.data.labels import KINDS as KINDS
 from dmae.files.checks import child
-from dmae.files.images import kept_open, open_video, read_image
+from dmae.files.images import kept_open, open_video, read_image, upright_frame
 
 RGB_FILES = {"h264": "mp4", "png": "png", "jpeg": "jpg"}
 """Formats of colour images, and the suffixes of their files."""
@@ -21,7 +21,7 @@ FIRST_OBJECT_ID = 256
 """Ids in an image: 0 nothing, 1 + p person p, 256 + k object k of `OcclusionLabels.objects`."""
 _NORMAL_STEPS, _FLOW_STEPS, _FLOW_ZERO = 127, 64, 32768
 _JPEG_QUALITY = 95
-_CHANNELS = {"rgb": (3,), "normals": (3,), "flow": (3,), "amodal": (1, 3)}
+_CHANNELS = {"normals": (3,), "flow": (3,), "amodal": (1, 3)}
 """Possible numbers of channels in the file of an image, by kind. Other kinds have one channel."""
 
 
@@ -130,7 +130,7 @@ class Images:
                 for number, frame in enumerate(container.decode(video=0)):
                     if number in wanted:
                         found += 1
-                        yield lambda frame=frame: self._cut(frame.to_ndarray(format="rgb24"), view)
+                        yield lambda frame=frame: self._cut(upright_frame(frame), view)
                     if number == last:
                         break
             except (av.FFmpegError, ValueError) as error:
@@ -155,10 +155,10 @@ def _numbered(folder: Path, frame: int) -> Path:
 
 
 def _read_image(kind: str, path: Path) -> np.ndarray:
-    image = read_image(path, _CHANNELS.get(kind, (1,)))
-    # The order of OpenCV's channels is blue, green, red.
     if kind == "rgb":
-        return np.ascontiguousarray(image[..., ::-1])
+        return read_image(path)
+    # The order of OpenCV's channels is blue, green, red.
+    image = read_image(path, _CHANNELS.get(kind, (1,)))
     if kind == "depth":
         return np.where(image > 0, image / np.float32(1000), np.float32(np.nan))
     if kind == "normals":

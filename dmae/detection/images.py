@@ -10,7 +10,7 @@ import numpy as np
 
 from dmae.data.images import Images
 from dmae.files.checks import IMAGES, VIDEOS, check_rate
-from dmae.files.images import open_video, read_upright, upright_size
+from dmae.files.images import open_video, read_upright, upright_frame, upright_size
 from dmae.formats.recordings import by_name, frame_number
 
 
@@ -176,18 +176,11 @@ def _read_video(path: Path, stamps: list[int], start: int, stop: int) -> Iterato
                         break
                     continue
                 yield from [None] * (number - expected)
-                yield _upright(frame)
+                yield upright_frame(frame)
                 expected = number + 1
             if expected >= stop:
                 break
     yield from [None] * (stop - expected)
-
-
-def _upright(frame) -> np.ndarray:
-    """Return the image of a frame, rotated as players show it: phones record their orientation in the video."""
-    image = frame.to_ndarray(format="rgb24")
-    quarters = round((getattr(frame, "rotation", 0) or 0) / 90)
-    return np.ascontiguousarray(np.rot90(image, quarters)) if quarters % 4 else image
 
 
 # Which images belong to one frame, by the frame rates and offsets of the videos

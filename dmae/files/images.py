@@ -29,16 +29,19 @@ def check_image(path: Path) -> tuple[int, int]:
         return image.size
 
 
-def read_image(path: Path, channels: tuple[int, ...]) -> np.ndarray:
-    """Return an image (H, W) or (H, W, C), C one of `channels`, in OpenCV's order; errors as in `check_image`."""
+def read_image(path: Path, channels: tuple[int, ...] = ()) -> np.ndarray:
+    """Return an image (H, W) or (H, W, C), C one of `channels`, in OpenCV's order, or without them its colours.
+
+    Colours are (H, W, 3) uint8 RGB as viewers show them. Raises as `check_image`.
+    """
     check_image(path)
     try:
-        image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED if channels else cv2.IMREAD_COLOR_RGB)
     except cv2.error as error:
         raise ValueError(f"{path}: this image is damaged, {error}") from None
     found = None if image is None else 1 if image.ndim == 2 else image.shape[2]
-    if found not in channels:
-        wanted = " or ".join(map(str, channels))
+    if found not in (channels or (3,)):
+        wanted = " or ".join(map(str, channels or (3,)))
         raise ValueError(f"{path}: expected a readable image of {wanted} channels, found {found or 'none'}")
     return image
 
@@ -85,6 +88,13 @@ def _opened(path: Path, formats: tuple[str, ...]) -> Iterator[Image.Image]:
         raise ValueError(f"{path}: expected a {', '.join(formats[:-1])} or {formats[-1]} image") from None
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         raise ValueError(f"{path}: this image cannot be used, {error}") from None
+
+
+def upright_frame(frame) -> np.ndarray:
+    """Return a frame of a video, (H, W, 3) uint8 RGB, as players show it: phones record their orientation in it."""
+    image = frame.to_ndarray(format="rgb24")
+    quarters = round((getattr(frame, "rotation", 0) or 0) / 90)
+    return np.ascontiguousarray(np.rot90(image, quarters)) if quarters % 4 else image
 
 
 def open_video(path: Path):
@@ -141,7 +151,7 @@ class VideoFrames:
         for frame in self._decoded:
             self._last = frame.pts
             if frame.pts == wanted:
-                return frame.to_ndarray(format="rgb24")
+                return upright_frame(frame)
         self._last = None
         raise FileNotFoundError(f"{self._path}: frame {number} cannot be decoded; the video is damaged")
 

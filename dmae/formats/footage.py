@@ -14,7 +14,7 @@ from dmae.data.cameras import camera_label
 from dmae.data.clip import Clip
 from dmae.data.images import Images, image_files
 from dmae.files.checks import check_rate
-from dmae.files.images import check_image, kept_open, open_video, read_image
+from dmae.files.images import kept_open, open_video, read_image, upright_frame, upright_size
 from dmae.formats.recordings import by_name, match_cameras
 
 _ENDINGS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v")
@@ -53,9 +53,8 @@ def with_videos(clip: Clip, folder: Path) -> Clip:
     borders: list[tuple[int, int]] = []
     for file, size, name in zip(ordered, clip.rig.size.tolist(), clip.rig.names, strict=True):
         with open_video(file) as video:
-            stream = video.streams.video[0]
-            counts.append(stream.frames or None)
-            found = [stream.width, stream.height]
+            counts.append(video.streams.video[0].frames or None)
+            found = _size_of_frames(video)
         at = {0, (counts[-1] or 0) // 2} if found != size else ()
         borders.append(_border(name, file.name, found, size, [kept_open(file).read(frame) for frame in at], notes))
     first = clip.provenance.get("first_frame", 0)
@@ -89,8 +88,8 @@ def with_images(clip: Clip, folder: Path) -> Clip:
     files = [image_files(each) for each in ordered]
     borders: list[tuple[int, int]] = []
     for each, size, name in zip(files, clip.rig.size.tolist(), clip.rig.names, strict=True):
-        found = list(check_image(each[0]))
-        sample = [read_image(each[0], (1, 3, 4))] if found != size else []
+        found = list(upright_size(each[0]))
+        sample = [read_image(each[0])] if found != size else []
         borders.append(_border(name, each[0].name, found, size, sample, notes))
         if len(each) < len(clip):
             parent = each[0].parent
@@ -102,6 +101,18 @@ def with_images(clip: Clip, folder: Path) -> Clip:
         start = first if least >= first + len(clip) else 0
         notes.append(f"the first of the {least} images is assumed to be frame {first - start}")
     return _with_images(clip, Path(folder), ordered, start, notes, borders, rgb="png")
+
+
+def _size_of_frames(video) -> list[int]:
+    """Return width and height, px, of the frames of an open video as players show them."""
+    import av
+
+    try:
+        height, width, _ = upright_frame(next(video.decode(video=0))).shape
+    except (av.FFmpegError, StopIteration):
+        stream = video.streams.video[0]
+        return [stream.width, stream.height]
+    return [width, height]
 
 
 def _border(

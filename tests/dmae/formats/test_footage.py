@@ -1,7 +1,9 @@
 """Images of a recording in a folder for each camera; time offsets by the names of cameras."""
 
+import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 import dmae
 from dmae.data.images import write_image, write_video
@@ -121,3 +123,39 @@ def test_offsets_are_given_in_order_or_by_name(tmp_path):
     by_name, in_order = (dmae.read(tmp_path / "rec", fps=25, offsets=each) for each in (["cam2:1"], [0, 0, 1, 0]))
     np.testing.assert_array_equal(by_name.detections.xy, in_order.detections.xy)
     assert by_name.provenance["offsets"] == [0, 0, 1, 0]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_pictures_are_shown_as_phones_say_that_they_were_taken(tmp_path, kind):
+    """The camera hung upside down: its files hold turned pictures, and say so."""
+    write_openpose_recording(recording(BODY25, 4), tmp_path / "rec")
+    picture = np.zeros((600, 960, 3), np.uint8)
+    picture[:300] = 200
+    for camera in range(4):
+        if kind == "videos":
+            path = tmp_path / f"videos/cam{camera}.mp4"
+            write_video(path, [picture[::-1]] * 4, 25)
+            data, one, turned = path.read_bytes(), b"\0\1\0\0", b"\xff\xff\0\0"
+            begin = data.index(one + bytes(12) + one, data.index(b"tkhd"))
+            path.write_bytes(data[:begin] + turned + bytes(12) + turned + data[begin + 20 :])
+        else:
+            exif = Image.Exif()
+            exif[0x0112] = 3
+            for frame in range(4):
+                path = tmp_path / f"images/cam{camera}/{frame}.jpg"
+                path.parent.mkdir(parents=True, exist_ok=True)
+                Image.fromarray(picture[::-1]).save(path, exif=exif)
+    clip = dmae.read(tmp_path / "rec", fps=25, **{kind: str(tmp_path / kind)})
+    for image in (clip.images.at("rgb", "cam0", 1), next(clip.images.read("rgb", "cam0"))):
+        assert image[100].mean() == pytest.approx(200, abs=3)
+        assert image[500].mean() == pytest.approx(0, abs=3)
+
+
+def test_pictures_of_monochrome_cameras_are_read(tmp_path):
+    write_openpose_recording(recording(BODY25, 4), tmp_path / "rec")
+    for camera in range(4):
+        (tmp_path / f"pictures/cam{camera}").mkdir(parents=True)
+        for frame in range(4):
+            cv2.imwrite(str(tmp_path / f"pictures/cam{camera}/{frame}.png"), np.full((600, 960), 7, np.uint8))
+    clip = dmae.read(tmp_path / "rec", fps=25, images=str(tmp_path / "pictures"))
+    assert clip.images.at("rgb", "cam0", 1).shape == (600, 960, 3)
