@@ -58,7 +58,8 @@ def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
 def read_text(path: Path, most: int = 1 << 30) -> str:
     r"""Return a file's text in UTF-8, with line ends as `\n`; errors as in `check_file`, or ValueError if no text."""
     try:
-        text = read_bytes(path, most).decode()
+        # Windows programs begin files with a byte order mark.
+        text = read_bytes(path, most).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise ValueError(f"{path}: expected text in UTF-8, {error}") from None
     return text.replace("\r\n", "\n").replace("\r", "\n")

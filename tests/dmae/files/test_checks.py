@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from dmae.data.images import Images
 from dmae.data.store import clip_folders, save_clip
 from dmae.files.checks import child
+from dmae.files.structured import read_json
 from dmae.formats.writing import write_poses, write_recording
 from tests.support.clips import full_clip
 
@@ -98,3 +99,8 @@ def test_images_of_a_camera_lie_in_the_folder_of_the_clip(tmp_path):
         images = Images(tmp_path / "images", ("../../secret",), (0,), (kind,))
         with pytest.raises(ValueError, match="cannot be the name of a file"):
             next(images.read(kind, "../../secret"))
+
+
+def test_a_byte_order_mark_is_no_text(tmp_path):
+    (tmp_path / "a.json").write_text('{"fps": 25}', encoding="utf-8-sig")
+    assert read_json(tmp_path / "a.json") == {"fps": 25}
