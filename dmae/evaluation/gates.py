@@ -249,9 +249,10 @@ def _changes(method: str, views: int, old: dict, new: dict) -> tuple[list[Change
         change = figure_score(tables[1], figure) - figure_score(tables[0], figure)
         low, high = change.interval
         if np.isnan(low):
-            if change.value:
+            if abs(change.value) > _SMALLEST:
                 refused.append(
-                    f"{where}: {name}: less than 5 s of truth, too little for an interval; score longer clips"
+                    f"{where}: {name}: less than 5 s of truth, or 1 s more for each further clip, too little for an "
+                    "interval; score longer clips"
                 )
                 continue
             low = high = 0.0

@@ -18,7 +18,7 @@ import pandas as pd
 BLOCK = 1.0
 """s; length of a block of time."""
 _LEVEL = 0.95  # Probability of intervals
-_FEWEST = 5  # Smallest number of blocks for an interval; the spread of fewer blocks is not meaningful
+_FEWEST = 4  # Smallest number of blocks, besides one of each clip, for an interval: a single block never varies
 
 
 def block_of(frames: np.ndarray, fps: float) -> np.ndarray:
@@ -64,9 +64,9 @@ class Score:
 
     @cached_property
     def interval(self) -> tuple[float, float]:
-        """Ends of the 95 % interval; NaN if there are fewer than five blocks."""
+        """Ends of the 95 % interval; NaN if there are fewer than four blocks besides one of each clip."""
         known = self.drawn[~np.isnan(self.drawn)]
-        if sum(self.blocks) < _FEWEST or not len(known):
+        if sum(self.blocks) - len(self.blocks) < _FEWEST or not len(known):
             return np.nan, np.nan
         low, high = np.quantile(known, [(1 - _LEVEL) / 2, (1 + _LEVEL) / 2])
         return float(low), float(high)

@@ -47,7 +47,9 @@ def summary(result: dict) -> list[str]:
     if level:
         sentences.append(f"On {level}, other methods are within noise of the best.")
     if any(axis["level_with"] is None for axis in axes):
-        sentences.append("The clips are too short for intervals: expected five seconds or more in all.")
+        sentences.append(
+            "The clips are too short for intervals: expected five seconds or more, and one more for each further clip."
+        )
     return sentences
 
 

@@ -93,6 +93,14 @@ def test_a_score_of_nothing_is_nan_and_few_blocks_have_no_interval():
     assert few.value == 1.5 and np.isnan(few.interval).all() and not few.excludes_zero
 
 
+def test_clips_of_one_block_each_have_no_interval():
+    """Nothing else can be drawn in place of the only block of a clip, so that the drawn scores do not vary."""
+    clips = [blocks(np.array([value]), clip=f"{value}") for value in np.arange(8.0)]
+    assert np.isnan(score(*clips).interval).all() and not score(*clips).excludes_zero
+    assert np.isnan(score(*clips[:4], blocks(np.arange(4.0))).interval).all()
+    assert np.isfinite(score(*clips[:4], blocks(np.arange(5.0))).interval).all()
+
+
 def test_scores_of_other_blocks_have_no_difference():
     one, other = (score(blocks(np.arange(float(count)))) for count in (9, 8))
     with pytest.raises(ValueError, match=r"same clips expected; found \[9\] and \[8\]"):
