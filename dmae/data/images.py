@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache, partial
+from itertools import pairwise
 from pathlib import Path
 
 import cv2
@@ -117,7 +118,9 @@ class Images:
 
     def video(self, view: str) -> Iterator[Callable[[], np.ndarray]]:
         """Yield a function for each image of `read("rgb", view)`, which converts it: skipping a frame saves that."""
-        if self.rgb != "h264":
+        # A video is decoded once, in its own order.
+        in_order = bool(self.frames) and all(first < second for first, second in pairwise(self.frames))
+        if self.rgb != "h264" or not in_order:
             for index in range(len(self.frames)):
                 yield partial(self.at, "rgb", view, index)
             return

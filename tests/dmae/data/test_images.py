@@ -52,6 +52,16 @@ def test_some_frames_are_read_alone(folder):
     assert some.select([1], ("left",)).frames == (4,)
 
 
+@pytest.mark.parametrize("frames", [[4, 1], [2, 2], []])
+def test_frames_are_read_in_the_order_in_which_they_were_chosen(folder, frames):
+    """A still is captured from its frame shown twice."""
+    images, some = folder[0], folder[0].select(frames, ("left",))
+    for kind in ("ids", "rgb"):
+        whole = list(images.read(kind, "left"))
+        for found, frame in zip(some.read(kind, "left"), frames, strict=True):
+            np.testing.assert_array_equal(found, whole[frame])
+
+
 @pytest.fixture(scope="module")
 def long(tmp_path_factory):
     """Forty frames of one view, with several keyframes."""
