@@ -152,7 +152,7 @@ def resample(poses: Poses3D, fps: float, to_fps: float) -> Poses3D:
     has a ray if both frames have a ray from the same camera. Covariances and numbers of views are dropped.
     """
     count = len(poses.xyz)
-    time = np.arange(int((count - 1) / fps * to_fps + 1e-6) + 1) * (fps / to_fps)
+    time = np.arange(int((count - 1) / fps * to_fps + 1e-6) + 1 if count else 0) * (fps / to_fps)
     first = np.minimum((time + 1e-6).astype(int), count - 1)
     second = np.minimum(first + (time - first > 1e-6), count - 1)
     weight = np.where(second > first, time - first, 0)[:, None, None, None]

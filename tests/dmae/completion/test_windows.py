@@ -159,6 +159,11 @@ def test_resampling_to_the_same_rate_changes_nothing(truth):
     np.testing.assert_array_equal(resample(truth, 25.0, 25.0).xyz, truth.xyz)
 
 
+@pytest.mark.parametrize("fps", [10.0, 25.0, 60.0])
+def test_poses_without_frames_have_none_at_any_rate(fps):
+    assert resample(Poses3D(BODY25, np.empty((0, 2, 25, 3))), 25.0, fps).xyz.shape == (0, 2, 25, 3)
+
+
 def test_pairs_have_the_rate_and_skeleton_wanted(rng):
     truth = circling_people(120, 2, rng=rng, fps=60.0)
     recording = pose_pair(clip_of(truth, "fast", fps=60.0), SHELF14, 25.0)
