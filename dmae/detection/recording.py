@@ -38,7 +38,7 @@ from dmae.numerics.filling import STILLS, are_stills
 from dmae.numerics.statistics import evenly_spaced
 from dmae.parallel import in_parallel
 from dmae.progress import progress
-from dmae.reporting.tables import counted
+from dmae.reporting.tables import counted, listed
 from dmae.viewing.overlay import Mark, draw_line, draw_mark, person_colour
 
 _SAMPLED = 5  # Number of images of a camera, evenly spread, in which black borders are searched
@@ -409,7 +409,6 @@ def coco(detections: Detections2D, entries: Sequence[tuple[int, int, str, tuple[
 
 KEYPOINTS, DRAWN = "keypoints.json", "drawn"
 """COCO's file of all photographs; folder of the photographs with the people drawn over them."""
-_NAMED = 5
 _THIN = 400  # Pixels of the longer side of a photograph for each pixel of the width of a line
 _QUALITY = 90
 
@@ -464,8 +463,11 @@ def detect_photographs(
     detections = to_detections(each, [np.zeros(1, int)] * len(each), 1, own)
     unreadable = [name for name, (people,) in found.items() if people is None]
     empty = [name for name, (people,) in found.items() if people is not None and not len(people)]
-    notes = [f"no people detected in {_listed(empty)}"] if empty else []
-    notes += [f"left out, cannot be read: {_listed(unreadable)}"] if unreadable else []
+    notes = [
+        f"{what} {counted(len(names), 'photograph')}: {listed(names, _LISTED)}"
+        for what, names in (("no people detected in", empty), ("left out, cannot be read:", unreadable))
+        if names
+    ]
     return convert_detections(detections, target or own), tuple(notes)
 
 
@@ -509,8 +511,3 @@ def _draw(path: Path, detections: Detections2D, number: int, to: Path) -> None:
             draw_mark(canvas, joints[joint], Mark.DISC, colour, max(1, thick // 2))
     encoded = cv2.imencode(".jpg", canvas[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1]
     write_atomic(to, encoded.tobytes())
-
-
-def _listed(names: Sequence[str]) -> str:
-    more = f" and {len(names) - _LISTED} others" if len(names) > _NAMED else ""
-    return f"{counted(len(names), 'photograph')}: {', '.join(names[:_LISTED])}{more}"

@@ -11,7 +11,8 @@ from PIL import Image
 
 from dmae.data.store import load_clip
 from dmae.detection.images import find_cameras
-from dmae.detection.recording import find_photographs
+from dmae.detection.recording import detect_photographs, find_photographs
+from dmae.detection.registry import PoseDetectorConfig
 from dmae.files.images import read_upright, upright_size
 from dmae.formats.pose2sim import write_cameras
 from tests.support.clips import looking_at_origin
@@ -76,6 +77,17 @@ def test_images_of_any_mode_are_read_as_rgb(tmp_path: Path, mode: str):
     read = read_upright(next(tmp_path.glob("a.*")))
     assert (read.shape, read.dtype) == ((6, 8, 3), np.uint8)
     np.testing.assert_allclose(read, 200, atol=2)
+
+
+@pytest.mark.parametrize(("count", "text"), [(6, "dark_4.png, dark_5.png"), (10, "dark_7.png and 2 more")])
+def test_photographs_without_people_are_listed(tmp_path: Path, monkeypatch, count: int, text: str):
+    (tmp_path / "my_brightest.py").write_text(DETECTOR)
+    monkeypatch.syspath_prepend(tmp_path)
+    for number in range(count):
+        Image.new("RGB", (8, 6)).save(tmp_path / f"dark_{number}.png")
+    config = PoseDetectorConfig(name="my_brightest:brightest")
+    _, (note,) = detect_photographs(find_photographs(tmp_path), config, tmp_path / "pieces")
+    assert note.startswith(f"no people detected in {count} photographs: dark_0.png, ") and note.endswith(text)
 
 
 def test_keypoints_and_drawings_of_each_photograph_are_written(photographs: Path, tmp_path: Path):
