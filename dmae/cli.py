@@ -94,7 +94,7 @@ def _run_command(command: Command, arguments: list[str], interrupted: interrupti
         options = command.options((Path(copy),) if folders else ())
         overrides = checked(options, overrides, flags, presets=bool(folders))
         for override in overrides:
-            if override.startswith("out=") and "$" not in override:
+            if override.startswith("out=") and not set("$'\"") & set(override):
                 check_out(override.removeprefix("out="), "folder" if sweeps(flags) else command.writes)
         _run_hydra(command, [*flags, *overrides], interrupted)
 

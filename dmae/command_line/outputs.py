@@ -29,26 +29,29 @@ def locked(out: Path, first: int | None = None) -> Iterator[None]:
     """Lock `out` against other commands for the length of the block; where they fill it with clips, from `first` on.
 
     The lock is on a file in the parent folder, which is removed afterwards. A command that is killed leaves the file
-    behind, but no lock. Raises ValueError if another command is writing there.
+    behind, but no lock. Raises ValueError if another command is writing there, or the folder cannot be written.
     """
     from filelock import FileLock, Timeout
 
     made = [folder for folder in out.absolute().parents if not folder.exists()]
-    out.absolute().parent.mkdir(parents=True, exist_ok=True)
-    path = out.absolute().parent / f".{out.name}{first or ''}.lock"
+    lock = FileLock(out.absolute().parent / f".{out.name}{first or ''}.lock", timeout=0)
     try:
-        with FileLock(path, timeout=0):
-            try:
-                yield
-            finally:
-                path.unlink(missing_ok=True)
-                for folder in made:
-                    if not any(folder.iterdir()):
-                        folder.rmdir()
+        out.absolute().parent.mkdir(parents=True, exist_ok=True)
+        lock.acquire()
     except Timeout:
         raise ValueError(
             f"out={out}: another command is writing there; wait until it has ended, or choose another out"
         ) from None
+    except OSError as error:
+        raise ValueError(f"out={out}: cannot be written: {error.strerror or error}; choose another out") from None
+    try:
+        yield
+    finally:
+        Path(lock.lock_file).unlink(missing_ok=True)
+        lock.release()
+        for folder in made:
+            if not any(folder.iterdir()):
+                folder.rmdir()
 
 
 def record(configuration: str, out: Path) -> None:
@@ -65,7 +68,8 @@ def record_options(config, out: Path) -> None:
     """Write the configuration of one step of a command to the output of that step."""
     import yaml
 
-    record(yaml.safe_dump(json.loads(json.dumps(asdict(replace(config, out=str(out))))), sort_keys=False), out)
+    options = json.loads(json.dumps(asdict(replace(config, out=str(out)))))
+    record(yaml.safe_dump(options, sort_keys=False, allow_unicode=True), out)
 
 
 def versions() -> str:

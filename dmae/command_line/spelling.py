@@ -149,7 +149,7 @@ def checked(options: Group, overrides: Iterable[str], flags: Collection[str] = (
     Raises ValueError, with the nearest, for a mistyped option, preset, choice or value; and for an option that has to
     be given and is not, unless nothing is run or `presets` of the user may give it.
     """
-    overrides = [each for override in overrides for each in _expanded(options, override)]
+    overrides = [each for override in overrides for each in _expanded(options, _quoted(override))]
     taken = [_checked(options, override, sweeps(flags)) for override in overrides]
     missing = required(options, {override.lstrip("+").partition("=")[0] for override in overrides})
     if missing and not presets and _LOOKING.isdisjoint(flags):
@@ -179,6 +179,31 @@ def _read(override: str) -> Override:
         return OverridesParser.create().parse_override(override)
     except HydraException:
         raise ValueError(f"{override}: cannot be read; look at its quotes and brackets") from None
+
+
+def _quoted(override: str) -> str:
+    """Return an override with quotes around texts that Hydra cannot read without: `out='Füße (1)'`, `cameras=[a,'é']`.
+
+    Texts that begin with quotes or brackets, or have interpolations, stay as they are.
+    """
+    key, _, value = override.partition("=")
+    listed = value.startswith("[") and value.endswith("]")
+    texts = (value[1:-1] if listed else value).split(",")
+    if not value or _readable(override) or any(re.match(r"\s*['\"[{]", text) or "${" in text for text in texts):
+        return override
+    for number, text in enumerate(texts):
+        if not _readable(f"key={text}"):
+            # Backslashes are text unless they stand before a quote.
+            text = re.sub(r"(\\*)'", r"\1\1\'", text.strip())
+            texts[number] = "'" + re.sub(r"(\\+)$", r"\1\1", text) + "'"
+    return f"{key}={'[' * listed}{','.join(texts)}{']' * listed}"
+
+
+def _readable(override: str) -> bool:
+    try:
+        return bool(_read(override))
+    except ValueError:
+        return False
 
 
 def _values(override: Override) -> list[tuple[str, object]]:

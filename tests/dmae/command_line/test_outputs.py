@@ -21,3 +21,10 @@ def test_folders_are_left_where_something_was_written(tmp_path):
     with locked(tmp_path / "a/b/set"):
         (tmp_path / "a/result").touch()
     assert sorted(path.name for path in tmp_path.rglob("*")) == ["a", "result"]
+
+
+def test_a_folder_that_cannot_be_written_is_named_and_not_the_lock(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(ValueError, match=r"out=.*/file/set: cannot be written: .*; choose another"):  # noqa: SIM117
+        with locked(tmp_path / "file/set"):
+            pass

@@ -2,8 +2,9 @@
 
 import pytest
 
-from dmae.cli import DMAE
+from dmae.cli import DMAE, compose
 from dmae.command_line.spelling import checked
+from synth.cli import SYNTH
 from tests.support.commands import run_command
 
 
@@ -118,6 +119,24 @@ def test_the_whole_error_is_shown_on_demand(folder, monkeypatch):
 )
 def test_one_name_is_short_for_a_list_of_it(command, given, taken):
     assert checked(DMAE.commands[command].options(), [given], ["--info"]) == [taken]
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["Grüße & Co/Füße 1", "日本/walk", "Tom's clips", "take (2)", "a=b", "~/x", "Shot[1]", "é\\", "\\'é'\\\\"],
+)
+def test_paths_and_texts_of_any_characters_need_no_quotes(text):
+    assert compose(DMAE.commands["export"], ["clip=set", f"out={text}"]).out == text
+    about = compose(SYNTH.commands["export"], ["data=set", "out=x", f"about.creator={text}"]).about
+    assert about.creator == text
+    options = ["data=openpose", "data.path=x", f"data.cameras=[left,{text}]"]
+    assert compose(DMAE.commands["capture"], options).data.cameras == ["left", text]
+
+
+@pytest.mark.parametrize("value", ["['é'", "[[é]", "'é", "${é"])
+def test_quotes_and_brackets_of_the_user_are_left_to_the_user(value):
+    with pytest.raises(ValueError, match=r"cannot be read; look at its quotes and brackets"):
+        checked(DMAE.commands["export"].options(), ["clip=set", f"out={value}"])
 
 
 def test_entries_of_a_dictionary_are_options(folder):
