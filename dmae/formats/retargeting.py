@@ -24,7 +24,7 @@ from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from dmae.data.clip import Poses3D, Source, person_name
-from dmae.numerics.filling import fill_body_frame, smooth
+from dmae.numerics.filling import STILLS, are_stills, fill_body_frame, smooth
 from dmae.numerics.paths import linear, neighbours, pchip, runs
 
 if TYPE_CHECKING:
@@ -207,7 +207,8 @@ def retarget(
 ) -> RobotMotion:
     """Return the motions of robots that move as P people do, together.
 
-    Raises ValueError if a person lacks hips, shoulders or ankles in all frames, or there are no frames or no persons.
+    Raises ValueError if a person lacks hips, shoulders or ankles in all frames, there are no frames or no persons, or
+    frames are stills.
 
     Args:
         poses: (F, P, 25, 3) poses on `body25`, F > 0; gaps are filled, see `fill_body_frame`. Before a person's first
@@ -217,6 +218,8 @@ def retarget(
         contacts: Hands that touch other people; by default those that the joints show.
     """
     frames, persons = poses.xyz.shape[:2]
+    if are_stills(fps):
+        raise ValueError(f"{fps:g} frames/s: below {STILLS:g} frame/s frames are stills, and a robot follows motion")
     if not frames or not persons:
         raise ValueError(f"expected people to retarget, found {persons} in {frames} frames")
     known = (poses.source != Source.ABSENT).any(0)

@@ -213,6 +213,8 @@ def test_one_frame_and_feet_without_toes(robot):
             FPS,
             robot,
         )
+    with pytest.raises(ValueError, match=r"0\.2 frames/s: below 1 frame/s frames are stills"):
+        retarget(poses, 0.2, robot)
 
 
 def test_clips_are_written_by_name(clip, tmp_path):
