@@ -4,6 +4,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatch
+from glob import escape
 from pathlib import Path
 
 import numpy as np
@@ -80,7 +81,7 @@ def pose_paths(path: Path) -> dict[str, Path] | None:
 def _reader(path: Path) -> PoseReader | None:
     if path.is_dir():
         return next((each for each in pose_reader.values() if any(any(path.glob(sign)) for sign in each.signs)), None)
-    there = path.is_file() or any(path.parent.glob(f"{path.stem}_P*{path.suffix}"))
+    there = path.is_file() or any(path.parent.glob(f"{escape(path.stem)}_P*{path.suffix}"))
     return next((each for each in pose_reader.values() if there and fnmatch(path.name, each.file)), None)
 
 
@@ -169,11 +170,20 @@ def provenance_table(path: Path) -> Path:
 
 
 def person_paths(path: Path, persons: int) -> list[Path]:
-    """Return one path per person: `<name>_P1.<suffix>` and so on, or only `path` if there is one person."""
+    """Return one path per person: `<name>_P1.<suffix>` and so on, or only `path` if there is one person.
+
+    Raises ValueError if there are files of other persons: readers would take them for a part of what is written.
+    """
     path = Path(path)
-    if persons == 1:
-        return [path]
-    return [path.with_name(f"{path.stem}_{person_name(person)}{path.suffix}") for person in range(persons)]
+    alone = persons == 1
+    paths = [path if alone else path.with_name(f"{path.stem}_{person_name(p)}{path.suffix}") for p in range(persons)]
+    for other in sorted(path.parent.glob(f"{escape(path.stem)}*{path.suffix}")):
+        if other not in paths and _PERSON.sub("", other.stem) == path.stem:
+            raise ValueError(
+                f"{other}: of an earlier export with other people; this one writes "
+                f"{', '.join(each.name for each in paths)}. Remove the earlier files, or choose another out"
+            )
+    return paths
 
 
 _STEP_M = 1e-4

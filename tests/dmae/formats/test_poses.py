@@ -43,6 +43,19 @@ def test_what_is_written_is_read(format: str, name: str, tmp_path: Path):
     np.testing.assert_allclose(found.poses.xyz[:, :, found.poses.skeleton.index(*joints)], expected, atol=1e-4)
 
 
+@pytest.mark.parametrize("before, now", [(3, 2), (1, 2), (2, 1)])
+def test_files_of_other_people_of_an_earlier_export_are_refused(before: int, now: int, tmp_path: Path):
+    path = tmp_path / "take [1].trc"
+    write_poses(captured(before), path, "trc")
+    there = {file: file.read_bytes() for file in tmp_path.iterdir()}
+    with pytest.raises(ValueError, match=r"of an earlier export with other people.*Remove"):
+        write_poses(captured(now), path, "trc")
+    assert {file: file.read_bytes() for file in tmp_path.iterdir()} == there
+    write_poses(captured(before), path, "trc")
+    assert read_poses(path).poses.xyz.shape[1] == before
+    write_poses(captured(now), tmp_path / "take.trc", "trc")
+
+
 def test_every_reader_reads_what_it_names():
     """A new reader names files or folders; without either it could never be found."""
     assert all(bool(each.file) != bool(each.signs) for each in pose_reader.values())
