@@ -265,7 +265,7 @@ class ExportCommand:
     """Skeleton of the file; by default the one the poses are in, and of two fused the first, except for npz. For
     `format=bvh` also `soma` and `lafan1`, in cm."""
     unit: LengthUnit = LengthUnit.m
-    """Unit of lengths in a TRC; of g1, m with radians or cm with degrees."""
+    """Unit of lengths in TRC and BVH; of g1, m with radians or cm with degrees."""
     keep_mm: float | None = None
     """mm; leave out joints that are likely farther than this from the truth, by the uncertainty that they state, and
     completed ones that state none. By default all joints are written."""

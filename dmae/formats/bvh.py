@@ -51,7 +51,7 @@ def _hierarchy(motion: JointRotations, metre: float, order: str) -> tuple[list[s
         joints.append(joint)
         indent, inner = "\t" * depth, "\t" * (depth + 1)
         channels = "6 Xposition Yposition Zposition" if joint <= motion.placed else "3"
-        lines.append(f"{indent}{'JOINT' if joint else 'ROOT'} {motion.joints[joint]}")
+        lines.append(f"{indent}{'JOINT' if joint else 'ROOT'} {'_'.join(motion.joints[joint].split())}")
         lines.append(f"{indent}{{")
         lines.append(f"{inner}OFFSET {_numbers(offsets[joint])}")
         lines.append(f"{inner}CHANNELS {channels} " + " ".join(f"{axis}rotation" for axis in order))

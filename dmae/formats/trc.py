@@ -239,7 +239,9 @@ def write_trc(poses: Poses3D, fps: float, path: Path, unit: LengthUnit = LengthU
         rows = _rows_of(poses.xyz[:, person], METRES[unit], fps, digits, first)
         write_atomic(file, written(chain(header, rows)))
         if poses.skeleton.defined:
-            write_atomic(_skeleton_file(file), yaml.safe_dump(encode(poses.skeleton), sort_keys=False))
+            write_atomic(
+                _skeleton_file(file), yaml.safe_dump(encode(poses.skeleton), sort_keys=False, allow_unicode=True)
+            )
         else:
             _skeleton_file(file).unlink(missing_ok=True)
         _write_cov(file, names, poses.cov[:, person], METRES[unit], first)

@@ -139,7 +139,7 @@ def _skeleton(writer: PoseWriter, poses: Poses3D, wanted: str | None) -> Skeleto
         if only and poses.skeleton.defined and 2 * len(common) < len(skeleton):
             raise ValueError(
                 f"format={writer.name} is always of {only}, and {poses.skeleton.name} has {len(common)} of its "
-                f"{len(skeleton)} joints; npz, trc, c3d, coco and movement hold any skeleton"
+                f"{len(skeleton)} joints; npz, trc, c3d, coco, openpose, bvh, glb and movement hold any skeleton"
             )
         return skeleton
     return poses.skeleton if writer.fused else poses.skeleton.parts[0]

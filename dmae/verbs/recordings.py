@@ -211,7 +211,7 @@ def export(
             Each marks completed joints in its own way.
         poses: Export these instead.
         skeleton: Convert to this skeleton first.
-        unit: `m`, `cm` or `mm`, for TRC files.
+        unit: `m`, `cm` or `mm`, for `trc` and `bvh`; of `g1` `m` with radians or `cm` with degrees.
         keep_mm: Leave out joints with a likely error above this, by their covariances, and completed joints without a
             covariance.
         robot: MJCF of the Unitree G1, for `g1` and `lerobot`; by default that of an installed mjlab.

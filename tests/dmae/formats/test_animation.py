@@ -226,6 +226,16 @@ def test_your_own_skeleton_keeps_its_tree():
     assert motion.joints[0] == DOG.joints[DOG.parents.index(-1)] and np.median(error) < 0.05
 
 
+def test_a_name_of_two_words_is_one_word_in_bvh(tmp_path):
+    """Readers take the first word after JOINT: `ear 1` and `ear 2` would be one bone."""
+    bvhio = pytest.importorskip("bvhio", reason="bvhio, of the extra `dev`, is not installed")
+    skeleton = replace(DOG, joints=tuple(joint.replace("_", " ") for joint in DOG.joints))
+    poses = Poses3D(skeleton, dog(3, rng=np.random.default_rng(0))[:, None])
+    write_poses(replace(full_clip(frames=3), poses=poses), tmp_path / "a.bvh", "bvh")
+    read = bvhio.readAsBvh(str(tmp_path / "a.bvh"))
+    assert sorted(bone.Name for bone, _, _ in read.Root.layout()) == sorted(DOG.joints)
+
+
 @pytest.mark.parametrize(("unit", "metre"), [("m", 1), ("cm", 100)])
 def test_a_bvh_holds_the_motion(clip, tmp_path, unit, metre):
     write_poses(clip, tmp_path / "walk.bvh", "bvh", unit=unit)

@@ -129,6 +129,13 @@ def test_a_skeleton_of_your_own_is_defined_in_a_file_beside_it(tmp_path):
     assert read_poses(tmp_path / "dogs.trc").poses.skeleton == BODY25, "of earlier poses nothing is left"
 
 
+def test_names_of_any_language_are_written_as_they_are(tmp_path):
+    skeleton = replace(DOG, joints=("Rücken", *DOG.joints[1:]))
+    write_trc(Poses3D(skeleton, dog(2, rng=np.random.default_rng(0))[:, None]), 30.0, tmp_path / "a.trc")
+    assert "  Rücken:" in (tmp_path / "a.skeleton.yaml").read_text("utf-8")
+    assert read_poses(tmp_path / "a.trc").poses.skeleton == skeleton
+
+
 def test_several_persons_are_several_files(tmp_path):
     poses = holed(3)
     written = write_trc(poses, 25.0, tmp_path / "walk.trc")
