@@ -45,7 +45,7 @@ def held_offsets(base: np.ndarray, observed: np.ndarray, parents: np.ndarray, he
 
 
 def bone_length_offsets(base: np.ndarray, xyz: np.ndarray, bones: Bones) -> np.ndarray:
-    """Return how far from `base` hidden joints are if their bones have their median measured length.
+    """Return how far from `base` unmeasured joints are if their bones have their median measured length.
 
     Args:
         base: (F, P, J, 3) m, interpolated where not measured.

@@ -147,7 +147,7 @@ _SHARE = 0.5  # Weight in limbs, against the process of all joints: their errors
 
 
 def place_torso(bodies: Bodies, exact: np.ndarray, fps: float) -> None:
-    """Correct hidden joints of the torso; hidden limbs that hang from them move along.
+    """Correct unmeasured joints of the torso; hidden limbs that hang from them move along.
 
     Args:
         exact: (F, P, J) weight of the correction, from 0 where poses are noisy to 1 where they are exact.
@@ -163,7 +163,7 @@ def place_torso(bodies: Bodies, exact: np.ndarray, fps: float) -> None:
 
 
 def correct_limbs(bodies: Bodies, exact: np.ndarray, fps: float) -> None:
-    """Correct hidden joints of limbs, which are placed, where poses are exact (F, P, J)."""
+    """Correct unmeasured joints of limbs, which are placed, where poses are exact (F, P, J)."""
     for joint in limbs_of(bodies):
         squared = gap_lengths(~np.isnan(bodies.xyz[:, :, joint, 0])) ** 2
         weight = _SHARE * squared / (squared + (SHORT_GAP * fps) ** 2)

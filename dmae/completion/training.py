@@ -417,9 +417,9 @@ class Learner(lightning.LightningModule):
         line = f"step {self.trainer.global_step}: loss {self.mean_loss:.4g}"
         if "hidden_model_mm" in found:
             line += (
-                f"; validation: hidden joints {found['hidden_model_mm']:.1f} mm, {found['hidden_model_recall']:.2f} % "
-                f"within {100 * PCK_THRESHOLD:.0f} cm (interpolation {found['hidden_interpolation_mm']:.1f} mm, "
-                f"{found['hidden_interpolation_recall']:.2f} %)"
+                f"; validation: unmeasured joints {found['hidden_model_mm']:.1f} mm, "
+                f"{found['hidden_model_recall']:.2f} % within {100 * PCK_THRESHOLD:.0f} cm (interpolation "
+                f"{found['hidden_interpolation_mm']:.1f} mm, {found['hidden_interpolation_recall']:.2f} %)"
             )
         print(line, file=sys.stderr, flush=True)
 

@@ -159,8 +159,8 @@ def evaluate(config: EvaluateConfig) -> dict:
         words; `options` and `clips`, which identify the scored data, see `dmae.evaluation.gates`; and `results`,
         with one entry for each method and number of views (0 with synthetic gaps): `method`; `views`; `mean` of the
         scores; `intervals` (95 %, over blocks of time) of `pcp`, %, of `mpjpe` and `hidden`, mm, of `recall` of the
-        hidden joints, %, and of `angles`, degrees, if they are scored; `worst` (`pcp` and `cameras` of the subset with
-        the lowest PCP); and `runs`, the scores of each clip and subset as `score` returns them.
+        unmeasured joints, %, and of `angles`, degrees, if they are scored; `worst` (`pcp` and `cameras` of the subset
+        with the lowest PCP); and `runs`, the scores of each clip and subset as `score` returns them.
 
     Raises:
         ValueError: a clip has no truth, there are no clips or methods, a method or number of views does not exist,

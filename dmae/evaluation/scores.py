@@ -83,7 +83,7 @@ def score(
     Args:
         poses: The prediction, on any skeleton that `convert` can convert to the skeleton of the truth.
         captured: The same persons before completion. It defines which joints were hidden.
-        truth: True poses. If they have covariances, the confidence regions of predictions allow for them.
+        truth: True poses. If they have covariances, the regions of predictions allow for them.
         actors: True persons over which PCP is averaged; by default all annotated persons.
         matches: (F, T) index of the predicted person that matches each true person, -1 for none; by default the result
             of `dmae.metrics.comparison.match`.
@@ -107,7 +107,7 @@ def time_blocks(comparison: Comparison) -> dict:
     """Return JSON-able sums over the blocks of time that contain a true joint.
 
     `seconds` is the length of a block and `block` the B indices of the blocks. `pcp` (correct limbs of each actor),
-    `mpjpe` (mm, all joints), `hidden` (mm, joints that capture did not measure) and `recall` (hidden joints within
+    `mpjpe` (mm, all joints), `hidden` (mm, joints that capture did not measure) and `recall` (unmeasured joints within
     0.2 m) each have `sum` and `count`, (G, B) numbers. G is the number of actors for `pcp`, otherwise 1.
     `angles` (degrees, of the legs) is there if they are scored.
     """

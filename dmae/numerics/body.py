@@ -217,8 +217,8 @@ def interpolate_bodies(
         skeleton: Skeleton of the J joints.
         fps: Frames per second.
         through: Function that interpolates offsets over time.
-        rays: (F, P, J, 2, 3) rays on which hidden joints are, see `Poses3D.rays`. A joint with a ray is moved onto the
-            ray, and its hidden descendants in the skeleton move with it.
+        rays: (F, P, J, 2, 3) rays of unmeasured joints, see `Poses3D.rays`. A joint with a ray is moved onto the ray,
+            and its unmeasured descendants in the skeleton move with it.
     """
     bodies = Bodies(xyz, skeleton, rays, body_rotations(xyz, skeleton, HEADING_SMOOTHING * fps))
     torso, parents = bodies.torso, bodies.parents

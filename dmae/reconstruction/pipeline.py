@@ -29,7 +29,7 @@ _WIDE_PX, _WIDE_M = 0.006, 0.06
 """Noise that is assumed before anything is known: share of the width of the image, and m on the person."""
 _ALTERNATIONS = 3  # Number of times that people are found and their residuals measured
 _EXPECTED_BY, _EXPECTED_IN_CLIPS = 2.0, 10.0
-"""s; time around a window, online or in a block of a long clip, from which hidden joints in it are predicted."""
+"""s; time around a window, online or in a block of a long clip, from which unmeasured joints in it are predicted."""
 _STILLS = 4000  # Frames of stills whose people are kept in memory
 _SHOWN_FPS = 25.0  # Rate at which a still is shown twice
 _STILL_AFFINITY = 0.9

@@ -3,7 +3,7 @@
     python docs/tools/completion_gains.py CAPTURED... [--out FILE]     # data sets with truth that `dmae capture` wrote
 
 `make gains` generates the data sets, with subjects that are in no training data, and runs this script. Changes are of
-the mean errors of hidden joints. Intervals contain 90 % of a bootstrap over the people of clips.
+the mean errors of unmeasured joints. Intervals contain 90 % of a bootstrap over the people of clips.
 """
 
 import argparse
@@ -38,7 +38,7 @@ REFERENCE = "one kernel"
 """The Gaussian process of limbs in noisy poses; `gaussian_process` differs from it where poses are exact."""
 _RESAMPLED = 1000
 _FEWEST = 50
-"""Smallest number of hidden joints of a row."""
+"""Smallest number of unmeasured joints of a row."""
 _PART = np.array([list(PARTS)[part_of(joint)] for joint in BODY25.joints])
 
 Errors = dict[str, dict[tuple[str, str, str], list[tuple[float, int]]]]
@@ -77,8 +77,8 @@ def trials(folders: list[Path]) -> Iterator[tuple[str, Poses3D, Poses3D]]:
 def measure(folders: list[Path]) -> tuple[Errors, Regions]:
     """Return what is measured on all clips.
 
-    Sums of errors, mm, and numbers of hidden joints for each person, by method, kind, length and part; and numbers of
-    completed joints inside their stated regions, and of all with a region, by kind and length.
+    Sums of errors, mm, and numbers of unmeasured joints for each person, by method, kind, length and part; and numbers
+    of completed joints inside their stated regions, and of all with a region, by kind and length.
     """
     found: Errors = defaultdict(lambda: defaultdict(list))
     regions: Regions = defaultdict(lambda: np.zeros(2, int))

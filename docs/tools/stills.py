@@ -29,7 +29,7 @@ KINDS = ("that one camera detected", "that no camera detected", "all")
 
 
 def measure(folders: list[Path]) -> dict[str, np.ndarray]:
-    """Return sums of errors, mm, of the mean pose and of completion, and the number of hidden joints, by kind."""
+    """Return sums of errors, mm, of the mean pose and of completion, and the number of unmeasured joints, by kind."""
     complete = completers(None, denoise=None, reject=True)(BODY25)
     rest = complete.model.rest.numpy()
     sums = {kind: np.zeros(3) for kind in KINDS}
@@ -51,7 +51,7 @@ def measure(folders: list[Path]) -> dict[str, np.ndarray]:
 if __name__ == "__main__":
     found = measure([Path(folder) for folder in sys.argv[1:]])
     rows = [[kind, str(int(n)), f"{mean / n:.0f}", f"{done / n:.0f}"] for kind, (mean, done, n) in found.items()]
-    table = {"columns": ["hidden joints", "number", "mean pose, mm", "completed, mm"], "rows": rows}
+    table = {"columns": ["unmeasured joints", "number", "mean pose, mm", "completed, mm"], "rows": rows}
     table |= {"command": "make gains && python docs/tools/stills.py runs/gains/captured/*"}
     FILE.write_text(json_text({"measured": measured("torch"), "tables": {"stills": table}}) + "\n")
     print(FILE)

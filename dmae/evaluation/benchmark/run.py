@@ -371,9 +371,9 @@ def score_clip(data: Path, name: str, hand_ins: list[HandIn], angles: bool = Fal
 
     JSON-able. `id`, `frames`, `persons`, `cameras`; `joints`, the number of true joints; `uncaptured`, the number of
     joints of persons that capture missed; `hidden`, the number of joints of other persons that capture did not measure;
-    `causes`, the number of hidden joints by cause; `holes`, the number of holes in each cell; `linear_mm`, the sum of
-    errors of linear filling in each cell; `completion` and `capture`, the cells of each hand-in by name. Completed
-    poses are also scored as a capture: `capture + <method>`.
+    `causes`, the number of these by cause; `holes`, the number of holes in each cell; `linear_mm`, the sum of errors of
+    linear filling in each cell; `completion` and `capture`, the cells of each hand-in by name. Completed poses are also
+    scored as a capture: `capture + <method>`.
     """
     clip, given = clip_of(data, name), given_clip(data, name)
     holes, sight = holes_of_capture(clip, given.poses), holes_of_sight(clip, given.poses.skeleton)
@@ -408,7 +408,7 @@ def score_clip(data: Path, name: str, hand_ins: list[HandIn], angles: bool = Fal
 
 
 def _difficulty(scored: list[dict]) -> dict:
-    """Return the difficulty of a level: hidden joints, %, error of linear filling, mm, and causes, %."""
+    """Return the difficulty of a level: unmeasured joints, %, error of linear filling, mm, and causes, %."""
 
     def total(key: str) -> float:
         return sum(each[key] for each in scored)

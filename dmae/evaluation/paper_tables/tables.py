@@ -328,7 +328,7 @@ _TRANSFER_NOTES = (
     "therefore not compared. The first half of the clips of each data set is used for training, the second is scored.",
     f"dmae: weights trained on other data. {TUNED_HERE}: the same weights, then trained on the first half. {ALONE}: "
     "trained on the first half only.",
-    "PCP, recall and precision of joints within 0.2 m, and MPJPE are of all joints; hidden joints are the joints that "
+    "PCP, recall and precision of joints within 0.2 m, and MPJPE are of all joints; unmeasured joints are those that "
     "capture did not measure. If a row fills fewer of them, its error is over fewer joints.",
 )
 _TRANSFER_COLUMNS = (
@@ -336,8 +336,8 @@ _TRANSFER_COLUMNS = (
     TableColumn("recall", "recall"),
     TableColumn("precision", "precision"),
     TableColumn("mpjpe", "MPJPE", "mm", lead=True),
-    TableColumn("hidden_recall", "recall of hidden joints", lead=True),
-    TableColumn("hidden", "MPJPE of hidden joints", "mm", lead=True),
+    TableColumn("hidden_recall", "recall of unmeasured joints", lead=True),
+    TableColumn("hidden", "MPJPE of unmeasured joints", "mm", lead=True),
 )
 
 

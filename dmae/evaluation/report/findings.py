@@ -406,7 +406,7 @@ _CAUSES = {
     Visibility.BEHIND_CAMERA: "behind the camera",
 }
 PROBABILITIES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
-"""Stated probabilities of the confidence regions; scores name 0.9."""
+"""Stated probabilities of the regions; scores name 0.9."""
 _DOUBTS = 40  # Number of doubtful joints that the page lists for a clip
 _OF_A_KIND = 6  # Greatest number of moments of each kind
 _MOST_JOINTS = 0.3  # A frame is a moment if at least this share of a person's joints is not measured
@@ -452,7 +452,7 @@ class Findings:
     against_truth: dict[str, JointGroup] = field(default_factory=dict)
     # Joints by gap, joint, cause and number of cameras, with their errors, mm, if there is a truth
     breakdowns: Groups = field(default_factory=dict)
-    # Counts of joints in confidence regions of stated probability, see `counts_in_regions`
+    # Counts of joints in regions of stated probability, see `counts_in_regions`
     regions: dict[str, np.ndarray] = field(default_factory=dict)
     truth_error: float | None = None  # Median error that the truth states of its joints, mm; None where it states none
     # Measured joints by camera, person and joint, with their reprojection errors, px

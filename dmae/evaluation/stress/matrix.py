@@ -476,7 +476,7 @@ def _run(subject, clip: int, cell: Cell, left: list[Contender]) -> tuple[int, Ce
 PCP_DROP = 10.0
 """A method is broken if its PCP is this number of points below its PCP at level 0."""
 HIDDEN_ERROR = 100.0
-"""mm; a method is broken if its mean error of hidden joints is above this."""
+"""mm; a method is broken if its mean error of unmeasured joints is above this."""
 
 
 def curves(plan: Plan, contenders: Sequence[Contender], runs: list[dict], clips: Sequence[str], reference: str) -> dict:
@@ -586,7 +586,7 @@ def _along(axis: Axis, contenders: Sequence[Contender], points: dict[tuple, dict
 
 
 def _breaks(levels: np.ndarray, points: list[dict]) -> dict:
-    """Return the levels at which a method breaks, by PCP and by the error of hidden joints, see `curves`."""
+    """Return the levels at which a method breaks, by PCP and by the error of unmeasured joints, see `curves`."""
     # If the clips are too short for an interval of a score, values derived from it have no interval either.
     certain = np.isfinite(points[0]["pcp"].interval[0])
     # (1 + draws, L): first the scores at each level, then one row for each draw

@@ -61,7 +61,7 @@ def test_a_model_is_made_and_its_card_written(mocap, tmp_path, capsys):
     said, noise = capsys.readouterr()
     # A page of the terminal, with the loss of each epoch, and no line for each clip.
     assert len(said.splitlines()) <= 40 and len(noise.splitlines()) <= 10
-    assert "step 4: loss" in noise and "validation: hidden joints" in noise
+    assert "step 4: loss" in noise and "validation: unmeasured joints" in noise
     assert "your weights beside those of the package: dmae, 3 views: strict PCP" in said
     assert "your weights beside those of the package: dmae, synthetic gaps: MPJPE" in said
     before = (out / "model/weights.safetensors").read_bytes()
