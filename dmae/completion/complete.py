@@ -140,39 +140,35 @@ class Completer:
 
     A callable of poses (F, P, J) and their frames per second that returns poses of the same shape:
 
-    - Every joint that is absent while its person is present (`dmae.numerics.filling.present`: measured, or missing for
-      at most a second between two measurements) is predicted and marked `COMPLETED`. It used no views; its covariance
-      is isotropic and calibrated: 90 % regions held 90 % of the truth of clips held back from training. Nothing is
-      filled before a person's first and after its last measurement, nor in a longer absence.
-    - Farther than 0.2 s from any measurement of the person covariances are unknown (NaN). So are those of a joint that
-      was never measured, if none of its children was (or, for a joint without children, its parent), as of a leg behind
-      a table, or if the person was measured in fewer frames than a window has.
+    - Every joint that is absent while its person is present (`dmae.numerics.filling.present`: measured, or unmeasured
+      for at most a second between two measurements) is predicted and marked `COMPLETED`, with an isotropic covariance
+      whose 90 % regions held 90 % of the truth of held-back clips. Nothing is filled before a person's first and after
+      its last measurement, nor in a longer absence.
+    - Covariances are unknown (NaN) farther than 0.2 s from any measurement of the person, and for a joint that was
+      never measured, if none of its children was (or, without children, its parent), as of a leg behind a table, or if
+      the person was measured in fewer frames than a window has.
     - Windows overlap by two thirds; their corrections of the interpolation are blended with weights that fall linearly
-      from the middle of a window. A window without a measurement adds nothing: in the middle of an absence the
-      interpolation over the whole recording stands, however long a gap is.
+      from the middle of a window. A window without a measurement adds nothing.
     - Measured joints are returned unchanged, to the bit. With `denoise` those of fewer than three views (or unknown)
-      are moved to where the model predicts them and marked `DENOISED`, the less the more exact the poses are
-      (`dmae.completion.features.correction_weight`); their covariances are then upper bounds. With
-      `reject` such joints that the frames around contradict (`dmae.completion.fillings`), and joints whose stated
-      error is greater than that of completed ones, are dropped first, and completed like others.
-    - Joints that are already `COMPLETED` are no evidence: the model does not see them, and they are completed again.
-      Neither are joints that are not finite, which become absent.
+      are moved to where the model predicts them and marked `DENOISED`, less where poses are more exact
+      (`dmae.completion.features.correction_weight`); their covariances are then upper bounds. With `reject` such joints
+      that the frames around contradict (`dmae.completion.fillings`), and joints whose stated error is greater than that
+      of completed ones, are dropped first, and completed like others.
+    - Joints that are already `COMPLETED` are completed again, unseen by the model; joints that are not finite are
+      absent.
     - Poses at another rate than the model's are resampled, and the corrections are resampled back. At less than one
-      frame a second (`dmae.numerics.filling.STILLS`) each frame is completed by itself. A single frame is completed by
-      how poses vary in the training data (`dmae.completion.pose_prior`), not by the network, and its measured joints
-      stay where they are. Weights of two skeletons use the network here too.
-    - Legs that no camera ever detected are bent so that their feet are on the floor. The floor is where measured feet
-      are in the recording, or z = 0 if there are few.
+      frame a second (`dmae.numerics.filling.STILLS`) each frame is completed by itself: by how poses vary in the
+      training data (`dmae.completion.pose_prior`), or with weights of two skeletons by the network.
+    - Legs that no camera ever detected are bent so that their feet are on the floor: where measured feet are in the
+      recording, or z = 0 if there are few.
     - Poses of another skeleton are completed through the joints that it has in common with the model's
       (`dmae.data.conversion.convert`); other joints stay as they are. `notes` says where either happens.
-    - Weights of two skeletons side by side (`dmae.completion.fusion`) take poses of the first, or of one that has
-      all its joints, and return poses of the second, see `dmae.completion.fusion.fused`; none of their joints is
-      `MEASURED`.
+    - Weights of two skeletons side by side (`dmae.completion.fusion`) take poses of the first, or of one that has all
+      its joints, and return poses of the second, none of which is `MEASURED`.
 
-    With `smooth`, all joints are smoothed over these seconds at the end: noise that measurements of two views have is
-    greater than what smoothing takes from fast motion. With `frames`, only those are completed and returned, using all
-    frames. Recordings of more than 4000 frames are completed in pieces (`in_pieces`). The network runs on one thread
-    of the CPU: it is so small that more threads take longer on a busy machine.
+    With `smooth`, all joints are smoothed over these seconds at the end. With `frames`, only those are completed and
+    returned, using all frames. Recordings of more than 4000 frames are completed in pieces (`in_pieces`). The network
+    runs on one thread of the CPU, as more take longer on a busy machine.
 
     Raises (when called):
         ValueError: the skeletons have no joint in common, or fps is not positive and finite.

@@ -77,8 +77,7 @@ def contradicted(xyz: np.ndarray, fps: float, acceleration: float = ACCELERATION
     A sample is predicted from the two samples before and the two after it, leaving out those nearest to it. It is
     contradicted when its deviation exceeds measurement noise plus the greatest acceleration over that time. Of
     samples near each other only the worst is dropped, and the others are judged again without it. The constants are
-    those with which simulated captures came out nearest the truth. Allowing for the covariance of samples made it
-    worse: uncertain samples are wrong more often.
+    those with which simulated captures came out nearest the truth.
 
     Args:
         xyz: (F, ..., 3) m, NaN where not measured.

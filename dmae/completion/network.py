@@ -10,9 +10,8 @@ What differs from the paper, and why:
 - Time and joint are scaled to [0, 1] before they are coded, with standard deviations of their own. With integers and a
   standard deviation of 1, as in the released code, neighbouring frames have unrelated codes.
 - The matrices of the codes are saved with the weights. The released code draws them again from a seed.
-- In pose fusion a joint of the target has the code of the source's joint of the same name, and not one of its own: what
-  pretraining learned of a wrist holds for both. With codes of their own fusion had to learn each joint of the target
-  anew.
+- In pose fusion a joint of the target has the code of the source's joint of the same name: what pretraining learned of
+  a wrist holds for both.
 - Keys of attention start as a multiple of the queries (`key_init`), so that a token first attends to tokens with codes
   like its own. Started at random, the network has twice the error after the same time.
 - The decoder has half of the channels and of the layers, as the paper says. The released one has as many layers.
@@ -191,9 +190,7 @@ class DMAE(nn.Module):
     - Hidden tokens carry the interpolated joint and its input features in addition to the mask token.
     - Coordinates are relative to the rest pose, and are given in addition to their signal code.
 
-    The observed tokens are gathered to the largest number in the batch and padded: attention is quadratic in the
-    tokens, and leaving hidden ones in as excluded keys costs 1.4 times the whole step at a quarter hidden, 1.9 times at
-    60 %.
+    The observed tokens are gathered to the largest number in the batch and padded, as attention is quadratic in tokens.
     """
 
     def __init__(self, config: ModelConfig, joints: int, namesakes: Sequence[int] | None = None):

@@ -130,8 +130,7 @@ def head_ends(poses: Poses3D) -> tuple[np.ndarray, np.ndarray]:
     the shoulders: a head turns less than 90 degrees from the shoulders. If only one ear is known, the centre of the
     ears is half the width of a head from it along this line. If no ear is known, the nose or else an eye is moved back
     by its average distance from the ears. Without both shoulders, or without any joint of the face, the head is absent.
-    Completed joints are used only where the measured joints are not enough, because a face of measured joints is more
-    accurate than a face with interpolated ears.
+    Completed joints are used only where the measured joints are not enough.
 
     Returns:
         ends: (F, P, 2, 3) bottom and top, m; NaN where underdetermined.

@@ -1,8 +1,4 @@
-"""JSON: readable text, and frozen dataclasses decoded from their fields.
-
-No library decodes them: cattrs converts "3" and 2.7 to the integers 3 and 2, and messages of dacite lack the path of a
-nested field.
-"""
+"""JSON: readable text, and frozen dataclasses decoded from their fields."""
 
 import json
 import re

@@ -1,16 +1,7 @@
 """Skeletons: the type `Skeleton`, the skeletons of this package, and your own from YAML files.
 
-A YAML file defines a skeleton as follows:
-
-name: hand
-size_m: 0.19                  # optional
-joints:                       # each with its parent; a joint without a parent is a root
-  wrist:
-  thumb_1: wrist
-  thumb_2: thumb_1
-mirror: [[l_ear, r_ear]]      # optional: pairs of left and right
-torso: [wrist, thumb_1]       # optional: joints that do not move relative to each other
-stretching: [thumb_2]         # optional: joints with a bone of variable length
+`docs/how-to/skeleton.md` explains the keys of a file: `name`, `joints` with their parents, and optionally `mirror`,
+`torso`, `stretching` and `size_m`.
 """
 
 from dataclasses import dataclass, field

@@ -1,16 +1,11 @@
 """MOT, OpenSim's text format for joint angles, by our own inverse kinematics (`dmae.numerics.kinematics`).
 
-Columns have the names of the coordinates of OpenSim's models, in degrees, `pelvis_tx`, `pelvis_ty` and `pelvis_tz` in
-metres: the mid point of the hips, y up, in the axes and with the times of our TRC.
+`docs/reference/files.md` lists the columns, in the axes and with the times of our TRC, and those of
+`<name>.angles.csv`.
 
-Every cell holds a number. OpenSim 4.6 stops reading a motion at its first `NaN`, without an error: it is played, and
-inverse dynamics is solved, of the frames before. Where the joints do not determine an angle, the file has a straight
-line between the frames in which they do, and the angle of a body at rest if there is no such frame. A line above
-`endheader` says so.
-
-`<name>.angles.csv` states how good each angle is: its value, empty where the joints do not determine it; `<angle>_sd`,
-its standard deviation; and `<angle>_source`, the weakest source of the joints that show it, in the words of the table
-of provenance.
+Every cell holds a number: OpenSim 4.6 silently stops reading a motion at its first `NaN`. Where the joints do not
+determine an angle, the file has a straight line between the frames in which they do, and the angle of a body at rest if
+there is no such frame. A line above `endheader` says so.
 """
 
 from collections.abc import Iterator

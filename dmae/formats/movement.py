@@ -1,17 +1,8 @@
 """movement: netCDF files of its data sets of poses, in 2D for each camera, or in 3D.
 
-For F frames, P individuals and J keypoints a data set of poses in 3D contains:
-
-| Variable | Axes | What it is |
-|---|---|---|
-| `position` | time, space, keypoints, individuals | positions, m, world z up; NaN where absent |
-| `confidence` | time, keypoints, individuals | 1 where measured, 0 where completed, NaN where absent |
-| `source` | time, keypoints, individuals | 0 absent, 1 measured, 2 denoised (measured, then moved), 3 completed |
-| `standard_error` | time, keypoints, individuals | m, along an axis; NaN where unknown |
-
-Coordinates are `time` in s, `space` x, y, z, and the names of `keypoints` and `individuals`. Attributes are `fps`,
-`time_unit`, `source_software`, `ds_type` and `skeleton`: its name, or the definition of your own skeleton as JSON.
-movement itself reads the first two variables.
+A data set of poses in 3D has `position` (time, space, keypoints, individuals), m, world z up; `confidence`, 1 where
+measured and 0 where completed; `source`, as `Source`; and `standard_error`, m, along an axis. Absent is NaN. The
+attribute `skeleton` is a name, or the definition of your own skeleton as JSON. movement itself reads the first two.
 """
 
 from dataclasses import replace

@@ -1,19 +1,7 @@
 """Our own formats: clip folders (`dmae.data.store`), and poses as a NumPy archive that needs no pickle.
 
-For F frames, P persons and J joints the archive contains:
-
-| Array | Shape and type | What it is |
-|---|---|---|
-| `joints` | (F, P, J, 3) float32 | positions, m, world z up; NaN where absent |
-| `source` | (F, P, J) uint8 | where each joint comes from: an index of `source_names` |
-| `source_names` | (4,) text | `absent`, `measured`, `denoised` (measured, then moved), `completed` (not measured) |
-| `cov` | (F, P, J, 3, 3) float32 | covariance of each joint, m^2; NaN where unknown |
-| `views` | (F, P, J) uint8 | number of cameras that measured the joint |
-| `joint_names` | (J,) text | names of the joints |
-| `skeleton` | text | name of the skeleton, or the definition of your own skeleton as JSON |
-| `fps` | float64 | frames per second |
-
-A person is absent from a frame if all its joints are absent.
+`docs/reference/files.md` lists the arrays of both. `source` is an index of `source_names`; `skeleton` is a name, or the
+definition of your own skeleton as JSON. A person is absent from a frame if all its joints are absent.
 """
 
 from functools import partial

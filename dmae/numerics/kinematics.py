@@ -12,10 +12,9 @@ NaN.
 Joint angles are Cardan angles in the order z, x, y of a segment in its parent: flexion, adduction, rotation (Wu et al.,
 J. Biomech. 2002 and 2005; Grood and Suntay, J. Biomech. Eng. 1983). Names, signs and units are those of OpenSim.
 
-Hips, shoulders and neck do not show how the pelvis tilts. Two things say it. The pelvis is level while the person
-stands upright: this defines its axes, as a static trial does in gait laboratories. From there, the lumbar spine bends
-by 36 % of the angle between trunk and thighs. The share and its standard deviation are from recordings of CMU, whose
-subjects had markers on the pelvis (`docs/tools/angles.py`).
+Hips, shoulders and neck do not show how the pelvis tilts. It is level while the person stands upright, as in a static
+trial of gait laboratories; from there, the lumbar spine bends by 36 % of the angle between trunk and thighs. The share
+and its standard deviation are from recordings of CMU with markers on the pelvis (`docs/tools/angles.py`).
 """
 
 from collections.abc import Iterator

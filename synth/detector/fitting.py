@@ -1,8 +1,8 @@
 """Fit a detector's preset to a recording: simulate, measure both in the same way, correct, repeat.
 
-The measurement of a recording is biased: errors are measured against other views, and misses only for people that are
-detected at all. So no parameter can be read off directly. Instead, the detector is run on simulated clips, both are
-measured by `synth.detector.statistics.measure`, and each parameter is corrected by the difference of its own statistic.
+Errors of a recording are measured against other views, and misses only for people that are detected at all, so no
+parameter can be read off. Simulated clips are measured alike (`synth.detector.statistics.measure`), and each parameter
+is corrected by the difference of its own statistic.
 """
 
 import json

@@ -32,11 +32,10 @@ def level_floor(ankles: np.ndarray, fps: float, ankle_height: float) -> tuple[np
     """Fit the floor of a recording from ankles (F, 2, 3), m, z roughly up: a rotation (3, 3) that levels it, and the
     height to subtract afterwards, m.
 
-    Recorded floors are up to 7 cm away from zero height and tilt by up to 2 cm per metre. This is a calibration error,
-    not a slope. The floor is fitted robustly as the plane at `ankle_height` below the standing ankles. An ankle stands
-    if it stays in place for at least 0.1 s and is at most 5 cm above the lower ankle. Only the lowest level counts,
-    because feet that stand higher are on steps, platforms or bars. A prior of one degree limits the tilt: the data do
-    not determine it if a person stays on one spot.
+    By errors of calibration, recorded floors are up to 7 cm away from zero height and tilt by up to 2 cm per metre. The
+    floor is fitted robustly as the plane at `ankle_height` below the standing ankles: in place for at least 0.1 s and
+    at most 5 cm above the lower ankle. Only the lowest level counts: higher feet are on steps, platforms or bars. A
+    prior of one degree limits the tilt, which a person who stays on one spot does not show.
     """
     speed = np.linalg.norm(np.gradient(ankles, 1 / fps, axis=0), axis=2) if len(ankles) > 1 else np.zeros((1, 2))
     standing = (speed < _STANDING_SPEED) & (ankles[..., 2] < ankles[..., 2].min(1, keepdims=True) + 0.05)

@@ -126,8 +126,7 @@ def cut(take: Motion, *, start: float, seconds: float, fps: float) -> Motion:
     """Cut a stretch of a take and resample it: rotations by slerp, positions linearly.
 
     A take that is too short is played back and forth. It comes to rest within 0.3 s of its ends, so that it reverses
-    smoothly. People then sometimes walk backwards, which is physically possible. A loop would make them jump, and a
-    repeated last frame would make them freeze.
+    smoothly. People then sometimes walk backwards.
 
     `start` is from 0, the first frame, to 1, the last from which the take is long enough. A take that is too short may
     start anywhere, in either direction.

@@ -1,13 +1,10 @@
 """The registry of corruptions: each is an axis of the stress matrix, a function under the decorator `corruption`.
 
-    @corruption("blur", order=50, unit="px", levels=(1, 2, 4), small=(2,))
-    def blur(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
-        '''Joints are smeared along their motion.'''
-
-The function takes a clip and a level above 0. It returns the clip with detections, cameras or frame rate corrupted at
-that level. It never changes the truth. `clip.poses` are the people of the clip on the skeleton of the detections, with
-gaps filled (`dmae.evaluation.corruption.corrupt.people_of`); capture never reads them. As far as possible, a corruption
-draws the same random numbers at every level, so that a level also hides the joints that lower levels hide.
+The function takes a clip, a level above 0 and `rng` by keyword. It returns the clip with detections, cameras or frame
+rate corrupted at that level (`docs/how-to/add.md` has an example). It never changes the truth. `clip.poses` are the
+people of the clip on the skeleton of the detections, with gaps filled (`dmae.evaluation.corruption.corrupt.people_of`);
+capture never reads them. As far as possible, a corruption draws the same random numbers at every level, so that a level
+also hides the joints that lower levels hide.
 """
 
 from __future__ import annotations

@@ -1,13 +1,8 @@
 """Whole scenes for other renderers: room, props, people in motion, cameras with their lenses, and lights.
 
-A clip is a file, in m. Each person is one skinned mesh, clothes included; loads are rigid pieces that move. Each true
-joint is an empty node with its own name, `person0: l_wrist`. Distances, positions and orientations agree with the
-labels. Colours are plain: textures and clothes' patterns are not exported. A reader that ignores skins shows people
-with lowered arms at their first place.
-
-- `glb`, glTF 2.0, y up. Its cameras hold a field of view only; `K`, `dist` and `size` are in `extras` of the camera.
-- `usd`, z up, with UsdSkel. Its cameras also hold unequal focal lengths and the principal point. Distortion is in
-  custom data.
+A clip is a file, in m: glTF 2.0, y up, or USD with UsdSkel, z up (`docs/reference/exports.md`). Each person is one
+skinned mesh, clothes included; loads are rigid pieces that move. Colours are plain: textures and clothes' patterns are
+not exported. A reader that ignores skins shows people with lowered arms at their first place.
 """
 
 from collections import Counter, defaultdict
