@@ -40,21 +40,13 @@ _MANY_FRAMES, _MANY_RENDERED = 4000, 200
 
 @dataclass(frozen=True)
 class Forecast:
-    """The remaining work for a data set.
+    """The remaining work for a data set."""
 
-    Attributes:
-        clips: Number of clips to make, without existing clips that only lack images.
-        frames: Number of frames of all clips.
-        images: Number of images. An image is one view of one frame, in all requested kinds of images.
-        seconds: Estimated time with the requested number of processes, s.
-        megabytes: Estimated disk space, MB.
-    """
-
-    clips: int
-    frames: int
-    images: int
-    seconds: float
-    megabytes: float
+    clips: int  # Number of clips to make, without existing clips that only lack images
+    frames: int  # Number of frames of all clips
+    images: int  # Number of images. An image is one view of one frame, in all requested kinds of images.
+    seconds: float  # Estimated time with the requested number of processes, s
+    megabytes: float  # Estimated disk space, MB
 
     def __str__(self) -> str:
         images = f", {counted(self.images, 'image')}" if self.images else ""

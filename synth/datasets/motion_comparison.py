@@ -157,22 +157,16 @@ class Sample:
 
 @dataclass(frozen=True)
 class Difference:
-    """One quantity of recorded and generated tracks.
-
-    Attributes:
-        quantity: The quantity.
-        real, sim: Quantiles of 5, 50 and 95 %.
-        wasserstein: Wasserstein-1 distance, in the quantity's unit.
-        ks: Kolmogorov-Smirnov distance: the greatest difference of the distribution functions.
-        halves_wasserstein, halves_ks: The same distances between two random halves of the recorded tracks, medians
-            over many draws. NaN where almost no track has the quantity.
-    """
+    """One quantity of recorded and generated tracks."""
 
     quantity: Quantity
+    # real, sim: Quantiles of 5, 50 and 95 %
     real: tuple[float, float, float]
     sim: tuple[float, float, float]
-    wasserstein: float
-    ks: float
+    wasserstein: float  # Wasserstein-1 distance, in the quantity's unit
+    ks: float  # Kolmogorov-Smirnov distance: the greatest difference of the distribution functions
+    # halves_wasserstein, halves_ks: The same distances between two random halves of the recorded tracks, medians over
+    # many draws. NaN where almost no track has the quantity.
     halves_wasserstein: float
     halves_ks: float
 

@@ -55,44 +55,27 @@ class View:
     """One camera's view of P persons in F frames, and its D detections of the 25 joints of BODY25.
 
     Without errors, detection d is person d. Errors can add detections.
-
-    Attributes:
-        fps: Frames per second.
-        size: (2,) image width and height, px.
-        xyz: (F, P, 25, 3) true joints, m, world.
-        true_xy: (F, P, 25, 2) projections of the joints at the time of exposure, px; NaN behind the camera.
-        visibility: (F, P, 25) `Visibility` at that time.
-        occluder: (F, P, 25) index of the person or object that hides the joint.
-        parts: Fields of `PartConfig`, (25, ...) each.
-        times: Correlation times of errors.
-        minimum_score: Joints with a lower confidence are not reported.
-        random: Function that returns a new generator for a stream of this view, at its beginning.
-        xy: (F, D, 25, 2) detected joints, px; NaN where missed.
-        score: (F, D, 25) confidence; NaN where missed.
-        owner: (F, D, 25) int16 index of the person that each detected joint belongs to; -1 in ghosts.
-        kind: (F, D, 25) uint8 `JointError`; GOOD if no joint or person was confused, even if the joint is far off.
-        person: (D,) int16 index of the person of each detection; -1 for ghosts.
-        error_rank: (F, P, 25) rank of the size of each joint's noise in its distribution, from 0 to 1.
-        shown: (F,) index of the frame with the detections that each frame shows; -1 for none.
     """
 
-    fps: float
-    size: np.ndarray
-    xyz: np.ndarray
-    true_xy: np.ndarray
-    visibility: np.ndarray
-    occluder: np.ndarray
-    parts: dict[str, np.ndarray]
-    times: Times
-    minimum_score: float
+    fps: float  # Frames per second
+    size: np.ndarray  # (2,) image width and height, px
+    xyz: np.ndarray  # (F, P, 25, 3) true joints, m, world
+    true_xy: np.ndarray  # (F, P, 25, 2) projections of the joints at the time of exposure, px; NaN behind the camera
+    visibility: np.ndarray  # (F, P, 25) `Visibility` at that time
+    occluder: np.ndarray  # (F, P, 25) index of the person or object that hides the joint
+    parts: dict[str, np.ndarray]  # Fields of `PartConfig`, (25, ...) each
+    times: Times  # Correlation times of errors
+    minimum_score: float  # Joints with a lower confidence are not reported
+    # Function that returns a new generator for a stream of this view, at its beginning
     random: Callable[[ErrorStream], np.random.Generator]
-    xy: np.ndarray = None
-    score: np.ndarray = None
-    owner: np.ndarray = None
+    xy: np.ndarray = None  # (F, D, 25, 2) detected joints, px; NaN where missed
+    score: np.ndarray = None  # (F, D, 25) confidence; NaN where missed
+    owner: np.ndarray = None  # (F, D, 25) int16 index of the person that each detected joint belongs to; -1 in ghosts
+    # (F, D, 25) uint8 `JointError`; GOOD if no joint or person was confused, even if the joint is far off
     kind: np.ndarray = None
-    person: np.ndarray = None
-    error_rank: np.ndarray = None
-    shown: np.ndarray = None
+    person: np.ndarray = None  # (D,) int16 index of the person of each detection; -1 for ghosts
+    error_rank: np.ndarray = None  # (F, P, 25) rank of the size of each joint's noise in its distribution, from 0 to 1
+    shown: np.ndarray = None  # (F,) index of the frame with the detections that each frame shows; -1 for none
 
     def __post_init__(self):
         if self.xy is None:

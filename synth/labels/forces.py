@@ -198,25 +198,15 @@ class ContactSource(IntEnum):
 
 @dataclass(frozen=True)
 class PeopleContacts:
-    """C contacts of people in a clip.
+    """C contacts of people in a clip."""
 
-    Attributes:
-        frame: (C,) int32, sorted.
-        between: (C, 2) int16 index into `names`.
-        names: `person<p>/<segment>`, or names of objects.
-        point: (C, 3) float32 m, world.
-        force: (C, 3) float32 N, world, force of the first on the second.
-        depth: (C,) float32 m, overlap of solid parts; below 0 for a gap.
-        source: (C,) uint8 `ContactSource`.
-    """
-
-    frame: np.ndarray
-    between: np.ndarray
-    names: tuple[str, ...]
-    point: np.ndarray
-    force: np.ndarray
-    depth: np.ndarray
-    source: np.ndarray
+    frame: np.ndarray  # (C,) int32, sorted
+    between: np.ndarray  # (C, 2) int16 index into `names`
+    names: tuple[str, ...]  # `person<p>/<segment>`, or names of objects
+    point: np.ndarray  # (C, 3) float32 m, world
+    force: np.ndarray  # (C, 3) float32 N, world, force of the first on the second
+    depth: np.ndarray  # (C,) float32 m, overlap of solid parts; below 0 for a gap
+    source: np.ndarray  # (C,) uint8 `ContactSource`
 
     __repr__ = short_repr
 
@@ -340,27 +330,18 @@ _LEAST_FORCE = 1.0
 
 @dataclass(frozen=True)
 class BodyForces:
-    """The forces that support P people in F frames; world axes.
+    """The forces that support P people in F frames; world axes."""
 
-    Attributes:
-        weights: (P,) float32 mass times gravity, N.
-        centre_of_mass: (F, P, 3) float32 m.
-        ground_reaction: (F, P, 2, 3) float32 N on the left and the right foot, from objects that stand still.
-        centre_of_pressure: (F, P, 2, 3) float32 m, the point where it acts; NaN without a force.
-        supported: (F, P, 2, 3) float32 force, N, and moment about the mid hip, N m, of all contacts with anything else.
-            Forces from the simulation are smoothed with the same filter as the motion.
-        residual: (F, P, 2, 3) float32 force at the mid hip, N, and moment, N m, that the motion needs and no contact
-            supplies.
-        penetration: (F, P, 2) float32 deepest overlap with another person, and with an object, m; 0 for none.
-    """
-
-    weights: np.ndarray
-    centre_of_mass: np.ndarray
-    ground_reaction: np.ndarray
-    centre_of_pressure: np.ndarray
+    weights: np.ndarray  # (P,) float32 mass times gravity, N
+    centre_of_mass: np.ndarray  # (F, P, 3) float32 m
+    ground_reaction: np.ndarray  # (F, P, 2, 3) float32 N on the left and the right foot, from objects that stand still
+    centre_of_pressure: np.ndarray  # (F, P, 2, 3) float32 m, the point where it acts; NaN without a force
+    # (F, P, 2, 3) float32 force, N, and moment about the mid hip, N m, of all contacts with anything else. Forces from
+    # the simulation are smoothed with the same filter as the motion.
     supported: np.ndarray
+    # (F, P, 2, 3) float32 force at the mid hip, N, and moment, N m, that the motion needs and no contact supplies
     residual: np.ndarray
-    penetration: np.ndarray
+    penetration: np.ndarray  # (F, P, 2) float32 deepest overlap with another person, and with an object, m; 0 for none
 
     __repr__ = short_repr
 

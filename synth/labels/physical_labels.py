@@ -26,16 +26,11 @@ _MOST = 1e8
 
 @dataclass(frozen=True)
 class PhysicalLabels:
-    """Physical labels of a clip; None for kinds that were not requested.
+    """Physical labels of a clip; None for kinds that were not requested."""
 
-    Attributes:
-        contacts: Contacts of people, with forces and overlaps.
-        forces: Forces that support people.
-        surface: 512 points on each person, their visibility in each camera, and what they touch.
-    """
-
-    contacts: PeopleContacts | None = None
-    forces: BodyForces | None = None
+    contacts: PeopleContacts | None = None  # Contacts of people, with forces and overlaps
+    forces: BodyForces | None = None  # Forces that support people
+    # 512 points on each person, their visibility in each camera, and what they touch
     surface: SurfaceLabels | None = None
 
     @property

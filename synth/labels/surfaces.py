@@ -174,25 +174,18 @@ _TOUCH, _OVERLAP = 0.01, 0.04
 
 @dataclass(frozen=True)
 class SurfaceLabels:
-    """S named points on P people, seen by V cameras in F frames.
+    """S named points on P people, seen by V cameras in F frames."""
 
-    Attributes:
-        names: (S,) names of the points, see `synth.labels.surfaces.NAMES`.
-        xyz: (F, P, S, 3) float32 m, world.
-        normals: (F, P, S, 3) float32 outward unit normals, world.
-        visibility: (F, V, P, S) uint8 `dmae.data.labels.Visibility`. As for joints, the first object on the ray from
-            the camera counts. A point on a surface that faces away is hidden at least by the person's own body.
-        hidden_by: (F, V, P, S) int16 index of the person or object in front, -1 for none.
-        touches: (F, P, S) uint16 what a point touches, as in id images: 0 nothing, 1 + p another person p, 256 + k
-            object k. A point touches what is nearer than 10 mm along its normal, or overlaps it by up to 40 mm. Floor
-            and walls are objects.
-    """
-
-    names: tuple[str, ...]
-    xyz: np.ndarray
-    normals: np.ndarray
+    names: tuple[str, ...]  # (S,) names of the points, see `synth.labels.surfaces.NAMES`
+    xyz: np.ndarray  # (F, P, S, 3) float32 m, world
+    normals: np.ndarray  # (F, P, S, 3) float32 outward unit normals, world
+    # (F, V, P, S) uint8 `dmae.data.labels.Visibility`. As for joints, the first object on the ray from the camera
+    # counts. A point on a surface that faces away is hidden at least by the person's own body.
     visibility: np.ndarray
-    hidden_by: np.ndarray
+    hidden_by: np.ndarray  # (F, V, P, S) int16 index of the person or object in front, -1 for none
+    # (F, P, S) uint16 what a point touches, as in id images: 0 nothing, 1 + p another person p, 256 + k object k. A
+    # point touches what is nearer than 10 mm along its normal, or overlaps it by up to 40 mm. Floor and walls are
+    # objects.
     touches: np.ndarray
 
     __repr__ = short_repr

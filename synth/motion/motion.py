@@ -17,27 +17,19 @@ class Motion:
     In the canonical pose every rotation is the identity. The pose is a T-pose that faces +x, with +y to the left and
     +z up. The arms point straight out along +y and -y, the palms face down, and the feet are flat and point forward.
     From this pose, elbows bend forward as hinges about z, and knees bend backward as hinges about y.
-
-    Attributes:
-        name: Human-readable source: file stem and frame range, or the procedural recipe.
-        fps: Frames per second.
-        root: (F, 3) mid point of the hip joints, m, world z up, floor at z = 0.
-        rotations: (F, 16, 3, 3) world orientation of each of `SEGMENTS`, world from segment.
-        hip_height: Height of the hip joints above the soles when the source's body stands straight, m. For a body with
-            other proportions, `root` is scaled by the ratio of both hip heights.
-        seats: Frames in which the person begins to sit on a stool.
-        actions: First frame and name of each action. If empty, the whole motion is one action, named `name`.
-        first: Frame of the recording at which this motion begins. It aligns takes of people recorded together.
     """
 
-    name: str
-    fps: float
-    root: np.ndarray
-    rotations: np.ndarray
+    name: str  # Human-readable source: file stem and frame range, or the procedural recipe
+    fps: float  # Frames per second
+    root: np.ndarray  # (F, 3) mid point of the hip joints, m, world z up, floor at z = 0
+    rotations: np.ndarray  # (F, 16, 3, 3) world orientation of each of `SEGMENTS`, world from segment
+    # Height of the hip joints above the soles when the source's body stands straight, m. For a body with other
+    # proportions, `root` is scaled by the ratio of both hip heights.
     hip_height: float
-    seats: tuple[int, ...] = ()
+    seats: tuple[int, ...] = ()  # Frames in which the person begins to sit on a stool
+    # First frame and name of each action. If empty, the whole motion is one action, named `name`.
     actions: tuple[tuple[int, str], ...] = ()
-    first: int = 0
+    first: int = 0  # Frame of the recording at which this motion begins. It aligns takes of people recorded together.
 
     def __post_init__(self):
         for field, shape in (("root", (3,)), ("rotations", (len(SEGMENTS), 3, 3))):

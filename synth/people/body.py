@@ -102,23 +102,15 @@ _GIRTHS = (0.65, 1.55)
 
 @dataclass(frozen=True)
 class Body:
-    """Proportions of one person.
+    """Proportions of one person."""
 
-    Attributes:
-        stature: Standing height, m.
-        mass: kg; relative to stature and age it determines the girth of limbs and trunk, 0.65 to 1.55 times the usual.
-        feminine: Build of shoulders, waist and hips, from 0 masculine to 1 feminine.
-        legs: Length of the legs relative to the average at this stature; the trunk makes up the difference.
-        arms: Length of the arms relative to the average at this stature.
-        age: Years; below 18 proportions are those of children.
-    """
-
-    stature: float = 1.75
+    stature: float = 1.75  # Standing height, m
+    # kg; relative to stature and age it determines the girth of limbs and trunk, 0.65 to 1.55 times the usual
     mass: float = 70.0
-    feminine: float = 0.0
-    legs: float = 1.0
-    arms: float = 1.0
-    age: float = 30.0
+    feminine: float = 0.0  # Build of shoulders, waist and hips, from 0 masculine to 1 feminine
+    legs: float = 1.0  # Length of the legs relative to the average at this stature; the trunk makes up the difference
+    arms: float = 1.0  # Length of the arms relative to the average at this stature
+    age: float = 30.0  # Years; below 18 proportions are those of children
 
     def __post_init__(self):
         self._check("age", _AGES[0], 110)

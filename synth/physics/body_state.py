@@ -22,40 +22,28 @@ _JOINTS = len(SEGMENTS)
 
 @dataclass(frozen=True)
 class BodyState:
-    """The state of P people in F frames. Joints of bodies are in the order of `synth.people.body.SEGMENTS`.
+    """The state of P people in F frames. Joints of bodies are in the order of `synth.people.body.SEGMENTS`."""
 
-    Attributes:
-        qpos: (F, nq) float64, MuJoCo's state of the whole scene, from which images are rendered.
-        root: (F, P, 3) float32 mid point of the hip joints, m, world.
-        rotations: (F, P, 16, 4) float32 quaternions, w first: of the pelvis in the world, of others in their parent.
-        forces: (F, P, 17, 3) float32. First the force at the pelvis that carries the body, N, world: people need no
-            balance, and contacts bear only part of their weight. Then the torques at the joints, N m, each in the axes
-            of its segment; that of the pelvis acts from outside, too.
-        shapes: The proportions of each person.
-        actions: (F, P) int16 action of each person, as index into `action_names`.
-        action_names: Names of actions. For an interaction it is its name, for a recording the take and its time.
-        contact_frame: (C,) int32 frame of each contact of a person in which a force acts, sorted.
-        contact_between: (C, 2) int16 index into `contact_names` of the two parts that touch.
-        contact_names: `person<p>/<segment>`, or names of objects.
-        contact_point: (C, 3) float32 m, world.
-        contact_force: (C, 3) float32 N, world, that the first part exerts on the second. Standing feet are also held by
-            a force that is no contact: see `synth.physics.controller`.
-        contact_depth: (C,) float32 m, overlap; below 0 where only cloth touches.
-    """
-
-    qpos: np.ndarray
-    root: np.ndarray
+    qpos: np.ndarray  # (F, nq) float64, MuJoCo's state of the whole scene, from which images are rendered
+    root: np.ndarray  # (F, P, 3) float32 mid point of the hip joints, m, world
+    # (F, P, 16, 4) float32 quaternions, w first: of the pelvis in the world, of others in their parent
     rotations: np.ndarray
+    # (F, P, 17, 3) float32. First the force at the pelvis that carries the body, N, world: people need no balance, and
+    # contacts bear only part of their weight. Then the torques at the joints, N m, each in the axes of its segment;
+    # that of the pelvis acts from outside, too.
     forces: np.ndarray
-    shapes: tuple[Body, ...]
-    actions: np.ndarray
+    shapes: tuple[Body, ...]  # The proportions of each person
+    actions: np.ndarray  # (F, P) int16 action of each person, as index into `action_names`
+    # Names of actions. For an interaction it is its name, for a recording the take and its time.
     action_names: tuple[str, ...]
-    contact_frame: np.ndarray
-    contact_between: np.ndarray
-    contact_names: tuple[str, ...]
-    contact_point: np.ndarray
+    contact_frame: np.ndarray  # (C,) int32 frame of each contact of a person in which a force acts, sorted
+    contact_between: np.ndarray  # (C, 2) int16 index into `contact_names` of the two parts that touch
+    contact_names: tuple[str, ...]  # `person<p>/<segment>`, or names of objects
+    contact_point: np.ndarray  # (C, 3) float32 m, world
+    # (C, 3) float32 N, world, that the first part exerts on the second. Standing feet are also held by a force that is
+    # no contact: see `synth.physics.controller`.
     contact_force: np.ndarray
-    contact_depth: np.ndarray
+    contact_depth: np.ndarray  # (C,) float32 m, overlap; below 0 where only cloth touches
 
     __repr__ = short_repr
 

@@ -293,23 +293,16 @@ class Judged:
 
 @dataclass(frozen=True)
 class Rate:
-    """A row of the meter.
+    """A row of the meter."""
 
-    Attributes:
-        heading, group: For example "room" and "office".
-        people: Number of people in plain sight.
-        found: Share of these people that were found.
-        joints: Number of visible joints of the people that were found.
-        near: Share of these joints with an error within 5 % of the height of the body.
-        median: Median error of these joints, relative to the height. Like `found` and `near`, it is None without data.
-    """
-
+    # heading, group: For example "room" and "office"
     heading: str
     group: str
-    people: int
-    found: float | None
-    joints: int
-    near: float | None
+    people: int  # Number of people in plain sight
+    found: float | None  # Share of these people that were found
+    joints: int  # Number of visible joints of the people that were found
+    near: float | None  # Share of these joints with an error within 5 % of the height of the body
+    # Median error of these joints, relative to the height. Like `found` and `near`, it is None without data.
     median: float | None
 
 

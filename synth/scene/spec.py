@@ -70,36 +70,28 @@ class SceneSpec:
 
     The motions themselves are not stored: `synth.scene.sampling.load_motions` draws them again from `motion`,
     `interaction`, `seed` and `clip`.
-
-    Attributes:
-        seed, clip: Seed of the data set and number of the clip.
-        fps, frames: Frame rate and length of the clip.
-        arena, decor: The room and its look.
-        clearance: Distance that people keep between their hips, m.
-        persons: The people.
-        props: Props that people keep clear of.
-        motion, interaction: Configurations that the motions are drawn from.
-        furniture: Props that belong to the interaction, or that people sit on; people do not keep clear of them.
-        loads: Objects that hands carry.
-        radius: Greatest distance of hips from the middle, m.
-        seconds: Length of the planned motion, s.
     """
 
+    # seed, clip: Seed of the data set and number of the clip
     seed: int
     clip: int
+    # fps, frames: Frame rate and length of the clip
     fps: float
     frames: int
+    # arena, decor: The room and its look
     arena: str
     decor: Decor
-    clearance: float
-    persons: tuple[PersonSpec, ...]
-    props: tuple[PropSpec, ...]
+    clearance: float  # Distance that people keep between their hips, m
+    persons: tuple[PersonSpec, ...]  # The people
+    props: tuple[PropSpec, ...]  # Props that people keep clear of
+    # motion, interaction: Configurations that the motions are drawn from
     motion: MotionConfig
     interaction: InteractionConfig = field(default_factory=InteractionConfig)
+    # Props that belong to the interaction, or that people sit on; people do not keep clear of them
     furniture: tuple[PropSpec, ...] = ()
-    loads: tuple[Load, ...] = ()
-    radius: float = 1.9
-    seconds: float = field(kw_only=True)
+    loads: tuple[Load, ...] = ()  # Objects that hands carry
+    radius: float = 1.9  # Greatest distance of hips from the middle, m
+    seconds: float = field(kw_only=True)  # Length of the planned motion, s
 
     @property
     def planned_frames(self) -> int:
