@@ -12,6 +12,7 @@ from dmae.files.checks import LEAST_FOCAL, MOST_DISTORTION, MOST_FOCAL, MOST_MET
 
 # OpenCV's default criteria leave up to 0.07 px; these converge to 1e-10.
 _UNDISTORT_CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-12)
+_RIGHT = 1e-3  # Focal lengths; an undistorted point is distorted to within this distance of where it was
 
 
 def camera_label(name: str) -> str:
@@ -190,7 +191,10 @@ class CameraRig:
         return dist if len(dist) == 5 else np.pad(dist, (0, 8 - len(dist)))
 
     def undistort(self, xy: np.ndarray) -> np.ndarray:
-        """Return distorted pixels (F, V, ..., 2) as in ideal pinhole cameras with the same K; NaN stays NaN."""
+        """Return distorted pixels (F, V, ..., 2) as in ideal pinhole cameras with the same K.
+
+        NaN stays NaN, and pixels to which no point within `reach` is projected become NaN.
+        """
         xy = np.asarray(xy, np.float64)
         if xy.ndim < 3 or xy.shape[1] != len(self) or xy.shape[-1] != 2:
             raise ValueError(f"expected pixels of shape (F, {len(self)}, ..., 2), found {xy.shape}")
@@ -212,8 +216,14 @@ class CameraRig:
             return points * _undistorted_ratio(self.dist[view, :4], np.linalg.norm(points, axis=-1, keepdims=True))
         K, dist = np.eye(3), self._opencv_dist(view)
         if hasattr(cv2, "undistortPointsIter"):  # OpenCV 4
-            return cv2.undistortPointsIter(points, K, dist, None, None, _UNDISTORT_CRITERIA)
-        return cv2.undistortPoints(points, K, dist, criteria=_UNDISTORT_CRITERIA)
+            found = cv2.undistortPointsIter(points, K, dist, None, None, _UNDISTORT_CRITERIA)
+        else:
+            found = cv2.undistortPoints(points, K, dist, criteria=_UNDISTORT_CRITERIA)
+        if self.reach[view] == np.inf:
+            return found
+        # Where there is no such point OpenCV returns another one.
+        right = np.abs(self._distort(view, found) - points).max(-1) < _RIGHT
+        return np.where((right & (np.linalg.norm(found, axis=-1) < self.reach[view]))[..., None], found, np.nan)
 
     def rays(self, xy: np.ndarray) -> np.ndarray:
         """Return unit directions (F, V, ..., 3), world, from the camera centres through pixels (F, V, ..., 2)."""

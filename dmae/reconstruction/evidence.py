@@ -59,7 +59,8 @@ class Evidence:
         confidence = noise.trusted(score)
         confident = (np.fmax(score, confidence) >= th_p) & np.isfinite(xy).all(-1)
         xy = clip.rig.undistort(np.where(confident[..., None], xy, np.nan))
-        confidence = np.where(confident, confidence, np.nan)
+        # Pixels beyond the reach of a lens have no ray.
+        confidence = np.where(np.isnan(xy[..., 0]), np.nan, confidence)
         return cls(clip.rig.undistorted, xy, confidence, config.widened(noise.widening), noise)
 
     def at(self, frame: int) -> Evidence:

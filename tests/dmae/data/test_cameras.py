@@ -94,6 +94,18 @@ def test_fisheye_rays_undo_projection_up_to_the_edge_of_the_lens(k):
     np.testing.assert_allclose(direction, (in_camera / 3 @ rig.cam_from_world[0, :3, :3])[seen], atol=1e-6)
 
 
+def test_pixels_that_a_lens_shows_nothing_at_have_no_ray():
+    """The polynomial turns back at a radius of 0.91 focal lengths, which is shown at 0.61."""
+    rig = replace(make_rig(views=1), dist=np.array([[-0.4, 0, 0, 0, 0]]))
+    radius = np.linspace(0.01, 0.9, 30)
+    inside = rig.K[0, :2, 2] + 800 * np.stack([radius * (1 - 0.4 * radius**2), 0 * radius], -1)
+    xy = np.concatenate([inside, rig.K[0, :2, 2] + [(500, 0), (-520, 300), (1000, 0), (0, 4000)]])[None, None]
+    rig = replace(rig, K=np.array([[[800, 0, rig.K[0, 0, 2]], [0, 800, rig.K[0, 1, 2]], [0, 0, 1]]]))
+    ideal = rig.undistort(xy)[0, 0]
+    np.testing.assert_allclose((ideal[:30] - rig.K[0, :2, 2]) / 800, np.stack([radius, 0 * radius], -1), atol=1e-4)
+    assert np.isnan(ideal[30:]).all() and np.isnan(rig.rays(xy)[0, 0, 30:]).all()
+
+
 def test_fisheye_and_pinhole_cameras_share_a_rig():
     mixed = replace(fisheye(), fisheye=np.array([False, True, False]), dist=np.diag([0.0, 0.1, 0]) @ np.eye(3, 5))
     xy, _ = mixed.project(points())

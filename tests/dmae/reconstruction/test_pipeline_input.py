@@ -118,6 +118,21 @@ def test_coordinates_that_are_not_finite_are_absent(bad):
     assert_same(capture(changed(clip, xy=xy), DEFAULT), capture(absent, DEFAULT))
 
 
+@pytest.mark.parametrize("fisheye", [True, False])
+def test_joints_where_a_lens_shows_nothing_are_absent(fisheye):
+    rig = looking_at_origin(3)
+    bent = replace(rig, dist=np.tile([-0.75, 0, 0, 0, 0], (3, 1)), fisheye=np.full(3, fisheye))
+    clip = detected_clip(crossing()[50:56], rig=bent, miss=0)
+    xy, score = clip.detections.xy.copy(), clip.detections.score.copy()
+    xy[..., 4, :] = 2.0
+    corner = changed(clip, xy=xy.copy())
+    xy[..., 4, :] = score[..., 4] = np.nan
+    poses, without = (capture(each, DEFAULT) for each in (corner, changed(clip, xy=xy, score=score)))
+    assert poses.xyz.shape[1] == 3
+    np.testing.assert_array_equal(poses.xyz, without.xyz)
+    np.testing.assert_array_equal(poses.rays, without.rays)
+
+
 def test_confidences_are_clipped_to_0_and_1():
     clip = short(0)
     score = clip.detections.score.copy()
