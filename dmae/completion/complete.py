@@ -78,8 +78,11 @@ def predict(
         for index in (first, second):
             np.logical_or.at(around, index, needed)
         resampled = _by_frame(_corrections(model, rows, around), persons)
+        before, after = resampled[first], resampled[second]
+        # At the ends of a person's presence one of them is known.
+        before, after = np.where(np.isnan(before), after, before), np.where(np.isnan(after), before, after)
         weight = (time - first).clip(0, 1)[:, None, None, None]
-        correction = resampled[first] * (1 - weight) + resampled[second] * weight
+        correction = before * (1 - weight) + after * weight
     # The target's joints lie elsewhere than what they are derived from, however short a gap is.
     weight = 1 if target else correction_weight(poses)
     return (base + np.nan_to_num(correction[..., :3]) * weight)[frames], np.exp(correction[..., 3])[frames]

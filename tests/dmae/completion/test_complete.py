@@ -27,7 +27,7 @@ from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25, COCO17, SHELF14, Skeleton
 from dmae.data.store import load_clip, save_clip
 from dmae.metrics.position import REGION_RADIUS
-from dmae.numerics.filling import fill_world, present
+from dmae.numerics.filling import fill_world, present, resample
 from dmae.numerics.paths import pchip
 from tests.support.circling_people import circling_people, clip_of
 from tests.support.completers import FPS, circling, untrained, with_holes
@@ -237,6 +237,18 @@ def test_denoising_with_a_model_not_trained_for_it_is_refused(tmp_path):
     save_model(untrained().model, SHELF14, tmp_path, {"denoises": False, "calibration": None})
     with pytest.raises(ValueError, match="observed_weight"):
         load_completer(tmp_path, denoise=True)
+
+
+def test_the_last_frame_of_a_person_is_completed_at_another_rate_too():
+    """The frame after it, at the rate of the weights, has no correction."""
+    complete, truth = untrained(factors=((1.0,) * CLASSES,) * 2), circling(3, 60)
+    hidden = np.zeros(truth.source.shape, bool)
+    hidden[40:], hidden[34:, :, SHELF14.index("l_wrist", "l_elbow")] = True, True
+    poses = Poses3D(SHELF14, np.where(hidden[..., None], np.nan, truth.xyz))
+    done, own = complete(resample(poses, FPS, 2 * FPS), 2 * FPS), complete(poses, FPS)
+    filled = done.source == Source.COMPLETED
+    assert np.isfinite(done.cov[filled]).all() and filled[78].any()
+    np.testing.assert_allclose(done.xyz[78][filled[78]], own.xyz[39][filled[78]], atol=0.03)
 
 
 # Completion of unusual poses: few measurements, other skeletons and rates, joints that are not finite.
