@@ -163,7 +163,7 @@ def handshake(cast: Cast, *, rng: np.random.Generator) -> Script:
     apart = rng.uniform(1.1, 1.25) * np.mean([arm_length(body) for body in cast.bodies])
     roles, ahead = face_to_face(cast, apart, 0.0, come=come, when=when, rng=rng)
     height = rng.uniform(0.61, 0.66) * np.mean([body.stature for body in cast.bodies])
-    rate, move = rng.uniform(1.6, 2.6), min(0.6, 0.3 * cast.seconds[-1])
+    rate, move = rng.uniform(1.6, 2.6), min(0.6, 0.3 * max(cast.seconds[-1], 1e-9))
     begin = when + 0.5 * move
     parting = min(parting, begin + rng.uniform(1.0, 3.5))
     share = during(cast.seconds, begin, parting, move)

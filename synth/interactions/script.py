@@ -126,8 +126,7 @@ def standing(cast: Cast, at: np.ndarray, heading: float) -> np.ndarray:
 def approach(cast: Cast, start: np.ndarray, end: np.ndarray, *, begin: float, speed: float) -> np.ndarray:
     """Return the straight (F, 3) path from `start` (3,) to `end` (3,) that begins at `begin`, s; mean speed in m/s."""
     way = end[:2] - start[:2]
-    length = float(np.linalg.norm(way))
-    last = max(length / speed, 0.6)
+    length, last = float(np.linalg.norm(way)), _lasting(start, end, speed)
     share = ease((cast.seconds - begin) / last)
     path = start + share[:, None] * (end - start)
     # People face the direction in which they walk, and turn at the end.
@@ -142,7 +141,13 @@ def approach(cast: Cast, start: np.ndarray, end: np.ndarray, *, begin: float, sp
 
 def arrival(start: np.ndarray, end: np.ndarray, begin: float, speed: float) -> float:
     """Return the time at which `approach` arrives, s."""
-    return begin + max(float(np.linalg.norm(end[:2] - start[:2])) / speed, 0.6)
+    return begin + _lasting(start, end, speed)
+
+
+def _lasting(start: np.ndarray, end: np.ndarray, speed: float) -> float:
+    """Return the duration of `approach`, s. In a clip of one frame people walk no distance, at no speed."""
+    length = float(np.linalg.norm(end[:2] - start[:2]))
+    return max(length / speed, 0.6) if length else 0.6
 
 
 def ease(x: np.ndarray) -> np.ndarray:
@@ -154,8 +159,11 @@ def ease(x: np.ndarray) -> np.ndarray:
 
 
 def during(seconds: np.ndarray, begin: float, end: float, move: float = 0.7) -> np.ndarray:
-    """Return (F,) 1 from `begin` to `end`, s, and 0 from `move` before and after, s; minimum-jerk curves between."""
-    return minimum_jerk((seconds - begin + move) / move) - minimum_jerk((seconds - end) / move)
+    """Return (F,) 1 from `begin` to `end`, s, and 0 from `move` before and after, s; minimum-jerk curves between.
+
+    It is 0 throughout if the end is so far before the beginning that nothing is between, as in very short clips.
+    """
+    return np.maximum(minimum_jerk((seconds - begin + move) / move) - minimum_jerk((seconds - end) / move), 0)
 
 
 def wrapped(angle: np.ndarray | float) -> np.ndarray | float:
@@ -172,7 +180,7 @@ def step_back(path: np.ndarray, cast: Cast, begin: float, far: float) -> np.ndar
 
 def meeting(cast: Cast, longest: float, *, rng: np.random.Generator) -> tuple[float, float, float]:
     """Return the distance that each person walks, m, and the times at which they meet and part, s; for any clip."""
-    last = cast.seconds[-1]
+    last = max(cast.seconds[-1], 1e-9)
     when = min(rng.uniform(1.2, 2.4), 0.36 * last)
     return min(longest, 0.55 * when), when, max(last - 1.0, 0.75 * last)
 

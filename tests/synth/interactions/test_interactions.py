@@ -11,6 +11,7 @@ import pytest
 from synth.datasets.clip import generate_clip
 from synth.datasets.config import GenerateConfig
 from synth.errors import FailedSimulation
+from synth.interactions import casting
 from synth.interactions.registry import NO_INTERACTION, InteractionConfig, find_interaction, interaction_choices
 from synth.motion.config import MotionConfig
 from synth.motion.readers.npz import write_npz
@@ -268,6 +269,25 @@ def test_there_is_space_for_every_interaction_in_the_office(kind):
 def test_an_interaction_without_space_is_refused():
     with pytest.raises(FailedSimulation, match="no room for what 4 people do together: it strays"):
         spec_of("crossing", scene=replace(SCENE, radius=0.3))
+
+
+@pytest.mark.parametrize("seconds", [0.04, 0.5])
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_shortest_clips_have_interactions(kind, seconds, monkeypatch):
+    """A frame of each clip is enough for a set of images."""
+    shares = []
+    reach_for = casting.reach_for
+
+    def spy(motion, body, reach):
+        shares.append(reach.share)
+        return reach_for(motion, body, reach)
+
+    monkeypatch.setattr(casting, "reach_for", spy)
+    scene = replace(SCENE, seconds=seconds, persons=[])
+    for motion in sample_scene(scene, MotionConfig(), None, InteractionConfig(kind), seed=0, clip=0).motions:
+        assert np.isfinite(motion.root).all()
+        assert np.isfinite(motion.rotations).all()
+    assert all((share >= 0).all() for share in shares)
 
 
 def test_a_clip_names_its_interaction(tmp_path):
