@@ -51,19 +51,21 @@ class InteractionConfig:
             )
 
     def participants(self, asked: Sequence[int] | None, usual: tuple[int, int]) -> tuple[int, int]:
-        """Return the least and greatest number of people: those asked for, if any, or `usual` without interaction.
+        """Return the least and greatest number of people who take part: those asked for, or the usual ones, within the
+        numbers that the interaction takes.
 
         Raises ValueError if the interaction takes none of the requested numbers; the message lists what it takes.
         """
+        wanted = tuple(asked or usual)
         if not self.together:
-            return tuple(asked or usual)
+            return wanted
         takes = find_interaction(self.kind).persons
         if asked and not (asked[0] <= takes[1] and takes[0] <= asked[1]):
             raise ValueError(
                 f"scene.persons={list(asked)}: interaction={self.kind} takes {people(takes)}; give scene.persons="
                 f"{list(takes)} or leave it out. interaction.bystanders=N adds people who do not take part"
             )
-        return takes
+        return tuple(min(max(number, takes[0]), takes[1]) for number in wanted)
 
     @property
     def together(self) -> bool:
@@ -74,7 +76,7 @@ class InteractionConfig:
 def people(count: tuple[int, int]) -> str:
     """Return a least and greatest number of people in words."""
     least, greatest = count
-    return f"{least} people" if least == greatest else f"{least} to {greatest} people"
+    return f"{least} {'person' if least == 1 else 'people'}" if least == greatest else f"{least} to {greatest} people"
 
 
 def interaction_choices() -> dict[str, str]:

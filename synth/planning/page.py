@@ -17,10 +17,12 @@ from dmae.reporting.tables import Table
 from dmae.viewing.config import LayersConfig
 from dmae.viewing.overlay import chosen_layers
 from dmae.viewing.sheet import write_sheet
+from synth.interactions.registry import people as counted
 from synth.planning.config import PlanConfig
 from synth.planning.plan import FIGURES, CameraPlan, Expected, PlannedRig, check_numbers, make_plan
 from synth.planning.search import Rehearsal, rehearse
 from synth.rigs.config import listed_rig
+from synth.scene.sampling import people_range
 from synth.viewing.rooms import draw_rooms
 
 NUMBERS = "plan.json"
@@ -71,7 +73,7 @@ def numbers(plan: CameraPlan) -> dict:
     config = plan.config
     return {
         "arena": config.setting().arena,
-        "persons": list(config.setting().persons),
+        "persons": list(people_range(config.setting(), config.interaction)),
         "detector": config.detector.name,
         "seed": config.seed,
         "candidates": plan.candidates,
@@ -268,7 +270,7 @@ def write_page(plan: CameraPlan, path: Path) -> None:
         tables = [mounting_table(each), *([worth_table(each)] if each.worth else [])]
         sections.append(Section(f"{number} cameras", f"{files} {_WORTH if each.worth else ''}", tables, figures))
     scene = config.setting()
-    persons = f"{scene.persons[0]} to {scene.persons[1]} people" if scene.persons else "2 to 4 people"
+    persons = counted(people_range(scene, config.interaction))
     summary = [
         f"Room {Path(scene.arena).stem}, {persons} within {scene.radius:g} m of ({scene.middle[0]:g}, "
         f"{scene.middle[1]:g}), detector {config.detector.name}, seed {config.seed}. {plan.candidates} cameras were "

@@ -111,6 +111,12 @@ def count_people(config: SceneConfig, interaction: InteractionConfig, *, seed: i
     return _count_participants(config, interaction, rng=rng) + interaction.bystanders
 
 
+def people_range(config: SceneConfig, interaction: InteractionConfig) -> tuple[int, int]:
+    """Return the least and greatest number of people of any clip, including bystanders."""
+    least, greatest = interaction.participants(config.persons or None, USUAL_PERSONS)
+    return least + interaction.bystanders, greatest + interaction.bystanders
+
+
 def _count_participants(config: SceneConfig, interaction: InteractionConfig, *, rng: np.random.Generator) -> int:
     least, greatest = interaction.participants(config.persons or None, USUAL_PERSONS)
     count = int(rng.integers(*(config.persons or USUAL_PERSONS), endpoint=True))

@@ -11,8 +11,17 @@ from dmae.cli import compose
 from dmae.formats.calibrations import read_calibration
 from synth.cli import SYNTH
 from synth.planning.config import LensConfig, MountConfig
+from synth.planning.page import numbers
 from synth.planning.places import aimed_cameras, find_places
-from synth.planning.plan import FIGURES, check_numbers, cover_floor, expected, find_candidates, with_one_less
+from synth.planning.plan import (
+    FIGURES,
+    CameraPlan,
+    check_numbers,
+    cover_floor,
+    expected,
+    find_candidates,
+    with_one_less,
+)
 from synth.planning.search import JointEvidence, choose, gather, predict, rehearse, standard_errors
 from synth.rigs.coverage import stage_of
 from synth.rooms.room import arena_file, room_choices
@@ -214,6 +223,19 @@ def test_a_plan_has_figures_and_what_each_camera_is_worth(planned):
     assert (len(plan[2].worth), len(three.worth)) == (0, 3)
     assert three.floor.share(2) > 50
     assert plan[3].prediction.score > plan[2].prediction.score
+
+
+@pytest.mark.parametrize(
+    ("options", "persons"),
+    [
+        ([], [2, 4]),
+        (["persons=[1,3]"], [1, 3]),
+        (["interaction=huddle"], [6, 6]),
+        (["interaction=queue", "persons=[1,4]", "interaction.bystanders=2"], [5, 6]),
+    ],
+)
+def test_a_plan_says_how_many_people_are_simulated(options, persons):
+    assert numbers(CameraPlan(compose(SYNTH.commands["plan"], options), (), 0, ()))["persons"] == persons
 
 
 def test_what_is_written_is_read_back_by_captures_and_rigs(planned, tmp_path):
