@@ -139,6 +139,9 @@ class VideoFrames:
         self._last: int | None = None
         """Time of the frame that was decoded last."""
 
+    def __len__(self) -> int:
+        return len(self._times)
+
     def read(self, number: int) -> np.ndarray:
         """Return frame `number`, (H, W, 3) uint8; FileNotFoundError if the video has fewer, or is cut short."""
         if number >= len(self._times):

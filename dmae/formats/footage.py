@@ -49,16 +49,17 @@ def with_videos(clip: Clip, folder: Path) -> Clip:
     if not files:
         raise FileNotFoundError(f"{folder}: expected a video for each camera, <camera>.mp4, found none")
     ordered, notes = _by_camera(clip, Path(folder), files, "a video for each camera")
-    counts: list[int | None] = []
+    counts: list[int] = []
     borders: list[tuple[int, int]] = []
     for file, size, name in zip(ordered, clip.rig.size.tolist(), clip.rig.names, strict=True):
         with open_video(file) as video:
-            counts.append(video.streams.video[0].frames or None)
+            # Some containers do not state the number.
+            counts.append(video.streams.video[0].frames or len(kept_open(file)))
             found = _size_of_frames(video)
-        at = {0, (counts[-1] or 0) // 2} if found != size else ()
+        at = {0, counts[-1] // 2} if found != size else ()
         borders.append(_border(name, file.name, found, size, [kept_open(file).read(frame) for frame in at], notes))
     first = clip.provenance.get("first_frame", 0)
-    least = min((count for count in counts if count), default=first + len(clip))
+    least = min(counts)
     if least < first + len(clip):
         if least < len(clip):
             short = ordered[counts.index(least)]

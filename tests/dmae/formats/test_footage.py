@@ -101,9 +101,11 @@ def test_what_lacks_images_is_refused_by_name(tmp_path, kind, nothing, few):
         dmae.read(tmp_path / "rec", fps=25, images="a", videos="b")
 
 
-def test_videos_that_begin_with_the_clip_or_have_another_size_are_noted(tmp_path):
+@pytest.mark.parametrize("ending", ["mp4", "mkv"])
+def test_videos_that_begin_with_the_clip_or_have_another_size_are_noted(tmp_path, ending):
+    """Matroska files do not state their number of frames."""
     write_openpose_recording(recording(BODY25, 4), tmp_path / "rec", first=100)
-    videos = write_videos(tmp_path / "videos", range(4), size=(600, 952), name="Cam_{}.mp4")
+    videos = write_videos(tmp_path / "videos", range(4), size=(600, 952), name=f"Cam_{{}}.{ending}")
     clip = dmae.read(tmp_path / "rec", fps=25, videos=videos)
     notes = clip.provenance["notes"]
     assert "the first frame of the videos is assumed to be frame 100, as they have 4 frames" in notes
