@@ -418,7 +418,7 @@ def compare_motion(
             are used, or the truth if nothing was captured.
         sim: Simulated clips; their truth is used.
         takes: Only takes with a file name (without suffix) that matches one of these; `*` and `?` are wildcards.
-        longest: Longest part of a take, or of a person of a clip, that is used, s.
+        longest: Longer takes, and people of longer clips, count as this long, s: by frames spread over all of it.
 
     Returns:
         One difference per quantity, such as a speed or an angle: quantiles of both, and the Wasserstein and

@@ -167,7 +167,7 @@ class CompareCommand(ProcessesConfig):
     takes: list[str] = field(default_factory=lambda: ["*"])
     """Motion: only takes with a file name (without suffix) that matches one of these; `*` and `?` are wildcards."""
     longest: float = 10.0
-    """Motion: longest part of a take, or of a person of a clip, that is used, s."""
+    """Motion: longer takes, and people of longer clips, count as this long, s: by frames spread over all of it."""
     motion: ReadingConfig = field(default_factory=ReadingConfig)
     out: str = "runs/compare"
     """Folder of the page."""

@@ -151,7 +151,7 @@ class Sample:
     """The kinematics of a track."""
 
     name: str  # Name of the track
-    seconds: float  # Duration that is used, s
+    seconds: float  # Duration that it counts as, s
     values: dict[str, np.ndarray]  # Values of each of `QUANTITIES`, evenly spaced over the track, in order of time
 
 
@@ -177,7 +177,7 @@ class Difference:
 
 
 def measure(tracks: Sequence[Track], longest: float) -> list[Sample]:
-    """Measure the kinematics of every track that is long enough. At most `longest` s of each track are used.
+    """Measure the kinematics of every track that is long enough. Each counts as `longest` s at most.
 
     Raises ValueError if no track is long enough.
     """
