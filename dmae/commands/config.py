@@ -56,10 +56,9 @@ class FilmedConfig:
     clip: str | None = field(default=None, metadata={"reads": "clips"})
     """Instead of videos: folder of a clip with colour images, or of a data set of them; truth and labels are kept."""
     photos: str | None = field(default=None, metadata={"reads": "path"})
-    """Instead of videos: folder of photographs that the cameras took together, in sets, in a folder for each camera or
-    for each set; each set is a still. Without a calibration, `dmae detect` takes photographs that do not belong
-    together, of any sizes, or one of them, writes people as files of 2D keypoints, and draws them over the
-    photographs."""
+    """Instead of videos: folder of photographs taken together, in sets, with a folder for each camera or for each set;
+    each set is a still. Without a calibration, `dmae detect` takes photographs of any sizes, or one, writes the people
+    of each as 2D keypoints, and draws them."""
     detector: PoseDetectorConfig = field(default_factory=PoseDetectorConfig)
     fps: float | None = None
     """1/s; frame rate, by default that of the videos. Required for folders of images."""
@@ -133,7 +132,7 @@ class CaptureCommand(PartConfig):
     """Turn the world so that z is up, and move its floor to z = 0, as feet and bodies show them: cameras, people and
     truth together."""
     draw: list[int] = field(default_factory=list)
-    """Capture each clip of a data set with cameras drawn at random, as many as one of these, and keep no others: to
+    """Numbers of cameras: capture each clip of a data set with so many cameras, drawn at random, and keep no others, to
     learn what few cameras measure."""
     seed: int = 0
     """Seed of the cameras that are drawn."""
@@ -257,18 +256,18 @@ class ExportCommand:
     """Write poses to a file that other programs read."""
 
     clip: str = field(default="???", metadata={"reads": "clip"})
-    """Folder of a clip; its captured or completed poses are exported, its truth where it has none. What
+    """Folder of a clip; its captured or completed poses are exported, or its truth if it has none. What
     `dmae review` blanked or handed back is left out."""
     format: str = field(default="npz", metadata={"choices": pose_writer})
     """Format of the file."""
     skeleton: str | None = field(default=None, metadata={"reads": "skeleton", "words": ("soma", "lafan1")})
-    """Skeleton of the file; by default the one the poses are in, and of two fused the first, except for npz. For
+    """Skeleton of the file; by default that of the poses, of two fused ones the first, except for npz. For
     `format=bvh` also `soma` and `lafan1`, in cm."""
     unit: LengthUnit = LengthUnit.m
     """Unit of lengths in TRC and BVH; of g1, m with radians or cm with degrees."""
     keep_mm: float | None = None
-    """mm; leave out joints that are likely farther than this from the truth, by the uncertainty that they state, and
-    completed ones that state none. By default all joints are written."""
+    """mm; leave out joints with a likely error above this, by their covariances, and completed joints without a
+    covariance. By default all joints are written."""
     robot: str | None = field(default=None, metadata={"reads": "path"})
     """MJCF of the Unitree G1, for g1 and lerobot; by default that of an installed mjlab."""
     out: str = "???"

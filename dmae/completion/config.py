@@ -273,8 +273,8 @@ class TrainConfig:
     examples: ExamplesConfig = field(default_factory=ExamplesConfig)
     learning: LearningConfig = field(default_factory=LearningConfig)
     max_minutes: float | None = None
-    """minutes; what the whole command may take, from its start to the model, loading, validation and calibration
-    included: training stops in time for them, and the learning rate falls with the time."""
+    """minutes; longest time of the whole command, loading, validation and calibration included: training stops in time
+    for them, and the learning rate falls with the time."""
     seed: int = 0
     """Seed of weights, masks and batches."""
     out: str = "runs/model"

@@ -34,7 +34,7 @@ class PoseDetectorConfig:
     """Number of frames over which all windows are searched once, some in each frame; around a lost person, windows are
     searched immediately."""
     photographs: bool = False
-    """Whether each image is searched by itself, for small people and people cut off by its border, too, in two to
+    """Whether each image is searched by itself, also for small people and people cut off by its border, in two to
     three times the time. With `photos=` always so."""
     across_views: bool = True
     """With a calibration: search people that a camera missed where the other cameras see them, and remove detections

@@ -145,7 +145,7 @@ class StressConfig(PartConfig):
     seed: int = 0
     """Seed of the random numbers."""
     dry_run: bool = False
-    """Only print how many cells are to be computed, and what time that takes, as a few of them show."""
+    """Only print how many cells are to be computed, and a forecast of the time, measured on a few of them."""
     out: str = "runs/stress"
     """Folder of `stress.json`, `stress.html`, and `cache.jsonl`, from which later runs reuse results."""
 
@@ -234,9 +234,9 @@ class TableConfig:
     """Number of the table, 1 to 5 of the paper, or 6."""
     data: DataConfig = field(default_factory=DataConfig)
     extra_data: list[str] = field(default_factory=list, metadata={"reads": "path"})
-    """Folders of further data sets: for tables 1, 2 and 4, simulated clips to learn fusion from, best captured
-    already by few and many cameras (without them, rows of fusion are not measured); for table 3, more clips; for table
-    5, clips to learn from."""
+    """Folders of further data sets. Tables 1, 2 and 4 learn fusion from simulated clips, best captured with few and
+    many cameras before; without them, rows of fusion are not measured. Table 3 takes more clips, table 5 clips to learn
+    from."""
     capture: CaptureConfig = field(default_factory=CaptureConfig)
     protocol: str = field(default="strict", metadata={"choices": protocol})
     """How limbs are counted in the rows measured here; the others are for comparison with rows published under them."""

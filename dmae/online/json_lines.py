@@ -1,8 +1,23 @@
 """Frames and poses as lines of JSON, so that other programs can send detections and receive people.
 
-`docs/how-to/live.md` has an example of each line. The first line that goes out is a header; each later one is a
-finished frame, in order. `error_mm` is the standard error, null where it is unknown. A line that is no frame is
-answered as soon as it is read, and counts as a frame in which no camera saw anyone, so that frames keep their times.
+Each line that comes in is a frame, an object. Its `cameras` holds the detections by camera name:
+
+    {"cameras": {"left": [[[812.5, 340.1, 0.93], null, ...]], "right": []}}
+
+a list of detections, each a list of J joints, each [x, y, confidence] in px or null. A camera that is not named was
+dropped in this frame. The first line that goes out describes the others:
+
+    {"skeleton": "body25", "joints": ["nose", ...], "cameras": ["left", "right"], "fps": 25, "delay_frames": 14}
+
+Each later one is a finished frame, in order:
+
+    {"frame": 0, "missing": [], "people": [{"id": 3, "xyz": [[0.1, 1.2, 1.7], null, ...], "source": ["measured", ...],
+     "error_mm": [12.1, null, ...]}]}
+
+`missing` are the cameras that were dropped, `id` is the same for a person in all frames, `xyz` is in m in the world,
+null where a joint is absent, and `error_mm` is the standard error, null where it is unknown. A line that is not such a
+frame is answered with {"frame": 7, "error": "..."} as soon as it is read, and counts as a frame in which no camera saw
+anyone, so that frames keep their times.
 """
 
 import json

@@ -144,7 +144,7 @@ class SubjectConfig:
 
 @dataclass(frozen=True)
 class CaptureConfig:
-    """How people are reconstructed. Lengths are on the person and durations in seconds: nothing depends on the rig."""
+    """How people are reconstructed. Lengths are on the person, durations in seconds: nothing depends on the rig."""
 
     method: str = field(default=ADAPTIVE, metadata={"choices": (ADAPTIVE, *capture_method)})
     """The capture of this package, adaptive, or a published system for comparison, which takes no other option than
