@@ -100,10 +100,11 @@ LARGE = 50.0
 def in_region(error: np.ndarray, cov: np.ndarray) -> np.ndarray:
     """Return 1 for errors (..., 3) m inside the ellipsoid that contains `REGION_PROBABILITY` of a Gaussian, or else 0.
 
-    `cov` (..., 3, 3) are covariances of the Gaussians, m^2. NaN where either is unknown.
+    `cov` (..., 3, 3) are covariances of the Gaussians, m^2. NaN where either is unknown, or a covariance is singular.
     """
     within = np.full(error.shape[:-1], np.nan)
     known = ~np.isnan(error).any(-1) & ~np.isnan(cov).any((-1, -2))
+    known[known] = np.linalg.det(cov[known].astype(np.float64)) > 0
     within[known] = squared_deviations(error[known], cov[known]) <= REGION_RADIUS**2
     return within
 

@@ -125,6 +125,8 @@ def test_nine_in_ten_of_a_gaussian_are_within_its_regions():
     error = rng.normal(size=(20000, 3)) @ root.T
     assert in_region(error, np.broadcast_to(root @ root.T, (20000, 3, 3))).mean() == pytest.approx(0.9, abs=0.01)
     assert np.isnan(in_region(np.full((1, 3), np.nan), np.eye(3)[None])).all()
+    # A method of somebody else may state that it has no error.
+    np.testing.assert_array_equal(in_region(np.zeros((2, 3)), np.stack([np.zeros((3, 3)), np.eye(3)])), [np.nan, 1])
 
 
 # How stated uncertainty ranks errors.
