@@ -14,6 +14,10 @@ from dmae.reporting.tables import Table, print_tables
 
 
 def run(config: CalibrateCommand, out: Path) -> None:
+    if out.suffix.lower() != ".toml":
+        raise ValueError(
+            f"out={out}: expected a file with the suffix .toml; the changes are written beside it, as JSON"
+        )
     clips = Clips(config.data)
     if clips.data_set:
         raise ValueError(f"{config.data.path}: expected a recording or a single clip, found a data set of clips")

@@ -39,3 +39,10 @@ def test_the_command_writes_cameras_and_what_changed(tmp_path, capsys):
     assert [each["refined"] for each in facts["changes"]] == [False, True, False, False]
     assert facts["changes"][1]["moved_cm"] == pytest.approx(100 * 0.04 * 3**0.5, abs=1)
     assert np.shape(facts["covariance"]) == (4, Q, Q)
+
+
+@pytest.mark.parametrize("name", ["rig.json", "rig"])
+def test_the_changes_do_not_overwrite_the_calibration(tmp_path, name):
+    save_clip(full_clip(), tmp_path / "clip")
+    with pytest.raises(ValueError, match=f"{name}: expected a file with the suffix .toml"):
+        command.run(CalibrateCommand(DataConfig(path=str(tmp_path / "clip"))), tmp_path / name)
