@@ -43,6 +43,7 @@ interrupted = finished
 def run(config: CaptureCommand, out: Path) -> None:
     """Capture each clip, and print the reprojection errors of all; exits with status 1 if no person was found."""
     clips = Clips(config.data)
+    settings = settings_of("dmae capture", config, Path(config.data.path)) if clips.data_set else None
     part = clips.part(clip_range(len(clips), config.first, config.clips))
     if config.dry_run:
         print(f"{out}: {forecast(config, len(part), _tried(config, part))}")
@@ -50,7 +51,7 @@ def run(config: CaptureCommand, out: Path) -> None:
     frames, start, persons = 0, time.perf_counter(), 0
     measured: Groups = {}
     completed: Groups = {}
-    made = ClipSet(out, settings_of("dmae capture", config, Path(config.data.path)) if clips.data_set else None)
+    made = ClipSet(out, settings)
     whole = {folder.name for folder in part.folders} & made.whole
     if whole:
         print(f"{out}: {len(whole)} of {len(part)} clips are done already")

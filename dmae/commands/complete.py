@@ -27,12 +27,13 @@ def run(config: CompleteCommand, out: Path) -> None:
     if not config.damaged:
         refuse_damaged(Path(config.clip), "damaged=true")
     folders = clip_folders(Path(config.clip))
+    settings = _settings(config) if folders != [Path(config.clip)] else None
     if config.dry_run:
         some = [folders[number] for number in sorted({0, len(folders) // 2, len(folders) - 1})]
         tried = ((len(load_clip(folder)), _complete(config, folder, _TRIED)[0]) for folder in some)
         print(f"{out}: {forecast(config, len(folders), tried)}")
         return
-    made = ClipSet(out, _settings(config) if folders != [Path(config.clip)] else None)
+    made = ClipSet(out, settings)
     left = [folder for folder in folders if folder.name not in made.whole]
     if len(left) < len(folders):
         print(f"{out}: {len(folders) - len(left)} of {len(folders)} clips are done already")

@@ -27,6 +27,7 @@ from dmae.reporting.tables import counted
 _FEW_EXCHANGES = 0.02  # Share of frames with exchanged sides below which a camera is not named
 SETTINGS = "settings.json"
 """In the folder of a data set that `dmae` made: what its clips depend on."""
+_EMPTY = "{}: no clip of this data set is ok, nothing to do"
 _WITHOUT_EFFECT = ("clip", "out", "first", "clips", "damaged", "workers", "backend", "dry_run")
 """Options that the content of a clip does not depend on."""
 
@@ -49,6 +50,8 @@ def forecast(config: CaptureCommand | CompleteCommand, clips: int, tried: Iterab
 def each_clip(data: DataConfig, out: Path, doing: str) -> Iterator[tuple[Clip, str, Path]]:
     """Each clip that `data=` names, the name of its folder, and the folder in `out` that its result goes to."""
     clips = Clips(data)
+    if not clips:
+        raise ValueError(_EMPTY.format(data.path))
     for clip, folder in progress(zip(clips, clips.folders, strict=True), doing, len(clips)):
         yield clip, folder.name, out / folder.name if clips.data_set else out
 
@@ -119,9 +122,13 @@ class ClipSet:
 def settings_of(command: str, config, data: Path) -> dict:
     """Return all that a command's ("dmae capture") clips depend on: its options, and the content of their data set.
 
-    The content is known by the `clip.json` of each clip, which holds a checksum of the arrays.
+    The content is known by the `clip.json` of each clip, which holds a checksum of the arrays. Raises ValueError if
+    there is no clip.
     """
-    files = (folder / name for folder in clip_folders(data) for name in ("clip.json", DECISIONS))
+    folders = clip_folders(data)
+    if not folders:
+        raise ValueError(_EMPTY.format(data))
+    files = (folder / name for folder in folders for name in ("clip.json", DECISIONS))
     content = hashlib.sha256(b"".join(file.read_bytes() for file in files if file.is_file())).hexdigest()
     options = {name: value for name, value in asdict(config).items() if name not in _WITHOUT_EFFECT}
     if "data" in options:

@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 
 from dmae.commands import capture as command
+from dmae.commands import complete, convert, detect, doctor
+from dmae.commands.config import CaptureCommand, CompleteCommand, ConvertCommand, DetectCommand, DoctorCommand
 from dmae.commands.data_sets import SETTINGS, ClipSet, describe_joints, finished
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import BODY25
 from dmae.data.store import read_manifest, save_clip, write_manifest
 from dmae.files.checksums import find_data_set_damage
+from dmae.formats.config import DataConfig
 from tests.support.clips import full_clip, walkers
 from tests.support.commands import Done, run_command
 from tests.support.stressed_clips import strollers
@@ -47,6 +50,23 @@ def test_absent_joints_and_absent_people_are_counted_separately():
     said = describe_joints(Poses3D(BODY25, walkers().xyz, smoothed))
     assert said.startswith("joints 100.0% measured (75.0% of all smoothed), ")
     assert describe_joints(walkers().without(np.ones((12, 2, 25), bool))) == "no person captured"
+
+
+@pytest.mark.parametrize("run", [
+    lambda path, out: command.run(CaptureCommand(DataConfig(path=path)), out),
+    lambda path, out: command.run(CaptureCommand(DataConfig(path=path), dry_run=True), out),
+    lambda path, out: complete.run(CompleteCommand(clip=path), out),
+    lambda path, out: complete.run(CompleteCommand(clip=path, dry_run=True), out),
+    lambda path, out: detect.run(DetectCommand(clip=path), out),
+    lambda path, out: convert.run(ConvertCommand(DataConfig(path=path)), out),
+    lambda path, out: doctor.run(DoctorCommand(DataConfig(path=path)), out),
+])  # fmt: skip
+def test_a_data_set_without_a_whole_clip_is_refused(tmp_path, run):
+    (tmp_path / "set").mkdir()
+    write_manifest(tmp_path / "set", [{"id": "a", "status": "failed"}])
+    with pytest.raises(ValueError, match="set: no clip of this data set is ok, nothing to do"):
+        run(str(tmp_path / "set"), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
 def test_the_printed_share_is_that_of_nan_in_the_export(tmp_path):
