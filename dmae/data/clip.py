@@ -1,5 +1,6 @@
 """Clips: a section of a multi-view recording with its cameras, detections and, if known, its truth."""
 
+import sys
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 
@@ -246,6 +247,14 @@ class Clip:
     def has_images(self) -> bool:
         """Whether `images` has colour images."""
         return self.images is not None and "rgb" in self.images.kinds
+
+    def without_lost_images(self) -> "Clip":
+        """Return the clip without images if their folder is not there, as of a clip copied alone; stderr says so."""
+        if self.images is None or self.images.folder.is_dir():
+            return self
+        folder = self.images.folder.resolve()
+        print(f"clip {self.id!r}: no folder {folder} with its images; they are left out", file=sys.stderr)
+        return replace(self, images=None)
 
     def select(self, frames=slice(None), views=slice(None)) -> "Clip":
         """Return the clip with only some frames and views (a slice or a list of indices each), in all fields.

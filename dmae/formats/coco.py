@@ -314,7 +314,7 @@ def write_coco_poses(poses: Poses3D, clip: Clip, path: Path) -> None:
     The images are written into a folder next to the file, `<name>_images`. A clip without colour images has no such
     folder: `info.images` is then false, and `file_name` only states camera and frame.
     """
-    info = clip_entry(clip)
+    info, clip = clip_entry(clip), clip.without_lost_images()
     if not clip.has_images:
         write_json(path, info | {"images": False}, poses.skeleton, _without_colour(clip, poses.skeleton))
         return

@@ -110,6 +110,7 @@ def draw(clip: Clip, poses: Poses3D | None = None, frame: int | None = None) -> 
     """
     from dmae.reporting.figures import views_figure
 
+    clip = clip.without_lost_images()
     return views_figure(clip if poses is None else replace(clip, poses=poses), frame)
 
 

@@ -29,7 +29,7 @@ def show(config: ShowConfig, out: Path, rooms: Rooms | None = None) -> None:
     for clip, folder in zip(clips, clips.folders, strict=True):
         for note in clip.provenance.get("notes", ()):
             print(f"{clip.id}: {note}")
-        clip = _of_cameras(clip, config.cameras)
+        clip = _of_cameras(clip.without_lost_images(), config.cameras)
         lacking, backdrop = chosen_layers(clip, config.layers).lacking, None
         if lacking:
             print(f"clip {clip.id}: no {', no '.join(lacking)}")
@@ -58,7 +58,7 @@ def show_clip(
         raise ValueError("rerun=true: rerun-sdk is not installed; pip install 'dmae-synth[viz]' adds it")
     if not len(clip):
         raise ValueError(f"clip {clip.id!r}: expected frames to draw, found none")
-    clip = _of_cameras(clip, config.cameras)
+    clip = _of_cameras(clip.without_lost_images(), config.cameras)
     rooms = rooms(clip) if callable(rooms) else rooms
     layers, files = chosen_layers(clip, config.layers), [out / "sheet.png"]
     write_sheet(clip, files[0], layers, rows=config.frames, width=config.width, rooms=rooms)

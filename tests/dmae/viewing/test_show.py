@@ -1,5 +1,7 @@
 """Files written for a clip: a sheet, a video and a recording, by the command and by Python."""
 
+import json
+import shutil
 import sys
 import types
 from dataclasses import replace
@@ -88,6 +90,16 @@ def test_the_command_draws_a_captured_clip_and_reports_what_it_lacks(tmp_path: P
     done = dmae(tmp_path, "show", "data=walk", "out=one", "layers.completed=false", "width=200", "frames=3")
     assert [path.name for path in (tmp_path / "one").glob("*.[mp]*")] == ["sheet.png"]
     assert not near(cv2.imread(str(tmp_path / "one/sheet.png"))[80:, :, ::-1], RED).any()
+
+
+def test_a_clip_that_was_copied_without_its_images_is_drawn_and_exported(tmp_path: Path, capsys):
+    clip = with_images(captured_clip(), tmp_path / "images")
+    shutil.rmtree(tmp_path / "images")
+    verbs.draw(clip, frame=0)
+    verbs.show(clip, tmp_path / "drawn", verbs.ShowConfig(frames=1, width=200))
+    (file,) = verbs.export(clip, tmp_path / "a.json", "coco")
+    assert json.loads(file.read_text())["info"]["images"] is False
+    assert capsys.readouterr().err.count(f"no folder {tmp_path / 'images'} with its images; they are left out") == 3
 
 
 @pytest.mark.parametrize(
