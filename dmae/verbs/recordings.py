@@ -130,7 +130,7 @@ def read_poses(path: str | Path) -> PoseFile:
 
     Examples:
         >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
-        >>> dmae.export(clip, "poses.npz", poses=dmae.capture(clip))
+        >>> files = dmae.export(clip, "poses.npz", poses=dmae.capture(clip))
         >>> read = dmae.read_poses("poses.npz")
         >>> read.fps, read.poses.skeleton.name
         (25.0, 'body25')
@@ -201,12 +201,13 @@ def export(
     unit: str = "m",
     keep_mm: float | None = None,
     robot: str | None = None,
-) -> None:
-    """Write poses to a file that other programs read.
+) -> list[Path]:
+    """Write poses to a file that other programs read. Return the files.
 
     Args:
         clip: Its captured or completed poses are exported; its truth if it has no poses.
-        out: The file; for `panoptic`, `openpose` and `lerobot` a folder.
+        out: The file; for `panoptic`, `openpose` and `lerobot` a folder. Formats of one person a file (`trc`, `mot`,
+            `bvh`, `g1`) write several people as `<name>_P1` and so on.
         format: `npz`, `trc`, `mot`, `c3d`, `bvh`, `glb`, `movement`, `coco`, `panoptic`, `openpose`, `g1` or `lerobot`.
             Each marks completed joints in its own way.
         poses: Export these instead.
@@ -222,12 +223,13 @@ def export(
 
     Examples:
         >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
-        >>> dmae.export(clip, "poses.npz", poses=dmae.capture(clip), skeleton="shelf14")
-        >>> np.load("poses.npz")["joints"].shape[-2:]
+        >>> files = dmae.export(clip, "poses.npz", poses=dmae.capture(clip), skeleton="shelf14")
+        >>> np.load(files[0])["joints"].shape[-2:]
         (14, 3)
     """
     given = clip if poses is None else replace(clip, poses=poses)
-    write_poses(given, Path(out), format, skeleton=skeleton, unit=LengthUnit(unit), keep_mm=keep_mm, robot=robot)
+    options = {"skeleton": skeleton, "unit": LengthUnit(unit), "keep_mm": keep_mm, "robot": robot}
+    return list(write_poses(given, Path(out), format, **options).files)
 
 
 def convert(clip: Clip, out: str | Path, format: str = "clip") -> None:
