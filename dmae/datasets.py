@@ -198,7 +198,7 @@ class WindowDataset(Dataset):
     Args:
         path: Path of a data set or of a clip.
         frames: Number of frames T of a window. Shorter clips have no window.
-        every: Number of frames from the start of one window to the start of the next.
+        every: Frames from the start of one window to that of the next.
         of: `truth` for the true poses, `poses` for the captured or completed poses.
         skeleton: Name of the skeleton of the joints; by default the first skeleton of the clip.
 
@@ -234,7 +234,7 @@ class WindowDataset(Dataset):
         return int(self._ends[-1])
 
     def place(self, index: int) -> tuple[int, int, int]:
-        """Return number of the clip, index of the person and first frame of a window; IndexError if there is none."""
+        """Return a window's clip (by number), person (by index) and first frame; IndexError if there is none."""
         clip, within = _place(index, self._ends, "window")
         person, start = divmod(within, self._starts[clip])
         return clip, person, start * self.every
@@ -336,7 +336,7 @@ class FrameDataset(Dataset):
         return int(self._ends[-1]) if len(self._ends) else 0
 
     def place(self, index: int) -> tuple[int, int, int]:
-        """Return the number of the clip, the index of the camera and the index of the frame of an image; IndexError."""
+        """Return an image's clip (by number), camera and frame (by index); IndexError."""
         clip, within = _place(index, self._ends, "image")
         view, frame = divmod(within, -(-self.files[clip].frames // self.every))
         return clip, view, frame * self.every

@@ -65,7 +65,7 @@ def record(configuration: str, out: Path) -> None:
 
 
 def record_options(config, out: Path) -> None:
-    """Write the configuration of one step of a command to the output of that step."""
+    """Write the configuration of one step of a command to the step's output."""
     import yaml
 
     options = json.loads(json.dumps(asdict(replace(config, out=str(out)))))

@@ -121,7 +121,7 @@ def joints_box(xy: np.ndarray, labelled: np.ndarray) -> Box | None:
 SHOWN = ("rgb", "ids", "amodal", "depth")
 """Kinds of images that labelled images, and the labels of their persons, are made from."""
 DEPTH = "depth.png"
-"""Suffix of images of depth, in place of `jpg` or `png`."""
+"""Suffix of depth images, in place of `jpg` or `png`."""
 
 
 @dataclass(frozen=True)
@@ -280,7 +280,7 @@ def label_persons(
 def _pixels(
     ids: np.ndarray | None, shown: np.ndarray | None, amodal: np.ndarray | None, person: int, masks: bool
 ) -> dict:
-    """Return the fields of `PersonLabel` of one person that images of ids and of whole persons give."""
+    """Return the fields of `PersonLabel` that images of ids and of whole persons give for one person."""
     found = {}
     if ids is not None:
         mask = ids == 1 + person

@@ -23,7 +23,7 @@ _PERSON = re.compile(r"_P\d+$")  # End of the names of files that contain one of
 
 @dataclass(frozen=True)
 class PoseFile:
-    """The content of a pose file or of a folder of poses."""
+    """The content of a file or folder of poses."""
 
     poses: Poses3D  # (F, P, J, 3) m, world
     fps: float | None = None  # Frames per second; None if the file does not state it

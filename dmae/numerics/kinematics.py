@@ -87,7 +87,7 @@ _LANDMARKS = {
     "big_toe": ("foot", (0.108, -0.030, -0.013)),
     "small_toe": ("foot", (0.085, -0.031, 0.026)),
 }
-"""Segment and place of joints that are no origins of segments, fractions of stature; of the right side."""
+"""Segment and place, in fractions of stature, of joints that are not where a segment begins; of the right side."""
 _ON_SKULL = {"body25b"}  # Skeletons whose neck is where the neck meets the skull
 _HIP, _LOW_HIPS = np.array([0, 0.010, 0.006]), {"shelf14"}
 """Place of detected hips relative to the hip joint, fractions of stature, right side: OpenPose's are slightly above and

@@ -13,7 +13,7 @@ from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.triangulation import closest_approach
 
 _FRAMES, _PAIRS, _DETECTIONS = 40, 10, 8
-"""Largest numbers of frames for the measurement of bodies, of pairs of cameras per frame, of detections per camera."""
+"""Largest numbers of frames, of pairs of cameras per frame, and of detections per camera that measure bodies."""
 _GAP = 0.05
 """Largest median distance between the rays of two cameras to the joints of one body, as a share of its extent."""
 _WHOLE = 0.6  # Smallest share of the joints that two cameras must have in common

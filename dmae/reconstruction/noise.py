@@ -24,7 +24,7 @@ _PRIOR = 10.0  # Number of observations that the prior of each parameter counts 
 _CLIPPED = 2.5
 """Squared standardised residuals, relative to their expected value, count at most this: detections of others, swaps."""
 _EXPECTED = 0.809, 0.918
-"""Mean of clipped squares of Gaussian residuals, of joints that two views measured (1 degree of freedom) and others."""
+"""Mean clipped square of Gaussian residuals, of joints that two views measured (1 degree of freedom), and others."""
 _ROUNDS = 30  # Number of updates of the parameters
 _LEAST_PX, _LEAST_M = 0.2, 0.001  # px and m; smallest sigmas
 _SAYS = 0.15  # Relative difference of sigma between confidences below which confidences say nothing

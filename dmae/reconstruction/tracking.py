@@ -159,7 +159,7 @@ class TrackState:
 
 _CONFIRMATION_S = 0.2  # s; measured time after which a track is confirmed. Confirmed tracks take detections first.
 MIN_JOINTS = 3
-"""Smallest number of joints of a measured person, and of a detection that is compared."""
+"""Fewest joints of a measured person, and of a detection that is compared."""
 _LONGEST_BONE = 0.8
 """m; no person has a longer bone. In your own skeletons, bones may have the length of the body."""
 _DUPLICATE_DISTANCE = 0.2  # m; a new person at a smaller median distance from a tracked one is a duplicate of it

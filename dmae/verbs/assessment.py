@@ -126,7 +126,7 @@ def report(
     Args:
         clip: Any clip, captured and completed or not; or several, as `load_dataset` returns.
         out: The file.
-        scores: Contents of `scores.json` of `dmae evaluate`, shown at the end of the page.
+        scores: Contents of `scores.json`, which `dmae evaluate` writes; shown at the end of the page.
         title: Heading of the page.
 
     Examples:

@@ -211,7 +211,7 @@ class Drawn:
 
 
 def first_joints(poses: Poses3D) -> list[int]:
-    """Return the joint indices of the first part of a fused skeleton, or of all joints of any other skeleton."""
+    """Return the indices of a fused skeleton's first part, or all joints of any other."""
     first = poses.skeleton.joints[0].rpartition(".")[0]
     return [i for i, name in enumerate(poses.skeleton.joints) if name.rpartition(".")[0] == first]
 

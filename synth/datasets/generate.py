@@ -83,7 +83,7 @@ def make_clips(
         make: Makes one clip on disk from its task, counts its images in the tally, and returns its manifest line.
         tasks: Arguments of `make`, by the name of the clip.
         checksums: Checksums of clips from before, from `begin_data_set`.
-        images: Number of views of frames of the clips.
+        images: Number of images of the clips, one for each frame and view.
     """
     out, made, tally = Path(config.out), [], ImageTally(config)
     limit_threads(config.workers)

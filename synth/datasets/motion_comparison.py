@@ -98,7 +98,7 @@ def take_tracks(
 
 
 def clip_tracks(path: Path, *, captured: bool) -> list[Track]:
-    """Read the track of every person of a clip, or of the clips of a data set; see `tracks_of`.
+    """Read every person's track in a clip or data set; see `tracks_of`.
 
     Raises FileNotFoundError if there are no clips at the path.
     """

@@ -488,7 +488,7 @@ CONTACT_HEAD = ("interaction", "clips", "frames in contact", "touches", "force, 
 
 
 def contact_rows(kept: dict) -> list[tuple[str, ...]]:
-    """Return the rows of the table of contacts, from the content of `statistics.json`."""
+    """Return the rows of the contact table, from the content of `statistics.json`."""
 
     def three(row: dict, name: str, style: str) -> str:
         return " / ".join(format(row[f"{name}_{which}"], style) for which in ("least", "median", "most"))

@@ -72,7 +72,7 @@ class Limits:
     joint_miss: float = 0.1
     """Difference of the fractions of joints missed with their neighbour."""
     distance: float = 0.1
-    """Kolmogorov-Smirnov distance between distributions of errors and of lengths of misses."""
+    """Kolmogorov-Smirnov distance between distributions: of errors, and of miss lengths."""
     confidence: float = 0.2
     """Relative difference between the median errors at one confidence."""
     views: float = 0.15

@@ -140,7 +140,7 @@ def _applied(
 
 
 def error_quantile(statistics: DetectorStatistics, kind: int, share: float) -> float:
-    """Return a quantile of the errors of a kind of joint, in heights; NaN if there are none."""
+    """Return a quantile of errors of a kind of joint, in heights; NaN if there are none."""
     some = statistics.error[statistics.kind == kind]
     return float(np.quantile(some, share)) if len(some) else float("nan")
 

@@ -246,7 +246,7 @@ def _errors(clip: Clip, view: int, reference: ErrorReference) -> tuple:
 
 
 def _correlation(off: np.ndarray, size: np.ndarray, frames: int) -> tuple[float, float]:
-    """Return the sums of products of errors `frames` apart, and of their squares. Gross errors are left out."""
+    """Return the sums of products of errors `frames` apart, and of squared errors. Gross errors are left out."""
     if not frames:
         return 0.0, 0.0
     both = (size[:-frames] < GROSS) & (size[frames:] < GROSS)

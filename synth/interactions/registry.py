@@ -80,6 +80,6 @@ def people(count: tuple[int, int]) -> str:
 
 
 def interaction_choices() -> dict[str, str]:
-    """Return the line of help of each interaction, and of none, by name."""
+    """Return each interaction's line of help by name, that of none included."""
     help = {name: f"{each.help} For {people(each.persons)}." for name, each in interaction.items()}
     return {NO_INTERACTION: "Each person follows an independent motion."} | help

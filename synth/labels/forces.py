@@ -98,7 +98,7 @@ _GAP, _SPEED = 0.005, 0.3
 _EDGES = 8
 """Number of edges of the pyramid that approximates the friction cone from inside."""
 _EVENNESS_WEIGHT = 1e-6
-"""Weight of an even distribution of forces, relative to the balance of forces."""
+"""Weight of evenly distributed forces, relative to their balance."""
 _MOMENT_LENGTH = 3.0
 """Length by which moments are divided to compare them with forces, m. It gives the forces more weight."""
 

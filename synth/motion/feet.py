@@ -27,7 +27,7 @@ _BORNE = (0.04, 0.8)
 _BRIEF = 0.08
 """Contacts, and interruptions of contacts, that last no longer than this are ignored, s."""
 _STRETCH = 0.999
-"""Greatest length of a leg as a fraction of the total length of its bones."""
+"""Greatest length of a leg, as a fraction of the length of its bones."""
 _CLEAR = 0.04
 """Least height of a swinging foot while no foot stands, or while it is flat and the other foot stands, m."""
 SOLE = np.array(((-0.038, 0, -ANKLE_HEIGHT), (0.106, 0, -ANKLE_HEIGHT)))

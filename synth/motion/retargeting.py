@@ -216,7 +216,7 @@ _UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "CMU units": 0.0254 / 0.45, "inches
 _LEGS = (0.55, 1.15)
 """Least and greatest length of thigh and shin together, m, from a ten-year-old to a tall adult; only one unit fits."""
 ANKLE_OF_LEG = ANKLE_HEIGHT / LEG_LENGTH
-"""Height of the ankle as a fraction of the length of the leg."""
+"""Height of the ankle, as a fraction of leg length."""
 _FORWARD = np.array((1.0, 0, 0))
 _RATES = (5.0, 1000.0)
 """Least and greatest frame rate of recordings, frames per second."""

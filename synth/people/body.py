@@ -50,7 +50,7 @@ HALF_HIP_WIDTH = _OFFSETS["thigh"][1]
 """Distance of each hip joint from the mid hip as a fraction of stature."""
 _TRUNK = sum(_OFFSETS[name][2] for name in ("spine", "chest", "head"))
 HEAD_HEIGHT = 0.155
-"""Height of the crown above the joint of the head as a fraction of stature; Winter's figure gives the chin's height."""
+"""Height of the crown above the head joint, as a fraction of stature; Winter's figure gives the chin's height."""
 
 ADULT_AGE = 18.0
 """Age from which proportions are an adult's, years."""
@@ -71,7 +71,7 @@ _HEAD_LOSS = 0.0114
 _HEAD_LOST = 15.0
 """Age until which the head's share of the mass decreases, years."""
 _ADULT_HIPS = 0.897
-"""Height of the hips of adults, m, mean of men and women of average stature."""
+"""Adults' hip height, m: the mean of men and women of average stature."""
 
 # Fractions of body mass, Winter, table 4.1.
 _MASSES = {
@@ -310,8 +310,8 @@ def body_at(
     Args:
         feminine: 0 for men and boys, 1 for women and girls.
         age: Years, from 4; adult proportions from 18 on.
-        stature, index, legs, arms: Deviations of the stature, of the body mass index, and of the lengths of legs and
-            arms at this stature. They are clipped to the range of the population.
+        stature, index, legs, arms: Deviations of stature, body mass index, and leg and arm lengths at this stature,
+            clipped to the range of the population.
     """
     if age < ADULT_AGE:
         index, stature = (float(np.clip(z, -_RAREST, _RAREST)) for z in (index, stature))

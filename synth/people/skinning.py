@@ -27,7 +27,7 @@ _TWISTS = {
     i: 2 * len(SEGMENTS) - 1 + 3 * number
     for number, i in enumerate(i for i, name in enumerate(_NAMES) if name in _TWISTED)
 }
-"""Number of the first of three bones of a segment that twist less."""
+"""Number of the first of a segment's three bones that twist less."""
 # Segment of each bone, and the shares of swing and twist that it follows.
 _TABLE = (
     [(i, 1.0, 1.0) for i in range(len(SEGMENTS))]

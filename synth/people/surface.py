@@ -68,7 +68,7 @@ DENSITY = 985.0
 _FOOT = (-0.043, 0.105)
 """Heel and toes of a bare foot relative to the ankle, fractions of stature."""
 _SOLE = 0.006
-"""Thickness of the sole of a shoe, fraction of stature."""
+"""Thickness of a shoe's sole, fraction of stature."""
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ SUN = 0.00465
 _TALL = 2.5
 """Distance from a surface within which something may throw a penumbra on it, m."""
 _TAPS, _DIRECTIONS, _STEPS = 10, 2, 3
-"""For each pixel, numbers of places of the shadow map, of directions of horizons, and of steps in each direction."""
+"""For each pixel, numbers of places in the shadow map, horizon directions, and steps in each direction."""
 _STEEP = 2.5
 """Greatest tangent of the angle between the axis of a lamp and light that throws shadows."""
 

@@ -16,7 +16,7 @@ def light_of(values: np.ndarray) -> np.ndarray:
 _TO_LINEAR = light_of(np.arange(256) / 255)
 """Light of the 256 values of a channel."""
 _TO_VALUE = np.searchsorted((_TO_LINEAR[1:] + _TO_LINEAR[:-1]) / 2, np.arange(65536) / 65535).astype(np.uint8)
-"""Nearest values of sRGB of 65,536 levels of light."""
+"""Nearest sRGB values of 65,536 levels of light."""
 _NORMAL = ndtri((np.arange(256) + 0.5) / 256)
 _NORMAL /= _NORMAL.std()
 """256 equally likely values of a normal distribution, of variance 1."""

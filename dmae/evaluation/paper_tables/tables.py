@@ -146,7 +146,7 @@ def limb_table(trial: Trial, correct: np.ndarray, counted: np.ndarray) -> pd.Dat
 
 
 def limbs_of(trial: Trial, poses: Poses3D, config: TableConfig) -> pd.DataFrame:
-    """Return the score table of the limbs of poses, by the protocol of the table."""
+    """Return the score table of poses' limbs, by the table's protocol."""
     truth = trial.truth
     return limb_table(trial, *count_limbs(protocol[config.protocol], poses.xyz, truth.xyz, truth.skeleton))
 
@@ -163,7 +163,7 @@ def annotated_frames(trial: Trial) -> list[int]:
 
 
 def scored_run(trial: Trial, poses: Poses3D, config: TableConfig) -> dict:
-    """Return the scores of poses of a trial, as a run of `dmae.evaluation.scores.run_table`."""
+    """Return the scores of a trial's poses, as a run of `dmae.evaluation.scores.run_table`."""
     angles = leg_angles(trial.truth)[0] if config.angles else None
     scores = score(poses, trial.given, trial.truth, trial.actors, fps=trial.clip.fps, angles=angles)
     return {"clip": trial.clip.id, "cameras": trial.cameras} | scores

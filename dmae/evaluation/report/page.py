@@ -461,7 +461,7 @@ def read_shown_scores(path: Path) -> dict:
 
 
 def scores_section(scores: dict) -> Section:
-    """Return the tables of scores of `dmae evaluate`, and a figure of the error by length of gap."""
+    """Return the score tables of `dmae evaluate`, and a figure of errors by gap length."""
     poses = f" ({scores['poses']})" if "poses" in scores else ""
     return Section(
         f"Scores on {scores['recording']}{poses}",

@@ -340,7 +340,7 @@ def code_hash() -> str:
 
 
 CACHE = "cache.jsonl"
-"""Name of the file of results inside the folder of a stress test."""
+"""Name of the results file in the folder of a stress test."""
 _TRIED = 3  # Number of cells that a forecast computes
 
 

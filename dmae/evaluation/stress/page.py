@@ -168,7 +168,7 @@ _APART = 0.075  # Smallest distance between two names, as a share of the height 
 
 
 def axis_figure(axis: dict) -> Figure:
-    """Draw PCP and the error of unmeasured joints of all methods along one of the `axes` of `curves`."""
+    """Draw all methods' PCP and error of unmeasured joints along one of the `axes` of `curves`."""
     figure = Figure(figsize=(11.5, 3.6), layout="constrained")
     left, right = figure.subplots(1, 2)
     _draw(left, axis, "pcp")

@@ -165,7 +165,7 @@ def as_poses(
 
     Args:
         clip: F frames.
-        tracks: F arrays (P,), number of the track of each pose, in the order of birth.
+        tracks: F arrays (P,), each pose's track, numbered in the order of birth.
         found, views: As for `as_tracks`.
     """
     span: dict[int, list[int]] = {}

@@ -12,8 +12,8 @@ person explains is used by no other.
 What differs:
 - Detections are joints of 2D poses by a network, not of pictorial structures in 2D. Which 2D pose a joint is of is not
   used, as in the publication. This is why figures are better than the published ones.
-- Potentials are products of the detectors' confidence, of the distance of the two rays, of the share of the views that
-  show the joint there, and of the length of each bone. There are none of rotation and of collision.
+- Potentials are products of the detector's confidence, the distance between the two rays, the share of views that show
+  the joint there, and the length of each bone. There are none of rotation and of collision.
 - The tree of the skeleton is solved exactly, by max-product, where the publication samples from loopy beliefs.
 - Lengths of bones are measured in the clip, not learned from annotations.
 - Nothing is temporal, as in the publication of 2014: tracks only number people.
@@ -40,7 +40,7 @@ _MOST_PEOPLE, _MOST_STATES, _MOST_NEAR = 20, 400, 2000
 
 @capture_method("pictorial_structures", paper="Belagiannis et al. 2014")
 def capture_by_pictorial_structures(clip: Clip, config: CaptureConfig) -> Poses3D:
-    """Choose joints of bodies among the points of all pairs of views, by the lengths of their bones."""
+    """Choose the joints of bodies among the points of all pairs of views, by bone lengths."""
     skeleton, rig, found, views = clip.detections.skeleton, clip.rig.undistorted, [], []
     mean, spread = bone_lengths(clip, config)
 
