@@ -132,8 +132,8 @@ class CaptureCommand(PartConfig):
     """Turn the world so that z is up, and move its floor to z = 0, as feet and bodies show them: cameras, people and
     truth together."""
     draw: list[int] = field(default_factory=list)
-    """Numbers of cameras: capture each clip of a data set with so many cameras, drawn at random, and keep no others, to
-    learn what few cameras measure."""
+    """Numbers of cameras: capture each clip of a data set with one of these numbers, drawn at random as the cameras
+    are, and keep no other cameras, to learn what few cameras measure."""
     seed: int = 0
     """Seed of the cameras that are drawn."""
     dry_run: bool = False

@@ -28,7 +28,7 @@ class CompletionMethod(Entry):
     # Whether the function takes a folder of weights (None: those in the package) and returns a function that fills
     # poses. Other functions fill poses themselves.
     learned: bool = False
-    smooths: bool = False  # What it returns is not to be smoothed: it was, or it is what was measured
+    smooths: bool = False  # Its result needs no smoothing: it is smooth, or it is what was measured
 
     def load(self, weights: Path | None = None) -> Fill:
         """Return what fills poses: a function of poses and their frames per second.

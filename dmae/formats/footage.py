@@ -63,7 +63,7 @@ def with_videos(clip: Clip, folder: Path) -> Clip:
     if least < first + len(clip):
         if least < len(clip):
             short = ordered[counts.index(least)]
-            raise ValueError(f"{short}: expected {len(clip)} frames or more as of the detections, found {least}")
+            raise ValueError(f"{short}: expected {len(clip)} frames or more, as the detections have, found {least}")
         notes.append(f"the first frame of the videos is assumed to be frame {first}, as they have {least} frames")
         first = 0
     return _with_images(clip, Path(folder), ordered, first, notes, borders)
@@ -94,7 +94,7 @@ def with_images(clip: Clip, folder: Path) -> Clip:
         borders.append(_border(name, each[0].name, found, size, sample, notes))
         if len(each) < len(clip):
             parent = each[0].parent
-            raise ValueError(f"{parent}: expected {len(clip)} images or more as of the detections, found {len(each)}")
+            raise ValueError(f"{parent}: expected {len(clip)} images or more, one for each frame, found {len(each)}")
     first, least = clip.provenance.get("first_frame", 0), min(map(len, files))
     places = {_index_of_number(each, first) for each in files}
     start = places.pop() if len(places) == 1 else None
