@@ -95,7 +95,7 @@ def test_what_lacks_images_is_refused_by_name(tmp_path, kind, nothing, few):
         dmae.read(tmp_path / "rec", fps=25, **{kind: str(tmp_path / "none")})
     with pytest.raises(ValueError, match="found none of cam3"):
         dmae.read(tmp_path / "rec", fps=25, **{kind: KINDS[kind](tmp_path / "three", range(4), cameras=3)})
-    with pytest.raises(ValueError, match=f"{few} as of the detections, found 2"):
+    with pytest.raises(ValueError, match=f"{few}, [^,]+, found 2"):
         dmae.read(tmp_path / "rec", fps=25, **{kind: KINDS[kind](tmp_path / "few", range(2))})
     with pytest.raises(ValueError, match="expected one of them"):
         dmae.read(tmp_path / "rec", fps=25, images="a", videos="b")
