@@ -25,14 +25,16 @@ from dmae.numerics.statistics import ar1_filter
 from dmae.progress import progress
 from dmae.reconstruction.pipeline import capture
 
+_ARM = ("shoulder", "elbow", "wrist", "thumb", "index_finger", "little_finger")
 _LEG = ("knee", "ankle", "big_toe", "small_toe", "heel")
+_FACE = ("eye", "ear", "eye_inner", "eye_outer", "mouth")
 _PARTS = (
-    *((f"{side}_wrist",) for side in "lr"),
-    *((f"{side}_elbow", f"{side}_wrist") for side in "lr"),
-    *((f"{side}_shoulder", f"{side}_elbow", f"{side}_wrist") for side in "lr"),
-    *(tuple(f"{side}_{joint}" for joint in _LEG[1:]) for side in "lr"),
-    *(tuple(f"{side}_{joint}" for joint in _LEG) for side in "lr"),
-    ("nose", "l_eye", "r_eye", "l_ear", "r_ear", "head_top", "top_head", "bottom_head"),
+    *(
+        tuple(f"{side}_{joint}" for joint in limb)
+        for limb in (_ARM[2:], _ARM[1:], _ARM, _LEG[1:], _LEG)
+        for side in "lr"
+    ),
+    ("nose", *(f"{side}_{joint}" for side in "lr" for joint in _FACE), "head_top", "top_head", "bottom_head"),
     ("mid_hip", "l_hip", "r_hip"),
 )
 """Joints that are masked together."""

@@ -21,9 +21,9 @@ from dmae.reconstruction.pipeline import capture
 _GATE = 0.25  # Share of a person's height in the image. A detection with a greater mean distance shows another person.
 _FRAMES = 200  # Number of frames that are matched together, to limit memory
 _LIMBS = {
-    "arm": ("elbow", "wrist", "hand", "thumb"),
+    "arm": ("elbow", "wrist", "hand", "thumb", "finger"),
     "leg": ("knee", "ankle", "toe", "heel", "foot"),
-    "head": ("nose", "eye", "ear", "head"),
+    "head": ("nose", "eye", "ear", "mouth", "head"),
 }
 
 

@@ -23,7 +23,7 @@ from dmae.completion.training_data import (
 from dmae.completion.windows import join_rows, make_rows, rest_pose
 from dmae.data.clip import Poses3D, Source
 from dmae.data.conversion import convert
-from dmae.data.skeleton import BODY25, SHELF14, Skeleton, get_skeleton
+from dmae.data.skeleton import BODY25, SHELF14, SKELETONS, Skeleton, get_skeleton
 from dmae.numerics.body import body_heading, rotate_z
 from dmae.numerics.filling import resample
 from tests.support.circling_people import circling_people, clip_of
@@ -247,6 +247,12 @@ def test_bursts_take_parts_of_every_skeleton(skeleton, rng):
     hidden = mask_bursts(500, 2, skeleton, 25.0, MaskingConfig(longest=20, bursts=5.0), rng=rng)
     assert 0.1 < hidden.mean() < 0.7
     assert hidden.any((0, 1)).all()
+
+
+def test_every_joint_but_the_neck_is_masked_with_its_part():
+    for skeleton in SKELETONS.values():
+        masked = {skeleton.joints[joint] for part in body_parts(skeleton) for joint in part}
+        assert set(skeleton.joints) - masked <= {"neck"}
 
 
 def test_joints_without_known_names_are_masked_one_by_one():

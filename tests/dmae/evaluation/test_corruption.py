@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dmae.data.clip import Clip, Detections2D
-from dmae.data.skeleton import BODY25, COCO17, SHELF14, Skeleton
+from dmae.data.skeleton import BODY25, SKELETONS, Skeleton
 from dmae.evaluation.corruption.corrupt import (
     corrupt,
     detections_of_people,
@@ -297,9 +297,11 @@ def test_delay_runs_back_at_the_ends():
 
 
 def test_limbs_are_arms_legs_head_and_trunk():
-    for skeleton, limbs in ((BODY25, 6), (COCO17, 6), (SHELF14, 6)):
+    for skeleton in SKELETONS.values():
         limb = limb_of_joint(skeleton)
-        assert len(set(limb.tolist())) == limbs
+        assert len(set(limb.tolist())) == 6
+        trunk = {joint for joint, of in zip(skeleton.joints, limb, strict=True) if of == limb[skeleton.index("l_hip")]}
+        assert trunk <= {"neck", "mid_hip", *(f"{side}_{joint}" for side in "lr" for joint in ("hip", "shoulder"))}
         assert len(set(limb[skeleton.index("l_knee", "l_ankle")].tolist())) == 1
         assert limb[skeleton.index("l_wrist")[0]] != limb[skeleton.index("r_wrist")[0]]
 
