@@ -11,6 +11,7 @@ far they vary from one time to another. Evaluation, stress test, benchmark and t
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 import pandas as pd
@@ -124,6 +125,8 @@ def score_of(
     # A ratio has the weight 1 / (number of subsets x clips of its subset x persons of its clip).
     parts = [groups.groupby(average[:n])[average[n]].transform("nunique") for n in range(1, len(average))]
     share = 1 / np.prod([*parts, np.full(len(groups), groups[average[0]].nunique())], 0)
+    codes = [groups.groupby(average[:n], sort=False).ngroup().to_numpy() for n in range(1, len(average) + 1)]
+    levels = list(pairwise([np.zeros(len(groups), int), *codes]))
     stratum, _ = pd.factorize(groups[within])
     blocks = table[[within, draw]].drop_duplicates()
     number = blocks.groupby(within, sort=False).cumcount().to_numpy()
@@ -137,8 +140,15 @@ def score_of(
         """Average ratios (draws, groups)."""
         known = counts > 0
         ratio = np.divide(total, counts, out=np.zeros_like(total), where=known)
-        weight = (known * share).sum(1)
-        return np.divide(scale * (ratio * share).sum(1), weight, out=np.full(len(total), np.nan), where=weight > 0)
+        weight = known * share
+        for outer, inner in reversed(levels):
+            # The others of a clip, or of a subset, have the weight of those without a ratio.
+            members = np.eye(outer.max() + 1)[outer[np.unique(inner, return_index=True)[1]]]
+            counted = known @ members
+            weight = weight * (members.sum(0) / np.maximum(counted, 1))[:, outer]
+            known = counted > 0
+        whole = weight.sum(1)
+        return np.divide(scale * (ratio * weight).sum(1), whole, out=np.full(len(total), np.nan), where=whole > 0)
 
     rng = np.random.default_rng(seed)
     weights = np.zeros((draws, len(sizes), max(sizes)))

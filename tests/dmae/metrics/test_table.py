@@ -86,6 +86,18 @@ def test_clips_count_the_same_whatever_their_length_and_subsets_of_cameras_as_we
     assert score(*tables).value == low == high == pytest.approx((10 + 40 + 40 + 40) / 4)
 
 
+def test_what_has_no_ratio_leaves_its_weight_to_the_others_of_its_clip_and_subset():
+    none, ten, forty = (np.full(6, ratio) for ratio in (0.0, 10.0, 40.0))
+    one = [blocks(none, np.zeros(6), "a"), blocks(ten, clip="b"), blocks(ten, clip="c")]
+    other = [blocks(forty, clip=clip, cameras="0,2") for clip in "abc"]
+    low, high = score(*one, *other).interval
+    assert score(*one, *other).value == pytest.approx((10 + 40) / 2) and [low, high] == pytest.approx([25, 25])
+    persons = [blocks(each, np.full(6, float(known)), clip).assign(person=person) for each, known, clip, person in (
+        (ten, 1, "a", 0), (none, 0, "a", 1), (forty, 1, "b", 0), (forty, 1, "b", 1),
+    )]  # fmt: skip
+    assert score_of(pd.concat(persons), "cameras", "clip", "person").value == pytest.approx((10 + 40) / 2)
+
+
 def test_a_score_of_nothing_is_nan_and_few_blocks_have_no_interval():
     for nothing in (score(blocks(np.zeros(9), np.zeros(9))), score(blocks(np.zeros(0)))):
         assert np.isnan([nothing.value, *nothing.interval]).all()
