@@ -85,7 +85,7 @@ def plain(axes: Axes) -> None:
 def _draw_view(axes: Axes, clip: Clip, frame: int, view: int, pixels: np.ndarray) -> None:
     width, height = clip.rig.size[view]
     if clip.has_images:
-        # Pictures of another size than the calibration's are stretched over it.
+        # Images of another size than the calibration's are stretched over it.
         place = (-0.5, width - 0.5, height - 0.5, -0.5)
         axes.imshow(clip.images.at("rgb", clip.rig.names[view], frame), aspect="auto", extent=place)
     else:

@@ -96,8 +96,8 @@ def forecast(config: GenerateConfig) -> Forecast:
     clip_seconds, frame_seconds, clip_bytes, frame_bytes, *of_images = np.mean(costs, axis=0)
     cost = ImageCost(*of_images)
     # Labels are in proportion to people; images are not.
-    labels, images = clip_seconds + frames * frame_seconds, cost.clip_seconds + frames * cost.frame_seconds
-    seconds = [images + (labels * people[index] / median if index in to_make else 0) for index in indices]
+    labels, rendering = clip_seconds + frames * frame_seconds, cost.clip_seconds + frames * cost.frame_seconds
+    seconds = [rendering + (labels * people[index] / median if index in to_make else 0) for index in indices]
     size = sum(people[index] for index in to_make) / median * (clip_bytes + frames * frame_bytes)
     size += len(indices) * cost.bytes
     images = len(indices) * frames * len(rig) if config.kinds else 0

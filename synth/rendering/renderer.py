@@ -33,8 +33,8 @@ class LensPainter(OpenGLPainter):
 
     def paint(self, data: mujoco.MjData, view: int, kinds: tuple[str, ...]) -> tuple[np.ndarray | None, ...]:
         """Return images of these kinds. Pixels where the lens shows nothing are NaN or 0."""
-        images = [super(LensPainter, self).paint(data, part, kinds) for part in self._parts[view]]
-        return tuple(self._bent(list(images), view) for images in zip(*images, strict=True))
+        parts = [super(LensPainter, self).paint(data, part, kinds) for part in self._parts[view]]
+        return tuple(self._bent(list(images), view) for images in zip(*parts, strict=True))
 
     def paint_alone(self, data: mujoco.MjData, view: int, owner: int) -> np.ndarray:
         """Return (H, W) True for the pixels that geoms with the id `owner` would cover if nothing else were there."""

@@ -122,8 +122,8 @@ def _played(clip: Clip, findings: Findings, cut: slice) -> dict:
 def summary(findings: Sequence[Findings]) -> list[str]:
     """Return the paragraphs under the title."""
     images = not findings or any(each.has_images for each in findings)
-    pictures = [] if images else ["There are no images, so the camera's view has a plain background."]
-    paragraphs = ([*_subject(findings), *_states(findings)], _sources(findings), _errors(findings), pictures)
+    background = [] if images else ["There are no images, so the camera's view has a plain background."]
+    paragraphs = ([*_subject(findings), *_states(findings)], _sources(findings), _errors(findings), background)
     return [" ".join(sentences) for sentences in paragraphs if sentences]
 
 

@@ -145,8 +145,8 @@ def test_coco_of_a_clip_with_images_has_masks_true_boxes_and_images(tmp_path, ca
     ids = {name: list(clip.images.read("ids", name)) for name in clip.rig.names}
     assert len(coco.anns) == 12
     for image in coco.loadImgs(coco.getImgIds()):
-        image = cv2.imread(str(tmp_path / image["file_name"]))
-        assert image.shape == (image["height"], image["width"], 3) == (150, 240, 3)
+        colours = cv2.imread(str(tmp_path / image["file_name"]))
+        assert colours.shape == (image["height"], image["width"], 3) == (150, 240, 3)
         for annotation in coco.loadAnns(coco.getAnnIds(image["id"])):
             mask = ids[image["camera"]][image["frame"] - 5] == 1 + annotation["track_id"]
             np.testing.assert_array_equal(coco.annToMask(annotation), mask)

@@ -169,18 +169,18 @@ def test_normals_flow_and_whole_persons_are_read_back(tmp_path):
 @pytest.mark.parametrize("rgb", ["h264", "png", "jpeg"])
 def test_any_image_is_read_alone(tmp_path, rgb):
     ramp = np.linspace(0, 255, 64).astype(np.uint8)
-    images = [np.full((48, 64, 3), (20 * frame, 255 - 10 * frame, 0), np.uint8) for frame in range(12)]
-    images = [np.where(np.arange(48)[:, None, None] < 24, image, ramp[:, None]) for image in images]
+    colours = [np.full((48, 64, 3), (20 * frame, 255 - 10 * frame, 0), np.uint8) for frame in range(12)]
+    colours = [np.where(np.arange(48)[:, None, None] < 24, image, ramp[:, None]) for image in colours]
     images = Images(tmp_path, ("a",), tuple(range(12)), ("rgb",), rgb=rgb)
     if rgb == "h264":
-        write_video(images.path("rgb", "a"), images, 5)
+        write_video(images.path("rgb", "a"), colours, 5)
     else:
-        for frame, image in enumerate(images):
+        for frame, image in enumerate(colours):
             write_image("rgb", images.path("rgb", "a", frame), image)
     whole = list(images.read("rgb", "a"))
     for frame in (11, 0, 5, 4, 7):
         np.testing.assert_array_equal(images.at("rgb", "a", frame), whole[frame])
-        assert np.abs(whole[frame].astype(int) - images[frame]).mean() < (1 if rgb == "png" else 6)
+        assert np.abs(whole[frame].astype(int) - colours[frame]).mean() < (1 if rgb == "png" else 6)
     np.testing.assert_array_equal(images.select([3, 9], ("a",)).at("rgb", "a", 1), whole[9])
     with pytest.raises(IndexError):
         images.at("rgb", "a", 12)

@@ -128,8 +128,8 @@ def test_offsets_are_given_in_order_or_by_name(tmp_path):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_pictures_are_shown_as_phones_say_that_they_were_taken(tmp_path, kind):
-    """The camera hung upside down: its files hold turned pictures, and say so."""
+def test_images_are_shown_as_phones_say_that_they_were_taken(tmp_path, kind):
+    """The camera hung upside down: its files hold turned images, and say so."""
     write_openpose_recording(recording(BODY25, 4), tmp_path / "rec")
     picture = np.zeros((600, 960, 3), np.uint8)
     picture[:300] = 200
@@ -153,11 +153,11 @@ def test_pictures_are_shown_as_phones_say_that_they_were_taken(tmp_path, kind):
         assert image[500].mean() == pytest.approx(0, abs=3)
 
 
-def test_pictures_of_monochrome_cameras_are_read(tmp_path):
+def test_images_of_monochrome_cameras_are_read(tmp_path):
     write_openpose_recording(recording(BODY25, 4), tmp_path / "rec")
     for camera in range(4):
-        (tmp_path / f"pictures/cam{camera}").mkdir(parents=True)
+        (tmp_path / f"images/cam{camera}").mkdir(parents=True)
         for frame in range(4):
-            cv2.imwrite(str(tmp_path / f"pictures/cam{camera}/{frame}.png"), np.full((600, 960), 7, np.uint8))
-    clip = dmae.read(tmp_path / "rec", fps=25, images=str(tmp_path / "pictures"))
+            cv2.imwrite(str(tmp_path / f"images/cam{camera}/{frame}.png"), np.full((600, 960), 7, np.uint8))
+    clip = dmae.read(tmp_path / "rec", fps=25, images=str(tmp_path / "images"))
     assert clip.images.at("rgb", "cam0", 1).shape == (600, 960, 3)

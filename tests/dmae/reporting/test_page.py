@@ -66,7 +66,7 @@ def test_joints_are_drawn_where_the_camera_sees_them(completed):
     np.testing.assert_allclose(np.sort(drawn[:, 0]), np.sort(pixels[0, 2].reshape(-1, 2)[:, 0]), rtol=1e-6)
 
 
-def test_pictures_of_another_size_lie_under_the_joints(completed, tmp_path):
+def test_images_of_another_size_lie_under_the_joints(completed, tmp_path):
     for name, (width, height) in zip(completed.rig.names, completed.rig.size.tolist(), strict=True):
         write_image("rgb", tmp_path / "rgb" / name / "000000.png", np.zeros((height // 2, width // 2, 3), np.uint8))
     images = Images(tmp_path, completed.rig.names, (0,) * len(completed), ("rgb",), rgb="png")
