@@ -33,7 +33,7 @@ from dmae.files.contents import write_atomic
 from dmae.files.images import read_upright, upright_size
 from dmae.formats.footage import Fitting, fit_images
 from dmae.formats.openpose import write_detections, write_people
-from dmae.formats.recordings import by_name, match_cameras, natural
+from dmae.formats.recordings import by_name, match_cameras, natural, plain
 from dmae.numerics.filling import STILLS, are_stills
 from dmae.numerics.statistics import evenly_spaced
 from dmae.parallel import in_parallel
@@ -101,8 +101,10 @@ def open_sets(path: Path, rig: CameraRig, fps: float | None = None) -> Recording
         raise FileNotFoundError(f"photos={path}: expected a folder of photographs for each camera, or for each set")
     folders = [each for each in by_name(path.iterdir()) if each.is_dir()]
     sets = [images_in(each) for each in folders]
-    stems, names = {file.stem for files in sets for file in files}, set(rig.names)
-    if len(stems & names) > len({each.name for each in folders} & names):
+    stems = {file.stem for files in sets for file in files}
+    given = (rig.names, stems, [each.name for each in folders])
+    calibrated, of_files, of_folders = ({plain(name) for name in names} for names in given)
+    if len(of_files & calibrated) > len(of_folders & calibrated):
         cameras, notes = [], [f"{len(sets)} sets of photographs, a folder each"]
         for name in sorted(stems, key=natural):
             there = [(number, file) for number, files in enumerate(sets) for file in files if file.stem == name]

@@ -161,7 +161,7 @@ def test_a_truncated_photograph_is_left_out(tmp_path: Path):
     assert list(camera.read(0, 1)) == [None]
 
 
-@pytest.mark.parametrize("layout", ["{set}/{camera}.png", "{camera}/{set}.png"])
+@pytest.mark.parametrize("layout", ["{set}/{camera}.png", "{set}/_{camera}.png", "{camera}/{set}.png"])
 def test_photographs_in_sets_are_stills(tmp_path: Path, layout: str):
     """Sets 3, 90 and 5000; the right camera has no photograph of the second."""
     (tmp_path / "my_brightest.py").write_text(DETECTOR)
