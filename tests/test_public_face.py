@@ -195,9 +195,20 @@ def test_presets_are_those_of_the_command():
         dmae.preset("capture", "papr")
 
 
-def test_the_wrong_type_is_named_with_what_to_do():
+@pytest.mark.parametrize(
+    "verb",
+    ["capture", "evaluate", "draw", "review", "doctor", "calibrate", "save", "export", "convert", "show", "report"],
+)
+def test_the_wrong_type_is_named_with_what_to_do(verb: str, tmp_path: Path):
+    out = [tmp_path / "a"] if verb in ("save", "export", "convert", "show", "report") else []
     with pytest.raises(TypeError, match=r"clip: expected a dmae\.Clip, found 'walk'; dmae\.load reads a clip"):
-        dmae.capture("walk")
+        getattr(dmae, verb)("walk", *out)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_unit_that_does_not_exist_is_answered_with_those_that_do(clip, tmp_path: Path):
+    with pytest.raises(ValueError, match="unit=inch: expected one of m, cm, mm"):
+        dmae.export(clip, tmp_path / "a.trc", "trc", unit="inch")
 
 
 def test_evaluate_without_poses_says_what_to_do(clip):

@@ -273,3 +273,12 @@ class Clip:
             images=self.images and self.images.select(frames, rig.names),
             true_rig=None if self.true_rig is None else self.true_rig[views],
         )
+
+
+def as_clip(found: object) -> Clip:
+    """Return a clip that a user gave; TypeError for anything else, as its path, with how to read one."""
+    if not isinstance(found, Clip):
+        raise TypeError(
+            f"clip: expected a dmae.Clip, found {found!r:.80}; dmae.load reads a clip, dmae.read a recording"
+        )
+    return found

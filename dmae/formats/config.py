@@ -33,6 +33,10 @@ class LengthUnit(StrEnum):
     cm = "cm"
     mm = "mm"
 
+    @classmethod
+    def _missing_(cls, value: object) -> None:
+        raise ValueError(f"unit={value}: expected one of {', '.join(cls)}")
+
 
 METRES = {LengthUnit.m: 1.0, LengthUnit.cm: 0.01, LengthUnit.mm: 0.001}
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dmae.data.clip import Clip, Poses3D, Source
+from dmae.data.clip import Clip, Poses3D, Source, as_clip
 from dmae.evaluation.config import StressConfig, TableConfig
 from dmae.evaluation.corruption import corrupt as corruption
 from dmae.evaluation.review import Decision, save_decisions, without_decided
@@ -46,7 +46,7 @@ def evaluate(clip: Clip, poses: Poses3D | None = None, *, skeleton: str | None =
     from dmae.evaluation.predictions import fitting
     from dmae.evaluation.scores import compared_truth, score, scored_actors
 
-    poses = clip.poses if poses is None else poses
+    poses = as_clip(clip).poses if poses is None else poses
     if poses is None:
         raise ValueError(f"clip {clip.id!r} has no poses; run dmae.capture")
     truth = compared_truth(clip, skeleton)
@@ -110,7 +110,7 @@ def draw(clip: Clip, poses: Poses3D | None = None, frame: int | None = None) -> 
     """
     from dmae.reporting.figures import views_figure
 
-    clip = clip.without_lost_images()
+    clip = as_clip(clip).without_lost_images()
     return views_figure(clip if poses is None else replace(clip, poses=poses), frame)
 
 
@@ -137,7 +137,7 @@ def report(
     """
     from dmae.evaluation.report.page import write_clips_report
 
-    write_clips_report(Path(out), [clip] if isinstance(clip, Clip) else clip, scores, title=title)
+    write_clips_report(Path(out), [as_clip(clip)] if isinstance(clip, Clip | str | Path) else clip, scores, title=title)
 
 
 def benchmark(
@@ -251,7 +251,7 @@ def show(clip: Clip, out: str | Path, config: ShowConfig | None = None) -> list[
     """
     from dmae.viewing.show import show_clip
 
-    return show_clip(clip, Path(out), config or ShowConfig())
+    return show_clip(as_clip(clip), Path(out), config or ShowConfig())
 
 
 def review(clip: Clip, decisions: Sequence[Decision] = ()) -> list[Doubt]:
@@ -278,7 +278,7 @@ def review(clip: Clip, decisions: Sequence[Decision] = ()) -> list[Doubt]:
     """
     from dmae.evaluation.report.findings import rank_doubts
 
-    return rank_doubts(clip, decisions)
+    return rank_doubts(as_clip(clip), decisions)
 
 
 def decide(clip: Clip, decisions: Sequence[Decision], folder: str | Path | None = None) -> Clip:
@@ -332,7 +332,7 @@ def corrupt(clip: Clip, levels: Mapping[str, float], *, seed: int = 0) -> Clip:
     """
     if not isinstance(levels, Mapping):
         raise TypeError(f"levels: expected levels by name, as {{'objects': 40}}, found {levels!r:.80}")
-    return corruption.corrupt(clip, levels, seed=seed)
+    return corruption.corrupt(as_clip(clip), levels, seed=seed)
 
 
 def stress(clips: Sequence[Clip], out: str | Path | None = None, config: StressConfig | None = None) -> dict:

@@ -13,7 +13,7 @@ import numpy as np
 from dmae.commands.config import PretrainCommand
 from dmae.completion.config import TrainConfig
 from dmae.data.cameras import CameraRig
-from dmae.data.clip import Clip, Poses3D
+from dmae.data.clip import Clip, Poses3D, as_clip
 from dmae.data.skeleton import Skeleton
 from dmae.data.store import load_clip
 from dmae.detection.registry import PoseDetectorConfig
@@ -58,11 +58,7 @@ def capture(
     """
     from dmae.completion.methods import find_method
 
-    if not isinstance(clip, Clip):
-        raise TypeError(
-            f"clip: expected a dmae.Clip, found {clip!r:.80}; dmae.load reads a clip, dmae.read a recording"
-        )
-    poses = pipeline.capture(clip, configuration("capture", config, CaptureConfig))
+    poses = pipeline.capture(as_clip(clip), configuration("capture", config, CaptureConfig))
     if fill != "none":
         poses = find_method(fill).load()(poses, clip.fps)
     return filling.smooth(poses, clip.fps, smooth)
@@ -305,7 +301,7 @@ def doctor(clip: Clip, *, max_offset: int = 50) -> Diagnosis:
     """
     from dmae.calibration.doctor import diagnose
 
-    return diagnose(clip, max_offset=max_offset)
+    return diagnose(as_clip(clip), max_offset=max_offset)
 
 
 def calibrate(clip: Clip, refine: RefineConfig | None = None) -> Refined:
@@ -330,7 +326,7 @@ def calibrate(clip: Clip, refine: RefineConfig | None = None) -> Refined:
     """
     from dmae.calibration.refinement import refine as run
 
-    return run(clip, refine)
+    return run(as_clip(clip), refine)
 
 
 def run(

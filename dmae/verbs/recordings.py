@@ -10,7 +10,7 @@ from typing import Any
 
 from dmae.completion.config import TrainConfig
 from dmae.data.cameras import CameraRig
-from dmae.data.clip import Clip, Poses3D
+from dmae.data.clip import Clip, Poses3D, as_clip
 from dmae.data.conversion import convert as convert_poses
 from dmae.data.resources import read_preset
 from dmae.data.skeleton import Skeleton, get_skeleton
@@ -170,7 +170,7 @@ def save(clip: Clip, folder: str | Path) -> None:
         >>> sorted(path.name for path in Path("walk").iterdir())
         ['arrays.safetensors', 'clip.json']
     """
-    save_clip(clip, Path(folder))
+    save_clip(as_clip(clip), Path(folder))
 
 
 def load_dataset(path: str | Path) -> Sequence[Clip]:
@@ -227,7 +227,7 @@ def export(
         >>> np.load(files[0])["joints"].shape[-2:]
         (14, 3)
     """
-    given = clip if poses is None else replace(clip, poses=poses)
+    given = as_clip(clip) if poses is None else replace(as_clip(clip), poses=poses)
     options = {"skeleton": skeleton, "unit": LengthUnit(unit), "keep_mm": keep_mm, "robot": robot}
     return list(write_poses(given, Path(out), format, **options).files)
 
@@ -249,7 +249,7 @@ def convert(clip: Clip, out: str | Path, format: str = "clip") -> None:
         >>> dmae.read("walk", fps=25).rig.names == clip.rig.names
         True
     """
-    write_recording(clip, Path(out), format)
+    write_recording(as_clip(clip), Path(out), format)
 
 
 def to_skeleton(poses: Poses3D, skeleton: str | Skeleton) -> Poses3D:
