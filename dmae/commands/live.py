@@ -1,9 +1,10 @@
 """`dmae live`: poses of frames as they arrive, for other programs."""
 
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from socketserver import StreamRequestHandler, TCPServer
+from typing import BinaryIO
 
 from dmae.commands.config import LiveCommand
 from dmae.completion.complete import SMOOTHING, completers
@@ -31,10 +32,8 @@ def run(config: LiveCommand, out: None) -> None:
 
     class Handler(StreamRequestHandler):
         def handle(self) -> None:
-            # A longer line is cut and then refused, so that no sender can fill the memory.
-            read = iter(lambda: self.rfile.readline(LONGEST + 1), b"")
             try:
-                for line in answers(part.decode(errors="replace") for part in read):
+                for line in answers(lines_of(self.rfile)):
                     self.wfile.write(f"{line}\n".encode())
             except OSError:
                 pass  # the connected program has closed the connection
@@ -44,3 +43,11 @@ def run(config: LiveCommand, out: None) -> None:
         host, port = server.server_address[:2]
         print(f"listening on {host}:{port}", flush=True)
         server.serve_forever()
+
+
+def lines_of(stream: BinaryIO) -> Iterator[str]:
+    """Yield the lines of a stream. A longer line is cut and then refused, so that no sender can fill the memory."""
+    while part := stream.readline(LONGEST + 1):
+        yield part.decode(errors="replace")
+        while len(part) > LONGEST and not part.endswith(b"\n"):
+            part = stream.readline(LONGEST + 1)

@@ -4,10 +4,12 @@ import json
 import socket
 import subprocess
 from dataclasses import replace
+from io import BytesIO
 
 import numpy as np
 import pytest
 
+from dmae.commands import live
 from dmae.data.clip import Source
 from dmae.data.skeleton import BODY25
 from dmae.formats.calibrations import write_calibration
@@ -93,6 +95,13 @@ def test_joints_without_meaning_are_absent():
     found, missing = read_frame(json.dumps({"cameras": {"cam3": [joints]}}), CAMERAS, BODY25)
     assert missing == ["cam0", "cam1", "cam2"]
     assert np.flatnonzero(~found.observed[0, 3, 0]).tolist() == [0, 1, 2, 3]
+
+
+def test_a_line_that_is_too_long_is_one_frame(monkeypatch):
+    """What is behind its cut would be frames of their own, and all later ones would be late."""
+    monkeypatch.setattr(live, "LONGEST", 10)
+    sent = b"a" * 10 + b"\n" + b"b" * 11 + b"\n" + b"c" * 35 + b"\nlast"
+    assert [line[:1] for line in live.lines_of(BytesIO(sent))] == ["a", "b", "c", "l"]
 
 
 @pytest.mark.slow
