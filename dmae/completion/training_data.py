@@ -279,6 +279,8 @@ def read_training_set(
         raise ValueError(_same_name(twice[0]))
     if not pairs:
         raise ValueError(f"{config.data.path}: nothing to learn from, no clip has a person in it")
+    if config.examples.replay is not None and not more:
+        raise ValueError(f"extra_data={config.extra_data}: nothing to replay, no clip has a person in it")
     return TrainingSet(pairs, more, {f"validation {name}": pair for name, pair in held_back.items()})
 
 

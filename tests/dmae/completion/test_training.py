@@ -165,6 +165,12 @@ def test_clips_without_truth_or_without_people_are_named(clips, tmp_path):
         train(TINY, [clips[0], clips[0]], tmp_path)
 
 
+def test_extra_data_without_people_cannot_be_replayed(clips, tmp_path):
+    nobody = replace(clips[0], id="nobody", truth=clips[0].truth.without(np.ones(1, bool)))
+    with pytest.raises(ValueError, match="nothing to replay, no clip has a person in it"):
+        train(changed(replace(TINY, extra_data=["empty"]), replay=0.5), clips, tmp_path, extra_clips=[nobody])
+
+
 def test_errors_that_are_expected_to_be_large_have_less_weight():
     squared, sure, unsure = torch.tensor([0.01, 0.04]), torch.tensor(0.001).log(), torch.tensor(1.0).log()
     assert torch.equal(error_loss(Loss.mse, squared, sure), 100 * squared)
