@@ -92,8 +92,8 @@ RECORDED = {
     **{
         f"table_{number}": (
             f"{_CAPTURED_PEOPLE} && dmae table number={number} data=shelf data.path=$DMAE_DATA/shelf "
-            "extra_data=[captured]",
-            "an hour, the first of them",
+            f"extra_data=[captured]{' angles=true' * (number == 4)}",
+            "half an hour, the first of them",
         )
         for number in (1, 2, 4)
     },
