@@ -88,8 +88,10 @@ def _check_unit(poses: Poses3D, truth: Poses3D, where: str) -> None:
     factor = float(np.median(ratios))
     if 1 / _LARGER < factor < _LARGER:
         return
-    near = min(_UNITS, key=lambda unit: abs(np.log(factor / unit)) if factor > 0 else np.inf)
-    unit = f", as if in {_UNITS[near]}" if factor > 0 and abs(np.log(factor / near)) < np.log(1.3) else ""
+    if not factor:
+        raise ValueError(f"{where}: expected poses, found joints at one place; joints that are not known must be NaN")
+    near = min(_UNITS, key=lambda unit: abs(np.log(factor / unit)))
+    unit = f", as if in {_UNITS[near]}" if abs(np.log(factor / near)) < np.log(1.3) else ""
     raise ValueError(
         f"{where}: expected poses in m; their bones are {factor:.4g} times as long as the true ones{unit}. "
         f"Divide the coordinates by {near if unit else factor:.4g}"

@@ -91,6 +91,10 @@ def test_a_truth_of_nothing_is_not_measured(clip: Clip, tmp_path: Path):
             r"expected poses in m; their bones are 1000 times as long as the true ones, as if in mm. Divide .* by 1000",
         ),
         (lambda poses: Poses3D(BODY25, 3.3 * poses.xyz), "3.3 times as long as the true ones, as if in feet"),
+        (
+            lambda poses: Poses3D(BODY25, 0 * poses.xyz),
+            "found joints at one place; joints that are not known must be NaN",
+        ),
         (lambda poses: Poses3D(BODY25, 0.2 * poses.xyz), r"are 0.2 times as long as the true ones. Divide .* by 0.2"),
         (lambda poses: Poses3D(BODY25, 0 * poses.xyz), "are 0 times as long"),
     ],
