@@ -4,6 +4,8 @@ import shutil
 from dataclasses import asdict, replace
 from pathlib import Path
 
+import numpy as np
+
 from dmae.commands.config import DetectCommand
 from dmae.commands.data_sets import ClipSet, finished, settings_of
 from dmae.data.clip import Detections2D
@@ -106,7 +108,7 @@ def _detect_clips(config: DetectCommand, out: Path) -> None:
 def _detect_photographs(config: DetectCommand, out: Path) -> None:
     photographs = find_photographs(Path(config.photos))
     files = {each.name: [str(each.path), *each.size] for each in photographs.cameras}
-    claim_folder(out / _CLAIM, _settings(config) | {"photos": files}, "detections", ())
+    claim_folder(out / _CLAIM, _settings(config) | {"photos": files}, "detections")
     detections, notes = detect_photographs(
         photographs, config.detector, out / _PIECES, config.output.skeleton, config.workers
     )
@@ -122,7 +124,9 @@ def _detect_photographs(config: DetectCommand, out: Path) -> None:
 def _claim(config: DetectCommand, recording: Recording, out: Path) -> None:
     """Write what the detections depend on, or refuse a folder that holds detections of other videos or settings."""
     files = {camera.name: [str(camera.path), len(camera), *camera.size] for camera in recording.cameras}
-    claim_folder(out / _CLAIM, _settings(config) | {"videos": files}, "detections", ())
+    rig = recording.rig and {name: np.asarray(value).tolist() for name, value in asdict(recording.rig).items()}
+    given = {"videos": files, "fps": config.fps, "offsets": config.offsets, "calibration": rig}
+    claim_folder(out / _CLAIM, _settings(config) | given, "detections")
 
 
 def _settings(config: DetectCommand) -> dict:

@@ -146,10 +146,19 @@ def test_bad_input_is_one_line(session: Clip, tmp_path: Path, arguments, said):
     assert not (tmp_path / "found/detect.json").exists()
 
 
-def test_another_detector_is_refused_in_the_same_folder(session: Clip, tmp_path: Path):
-    assert dmae(tmp_path, "detect", *ARGUMENTS, "out=found", "output.images=false").returncode == 0
+def test_another_detector_rate_offset_or_calibration_is_refused_in_the_same_folder(session: Clip, tmp_path: Path):
+    arguments = [*ARGUMENTS, "out=found", "output.images=false"]
+    assert dmae(tmp_path, "detect", *arguments).returncode == 0
+    said = "another configuration: detect.json differs in "
     done = dmae(tmp_path, "detect", *ARGUMENTS[:2], "fps=25", "out=found", "output.images=false")
-    assert done.returncode == 1 and "another configuration" in done.stderr
+    assert done.returncode == 1 and said in done.stderr
+    done = dmae(tmp_path, "detect", *arguments[:3], "fps=50", "offsets=[0,1,0]", *arguments[4:])
+    assert done.returncode == 1 and f"{said}fps, offsets." in done.stderr
+    moved = session.rig.cam_from_world.copy()
+    moved[:, 2, 3] += 0.01
+    write_calibration(replace(session.rig, cam_from_world=moved), tmp_path / "other.toml", "pose2sim")
+    done = dmae(tmp_path, "detect", "videos=videos", "calibration=other.toml", *arguments[2:])
+    assert done.returncode == 1 and f"{said}calibration.cam_from_world." in done.stderr
 
 
 def test_a_clip_with_images_keeps_its_truth(session: Clip, tmp_path: Path):
