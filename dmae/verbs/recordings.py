@@ -228,8 +228,8 @@ def export(
         (14, 3)
     """
     given = as_clip(clip) if poses is None else replace(as_clip(clip), poses=poses)
-    options = {"skeleton": skeleton, "unit": LengthUnit(unit), "keep_mm": keep_mm, "robot": robot}
-    return list(write_poses(given, Path(out), format, **options).files)
+    done = write_poses(given, Path(out), format, skeleton=skeleton, unit=LengthUnit(unit), keep_mm=keep_mm, robot=robot)
+    return list(done.files)
 
 
 def convert(clip: Clip, out: str | Path, format: str = "clip") -> None:
