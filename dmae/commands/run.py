@@ -1,5 +1,6 @@
 """`dmae run`: from videos to completed people, a report and a file for other programs, in one go."""
 
+import shutil
 from dataclasses import fields
 from pathlib import Path
 
@@ -8,6 +9,7 @@ from dmae.commands.config import DetectCommand, FilmedConfig, RunCommand
 from dmae.data.store import clip_folders
 from dmae.formats.reading import DataConfig
 from dmae.formats.registry import pose_writer
+from dmae.formats.writing import export_path
 
 _DETECTED, _CAPTURED, _COMPLETED = "detected", "captured", "completed"
 
@@ -27,8 +29,12 @@ def run(config: RunCommand, out: Path) -> None:
     for name in config.export:
         for clip in clips:
             stem = "poses" if len(clips) == 1 else f"poses_{clip.name}"
-            path = out / (f"{stem}_{name}" if pose_writer.find(name).folder else f"{stem}.{name}")
+            suffix = export_path(Path("poses"), name).suffix
+            path = out / (stem + suffix if suffix else f"{stem}_{name}")
             if not path.is_dir():
+                if name == "coco":
+                    # An earlier run wrote them; `dmae export` takes no images for its own.
+                    shutil.rmtree(out / f"{stem}_images", ignore_errors=True)
                 export.run(export.ExportCommand(clip=str(clip), format=name), path)
     print(out)
 

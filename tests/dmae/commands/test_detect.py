@@ -73,7 +73,8 @@ ARGUMENTS = ("videos=videos", "calibration=calibration.toml", "detector=my_dots:
 
 
 def test_images_become_a_clip_that_is_captured(session: Clip, tmp_path: Path):
-    done = dmae(tmp_path, "run", *ARGUMENTS, "out=made", "export=[npz]")
+    exported = "export=[npz,coco,movement]"
+    done = dmae(tmp_path, "run", *ARGUMENTS, "out=made", exported)
     assert done.returncode == 0, done.stderr
     clip = load_clip(tmp_path / "made/captured")
     assert clip.id == load_clip(tmp_path / "made/completed").id == "made"
@@ -81,9 +82,11 @@ def test_images_become_a_clip_that_is_captured(session: Clip, tmp_path: Path):
     assert clip.poses.xyz.shape[1] == 1 and np.isfinite(clip.poses.xyz).mean() > 0.6
     true = session.truth.xyz[:, :, session.truth.skeleton.index(*COCO17.joints)]
     assert np.nanmedian(np.linalg.norm(clip.poses.xyz - true, axis=-1)) < 0.02
-    assert (tmp_path / "made/report.html").is_file() and (tmp_path / "made/poses.npz").is_file()
-    again = dmae(tmp_path, "run", *ARGUMENTS, "out=made", "export=[npz]")
-    assert again.returncode == 0 and "detected already" in again.stdout
+    written = ["report.html", "poses.npz", "poses.json", "poses.nc", "poses_images"]
+    assert all((tmp_path / "made" / name).exists() for name in written)
+    again = dmae(tmp_path, "run", *ARGUMENTS, "out=made", exported)
+    assert again.returncode == 0 and "detected already" in again.stdout, again.stderr
+    assert all((tmp_path / "made" / name).exists() for name in written)
 
 
 def test_damaged_frames_a_shorter_and_a_missing_camera_lose_nothing_else(session: Clip, tmp_path: Path):
