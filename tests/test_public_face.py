@@ -206,6 +206,17 @@ def test_the_wrong_type_is_named_with_what_to_do(verb: str, tmp_path: Path):
     assert not list(tmp_path.iterdir())
 
 
+def test_options_in_a_dictionary_are_answered_with_their_type(clip, tmp_path: Path):
+    with pytest.raises(TypeError, match=r"config: expected a dmae\.ShowConfig, found {'frames': 1}"):
+        dmae.show(clip, tmp_path, {"frames": 1})
+    with pytest.raises(TypeError, match=r"config: expected a dmae\.StressConfig"):
+        dmae.stress([clip], config={})
+    with pytest.raises(TypeError, match=r"config: expected a dmae\.RefineConfig"):
+        dmae.calibrate(clip, {"known": 1})
+    with pytest.raises(TypeError, match=r"about: expected a synth\.AboutConfig, found {'name': 'x'}"):
+        synth.export(tmp_path, tmp_path / "out", about={"name": "x"})
+
+
 def test_a_unit_that_does_not_exist_is_answered_with_those_that_do(clip, tmp_path: Path):
     with pytest.raises(ValueError, match="unit=inch: expected one of m, cm, mm"):
         dmae.export(clip, tmp_path / "a.trc", "trc", unit="inch")

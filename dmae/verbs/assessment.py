@@ -11,6 +11,7 @@ from dmae.data.clip import Clip, Poses3D, Source, as_clip
 from dmae.evaluation.config import StressConfig, TableConfig
 from dmae.evaluation.corruption import corrupt as corruption
 from dmae.evaluation.review import Decision, save_decisions, without_decided
+from dmae.verbs.recordings import configuration
 from dmae.viewing.config import ShowConfig
 
 if TYPE_CHECKING:
@@ -251,7 +252,7 @@ def show(clip: Clip, out: str | Path, config: ShowConfig | None = None) -> list[
     """
     from dmae.viewing.show import show_clip
 
-    return show_clip(as_clip(clip), Path(out), config or ShowConfig())
+    return show_clip(as_clip(clip), Path(out), configuration(config, ShowConfig))
 
 
 def review(clip: Clip, decisions: Sequence[Decision] = ()) -> list[Doubt]:
@@ -361,7 +362,7 @@ def stress(clips: Sequence[Clip], out: str | Path | None = None, config: StressC
     from dmae.evaluation.stress.matrix import CACHE, compute, prepare
     from dmae.evaluation.stress.page import write_result
 
-    matrix = prepare(clips, config or StressConfig(), Path(out) / CACHE if out else None)
+    matrix = prepare(clips, configuration(config, StressConfig), Path(out) / CACHE if out else None)
     result = compute(matrix)
     if out:
         write_result(result, Path(out))
@@ -393,6 +394,6 @@ def table(number: int, data: str | Path, out: str | Path, config: TableConfig | 
     from dmae.evaluation.paper_tables.tables import make_table
     from dmae.formats.reading import recognise
 
-    config = replace(config or TableConfig(), number=number)
+    config = replace(configuration(config, TableConfig), number=number)
     source = replace(config.data, path=str(data), name=recognise(Path(data)))
     return make_table(replace(config, data=source), Path(out))

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dmae.calibration.config import RefineConfig
 from dmae.commands.config import PretrainCommand
 from dmae.completion.config import TrainConfig
 from dmae.data.cameras import CameraRig
@@ -24,7 +25,6 @@ from dmae.reconstruction.triangulation import Points
 from dmae.verbs.recordings import configuration, detect
 
 if TYPE_CHECKING:
-    from dmae.calibration.config import RefineConfig
     from dmae.calibration.doctor import Diagnosis
     from dmae.calibration.refinement import Refined
     from dmae.completion.complete import Completer
@@ -58,7 +58,7 @@ def capture(
     """
     from dmae.completion.methods import find_method
 
-    poses = pipeline.capture(as_clip(clip), configuration("capture", config, CaptureConfig))
+    poses = pipeline.capture(as_clip(clip), configuration(config, CaptureConfig, "capture"))
     if fill != "none":
         poses = find_method(fill).load()(poses, clip.fps)
     return filling.smooth(poses, clip.fps, smooth)
@@ -190,7 +190,7 @@ def train(
     """
     from dmae.completion.training import train as run
 
-    return run(configuration("train", config, TrainConfig), clips, Path(out), validation_data, extra_data)
+    return run(configuration(config, TrainConfig, "train"), clips, Path(out), validation_data, extra_data)
 
 
 def pretrain(out: str | Path, config: PretrainCommand | None = None) -> Path:
@@ -216,7 +216,7 @@ def pretrain(out: str | Path, config: PretrainCommand | None = None) -> Path:
     """
     from dmae.commands.pretrain import run
 
-    run(config or PretrainCommand(), Path(out))
+    run(configuration(config, PretrainCommand), Path(out))
     return Path(out) / "model"
 
 
@@ -326,7 +326,7 @@ def calibrate(clip: Clip, refine: RefineConfig | None = None) -> Refined:
     """
     from dmae.calibration.refinement import refine as run
 
-    return run(as_clip(clip), refine)
+    return run(as_clip(clip), configuration(refine, RefineConfig))
 
 
 def run(
@@ -382,7 +382,7 @@ def run(
         if calibration is None and not isinstance(source, Clip):
             source = load_clip(Path(source))
         clip = detect(source, calibration, detector=detector, fps=fps, offsets=offsets, workers=workers)
-        captured = pipeline.capture(clip, configuration("capture", capture, CaptureConfig))
+        captured = pipeline.capture(clip, configuration(capture, CaptureConfig, "capture"))
         poses = complete(captured, clip.fps, weights=weights)
         return replace(clip, poses=poses)
     if isinstance(source, Clip):
@@ -392,7 +392,7 @@ def run(
         clip=str(source) if calibration is None else None,
         calibration=None if calibration is None else str(calibration),
         detector=PoseDetectorConfig(name=detector),
-        capture=configuration("capture", capture, CaptureConfig),
+        capture=configuration(capture, CaptureConfig, "capture"),
         weights=None if weights is None else str(weights),
         fps=fps,
         offsets=None if offsets is None else list(offsets),

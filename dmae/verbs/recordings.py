@@ -273,17 +273,20 @@ def to_skeleton(poses: Poses3D, skeleton: str | Skeleton) -> Poses3D:
     return convert_poses(poses, get_skeleton(skeleton) if isinstance(skeleton, str) else skeleton)
 
 
-def configuration(group: str, given: Any, expected: type) -> Any:
+def configuration(given: Any, expected: type, group: str | None = None) -> Any:
     """Return the configuration that was given, by its preset's name or as it is; by default that without a preset.
+
+    `group` has the presets, if there are any.
 
     Raises:
         TypeError: something else was given.
         ValueError: there is no such preset.
     """
-    if isinstance(given, str):
+    if isinstance(given, str) and group:
         return preset(group, given)
     if given is not None and not isinstance(given, expected):
-        raise TypeError(f"config: expected a dmae.{expected.__name__} or the name of a preset, found {given!r:.80}")
+        or_preset = " or the name of a preset" if group else ""
+        raise TypeError(f"config: expected a dmae.{expected.__name__}{or_preset}, found {given!r:.80}")
     return given or expected()
 
 
