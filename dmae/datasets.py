@@ -217,7 +217,7 @@ class WindowDataset(Dataset):
         skeleton: str | None = None,
     ):
         if frames < 1 or every < 1:
-            raise ValueError(f"expected 1 frame or more, got frames={frames}, every={every}")
+            raise ValueError(f"expected 1 frame or more, found frames={frames}, every={every}")
         self.frames, self.every, self.of = frames, every, of
         self.skeleton: Skeleton | None = None if skeleton is None else get_skeleton(skeleton)
         self.files: list[ClipFile] = list(clip_files(Path(path)))
@@ -316,7 +316,7 @@ class FrameDataset(Dataset):
         self, path: str | Path, skeleton: str = "coco17", every: int = 1, masks: bool = False, depth: bool = False
     ):
         if every < 1:
-            raise ValueError(f"expected every 1 or more, got {every}")
+            raise ValueError(f"expected every 1 or more, found {every}")
         self.every, self.masks, self.depth = every, masks, depth
         kinds = ("rgb", *(("ids",) if masks else ()), *(("depth",) if depth else ()))
         self.skeleton: Skeleton = get_skeleton(skeleton)

@@ -64,7 +64,7 @@ def backend_in_use() -> Backend:
 def check_workers(workers: int) -> None:
     """Raise ValueError for an impossible number of processes."""
     if workers == 0:
-        raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
+        raise ValueError("workers: expected a number of processes, or -1 for one per core; found 0")
 
 
 @dataclass(frozen=True, kw_only=True)

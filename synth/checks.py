@@ -1,4 +1,4 @@
-"""Checks of numbers in configurations. The error names the option, what it expects, and what it got."""
+"""Checks of numbers in configurations. The error names the option, what it expects, and what it found."""
 
 from math import inf
 
@@ -13,7 +13,7 @@ def check_range(
     for name in names:
         value = getattr(config, name)
         if value is not None and not _within(value, least, most, above):
-            raise ValueError(f"{_path(group, name)}: expected {_bounds(least, most, above, unit)}, got {value}")
+            raise ValueError(f"{_path(group, name)}: expected {_bounds(least, most, above, unit)}, found {value}")
 
 
 def check_pairs(
@@ -24,7 +24,7 @@ def check_pairs(
         pair = getattr(config, name)
         if len(pair) != 2 or not (pair[0] <= pair[1] and all(_within(value, least, most, above) for value in pair)):
             bounds = _bounds(least, most, above, unit)
-            raise ValueError(f"{_path(group, name)}: expected [least, greatest], {bounds}, got {list(pair)}")
+            raise ValueError(f"{_path(group, name)}: expected [least, greatest], {bounds}, found {list(pair)}")
 
 
 def _path(group: str, name: str) -> str:

@@ -49,7 +49,7 @@ class CameraRig:
         object.__setattr__(self, "names", tuple(str(name) for name in self.names))
         views = len(self.names)
         if len(set(self.names)) != views:
-            raise ValueError(f"camera names must be unique, got {self.names}")
+            raise ValueError(f"camera names must be unique, found {self.names}")
         set_array(self, "K", np.float64, (views, 3, 3))
         set_array(self, "dist", np.float64, (views, ANY))
         set_array(self, "cam_from_world", np.float64, (views, 4, 4))

@@ -48,11 +48,11 @@ class Images:
 
     def __post_init__(self):
         if self.files and len(self.files) != len(self.views):
-            raise ValueError(f"images: expected a file for each of {len(self.views)} views, got {len(self.files)}")
+            raise ValueError(f"images: expected a file for each of {len(self.views)} views, found {len(self.files)}")
         if self.borders and (len(self.borders) != len(self.views) or min(map(min, self.borders)) < 0):
-            raise ValueError(f"images: expected borders from 0 on for {len(self.views)} views, got {self.borders}")
+            raise ValueError(f"images: expected borders from 0 on for {len(self.views)} views, found {self.borders}")
         if self.rgb not in RGB_FILES:
-            raise ValueError(f"images: expected colour as one of {', '.join(RGB_FILES)}, got {self.rgb!r}")
+            raise ValueError(f"images: expected colour as one of {', '.join(RGB_FILES)}, found {self.rgb!r}")
 
     def select(self, frames, views: tuple[str, ...]) -> "Images":
         """Return the images of some frames (a slice or a list of indices) and of the given views (names)."""

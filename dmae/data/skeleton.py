@@ -51,10 +51,10 @@ class Skeleton:
 
     def __post_init__(self):
         if len(set(self.joints)) != len(self.joints):
-            raise ValueError(f"skeleton {self.name!r}: joint names must be unique, got {self.joints}")
+            raise ValueError(f"skeleton {self.name!r}: joint names must be unique, found {self.joints}")
         if len(self.parents) != len(self.joints):
             raise ValueError(
-                f"skeleton {self.name!r}: expected {len(self.joints)} parents, one a joint, got {len(self.parents)}"
+                f"skeleton {self.name!r}: expected {len(self.joints)} parents, one a joint, found {len(self.parents)}"
             )
         if any(not -1 <= parent < len(self.joints) for parent in self.parents):
             raise ValueError(f"skeleton {self.name!r}: parents must lie in -1..{len(self.joints) - 1}: {self.parents}")

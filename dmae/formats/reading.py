@@ -198,7 +198,7 @@ def offsets_of_all(offsets: Sequence[int | str] | None, names: Sequence[str]) ->
         if name not in names or name in found or not re.fullmatch(r"[+-]?\d{1,9}", frames):
             raise ValueError(
                 f"data.offsets={list(offsets)}: expected a number for each camera, or entries as {names[0]}:3 of some "
-                f"of {', '.join(names)}, each once; got {each!r}"
+                f"of {', '.join(names)}, each once; found {each!r}"
             )
         found[name] = int(frames)
     return [found.get(name, 0) for name in names]

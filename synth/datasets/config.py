@@ -36,7 +36,7 @@ def image_kinds(choices: list[str] | tuple[str, ...] | str) -> tuple[str, ...]:
     choices = [choices] if isinstance(choices, str) else list(choices)
     unknown = [choice for choice in choices if choice not in IMAGE_CHOICES]
     if unknown or ("none" in choices and len(set(choices)) > 1):
-        raise ValueError(f"images: expected none, all, or a list of {', '.join(KINDS)}; got {choices}")
+        raise ValueError(f"images: expected none, all, or a list of {', '.join(KINDS)}; found {choices}")
     return KINDS if "all" in choices else tuple(kind for kind in KINDS if kind in choices)
 
 
@@ -57,7 +57,7 @@ class OcclusionConfig:
         if self.target and not (len(self.target) == 2 and 0 <= self.target[0] < self.target[1] <= 1):
             raise ValueError(
                 f"occlusion.target: expected [least, greatest] fraction of joints, 0 <= least < greatest <= 1, "
-                f"got {list(self.target)}"
+                f"found {list(self.target)}"
             )
         check_range("occlusion", self, 1, inf, "views")
 
@@ -120,9 +120,9 @@ class GenerateConfig(ProcessesConfig):
         check_range("", self, 1, inf, "clips")
         super().__post_init__()
         if self.first + self.clips > MOST_CLIPS:
-            raise ValueError(f"first and clips: expected clips up to number {MOST_CLIPS - 1}, got {self.first}")
+            raise ValueError(f"first and clips: expected clips up to number {MOST_CLIPS - 1}, found {self.first}")
         if not re.fullmatch(r"([A-Za-z0-9_][A-Za-z0-9_.-]*)?", self.prefix):
-            raise ValueError(f"prefix: expected letters, digits, _ - and ., not first, got {self.prefix!r}")
+            raise ValueError(f"prefix: expected letters, digits, _ - and ., not first, found {self.prefix!r}")
         image_kinds(self.images)
 
     @property

@@ -86,7 +86,7 @@ def _wanted(train: float, validation: float, test: float) -> dict[str, float]:
     shares = {"train": train, "validation": validation, "test": test}
     if min(shares.values()) < 0 or abs(sum(shares.values()) - 1) > 1e-6:
         listed = ", ".join(f"{name}={share:g}" for name, share in shares.items())
-        raise ValueError(f"expected shares from 0 to 1 that add up to 1, got {listed}")
+        raise ValueError(f"expected shares from 0 to 1 that add up to 1, found {listed}")
     return {name: share for name, share in shares.items() if share > 0}
 
 

@@ -208,7 +208,7 @@ class Ghosts:
         check_range("detector.ghosts", self, 0, 1, "joints")
         check_beta("detector.ghosts.score", self.score)
         if self.count and not 0 < self.joints < 1:
-            raise ValueError(f"detector.ghosts.joints: expected a number above 0 and below 1, got {self.joints}")
+            raise ValueError(f"detector.ghosts.joints: expected a number above 0 and below 1, found {self.joints}")
 
     def apply(self, view: View) -> View:
         from dmae.numerics.statistics import ar1_noise, beta_quantile, bursts, multiscale_noise

@@ -13,7 +13,7 @@ from synth.checks import check_range
 def check_beta(name: str, shape: Sequence[float]) -> None:
     """Raise ValueError if `shape` is not (a, b) of a Beta distribution. With b = 0 the value is always 1."""
     if len(shape) != 2 or not shape[0] > 0 or not shape[1] >= 0:
-        raise ValueError(f"{name}: expected a > 0 and b >= 0 of a Beta distribution, got {list(shape)}")
+        raise ValueError(f"{name}: expected a > 0 and b >= 0 of a Beta distribution, found {list(shape)}")
 
 
 # One configuration for each kind of joint
@@ -58,12 +58,12 @@ class PartConfig:
         for name, length in (*((name, 2) for name in pairs), ("miss", 4)):
             found = getattr(self, name)
             if len(found) != length:
-                raise ValueError(f"detector part: expected {length} numbers of {name}, got {list(found)}")
+                raise ValueError(f"detector part: expected {length} numbers of {name}, found {list(found)}")
         amounts = ("noise", "hidden_noise", "hidden_tail", "covered_noise", "covered_tail", "score_correlation")
         check_range("detector part", self, 0, inf, *amounts)
         check_range("detector part", self, 0, inf, "tail", above=True)
         if not all(0 <= miss <= 1 for miss in self.miss):
-            raise ValueError(f"detector part.miss: expected probabilities from 0 to 1, got {list(self.miss)}")
+            raise ValueError(f"detector part.miss: expected probabilities from 0 to 1, found {list(self.miss)}")
         for name in ("score", "hidden_score", "covered_score"):
             if name == "score" or any(getattr(self, name)):
                 check_beta(f"detector part: {name}", getattr(self, name))

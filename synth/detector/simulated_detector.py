@@ -61,7 +61,7 @@ def detect(
     if occlusion.occluder is None:
         raise ValueError("occlusion: expected labels with occluders")
     if not fps > 0:
-        raise ValueError(f"fps: expected frames per second above 0, got {fps}")
+        raise ValueError(f"fps: expected frames per second above 0, found {fps}")
     custom = {name: load_function("detector.custom", name) for name in config.custom}
     xyz = truth.xyz[:, :, columns].astype(np.float64)
     xy, _ = rig.project(xyz)

@@ -45,9 +45,9 @@ class Times:
 
     def __post_init__(self):
         if not 0 <= self.correlation < float("inf"):
-            raise ValueError(f"detector.times.correlation: expected 0 or more, got {self.correlation}")
+            raise ValueError(f"detector.times.correlation: expected 0 or more, found {self.correlation}")
         if len(self.bursts) != 2 or not min(self.bursts) > 0:
-            raise ValueError(f"detector.times.bursts: expected two times above 0 s, got {list(self.bursts)}")
+            raise ValueError(f"detector.times.bursts: expected two times above 0 s, found {list(self.bursts)}")
 
 
 @dataclass(frozen=True)

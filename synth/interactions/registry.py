@@ -25,7 +25,7 @@ class Interaction(Entry):
 
     def __post_init__(self):
         if not 1 <= self.persons[0] <= self.persons[1]:
-            raise ValueError(f"interaction {self.name!r}: expected persons=(least, greatest), got {self.persons}")
+            raise ValueError(f"interaction {self.name!r}: expected persons=(least, greatest), found {self.persons}")
 
 
 interaction = Registry("interaction", Interaction, __package__, option="interaction.kind", plain=False)

@@ -365,7 +365,7 @@ def carry(scene: Scene, state: BodyState, fps: float) -> tuple[PeopleContacts, B
     """
     if fps < LEAST_FPS:
         raise ValueError(
-            f"forces: expected {LEAST_FPS:g} frames per second or more, got {fps:g}: accelerations cannot be "
+            f"forces: expected {LEAST_FPS:g} frames per second or more, found {fps:g}: accelerations cannot be "
             "computed from positions this far apart; generate the clips with a higher scene.fps"
         )
     seen, persons = look(scene, state.qpos), range(len(state.shapes))

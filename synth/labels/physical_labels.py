@@ -42,7 +42,7 @@ class PhysicalLabels:
 def check_kinds(kinds: list[str] | tuple[str, ...]) -> tuple[str, ...]:
     """Return kinds of labels in the order of `KINDS`. Raises ValueError if a kind is unknown, or there is none."""
     if not kinds or set(kinds) - set(KINDS):
-        raise ValueError(f"labels: expected a list of {', '.join(KINDS)}; got {list(kinds)}")
+        raise ValueError(f"labels: expected a list of {', '.join(KINDS)}; found {list(kinds)}")
     return tuple(kind for kind in KINDS if kind in kinds)
 
 

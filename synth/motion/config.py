@@ -91,7 +91,7 @@ class MotionConfig:
                 raise ValueError(f"motion.{what}: expected some of {', '.join(ACTIONS)}; found {unknown}")
         for name, weight in self.weights.items():
             if not 0 <= weight < np.inf:
-                raise ValueError(f"motion.weights.{name}: expected 0 or more, got {weight}")
+                raise ValueError(f"motion.weights.{name}: expected 0 or more, found {weight}")
         if self.actions and not any(self.weights.get(name, 1) for name in self.actions):
             raise ValueError(f"motion.weights: expected one above 0 among motion.actions, {self.actions}; all are 0")
         check_range("motion", self, 0, np.inf, "fps", "unit", above=True)

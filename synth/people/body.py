@@ -119,13 +119,13 @@ class Body:
         for name, low, high in (("feminine", 0, 1), ("legs", 0.9, 1.1), ("arms", 0.9, 1.1)):
             self._check(name, low, high)
         if not self.mass > 0:
-            raise ValueError(f"body: mass must be above 0 kg, got {self.mass}")
+            raise ValueError(f"body: mass must be above 0 kg, found {self.mass}")
         heavy = [self.mass * (girth / self.girth) ** 2 for girth in _GIRTHS]
         self._check("mass", *heavy, f" kg at {self.stature} m and {self.age:g} years")
 
     def _check(self, name: str, low: float, high: float, where: str = "") -> None:
         if not low <= getattr(self, name) <= high:
-            raise ValueError(f"body: {name} must lie in {low:.4g}..{high:.4g}{where}, got {getattr(self, name)}")
+            raise ValueError(f"body: {name} must lie in {low:.4g}..{high:.4g}{where}, found {getattr(self, name)}")
 
     @property
     def girth(self) -> float:

@@ -214,7 +214,7 @@ def simulate(
     if len(motions) != len(spec.persons) or lengths != {spec.planned_frames}:
         raise ValueError(
             f"expected {len(spec.persons)} motions of {spec.planned_frames} frames, "
-            f"got {len(motions)} of {sorted(lengths)} frames"
+            f"found {len(motions)} of {sorted(lengths)} frames"
         )
     scene = build_scene(spec, rig, painted=painted)
     bodies = [person.body for person in spec.persons]

@@ -44,7 +44,7 @@ class MountConfig:
         x0, y0, x1, y1 = self.area or (0, 0, 1, 1)
         if len(self.area) not in (0, 4) or not (x0 < x1 and y0 < y1) or not np.isfinite((x0, y0, x1, y1)).all():
             raise ValueError(
-                f"mount.area: expected least x, least y, greatest x and greatest y, m, got {list(self.area)}"
+                f"mount.area: expected least x, least y, greatest x and greatest y, m, found {list(self.area)}"
             )
         check_range("mount", self, 2, MOST_PLACES, "places")
         check_range("mount", self, 0, 90, "steepest_deg", above=True)
@@ -64,9 +64,9 @@ class LensConfig:
 
     def __post_init__(self):
         if not self.view_deg or not all(1 <= angle <= 150 for angle in self.view_deg):
-            raise ValueError(f"lens.view_deg: expected fields of view from 1 to 150 degrees, got {list(self.view_deg)}")
+            raise ValueError(f"lens.view_deg: expected fields of view of 1 to 150 degrees, found {list(self.view_deg)}")
         if len(self.size) != 2 or not all(1 <= side <= 20_000 for side in self.size):
-            raise ValueError(f"lens.size: expected [width, height], 1 to 20000 px each, got {list(self.size)}")
+            raise ValueError(f"lens.size: expected [width, height], 1 to 20000 px each, found {list(self.size)}")
 
     def matrix(self, view_deg: float) -> np.ndarray:
         """Return (3, 3) K for a horizontal field of view, px."""

@@ -100,8 +100,8 @@ def on_body25(clip: Clip) -> Clip:
     """Return a clip with its detections on BODY25. Raises ValueError if it has no truth, or no visibility labels."""
     if clip.truth is None or clip.occlusion is None:
         raise ValueError(
-            f"clip {clip.id!r}: truth=annotated fits to clips with truth and labels of visibility, as "
-            "dmae detect clip=... keeps them of what synth generate made"
+            f"clip {clip.id!r}: truth=annotated fits to clips with truth and labels of visibility, which "
+            "synth generate makes and dmae detect clip=... keeps"
         )
     return replace(clip, detections=convert_detections(clip.detections, BODY25), detection_labels=None)
 

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 def check_image(group: str, focal: float, size: list[int]) -> None:
     """Raise ValueError if these are not a focal length, px, and an image size, px; the message names the field."""
     if not 0 < focal < np.inf:
-        raise ValueError(f"{group}.focal: expected more than 0 px, got {focal}")
+        raise ValueError(f"{group}.focal: expected more than 0 px, found {focal}")
     if len(size) != 2 or min(size) < 1:
-        raise ValueError(f"{group}.size: expected [width, height], at least 1 px each, got {list(size)}")
+        raise ValueError(f"{group}.size: expected [width, height], at least 1 px each, found {list(size)}")
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ class RandomConfig:
         if not 0 <= self.views_at_least <= self.views:
             raise ValueError(
                 f"rig.random.views_at_least: expected 0 to rig.random.views, which is {self.views}; "
-                f"got {self.views_at_least}"
+                f"found {self.views_at_least}"
             )
         if not self.lenses:
             raise ValueError(f"rig.random.lenses: expected at least one of {[lens.value for lens in Lens]}")
@@ -222,9 +222,9 @@ class RigConfig:
 
     def __post_init__(self):
         if len(self.origin) != 3 or not np.isfinite(self.origin).all():
-            raise ValueError(f"rig.origin: expected x, y, z in m, got {list(self.origin)}")
+            raise ValueError(f"rig.origin: expected x, y, z in m, found {list(self.origin)}")
         if self.size and (len(self.size) != 2 or min(self.size) < 1):
-            raise ValueError(f"rig.size: expected [width, height], at least 1 px each, got {list(self.size)}")
+            raise ValueError(f"rig.size: expected [width, height], at least 1 px each, found {list(self.size)}")
 
         if self.path or self.cameras:
             for kind, usual in (("ring", RingConfig()), ("dome", DomeConfig()), ("random", RandomConfig())):

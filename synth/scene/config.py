@@ -56,7 +56,7 @@ class SceneConfig:
         check_range("scene", self, 0, 1000.0, "radius", "gathering", above=True, unit=" m")
         check_range("scene", self, 0, 1, "children")
         if len(self.middle) != 2 or not np.isfinite(self.middle).all():
-            raise ValueError(f"scene.middle: expected x and y, m, got {list(self.middle)}")
+            raise ValueError(f"scene.middle: expected x and y, m, found {list(self.middle)}")
         if self.props[1] and not self.prop_kinds:
             raise ValueError(f"scene.prop_kinds is empty, but scene.props asks for up to {self.props[1]}")
 

@@ -78,7 +78,7 @@ def export(
     if images not in ImageFormat.__members__:
         raise ValueError(f"images={images!r}: expected one of {', '.join(ImageFormat.__members__)}")
     if every < 1:
-        raise ValueError(f"every: expected 1 or more frames, got {every}")
+        raise ValueError(f"every: expected 1 or more frames, found {every}")
     check_workers(workers)
     folders = clip_folders(data)
     if not damaged:

@@ -73,4 +73,4 @@ def test_a_dry_run_prints_a_forecast_and_writes_nothing(folder, command):
 def test_a_number_of_workers_is_not_0(folder, command):
     done = run_command(folder, "dmae", *LINES[command], "workers=0", "out=none")
     assert done.returncode == 1
-    assert "workers: expected a number of processes, or -1 for one per core; got 0" in done.stderr
+    assert "workers: expected a number of processes, or -1 for one per core; found 0" in done.stderr

@@ -175,7 +175,7 @@ def test_bad_input_is_refused(clips, images, tmp_path):
         WindowDataset(clips)
     with pytest.raises(ValueError, match=r"no poses of 3 frames"):
         WindowDataset(images, frames=3, of="poses")
-    with pytest.raises(ValueError, match="got frames=0"):
+    with pytest.raises(ValueError, match="found frames=0"):
         WindowDataset(clips, frames=0)
     with pytest.raises(ValueError, match=r"expected images of kind rgb, found none; synth generate images=rgb"):
         FrameDataset(clips)

@@ -66,7 +66,7 @@ def test_only_joints_of_body25_count():
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"target": [0.5, 0.3]}, r"occlusion.target: expected \[least, greatest\].*got \[0.5, 0.3\]"),
+        ({"target": [0.5, 0.3]}, r"occlusion.target: expected \[least, greatest\].*found \[0.5, 0.3\]"),
         ({"target": [0.3, 0.3]}, "occlusion.target"),
         ({"target": [-0.1, 0.3]}, "occlusion.target"),
         ({"target": [0.3, 1.2]}, "occlusion.target"),

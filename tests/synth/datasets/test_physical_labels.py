@@ -92,7 +92,7 @@ def test_damaged_clips_and_clips_without_states_are_refused(data, tmp_path):
 
 def test_frames_too_far_apart_are_refused(tmp_path):
     generate(config(tmp_path / "slow", scene={"fps": 5.0}))
-    with pytest.raises(ValueError, match="12 frames per second or more, got 5"):
+    with pytest.raises(ValueError, match="12 frames per second or more, found 5"):
         make_labels(tmp_path / "slow/000000", ["forces"])
     assert make_labels(tmp_path / "slow/000000", ["surface"]).kinds == ("surface",)
 

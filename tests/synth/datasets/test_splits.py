@@ -129,7 +129,7 @@ def test_the_command_writes_what_export_takes(data, tmp_path):
     ("arguments", "said"),
     [
         (["data=none"], "none: no such file or folder. Expected: Folder of a data set; or a folder of takes"),
-        (["data=set", "train=0.9"], "expected shares from 0 to 1 that add up to 1, got train=0.9"),
+        (["data=set", "train=0.9"], "expected shares from 0 to 1 that add up to 1, found train=0.9"),
         (["data=set", "train=1.1", "validation=-0.2"], "expected shares from 0 to 1"),
         (["data=set", "by=rig"], "its 6 clips are 1 groups that share nothing, too few for 3 splits"),
         (["data=bare"], "no scene in the provenance"),

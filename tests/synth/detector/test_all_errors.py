@@ -138,5 +138,5 @@ def test_an_error_of_your_own_that_is_not_there_is_refused(truth, occlusion, rig
 
 
 def test_times_of_errors_are_checked():
-    with pytest.raises(ValueError, match=r"detector\.times\.correlation: expected 0 or more, got -1"):
+    with pytest.raises(ValueError, match=r"detector\.times\.correlation: expected 0 or more, found -1"):
         Times(correlation=-1)

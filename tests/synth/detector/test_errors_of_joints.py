@@ -215,15 +215,15 @@ def test_labels_of_another_rig_are_refused(truth, occlusion, rig):
     [
         (
             lambda: Misses(neighbour_correlation=1.2),
-            r"detector\.misses\.neighbour_correlation: expected a number from 0 to 1, got 1\.2",
+            r"detector\.misses\.neighbour_correlation: expected a number from 0 to 1, found 1\.2",
         ),
         (lambda: Merges(probability=-0.1), r"detector\.merges\.probability: expected a number from 0 to 1"),
         (lambda: Drops(probability=float("nan")), r"detector\.drops\.probability: expected a number from 0 to 1"),
-        (lambda: Noise(blur=-1), r"detector\.noise\.blur: expected 0 or more, got -1"),
+        (lambda: Noise(blur=-1), r"detector\.noise\.blur: expected 0 or more, found -1"),
         (lambda: Times(bursts=[1.0]), r"detector\.times\.bursts: expected two times above 0 s"),
         (lambda: Scores(hidden=[1.0]), r"detector\.scores\.hidden: expected a > 0 and b >= 0"),
         (lambda: Ghosts(count=1.0, joints=1.0), r"detector\.ghosts\.joints: expected a number above 0"),
-        (lambda: PartConfig(offset=[0.1]), r"expected 2 numbers of offset, got \[0\.1\]"),
+        (lambda: PartConfig(offset=[0.1]), r"expected 2 numbers of offset, found \[0\.1\]"),
         (lambda: PartConfig(noise=-1.0), r"detector part\.noise: expected 0 or more"),
         (lambda: PartConfig(score=[-1.0, 2.0]), "detector part: score: expected a > 0"),
     ],

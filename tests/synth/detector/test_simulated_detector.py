@@ -192,5 +192,5 @@ def test_an_empty_scene_has_no_detections(rig):
 
 
 def test_a_part_of_the_wrong_shape_is_refused():
-    with pytest.raises(ValueError, match=r"expected 4 numbers of miss, got \[0.1\]"):
+    with pytest.raises(ValueError, match=r"expected 4 numbers of miss, found \[0.1\]"):
         PartConfig(miss=[0.1])

@@ -156,7 +156,7 @@ def test_forces_and_weight_balance_within_2_percent_where_people_rest(kind):
 
 def test_frames_too_far_apart_are_refused(walker):
     built, simulation = walker
-    with pytest.raises(ValueError, match="12 frames per second or more, got 4"):
+    with pytest.raises(ValueError, match="12 frames per second or more, found 4"):
         carry(built, simulation.state, 4.0)
 
 

@@ -192,7 +192,7 @@ def test_all_looks_have_valid_surfaces(style, long):
     ],
 )
 def test_impossible_bodies_are_refused_in_one_line(field, given):
-    with pytest.raises(ValueError, match=rf"^body: {field} must .*, got {given[field]}$") as error:
+    with pytest.raises(ValueError, match=rf"^body: {field} must .*, found {given[field]}$") as error:
         Body(**given)
     assert "\n" not in str(error.value)
 

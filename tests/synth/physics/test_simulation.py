@@ -143,7 +143,7 @@ def test_people_step_around_obstacles():
 
 
 def test_motions_must_fit_the_spec():
-    with pytest.raises(ValueError, match=r"expected 2 motions of 30 frames, got 1 of \[25\] frames"):
+    with pytest.raises(ValueError, match=r"expected 2 motions of 30 frames, found 1 of \[25\] frames"):
         simulate(scene([BODY, OTHER], 30), RIG, [gliding(BODY, 25, (0, 0), (1, 0))])
 
 

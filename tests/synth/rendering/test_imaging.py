@@ -84,7 +84,7 @@ def test_jpeg_of_low_quality_leaves_the_edges_of_its_blocks():
 @pytest.mark.parametrize("given", [{"lamp": -1}, {"electrons": np.nan}, {"shutter": np.inf}, {"jpeg": 101}])
 def test_values_out_of_range_are_refused(given):
     ((name, value),) = given.items()
-    with pytest.raises(ValueError, match=re.escape(f"imaging.{name}: expected") + ".*" + re.escape(f"got {value}")):
+    with pytest.raises(ValueError, match=re.escape(f"imaging.{name}: expected") + ".*" + re.escape(f"found {value}")):
         ImagingConfig(**given)
 
 

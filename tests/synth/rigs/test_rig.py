@@ -81,7 +81,7 @@ def test_a_camera_may_look_straight_down():
         ({"cam_from_world": [-x for x in AHEAD]}, "holds no rotation"),
         ({"K": [-50.0, 0, 32, 0, 50, 24, 0, 0, 1]}, "focal lengths must be positive"),
         ({"focal": 50.0}, "either K or focal, found both"),
-        ({"K": [], "focal": -50.0}, "focal: expected more than 0 px, got -50.0"),
+        ({"K": [], "focal": -50.0}, "focal: expected more than 0 px, found -50.0"),
         ({"size": [0, 48]}, "image size must be positive"),
         ({"size": [64]}, "expected 2 numbers of size, found 1"),
         ({"position": [1.0, 2, 3]}, "expected 3 numbers of target, found 0"),
@@ -97,7 +97,7 @@ def test_a_malformed_camera_is_named(change, complaint):
 
 
 def test_two_cameras_of_one_name_are_refused():
-    with pytest.raises(ValueError, match=r"'mine': camera names must be unique, got \('left', 'left'\)"):
+    with pytest.raises(ValueError, match=r"'mine': camera names must be unique, found \('left', 'left'\)"):
         make_rig(RigConfig(name="mine", cameras=[CameraConfig(**LEFT)] * 2), rng=rng())
 
 

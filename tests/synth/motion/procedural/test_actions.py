@@ -205,7 +205,7 @@ def test_a_turn_ends_where_it_says():
     [
         ({"actions": ["kick", "jump"]}, "motion.actions: expected some of walk, turn, .*; found 'jump'"),
         ({"weights": {"fly": 1.0}}, "motion.weights: expected some of walk, .*; found 'fly'"),
-        ({"weights": {"kick": -1.0}}, "motion.weights.kick: expected 0 or more, got -1.0"),
+        ({"weights": {"kick": -1.0}}, "motion.weights.kick: expected 0 or more, found -1.0"),
         ({"actions": ["kick"], "weights": {"kick": 0.0}}, "expected one above 0"),
     ],
 )
