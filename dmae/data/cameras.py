@@ -1,7 +1,7 @@
 """Calibrated cameras: project points to pixels, cast rays through pixels."""
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from math import prod
 
 import cv2
@@ -168,7 +168,8 @@ class CameraRig:
 
     def _distort(self, view: int, points: np.ndarray) -> np.ndarray:
         if self.fisheye[view]:
-            return cv2.fisheye.distortPoints(points, np.eye(3), self.dist[view, :4])
+            # OpenCV reads the points as if they followed each other in memory.
+            return cv2.fisheye.distortPoints(np.ascontiguousarray(points), np.eye(3), self.dist[view, :4])
         rays = np.concatenate([points, np.ones_like(points[..., :1])], -1)
         return cv2.projectPoints(rays, np.zeros(3), np.zeros(3), np.eye(3), self._opencv_dist(view))[0]
 
@@ -180,7 +181,7 @@ class CameraRig:
         """
         return np.array(
             [
-                np.tan(_fisheye_reach(dist[:4])) if fisheye else _radial_reach(dist)
+                np.tan(_fisheye_reach(tuple(dist[:4]))) if fisheye else _radial_reach(tuple(dist))
                 for dist, fisheye in zip(self.dist, self.fisheye, strict=True)
             ]
         )
@@ -248,7 +249,8 @@ def _read_only(values: np.ndarray) -> np.ndarray:
     return values
 
 
-def _radial_reach(dist: np.ndarray) -> float:
+@lru_cache(maxsize=1000)
+def _radial_reach(dist: tuple[float, ...]) -> float:
     """Return the tangent of the angle off axis up to which OpenCV's rational polynomial increases, or inf."""
     square = np.linspace(0, 10, 10001) ** 2
     k1, k2, _, _, k3, k4, k5, k6 = np.pad(dist, (0, 8 - len(dist)))
@@ -263,7 +265,8 @@ def _distorted_angle(k: np.ndarray, angle: np.ndarray) -> np.ndarray:
     return angle * (1 + square * (k[0] + square * (k[1] + square * (k[2] + square * k[3]))))
 
 
-def _fisheye_reach(k: np.ndarray) -> float:
+@lru_cache(maxsize=1000)
+def _fisheye_reach(k: tuple[float, ...]) -> float:
     """Return the angle off axis, rad, up to which a fisheye is monotonic; at most pi / 2 - 0.001."""
     angle = np.linspace(0, np.pi / 2 - 1e-3, 10001)
     growing = np.diff(_distorted_angle(k, angle)) > 0
@@ -272,7 +275,7 @@ def _fisheye_reach(k: np.ndarray) -> float:
 
 def _undistorted_ratio(k: np.ndarray, distorted: np.ndarray) -> np.ndarray:
     """Return the ratio of ideal to distorted radius, NaN beyond the lens: four Newton steps from a table."""
-    table = np.linspace(0, _fisheye_reach(k), 1001)
+    table = np.linspace(0, _fisheye_reach(tuple(k)), 1001)
     angle = np.interp(distorted, _distorted_angle(k, table), table, right=np.nan)
     for _ in range(4):
         square = angle**2

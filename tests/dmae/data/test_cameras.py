@@ -76,6 +76,8 @@ def test_fisheye_projection_agrees_with_opencv():
             xyz.reshape(-1, 1, 3), cv2.Rodrigues(T[:3, :3])[0], T[:3, 3], rig.K[view], rig.dist[view, :4]
         )
         np.testing.assert_allclose(xy[:, view].reshape(-1, 2), want[:, 0], atol=1e-8)
+    one = xyz.reshape(-1, 3)
+    np.testing.assert_allclose(rig.project(one)[0], rig.project(one[None])[0][0].swapaxes(0, 1), atol=1e-9)
 
 
 @pytest.mark.parametrize("k", [(0.05, -0.01, 0.003, -0.001), (-0.2, 0.02, 0, 0), (0, 0, 0, 0), (0.9, 0, 0, 0)])
