@@ -19,6 +19,7 @@ rotation (3), centre (3), focal length, k1, time offset, drift.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +27,7 @@ from scipy.spatial.transform import Rotation
 
 from dmae.data.cameras import CameraRig
 from dmae.data.skeleton import Skeleton
+from dmae.numerics.compiled import compiled
 from dmae.numerics.filling import are_stills
 from dmae.numerics.statistics import evenly_spaced
 
@@ -75,16 +77,15 @@ class Calibration:
         in s and s/s.
         """
         rig = self.rig
-        turned = Rotation.from_rotvec(step[:, ROTATION]).as_matrix()
-        R = rig.cam_from_world[:, :3, :3] @ turned.swapaxes(-1, -2)
-        pose = rig.cam_from_world.copy()
-        pose[:, :3, :3] = R
-        pose[:, :3, 3] = -(R @ (rig.centers + step[:, CENTRE])[..., None])[..., 0]
-        K, dist = rig.K.copy(), rig.dist.copy()
-        K[:, :2, :2] *= np.exp(step[:, FOCAL])[:, None, None]
-        dist[:, 0] += step[:, K1]
-        changed = replace(rig, K=K, dist=dist, cam_from_world=pose)
-        return Calibration(changed, self.offset + step[:, OFFSET], self.drift + step[:, DRIFT])
+        if step[:, :OFFSET].any():
+            turned = Rotation.from_rotvec(step[:, ROTATION]).as_matrix()
+            pose, K, dist = rig.cam_from_world.copy(), rig.K.copy(), rig.dist.copy()
+            pose[:, :3, :3] = R = pose[:, :3, :3] @ turned.swapaxes(-1, -2)
+            pose[:, :3, 3] = -(R @ (rig.centers + step[:, CENTRE])[..., None])[..., 0]
+            K[:, :2, :2] *= np.exp(step[:, FOCAL])[:, None, None]
+            dist[:, 0] += step[:, K1]
+            rig = replace(rig, K=K, dist=dist, cam_from_world=pose)
+        return Calibration(rig, self.offset + step[:, OFFSET], self.drift + step[:, DRIFT])
 
     def with_step(self, view: int, step: np.ndarray) -> Calibration:
         """Return the calibration with one camera changed by a step (Q,)."""
@@ -169,42 +170,102 @@ class Observations:
 
         Also returns their expected error (M, V, J) m at the depth of the body, NaN where there is no detection.
         """
-        tracks, fps = self.tracks, self.tracks.fps
-        view = np.arange(len(calibration.rig))
-        shift = (calibration.offset + calibration.drift * self.frame[:, None] / fps) * fps
-        whole = np.rint(shift).astype(int)
-        place, velocity = self._line(whole, view, np.linalg.norm(calibration.rig.size, axis=-1)[:, None, None])
-        xy = place + velocity * (shift - whole)[..., None, None]
-        sigma = self._sample(tracks.sigma, whole, view)
-        velocity = np.nan_to_num(velocity) * fps
-        return xy, velocity, sigma
+        tracks, rig = self.tracks, calibration.rig
+        shift = calibration.offset * tracks.fps + calibration.drift * self.frame[:, None]
+        most = _MOST_SHARE * np.linalg.norm(rig.size, axis=-1)
+        around = 0 if are_stills(tracks.fps) else _LINE_FRAMES
+        found = _lines(tracks.xy, tracks.sigma, self.frame, self.person, shift, most, around)
+        return found[0], found[1] * tracks.fps, found[2]
 
-    def _line(self, shift: np.ndarray, view: np.ndarray, diagonal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return position (M, V, J, 2), px, and velocity, px/frame, of a line fitted to the frames around each time.
 
-        Its noise is the same between frames as on them. An interpolation has the least noise half way between two
-        frames, so that any camera would seem to be half a frame late.
-        """
-        middle = self._sample(self.tracks.xy, shift, view)
-        if are_stills(self.tracks.fps):
-            return middle, np.zeros_like(middle)
-        n = k1 = k2 = x = kx = 0
-        for k in range(-_LINE_FRAMES, _LINE_FRAMES + 1):
-            off = self._sample(self.tracks.xy, shift + k, view) - middle
-            # A jump means another person or a gross error.
-            known = np.abs(off) < _MOST_SHARE * diagonal * (abs(k) + 1)
-            off = np.where(known, off, 0)
-            n, k1, k2, x, kx = n + known, k1 + k * known, k2 + k * k * known, x + off, kx + k * off
-        spread = n * k2 - k1 * k1
-        velocity = np.where(spread > 0, (n * kx - k1 * x) / np.maximum(spread, 1), 0)
-        return middle + (x - velocity * k1) / np.maximum(n, 1), velocity
+@compiled()
+def _lines(xy, sigma, frame, person, shift, most, around):
+    """Return position (M, V, J, 2), px, velocity, px/frame, and sigma of a line fitted to the frames around each time.
 
-    def _sample(self, array: np.ndarray, shift: np.ndarray, view: np.ndarray) -> np.ndarray:
-        """Return (M, V, ...) of an array (F, P, V, ...), shifted by frames (M, V); NaN outside of the clip."""
-        row = self.frame[:, None] + shift
-        inside = (row >= 0) & (row < len(array))
-        found = array[np.where(inside, row, 0), self.person[:, None], view]
-        return np.where(inside.reshape(*inside.shape, *(1,) * (found.ndim - 2)), found, np.nan)
+    Its noise is the same between frames as on them. An interpolation has the least noise half way between two frames,
+    so that any camera would seem to be half a frame late.
+
+    Args:
+        shift: (M, V) frames by which each camera is late.
+        most: (V,) px, largest movement from frame to frame; a jump means another person or a gross error.
+        around: Number of frames before and after that are used.
+    """
+    shape = (*shift.shape, xy.shape[3])
+    place, velocity = np.full((*shape, 2), np.nan), np.zeros((*shape, 2))
+    error = np.full(shape, np.nan)
+    for m in range(shape[0]):
+        for v in range(shape[1]):
+            whole = int(np.rint(shift[m, v]))
+            row = frame[m] + whole
+            if row < 0 or row >= len(xy):
+                continue
+            error[m, v] = sigma[row, person[m], v]
+            for j in range(shape[2]):
+                for axis in range(2):
+                    middle = xy[row, person[m], v, j, axis]
+                    n = k1 = k2 = 0
+                    x = kx = 0.0
+                    for k in range(-around, around + 1):
+                        if 0 <= row + k < len(xy):
+                            off = xy[row + k, person[m], v, j, axis] - middle
+                            if abs(off) < most[v] * (abs(k) + 1):
+                                n, k1, k2, x, kx = n + 1, k1 + k, k2 + k * k, x + off, kx + k * off
+                    spread = n * k2 - k1 * k1
+                    slope = (n * kx - k1 * x) / spread if spread > 0 else 0.0
+                    place[m, v, j, axis] = middle + (x - slope * k1) / max(n, 1) + slope * (shift[m, v] - whole)
+                    velocity[m, v, j, axis] = slope
+    return place, velocity, error
+
+
+@compiled()
+def project(camera, point, slope):
+    """Return x and y, px, and depth, m, of a point, as `CameraRig.project` does: NaN for points that have no pixel.
+
+    Args:
+        camera: Its entries of `arrays_of`.
+        slope: (2, 4) becomes the derivatives of x and y by the point and by k1.
+    """
+    K, lens, pose, fisheye, reach = camera
+    depth = pose[2, 0] * point[0] + pose[2, 1] * point[1] + pose[2, 2] * point[2] + pose[2, 3]
+    if not depth > 0:
+        return np.nan, np.nan, depth
+    x = (pose[0, 0] * point[0] + pose[0, 1] * point[1] + pose[0, 2] * point[2] + pose[0, 3]) / depth
+    y = (pose[1, 0] * point[0] + pose[1, 1] * point[1] + pose[1, 2] * point[2] + pose[1, 3]) / depth
+    square = x * x + y * y
+    if not square < reach * reach:
+        return np.nan, np.nan, depth
+    # The lens multiplies x and y by a ratio, which changes with the square of the radius and with k1.
+    k1, k2, p1, p2, k3, k4, k5, k6 = lens[0], lens[1], lens[2], lens[3], lens[4], lens[5], lens[6], lens[7]
+    if not fisheye:
+        below = 1 + square * (k4 + square * (k5 + square * k6))
+        ratio = (1 + square * (k1 + square * (k2 + square * k3))) / below
+        growth = k1 + square * (2 * k2 + square * 3 * k3) - ratio * (k4 + square * (2 * k5 + square * 3 * k6))
+        growth, by_k1 = growth / below, square / below
+    elif square < 1e-8:
+        ratio, growth, by_k1, p1, p2 = 1.0, k1 - 1 / 3, square, 0.0, 0.0
+    else:
+        radius = np.sqrt(square)
+        angle = np.arctan(radius)
+        t = angle * angle
+        ratio = angle * (1 + t * (k1 + t * (k2 + t * (p1 + t * p2)))) / radius
+        growth = (1 + t * (3 * k1 + t * (5 * k2 + t * (7 * p1 + t * 9 * p2)))) / (1 + square)
+        growth, by_k1, p1, p2 = (growth - ratio) / (2 * square), angle * t / radius, 0.0, 0.0
+    across = 2 * (x * y * growth + p1 * x + p2 * y)
+    xx, yy = ratio + 2 * x * x * growth + 2 * p1 * y + 6 * p2 * x, ratio + 2 * y * y * growth + 6 * p1 * y + 2 * p2 * x
+    u = x * ratio + 2 * p1 * x * y + p2 * (square + 2 * x * x)
+    w = y * ratio + 2 * p2 * x * y + p1 * (square + 2 * y * y)
+    for axis in range(2):
+        by_x, by_y = K[axis, 0] * xx + K[axis, 1] * across, K[axis, 0] * across + K[axis, 1] * yy
+        for k in range(3):
+            slope[axis, k] = (by_x * (pose[0, k] - x * pose[2, k]) + by_y * (pose[1, k] - y * pose[2, k])) / depth
+        slope[axis, 3] = (K[axis, 0] * x + K[axis, 1] * y) * by_k1
+    return K[0, 0] * u + K[0, 1] * w + K[0, 2], K[1, 0] * u + K[1, 1] * w + K[1, 2], depth
+
+
+def arrays_of(rig: CameraRig) -> tuple[np.ndarray, ...]:
+    """Return what `project` reads: K, eight coefficients of the lens, the pose, whether it is a fisheye, its reach."""
+    lens = np.pad(rig.dist, ((0, 0), (0, 8 - rig.dist.shape[1])))
+    return rig.K.copy(), lens, rig.cam_from_world.copy(), rig.fisheye.copy(), rig.reach.copy()
 
 
 ROBUST = 2.0
@@ -213,16 +274,14 @@ _BONE_SIGMA = 0.08  # Standard deviation of the measured length of a bone betwee
 OFFSET_M, _ALIKE_S = 0.02, 1.0
 """m at the depth of the person, standard deviation of constant offsets; s, duration of the other errors."""
 _MIN_DEPTH, _MIN_SIGMA_PX = 0.1, 1.0
+_LOST = 25.0  # Cost of a detection of a joint without a pixel: of an outlier
 
 
 class AdjustmentProblem:
     """The constants of an adjustment."""
 
-    def __init__(
-        self, observations: Observations, origin: Calibration, freedom: Freedom, bones: bool, offsets: bool = False
-    ):
-        self.observations, self.origin, self.freedom = observations, origin, freedom
-        self.offset_views = np.arange(len(freedom.free)) if offsets else np.empty(0, int)
+    def __init__(self, observations: Observations, origin: Calibration, xyz, freedom: Freedom, bones, offsets):
+        self.observations, self.origin, self.offsets = observations, origin, offsets
         self.people, self.person = np.unique(observations.person, return_inverse=True)
         # An error that lasts for several frames counts once, for any number of these frames.
         fps = observations.tracks.fps
@@ -231,9 +290,16 @@ class AdjustmentProblem:
         self.offset_weight = bodies_a_second * _ALIKE_S / OFFSET_M**2
         self.free = np.flatnonzero(freedom.free)
         self.bones = np.array(observations.tracks.skeleton.bones).reshape(-1, 2) if bones else np.empty((0, 2), int)
-        self.timed = freedom.free[:, [OFFSET, DRIFT]].any()
-        self.fixed_seen = None if self.timed else observations.seen(origin)
-        self.depth: np.ndarray | None = None
+        self.fixed_seen = None if freedom.free[:, [OFFSET, DRIFT]].any() else observations.seen(origin)
+        self.prior = np.where(freedom.free, 1 / freedom.prior**2, 0)
+        # The depth at the start is used: if errors grew with nearness, a smaller world would fit better.
+        pose = origin.rig.cam_from_world
+        self.depth = np.ascontiguousarray((xyz @ pose[:, 2, :3].T + pose[:, 2, 3]).swapaxes(1, 2))
+        near = self.depth <= _MIN_DEPTH
+        for view in np.flatnonzero(near.any((0, 2))):
+            depth = self.depth[:, view]
+            usual = depth[depth > _MIN_DEPTH]
+            depth[near[:, view]] = np.median(usual) if len(usual) else 1.0
 
 
 class AdjustmentState:
@@ -244,46 +310,26 @@ class AdjustmentState:
     ):
         """
         Args:
-            offset: (people, A, J, 2) m at the depth of the person; None for zeros.
+            offset: (people, V, J, 2) m at the depth of the person; None for zeros.
         """
         self.problem, self.calibration, self.xyz = problem, calibration, xyz
-        shape = (len(problem.people), len(problem.offset_views), xyz.shape[1], 2)
+        shape = (len(problem.people) * problem.offsets, len(calibration.rig), xyz.shape[1], 2)
         self.offset = np.zeros(shape) if offset is None else offset
-        rig = calibration.rig
         xy, self.velocity, sigma = problem.fixed_seen or problem.observations.seen(calibration)
-        pixels, depth = rig.project(xyz)
-        self.pixels, depth = pixels, np.where(depth > _MIN_DEPTH, depth, np.nan)
-        focal = rig.focal[:, None]
-        self.residual = pixels - xy
-        if problem.depth is None:
-            known = np.where(np.isnan(depth).all((0, 2))[:, None], 1.0, depth)
-            usual = np.nanmedian(known, (0, 2)) if known.size else np.ones(depth.shape[1])
-            problem.depth = np.where(np.isnan(depth), usual[:, None], depth)
-        self.unit = (focal / problem.depth)[:, problem.offset_views]
-        self.residual[:, problem.offset_views] += self.offset[problem.person] * self.unit[..., None]
-        # The depth at the start is used: if errors grew with nearness, a smaller world would fit better.
-        scale = 1 / np.maximum(sigma * focal / problem.depth, _MIN_SIGMA_PX)
-        known = np.isfinite(self.residual).all(-1) & np.isfinite(scale) & np.isfinite(depth)
-        # One view alone says nothing about cameras.
-        known &= known.sum(1, keepdims=True) >= 2
-        self.known, self.scale = known, np.where(known, scale, 0)
-        self.residual = np.where(known[..., None], self.residual, 0)
-        self.error2 = (self.residual**2).sum(-1) * self.scale**2
-        self.robust = 1 / (1 + self.error2 / ROBUST**2)
-        cost = ROBUST**2 * np.log1p(self.error2 / ROBUST**2)
-        self.cost = np.where(known, cost, 0).sum((1, 2))
-        # Joints that are behind a camera that detected them, and joints at unknown places, cost as much as an outlier.
-        lost = np.isfinite(sigma) & ~known & (np.isfinite(sigma).sum(1, keepdims=True) >= 2)
-        self.cost = self.cost + 25.0 * lost.sum((1, 2))
+        self.cameras = arrays_of(calibration.rig)
+        self.unit = calibration.rig.focal[:, None] / problem.depth
+        self.residual, self.scale, self.error2, self.cost = _measure(
+            self.cameras, xyz, xy, sigma, self.unit, self.offset, problem.person
+        )
+        self.known = self.scale > 0
+        self.weight = self.scale**2 / (1 + self.error2 / ROBUST**2)
         self.bone_cost = self._bones()
-        self.step = problem.origin.difference(calibration)
-        self.prior_weight = 1 / problem.freedom.prior**2
-        prior_cost = float(((self.step / problem.freedom.prior) ** 2).sum())
-        offset_cost = problem.offset_weight * (self.offset**2).sum()
-        self.total = float(self.cost.sum() + self.bone_cost + prior_cost + offset_cost)
+        self.step = problem.origin.difference(calibration) if problem.prior.any() else np.zeros(problem.prior.shape)
+        rest = self.bone_cost + (problem.prior * self.step**2).sum() + problem.offset_weight * (self.offset**2).sum()
+        self.total = float(self.cost.sum() + rest)
 
     def _bones(self) -> float:
-        bones, person = self.problem.bones, self.problem.observations.person
+        bones, person = self.problem.bones, self.problem.person
         if not len(bones):
             return 0.0
         vector = self.xyz[:, bones[:, 1]] - self.xyz[:, bones[:, 0]]
@@ -305,32 +351,111 @@ class AdjustmentState:
         self.bone_unit = np.nan_to_num(vector / np.maximum(length, 1e-6)[..., None]) / sigma[..., None]
         return float((ROBUST**2 * np.log1p(off**2 / ROBUST**2)).sum())
 
-    def jacobians(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return derivatives of the pixels by the joints (M, V, J, 2, 3) and by the parameters (M, V, J, 2, Q).
 
-        Those by parameters that no view may change are 0.
-        """
-        rig, xyz, small = self.calibration.rig, self.xyz, 1e-5
-        by_xyz = np.stack([(rig.project(xyz + small * axis)[0] - self.pixels) / small for axis in np.eye(3)], -1)
-        by_xyz = np.where(self.known[..., None, None], by_xyz, 0)
-        by, free = np.zeros((*by_xyz.shape[:-1], Q)), self.problem.freedom.free
-        if free[:, ROTATION].any():
-            away = np.nan_to_num(xyz[:, None] - rig.centers[:, None])
-            # A rotation of the camera by w about its centre moves X, relative to it, by -w x (X - C): d = (X - C) x w.
-            by[..., ROTATION] = -np.cross(away[..., None, :], by_xyz)
-        if free[:, CENTRE].any():
-            by[..., CENTRE] = -by_xyz
-        if free[:, FOCAL].any():
-            by[..., FOCAL] = np.where(self.known[..., None], self.pixels - rig.K[:, None, :2, 2], 0)
-        if free[:, K1].any():
-            other = self.calibration.changed(np.tile(np.where(np.arange(Q) == K1, small, 0), (len(rig), 1)))
-            change = (other.rig.project(xyz)[0] - self.pixels) / small
-            by[..., K1] = np.where(self.known[..., None], np.nan_to_num(change), 0)
-        if self.problem.timed:
-            seconds = self.problem.observations.frame / self.problem.observations.tracks.fps
-            by[..., OFFSET] = np.where(self.known[..., None], -self.velocity, 0)
-            by[..., DRIFT] = by[..., OFFSET] * seconds[:, None, None, None]
-        return by_xyz, by
+@compiled()
+def _measure(cameras, xyz, xy, sigma, unit, offset, person):
+    """Return residuals (M, V, J, 2), px, and 1/sigma, 1/px, both 0 where unknown; squared errors in sigmas; costs (M,).
+
+    `unit` (M, V, J) is px/m; `offset` (people, V, J, 2), m, may be empty.
+    """
+    (M, V, J), (K, lens, pose, fisheye, reach) = sigma.shape, cameras
+    residual, scale, error2 = np.zeros((M, V, J, 2)), np.zeros((M, V, J)), np.zeros((M, V, J))
+    cost, slope, detected, known = np.zeros(M), np.empty((2, 4)), np.zeros((M, J)), np.zeros((M, J))
+    for v in range(V):
+        camera = (K[v], lens[v], pose[v], fisheye[v], reach[v])
+        for m in range(M):
+            for j in range(J):
+                if np.isnan(sigma[m, v, j]):
+                    continue
+                detected[m, j] += 1
+                x, y, depth = project(camera, xyz[m, j], slope)
+                x, y = x - xy[m, v, j, 0], y - xy[m, v, j, 1]
+                if len(offset):
+                    x += offset[person[m], v, j, 0] * unit[m, v, j]
+                    y += offset[person[m], v, j, 1] * unit[m, v, j]
+                if depth > _MIN_DEPTH and not np.isnan(x + y):
+                    known[m, j] += 1
+                    residual[m, v, j, 0], residual[m, v, j, 1] = x, y
+                    scale[m, v, j] = 1 / max(sigma[m, v, j] * unit[m, v, j], _MIN_SIGMA_PX)
+                    error2[m, v, j] = (x * x + y * y) * scale[m, v, j] ** 2
+    for m in range(M):
+        for j in range(J):
+            # One view alone says nothing about cameras.
+            if known[m, j] == 1:
+                known[m, j], residual[m, :, j], scale[m, :, j], error2[m, :, j] = 0, 0, 0, 0
+            # Joints that are behind a camera that detected them, or at unknown places, cost as much as an outlier.
+            if detected[m, j] >= 2:
+                cost[m] += _LOST * (detected[m, j] - known[m, j])
+        for v in range(V):
+            for j in range(J):
+                if error2[m, v, j] > 0:
+                    cost[m] += ROBUST**2 * np.log1p(error2[m, v, j] / ROBUST**2)
+    return residual, scale, error2, cost
+
+
+@compiled()
+def _differentiate(cameras, centres, columns, free, offsets, rows, xyz, weight, residual, velocity, seconds, unit):
+    """Return the normal equations of bodies `rows` (m,): cameras and, if `offsets`, offsets of one person in C columns.
+
+    Args:
+        columns: (V, Q) the column of each parameter of a camera, or -1; `free` is their number.
+
+    Returns:
+        information, scores: (C, C), and (m, C) gradient of each body.
+        mixed: (m, J, 3, C + 1) of joints and columns; the last column is the gradient of the joints.
+        blocks: (m, J, 3, 3) of joints.
+    """
+    (_, V, J), (K, lens, pose, fisheye, reach) = weight.shape, cameras
+    C = free + 2 * V * J * offsets
+    information, scores = np.zeros((C, C)), np.zeros((len(rows), C))
+    mixed, blocks = np.zeros((len(rows), J, 3, C + 1)), np.zeros((len(rows), J, 3, 3))
+    slope, by, index = np.empty((2, 4)), np.zeros((Q + 2, 2)), np.empty(Q + 2, np.int64)
+    for v in range(V):
+        camera = (K[v], lens[v], pose[v], fisheye[v], reach[v])
+        for i, m in enumerate(rows):
+            for j in range(J):
+                heavy = weight[m, v, j]
+                if heavy == 0:
+                    continue
+                point, off = xyz[m, j], residual[m, v, j]
+                x, y, _ = project(camera, point, slope)
+                count = 0
+                for q in range(Q):
+                    if columns[v, q] < 0:
+                        continue
+                    for axis in range(2):
+                        if q < 3:
+                            # A rotation by w about the centre C moves X, relative to the camera, by (X - C) x w.
+                            a, b = (q + 1) % 3, (q + 2) % 3
+                            off_a, off_b = point[a] - centres[v, a], point[b] - centres[v, b]
+                            by[count, axis] = off_b * slope[axis, a] - off_a * slope[axis, b]
+                        elif q < FOCAL:
+                            by[count, axis] = -slope[axis, q - 3]
+                        elif q == FOCAL:
+                            by[count, axis] = (y if axis else x) - K[v, axis, 2]
+                        elif q == K1:
+                            by[count, axis] = slope[axis, 3]
+                        else:
+                            by[count, axis] = -velocity[m, v, j, axis] * (seconds[m] if q == DRIFT else 1.0)
+                    index[count] = columns[v, q]
+                    count += 1
+                for axis in range(2 * offsets):
+                    by[count, axis], by[count, 1 - axis] = unit[m, v, j], 0.0
+                    index[count] = free + 2 * (v * J + j) + axis
+                    count += 1
+                for k in range(3):
+                    s0, s1 = heavy * slope[0, k], heavy * slope[1, k]
+                    mixed[i, j, k, C] += s0 * off[0] + s1 * off[1]
+                    for a in range(3):
+                        blocks[i, j, k, a] += s0 * slope[0, a] + s1 * slope[1, a]
+                    for a in range(count):
+                        mixed[i, j, k, index[a]] += s0 * by[a, 0] + s1 * by[a, 1]
+                for a in range(count):
+                    b0, b1 = heavy * by[a, 0], heavy * by[a, 1]
+                    scores[i, index[a]] += b0 * off[0] + b1 * off[1]
+                    for b in range(count):
+                        information[index[a], index[b]] += b0 * by[b, 0] + b1 * by[b, 1]
+    return information, scores, mixed, blocks
 
 
 # The adjustment
@@ -342,16 +467,14 @@ class Adjusted:
 
     calibration: Calibration  # The cameras
     xyz: np.ndarray  # (M, J, 3) m, the bodies; NaN where fewer than two views see a joint
-    # (M, V, J) distance between detection and reprojection, in sigmas; NaN where there is no detection
-    error: np.ndarray
-    error_px: np.ndarray  # (M, V, J) the same in px
-    # (V Q, V Q) information of the parameters, with the bodies eliminated; 0 for fixed parameters
-    information: np.ndarray
-    gradient: np.ndarray
+    error_px: np.ndarray  # (M, V, J) distance between detection and reprojection, px; NaN where there is no detection
     cost: np.ndarray  # (M,) robust cost of each body
-    scores: np.ndarray  # (M, V Q) contribution of each body to the gradient
-    offset_spread: np.ndarray  # (V Q, V Q) covariance of the gradient due to offsets of joints
-    curvature: float  # Second derivative of the robust cost, relative to the weights in `information`
+    state: AdjustmentState  # The last state
+
+    @cached_property
+    def reduced(self) -> Reduced:
+        """The normal equations of the cameras at the end."""
+        return _reduced(self.state, 0.0)
 
 
 def adjust(
@@ -376,9 +499,9 @@ def adjust(
         tolerance: Relative decrease of the cost below which the search ends.
     """
     freedom = freedom or Freedom.of(len(calibration.rig))
-    origin, damping = calibration, 1e-3
+    damping = 1e-3
     xyz = observations.start if xyz is None else xyz
-    problem = AdjustmentProblem(observations, origin, freedom, bones, offsets)
+    problem = AdjustmentProblem(observations, calibration, xyz, freedom, bones, offsets)
     state = AdjustmentState(problem, calibration, xyz)
     for _ in range(iterations):
         moved = False
@@ -393,32 +516,15 @@ def adjust(
             damping = max(damping * 8, 1e-6)
         if not moved:
             break
-    free, V = problem.free, len(calibration.rig)
-    information, gradient = np.zeros((V * Q, V * Q)), np.zeros(V * Q)
-    scores, spread = np.zeros((len(xyz), V * Q)), np.zeros((V * Q, V * Q))
-    if len(free):
-        parts = _derivatives(state)
-        found = _reduced(state, parts, *_inverse(state, parts, 0.0))
-        information[np.ix_(free, free)], gradient[free] = found.information, found.gradient
-        spread[np.ix_(free, free)], scores[:, free] = found.offset_spread, found.scores
-    # The mean second derivative of the robust cost over the mean weight: w^2 for a Cauchy weight w.
-    weight = np.where(state.known, state.scale**2, 0)
-    usual = (weight * state.robust).sum()
     return Adjusted(
         state.calibration,
         np.where(state.known.any(1)[..., None], state.xyz, np.nan),
-        np.where(state.known, np.sqrt(state.error2), np.nan),
         np.where(state.known, np.sqrt((state.residual**2).sum(-1)), np.nan),
-        information,
-        gradient,
         state.cost,
-        scores,
-        spread,
-        float((weight * state.robust**2).sum() / usual) if usual else 1.0,
+        state,
     )
 
 
-_CHUNK = 128  # Number of bodies that are eliminated together, to limit memory
 _BODY_DAMPING = 1e-3
 """1/m^2, relative to the information of a joint: it regularises a joint that only one view sees along its ray."""
 
@@ -433,47 +539,66 @@ class Reduced(NamedTuple):
     offset_spread: np.ndarray  # (P, P) covariance of the gradient due to offsets with the spread of their prior
     # For each person with offsets, their dependence on the cameras, and their step if these stay
     eliminated: list[tuple[np.ndarray, np.ndarray]]
+    # For some bodies, factors (n, k, k) of their equations, and these solved by half for columns and gradient (n, k, C)
+    bodies: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
-class _Parts(NamedTuple):
-    """Derivatives and weights."""
+def _reduced(state: AdjustmentState, damping: float, move_people: bool = True) -> Reduced:
+    """Return the equations of the cameras; fixed bodies and offsets stay in."""
+    problem, M = state.problem, len(state.xyz)
+    P, weight = len(problem.free), problem.offset_weight
+    columns = np.full(problem.prior.shape, -1)
+    columns.flat[problem.free] = np.arange(P)
+    seconds = problem.observations.frame / problem.observations.tracks.fps
+    prior = problem.prior.flat[problem.free]
+    information, scores, spread = np.diag(prior), np.zeros((M, P)), np.zeros((P, P))
+    gradient, eliminated, bodies = prior * state.step.flat[problem.free], [], []
+    people = range(len(problem.people)) if problem.offsets else [None]
+    for person in people:
+        rows = np.flatnonzero(problem.person == person) if problem.offsets else np.arange(M)
+        A, own, mixed, blocks = _differentiate(
+            state.cameras, state.calibration.rig.centers, columns, P, problem.offsets, rows, state.xyz, state.weight,
+            state.residual, state.velocity, seconds, state.unit,
+        )  # fmt: skip
+        if move_people:
+            blocks = _body_equations(state, rows, blocks, mixed[..., -1], damping)
+            half = mixed.reshape(-1, blocks.shape[-1], mixed.shape[-1])
+            _eliminate(blocks, half)
+            bodies.append((rows, blocks, half))
+            flat = half.reshape(-1, half.shape[-1])
+            A -= (flat.T @ flat)[:-1, :-1]
+            flat = half.reshape(len(rows), -1, half.shape[-1])
+            own -= (flat[:, None, :, -1] @ flat[..., :-1])[:, 0]
+        information += A[:P, :P]
+        scores[rows] = own[:, :P]
+        if problem.offsets:
+            inverse = np.linalg.inv(A[P:, P:] + weight * np.eye(len(A) - P))
+            offset, K = state.offset[person].reshape(-1), A[:P, P:] @ inverse
+            information -= K @ A[P:, :P]
+            scores[rows] -= own[:, P:] @ K.T
+            gradient -= weight * K @ offset
+            spread += (weight * OFFSET_M) ** 2 * K @ K.T
+            eliminated.append((K, inverse @ (own[:, P:].sum(0) + weight * offset)))
+    return Reduced(information, gradient + scores.sum(0), scores, spread, eliminated, bodies)
 
-    by: np.ndarray  # (M, V, J, 2, Q) derivatives of pixels by the parameters of their camera
-    weight: np.ndarray  # (M, V, J) 1/px^2
-    weighted: np.ndarray  # (M, V, J, 2, 3) derivatives of pixels by the joints, times the weight
-    # blocks, gradient: (M, J, 3, 3), (M, J, 3) normal equations of the joints
-    blocks: np.ndarray
-    gradient: np.ndarray
 
-
-def _derivatives(state: AdjustmentState) -> _Parts:
-    """Return the derivatives, and the normal equations of the joints without bones."""
-    by_xyz, by = state.jacobians()
-    weight = state.scale**2 * state.robust
-    weighted = by_xyz * weight[..., None, None]
-    M, V, J = weight.shape
-    rows = weighted.transpose(0, 2, 4, 1, 3).reshape(M, J, 3, 2 * V)
-    blocks = rows @ by_xyz.transpose(0, 2, 1, 3, 4).reshape(M, J, 2 * V, 3)
-    gradient = (rows @ state.residual.transpose(0, 2, 1, 3).reshape(M, J, 2 * V, 1))[..., 0]
-    return _Parts(by, weight, weighted, blocks, gradient)
-
-
-def _inverse(state: AdjustmentState, parts: _Parts, damping: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return inverse matrices of the bodies, (M, J, 3, 3) or with bones (M, 3 J, 3 J), and their gradient (M, 3 J)."""
-    blocks, gradient = parts.blocks, parts.gradient
-    M, J = state.xyz.shape[:2]
+def _body_equations(
+    state: AdjustmentState, rows: np.ndarray, blocks: np.ndarray, gradient: np.ndarray, damping: float
+) -> np.ndarray:
+    """Return damped equations of bodies (m,): (m J, 3, 3), or with bones (m, 3 J, 3 J). Bones change the gradient."""
+    m, J = blocks.shape[:2]
     trace = np.trace(blocks, axis1=-2, axis2=-1)[..., None, None]
-    blocks = blocks + (damping * _BODY_DAMPING + 1e-9) * (trace + 1) * np.eye(3) + damping * 1e-3 * trace * np.eye(3)
-    blocks = np.where(trace > 0, blocks, np.eye(3))
+    blocks = blocks + ((damping * _BODY_DAMPING + 1e-9) * (trace + 1) + damping * 1e-3 * trace) * np.eye(3)
+    blocks[trace[..., 0, 0] <= 0] = np.eye(3)
     bones = state.problem.bones
     if not len(bones):
-        return np.linalg.inv(blocks), gradient.reshape(M, 3 * J)
-    A = np.zeros((M, J, 3, J, 3))
+        return blocks.reshape(-1, 3, 3)
+    A = np.zeros((m, J, 3, J, 3))
     joint = np.arange(J)
     A[:, joint, :, joint] = blocks.swapaxes(0, 1)
-    outer = np.einsum("mb,mbi,mbk->mbik", state.bone_weight, state.bone_unit, state.bone_unit)
-    push = (state.bone_weight * state.bone_off)[..., None] * state.bone_unit
-    gradient = gradient.copy()
+    heavy, unit, off = state.bone_weight[rows], state.bone_unit[rows], state.bone_off[rows]
+    outer = np.einsum("mb,mbi,mbk->mbik", heavy, unit, unit)
+    push = (heavy * off)[..., None] * unit
     for index, (a, b) in enumerate(bones):
         part = outer[:, index]
         A[:, a, :, a] += part
@@ -482,86 +607,37 @@ def _inverse(state: AdjustmentState, parts: _Parts, damping: float) -> tuple[np.
         A[:, b, :, a] -= part
         gradient[:, b] += push[:, index]
         gradient[:, a] -= push[:, index]
-    return np.linalg.inv(A.reshape(M, 3 * J, 3 * J) + 1e-6 * np.eye(3 * J)), gradient.reshape(M, 3 * J)
+    return A.reshape(m, 3 * J, 3 * J) + 1e-6 * np.eye(3 * J)
 
 
-def _reduced(
-    state: AdjustmentState, parts: _Parts, inverse: np.ndarray, flat: np.ndarray, move_people: bool = True
-) -> Reduced:
-    """Return the equations of the cameras, from matrices and gradient of bodies; fixed bodies and offsets stay in."""
-    free, (M, J) = state.problem.free, state.xyz.shape[:2]
-    P = len(free)
-    information, scores = np.zeros((P, P)), np.zeros((M, P))
-    for view in np.unique(free // Q):
-        own = np.flatnonzero(free // Q == view)
-        columns = parts.by[:, view][..., free[own] % Q].reshape(M, 2 * J, len(own))
-        heavy = columns * parts.weight[:, view].repeat(2, -1)[..., None]
-        information[np.ix_(own, own)] = np.tensordot(heavy, columns, ((0, 1), (0, 1)))
-        scores[:, own] = (state.residual[:, view].reshape(M, 1, 2 * J) @ heavy)[:, 0]
-    prior = state.prior_weight.reshape(-1)[free]
-    information += np.diag(prior)
-    gradient = prior * state.step.reshape(-1)[free]
-    spread, eliminated = np.zeros((P, P)), []
-    offsets = state.offset.shape[1] > 0
-    people = range(len(state.problem.people)) if offsets else [None]
-    for person in people if move_people else ():
-        rows = np.flatnonzero(state.problem.person == person) if offsets else np.arange(M)
-        A, own_scores = _of_person(state, parts, inverse, flat, rows)
-        information += A[:P, :P]
-        scores[rows] += own_scores[:, :P]
-        if offsets:
-            weight = state.problem.offset_weight
-            own = np.linalg.inv(A[P:, P:] + weight * np.eye(len(A) - P))
-            K = A[:P, P:] @ own
-            g = own_scores[:, P:].sum(0) + weight * state.offset[person].reshape(-1)
-            information -= K @ A[P:, :P]
-            scores[rows] -= own_scores[:, P:] @ K.T
-            gradient -= weight * K @ state.offset[person].reshape(-1)
-            spread += (weight * OFFSET_M) ** 2 * K @ K.T
-            eliminated.append((K, own @ g))
-    return Reduced(information, gradient + scores.sum(0), scores, spread, eliminated)
+@compiled()
+def _eliminate(blocks, right):
+    """Replace positive definite matrices (n, k, k) by their lower factors L, and right sides b (n, k, c) by L^-1 b."""
+    for i in range(len(blocks)):
+        A, b = blocks[i], right[i]
+        for row in range(A.shape[0]):
+            for column in range(row + 1):
+                total = A[row, column]
+                for k in range(column):
+                    total -= A[row, k] * A[column, k]
+                A[row, column] = total / A[column, column] if column < row else np.sqrt(total)
+            for k in range(row):
+                for c in range(b.shape[1]):
+                    b[row, c] -= A[row, k] * b[k, c]
+            for c in range(b.shape[1]):
+                b[row, c] /= A[row, row]
 
 
-def _of_person(state: AdjustmentState, parts: _Parts, inverse: np.ndarray, flat: np.ndarray, rows: np.ndarray):
-    """Return what bodies (m,) of one person add to equations of cameras and offsets, except of cameras alone."""
-    free, J = state.problem.free, state.xyz.shape[1]
-    P, views = len(free), state.problem.offset_views
-    L = 2 * J * len(views)
-    A, scores = np.zeros((P + L, P + L)), np.zeros((len(rows), P + L))
-    heavy = parts.weight[rows][:, views] * state.unit[rows]
-    A[P:, P:] = np.diag((heavy * state.unit[rows]).sum(0).repeat(2))
-    scores[:, P:] = (heavy[..., None] * state.residual[rows][:, views]).reshape(len(rows), L)
-    for i, view in enumerate(views):
-        own = np.flatnonzero(free // Q == view)
-        columns = parts.by[rows, view][..., free[own] % Q] * heavy[:, i, :, None, None]
-        part = slice(P + 2 * J * i, P + 2 * J * (i + 1))
-        A[own, part] = columns.sum(0).reshape(2 * J, len(own)).T
-        A[part, own] = A[own, part].T
-    for start in range(0, len(rows), _CHUNK):
-        each = rows[start : start + _CHUNK]
-        mixed = _mixed(state, parts, each)
-        solved = _solved(inverse[each], mixed)
-        A -= np.tensordot(mixed, solved, ((0, 1), (0, 1)))
-        scores[start : start + _CHUNK] -= (flat[each, None] @ solved)[:, 0]
-    return A, scores
-
-
-def _mixed(state: AdjustmentState, parts: _Parts, rows: np.ndarray) -> np.ndarray:
-    """Return the equations (m, 3 J, P + 2 A J) of bodies with cameras and with offsets of their person."""
-    free, J = state.problem.free, state.xyz.shape[1]
-    P, views = len(free), state.problem.offset_views
-    mixed = np.zeros((len(rows), J, 3, P + 2 * J * len(views)))
-    for view in np.unique(free // Q):
-        own = np.flatnonzero(free // Q == view)
-        columns = parts.by[rows, view][..., free[own] % Q]
-        mixed[..., own] = parts.weighted[rows, view].swapaxes(-1, -2) @ columns
-    joint = np.arange(J)
-    for i, view in enumerate(views):
-        for axis in (0, 1):
-            column = P + (i * J + joint) * 2 + axis
-            part = parts.weighted[rows, view, :, axis] * state.unit[rows, i, :, None]
-            mixed[:, joint, :, column] = part.swapaxes(0, 1)
-    return mixed.reshape(len(rows), 3 * J, mixed.shape[-1])
+@compiled()
+def _solved(blocks, half):
+    """Return the solutions (n, k) of equations that `_eliminate` left, with right sides `half` (n, k)."""
+    found = half.copy()
+    for i in range(len(blocks)):
+        for row in range(half.shape[1] - 1, -1, -1):
+            for k in range(row + 1, half.shape[1]):
+                found[i, row] -= blocks[i, k, row] * found[i, k]
+            found[i, row] /= blocks[i, row, row]
+    return found
 
 
 _LARGEST = 1.0
@@ -570,38 +646,21 @@ _LARGEST = 1.0
 
 def solve(state: AdjustmentState, damping: float, move_people: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return a step of the cameras (V, Q), of the bodies (M, J, 3) and of the offsets."""
-    free, V = state.problem.free, len(state.calibration.rig)
-    parts = _derivatives(state)
-    inverse, flat = _inverse(state, parts, damping)
-    step, offset = np.zeros(V * Q), np.zeros_like(state.offset)
+    free, found = state.problem.free, _reduced(state, damping, move_people)
+    step, move, offset = np.zeros(state.step.shape), np.zeros_like(state.xyz), np.zeros_like(state.offset)
     if len(free):
-        found = _reduced(state, parts, inverse, flat, move_people)
         # The equations are scaled by the diagonal, as parameters have different units.
         scale = 1 / np.sqrt(np.maximum(np.diag(found.information), 1e-9))
         scaled = found.information * scale * scale[:, None] + (damping + 1e-10) * np.eye(len(free))
-        step[free] = -scale * np.linalg.lstsq(scaled, scale * found.gradient, rcond=1e-12)[0]
-        for person, (K, own) in enumerate(found.eliminated):
-            offset[person] = -(own + K.T @ step[free]).reshape(offset.shape[1:])
-    step, move = step.reshape(V, Q), np.zeros_like(state.xyz)
+        step.flat[free] = -scale * np.linalg.lstsq(scaled, scale * found.gradient, rcond=1e-12)[0]
+    for person, (K, own) in enumerate(found.eliminated):
+        offset[person] = -(own + K.T @ step.flat[free]).reshape(offset.shape[1:])
     step[:, [FOCAL, K1]] = np.clip(step[:, [FOCAL, K1]], -_LARGEST, _LARGEST)
-    if move_people:
-        pixels = np.zeros(state.residual.shape)
-        for view in np.unique(free // Q):
-            pixels[:, view] = parts.by[:, view] @ step[view]
-        pixels[:, state.problem.offset_views] += offset[state.problem.person] * state.unit[..., None]
-        push = (parts.weighted * pixels[..., None]).sum((1, 3)).reshape(flat.shape)
-        move = -_solved(inverse, (flat + push)[..., None])[..., 0].reshape(move.shape)
-        length = np.linalg.norm(move, axis=-1, keepdims=True)
-        move *= np.minimum(1, 0.5 / np.maximum(length, 1e-9))
-    return step, move, offset
-
-
-def _solved(inverse: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Return the product of inverse matrices of bodies and (m, 3 J, n)."""
-    if inverse.ndim == 3:
-        return inverse @ right
-    m, J = inverse.shape[:2]
-    return (inverse @ right.reshape(m, J, 3, right.shape[-1])).reshape(right.shape)
+    for person, (rows, blocks, half) in enumerate(found.bodies):
+        columns = np.concatenate([step.flat[free], offset[person].reshape(-1) if len(offset) else [], [1.0]])
+        move[rows] = -_solved(blocks, half @ columns).reshape(len(rows), -1, 3)
+    length = np.linalg.norm(move, axis=-1, keepdims=True)
+    return step, move * np.minimum(1, 0.5 / np.maximum(length, 1e-9)), offset
 
 
 _INDEPENDENT_S = 3.0
@@ -617,13 +676,16 @@ def covariance_of_cameras(observations: Observations, adjusted: Adjusted, freedo
     views, free = len(adjusted.calibration.rig), np.flatnonzero(freedom.free)
     covariance = np.zeros((views * Q, views * Q))
     if len(free):
-        scores, index = adjusted.scores[:, free], np.ix_(free, free)
+        found, state = adjusted.reduced, adjusted.state
+        scores = found.scores
         scatter = scores.T @ scores
         values, vectors = np.linalg.eigh(scatter)
         root = vectors * np.sqrt(np.maximum(values, 0)) @ vectors.T
-        G = _bodies_per_error(observations, scores @ np.linalg.pinv(root)) * scatter + adjusted.offset_spread[index]
-        H = np.linalg.pinv(adjusted.information[index] * adjusted.curvature)
-        covariance[index] = H @ G @ H
+        G = _bodies_per_error(observations, scores @ np.linalg.pinv(root)) * scatter + found.offset_spread
+        # The mean second derivative of the robust cost over the mean weight: w^2 for a Cauchy weight w.
+        robust = 1 / (1 + state.error2 / ROBUST**2)
+        H = np.linalg.pinv(found.information * ((state.weight * robust).sum() / max(state.weight.sum(), 1e-300)))
+        covariance[np.ix_(free, free)] = H @ G @ H
     blocks = covariance.reshape(views, Q, views, Q)
     return blocks[np.arange(views), :, np.arange(views)]
 

@@ -188,8 +188,9 @@ def _blocks(observations: Observations) -> np.ndarray:
 
 
 def _linear(state: Adjusted, view: int, kind: Kind) -> tuple[np.ndarray, np.ndarray]:
-    index = [view * Q + parameter for parameter in PARAMETERS[kind]]
-    return state.information[np.ix_(index, index)], state.gradient[index]
+    found = state.reduced
+    index = np.searchsorted(state.state.problem.free, [view * Q + parameter for parameter in PARAMETERS[kind]])
+    return found.information[np.ix_(index, index)], found.gradient[index]
 
 
 def _reference(state: Adjusted, kind: Kind, without: int, bodies: int) -> float:

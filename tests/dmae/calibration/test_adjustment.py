@@ -11,11 +11,16 @@ from dmae.calibration.bundle_adjustment import (
     FOCAL,
     K1,
     OFFSET,
+    PARTS,
     ROTATION,
+    AdjustmentProblem,
+    AdjustmentState,
     Calibration,
     Freedom,
+    ImageTracks,
     Observations,
     Q,
+    _differentiate,
     adjust,
 )
 from dmae.calibration.config import RefineConfig
@@ -23,7 +28,7 @@ from dmae.calibration.examination import Kind, examine
 from dmae.calibration.matching import initial_rig, match_tracks
 from dmae.calibration.refinement import refine
 from dmae.data.clip import Clip, Detections2D
-from dmae.data.skeleton import BODY25
+from dmae.data.skeleton import BODY25, Skeleton
 from tests.support.circling_people import circling_people
 from tests.support.faulty_recordings import late, ring, sound
 
@@ -47,6 +52,43 @@ def test_a_step_and_the_difference_that_it_makes_are_the_same():
     rng = np.random.default_rng(0)
     first, step = Calibration.of(ring()), rng.normal(0, 0.05, (4, Q))
     np.testing.assert_allclose(first.difference(first.changed(step)), step, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_derivatives_are_those_of_the_projection_by_central_differences(seed):
+    """Of four lenses: pinhole, Brown-Conrady, rational, fisheye. One point is on the axis of the fisheye."""
+    rng, rig, V, M = np.random.default_rng(seed), ring(), 4, 6
+    dist = rng.normal(0, 0.05, (V, 8)) * [[0], [1], [1], [1]]
+    dist[1, 5:] = dist[3, 4:] = 0
+    K = rig.K * rng.uniform(0.8, 1.2, (V, 1, 3))
+    K[:, 0, 1], K[:, 2] = rng.normal(0, 5, V), (0, 0, 1)
+    rig = replace(rig, K=K, dist=dist, fisheye=np.arange(V) == 3)
+    calibration = Calibration(rig, *rng.normal(0, 0.01, (2, V)))
+    xyz = np.stack([*rng.uniform(-1, 1, (M - 1, 3)), rig.centers[3] + 4 * rig.cam_from_world[3, 2, :3]])[:, None]
+    xy = rig.project(xyz)[0][:, None] + rng.normal(0, 2, (M, 1, V, 1, 2))
+    tracks = ImageTracks(Skeleton("point", ("point",), (-1,)), 25.0, xy, np.full(xy.shape[:-1], 0.02), xyz[:, None])
+    observations = Observations(tracks, np.arange(M), np.zeros(M, int), xyz)
+    freedom = Freedom.of(V, **dict.fromkeys(PARTS, True))
+    problem = AdjustmentProblem(observations, calibration, xyz, freedom, bones=False, offsets=False)
+
+    def residual(step: np.ndarray) -> np.ndarray:
+        """(M, V, 2) px, from a step of all cameras and of the points."""
+        cameras, move = step[:-3].reshape(V, Q), step[-3:]
+        return AdjustmentState(problem, calibration.changed(cameras), xyz + move).residual[:, :, 0]
+
+    here = AdjustmentState(problem, calibration, xyz)
+    np.testing.assert_allclose(here.residual, rig.project(xyz)[0] - observations.seen(calibration)[0], atol=1e-9)
+    steps = 1e-5 * np.eye(V * Q + 3)
+    expected = np.stack([(residual(step) - residual(-step)) / 2e-5 for step in steps], -1)
+    columns, one = np.arange(V * Q).reshape(V, Q), np.zeros((M, V, 1, 2))
+    for view, axis in np.ndindex(V, 2):
+        weight = np.where(np.arange(V)[:, None] == view, 1.0, np.zeros((M, V, 1)))
+        _, by, mixed, _ = _differentiate(
+            here.cameras, rig.centers, columns, V * Q, False, np.arange(M), xyz, weight, one + (np.arange(2) == axis),
+            here.velocity, np.arange(M) / 25, here.unit,
+        )  # fmt: skip
+        found, wanted = np.hstack([by, mixed[:, 0, :, -1]]), expected[:, view, axis]
+        np.testing.assert_array_less(np.abs(found - wanted).max(0), 1e-6 * np.abs(wanted).max(0) + 1e-7)
 
 
 @pytest.mark.parametrize(
