@@ -29,7 +29,7 @@ from dmae.data.cameras import CameraRig
 from dmae.data.skeleton import Skeleton
 from dmae.numerics.compiled import compiled
 from dmae.numerics.filling import are_stills
-from dmae.numerics.statistics import evenly_spaced
+from dmae.numerics.statistics import evenly_spaced, median_over_frames
 
 _FINE = ("eye", "ear", "toe", "heel")  # Joints that are too near to other joints to add information
 
@@ -302,8 +302,13 @@ class AdjustmentProblem:
             depth[near[:, view]] = np.median(usual) if len(usual) else 1.0
 
 
-class AdjustmentState:
-    """Cost and normal equations at one set of cameras and bodies."""
+class Adjusted:
+    """Cameras and bodies, the outcome of an adjustment or of one of its steps.
+
+    Attributes:
+        calibration: The cameras.
+        cost: (M,) robust cost of each body.
+    """
 
     def __init__(
         self, problem: AdjustmentProblem, calibration: Calibration, xyz: np.ndarray, offset: np.ndarray | None = None
@@ -312,7 +317,7 @@ class AdjustmentState:
         Args:
             offset: (people, V, J, 2) m at the depth of the person; None for zeros.
         """
-        self.problem, self.calibration, self.xyz = problem, calibration, xyz
+        self.problem, self.calibration, self.points = problem, calibration, xyz
         shape = (len(problem.people) * problem.offsets, len(calibration.rig), xyz.shape[1], 2)
         self.offset = np.zeros(shape) if offset is None else offset
         xy, self.velocity, sigma = problem.fixed_seen or problem.observations.seen(calibration)
@@ -328,22 +333,35 @@ class AdjustmentState:
         rest = self.bone_cost + (problem.prior * self.step**2).sum() + problem.offset_weight * (self.offset**2).sum()
         self.total = float(self.cost.sum() + rest)
 
+    @property
+    def xyz(self) -> np.ndarray:
+        """(M, J, 3) m, the bodies; NaN where fewer than two views see a joint."""
+        return np.where(self.known.any(1)[..., None], self.points, np.nan)
+
+    @property
+    def error_px(self) -> np.ndarray:
+        """(M, V, J) distance between detection and reprojection, px; NaN where there is no detection."""
+        return np.where(self.known, np.linalg.norm(self.residual, axis=-1), np.nan)
+
+    @cached_property
+    def reduced(self) -> Reduced:
+        """The normal equations of the cameras."""
+        return _reduced(self, 0.0)
+
     def _bones(self) -> float:
-        bones, person = self.problem.bones, self.problem.person
+        bones = self.problem.bones
         if not len(bones):
             return 0.0
-        vector = self.xyz[:, bones[:, 1]] - self.xyz[:, bones[:, 0]]
+        vector = self.points[:, bones[:, 1]] - self.points[:, bones[:, 0]]
         length = np.linalg.norm(vector, axis=-1)
         # Two views must measure both ends.
         measured = self.known.any(1)
         ok = measured[:, bones[:, 0]] & measured[:, bones[:, 1]] & np.isfinite(length)
         usual = np.full(length.shape, np.nan)
-        for each in np.unique(person):
-            rows = person == each
+        for person in range(len(self.problem.people)):
+            rows = self.problem.person == person
             values = np.where(ok[rows], length[rows], np.nan)
-            enough = np.isfinite(values).sum(0) >= 3
-            if enough.any():
-                usual[np.ix_(rows, enough)] = np.nanmedian(values[:, enough], 0)
+            usual[rows] = np.where(ok[rows].sum(0) >= 3, median_over_frames(values), np.nan)
         # The error is relative to the length, so that a smaller world does not fit better.
         sigma = _BONE_SIGMA * np.maximum(np.nan_to_num(usual, nan=1.0), 1e-6)
         off = np.where(ok & np.isfinite(usual), length - usual, 0) / sigma
@@ -461,22 +479,6 @@ def _differentiate(cameras, centres, columns, free, offsets, rows, xyz, weight, 
 # The adjustment
 
 
-@dataclass(frozen=True)
-class Adjusted:
-    """The outcome of an adjustment."""
-
-    calibration: Calibration  # The cameras
-    xyz: np.ndarray  # (M, J, 3) m, the bodies; NaN where fewer than two views see a joint
-    error_px: np.ndarray  # (M, V, J) distance between detection and reprojection, px; NaN where there is no detection
-    cost: np.ndarray  # (M,) robust cost of each body
-    state: AdjustmentState  # The last state
-
-    @cached_property
-    def reduced(self) -> Reduced:
-        """The normal equations of the cameras at the end."""
-        return _reduced(self.state, 0.0)
-
-
 def adjust(
     observations: Observations,
     calibration: Calibration,
@@ -502,13 +504,13 @@ def adjust(
     damping = 1e-3
     xyz = observations.start if xyz is None else xyz
     problem = AdjustmentProblem(observations, calibration, xyz, freedom, bones, offsets)
-    state = AdjustmentState(problem, calibration, xyz)
+    state = Adjusted(problem, calibration, xyz)
     for _ in range(iterations):
         moved = False
         for _ in range(6):
             step, move, offset = solve(state, damping, move_people)
             cameras = state.calibration.changed(step) if len(problem.free) else state.calibration
-            tried = AdjustmentState(problem, cameras, state.xyz + move, state.offset + offset)
+            tried = Adjusted(problem, cameras, state.points + move, state.offset + offset)
             if tried.total <= state.total:
                 moved = state.total - tried.total > tolerance * max(state.total, 1e-9)
                 state, damping = tried, max(damping / 5, 1e-9)
@@ -516,13 +518,7 @@ def adjust(
             damping = max(damping * 8, 1e-6)
         if not moved:
             break
-    return Adjusted(
-        state.calibration,
-        np.where(state.known.any(1)[..., None], state.xyz, np.nan),
-        np.where(state.known, np.sqrt((state.residual**2).sum(-1)), np.nan),
-        state.cost,
-        state,
-    )
+    return state
 
 
 _BODY_DAMPING = 1e-3
@@ -543,9 +539,9 @@ class Reduced(NamedTuple):
     bodies: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
-def _reduced(state: AdjustmentState, damping: float, move_people: bool = True) -> Reduced:
+def _reduced(state: Adjusted, damping: float, move_people: bool = True) -> Reduced:
     """Return the equations of the cameras; fixed bodies and offsets stay in."""
-    problem, M = state.problem, len(state.xyz)
+    problem, M = state.problem, len(state.points)
     P, weight = len(problem.free), problem.offset_weight
     columns = np.full(problem.prior.shape, -1)
     columns.flat[problem.free] = np.arange(P)
@@ -557,7 +553,7 @@ def _reduced(state: AdjustmentState, damping: float, move_people: bool = True) -
     for person in people:
         rows = np.flatnonzero(problem.person == person) if problem.offsets else np.arange(M)
         A, own, mixed, blocks = _differentiate(
-            state.cameras, state.calibration.rig.centers, columns, P, problem.offsets, rows, state.xyz, state.weight,
+            state.cameras, state.calibration.rig.centers, columns, P, problem.offsets, rows, state.points, state.weight,
             state.residual, state.velocity, seconds, state.unit,
         )  # fmt: skip
         if move_people:
@@ -583,7 +579,7 @@ def _reduced(state: AdjustmentState, damping: float, move_people: bool = True) -
 
 
 def _body_equations(
-    state: AdjustmentState, rows: np.ndarray, blocks: np.ndarray, gradient: np.ndarray, damping: float
+    state: Adjusted, rows: np.ndarray, blocks: np.ndarray, gradient: np.ndarray, damping: float
 ) -> np.ndarray:
     """Return damped equations of bodies (m,): (m J, 3, 3), or with bones (m, 3 J, 3 J). Bones change the gradient."""
     m, J = blocks.shape[:2]
@@ -644,10 +640,10 @@ _LARGEST = 1.0
 """Largest step of a focal length's logarithm, and of distortion, which little evidence determines badly."""
 
 
-def solve(state: AdjustmentState, damping: float, move_people: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def solve(state: Adjusted, damping: float, move_people: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return a step of the cameras (V, Q), of the bodies (M, J, 3) and of the offsets."""
     free, found = state.problem.free, _reduced(state, damping, move_people)
-    step, move, offset = np.zeros(state.step.shape), np.zeros_like(state.xyz), np.zeros_like(state.offset)
+    step, move, offset = np.zeros(state.step.shape), np.zeros_like(state.points), np.zeros_like(state.offset)
     if len(free):
         # The equations are scaled by the diagonal, as parameters have different units.
         scale = 1 / np.sqrt(np.maximum(np.diag(found.information), 1e-9))
@@ -676,15 +672,15 @@ def covariance_of_cameras(observations: Observations, adjusted: Adjusted, freedo
     views, free = len(adjusted.calibration.rig), np.flatnonzero(freedom.free)
     covariance = np.zeros((views * Q, views * Q))
     if len(free):
-        found, state = adjusted.reduced, adjusted.state
+        found = adjusted.reduced
         scores = found.scores
         scatter = scores.T @ scores
         values, vectors = np.linalg.eigh(scatter)
         root = vectors * np.sqrt(np.maximum(values, 0)) @ vectors.T
         G = _bodies_per_error(observations, scores @ np.linalg.pinv(root)) * scatter + found.offset_spread
         # The mean second derivative of the robust cost over the mean weight: w^2 for a Cauchy weight w.
-        robust = 1 / (1 + state.error2 / ROBUST**2)
-        H = np.linalg.pinv(found.information * ((state.weight * robust).sum() / max(state.weight.sum(), 1e-300)))
+        weight, robust = adjusted.weight, 1 / (1 + adjusted.error2 / ROBUST**2)
+        H = np.linalg.pinv(found.information * ((weight * robust).sum() / max(weight.sum(), 1e-300)))
         covariance[np.ix_(free, free)] = H @ G @ H
     blocks = covariance.reshape(views, Q, views, Q)
     return blocks[np.arange(views), :, np.arange(views)]

@@ -189,7 +189,7 @@ def _blocks(observations: Observations) -> np.ndarray:
 
 def _linear(state: Adjusted, view: int, kind: Kind) -> tuple[np.ndarray, np.ndarray]:
     found = state.reduced
-    index = np.searchsorted(state.state.problem.free, [view * Q + parameter for parameter in PARAMETERS[kind]])
+    index = np.searchsorted(state.problem.free, [view * Q + parameter for parameter in PARAMETERS[kind]])
     return found.information[np.ix_(index, index)], found.gradient[index]
 
 

@@ -15,6 +15,7 @@ from dmae.calibration.bundle_adjustment import (
     Adjusted,
     Calibration,
     Freedom,
+    ImageTracks,
     Observations,
     Q,
     adjust,
@@ -89,12 +90,13 @@ def refine(clip: Clip, config: RefineConfig | None = None) -> Refined:
         clip = replace(clip, rig=initial_rig(clip))
         config = replace(config, known=True, cameras=[ALL], extrinsics=True, level=True)
     origin = calibration = Calibration.of(clip.rig)
-    views, note = _named_views(clip.rig, config), None
+    views, note, tracks = _named_views(clip.rig, config), None, None
     if views is None:
-        calibration, views, note = _differing(clip)
+        calibration, views, note, tracks = _differing(clip)
     before = None
-    for _ in range(_ROUNDS):
-        tracks = match_tracks(replace(clip, rig=calibration.rig))
+    for number in range(_ROUNDS):
+        if number or tracks is None:
+            tracks = match_tracks(replace(clip, rig=calibration.rig))
         observations = Observations.of(tracks, config.bodies)
         if len(observations) < 20:
             raise ValueError(
@@ -145,9 +147,12 @@ def _named_views(rig: CameraRig, config: RefineConfig) -> list[int] | None:
     return [rig.names.index(name) for name in config.cameras]
 
 
-def _differing(clip: Clip) -> tuple[Calibration, list[int], str | None]:
-    """Return the calibration without clear differences, the cameras that had them, and why there are none."""
-    calibration, views, found = Calibration.of(clip.rig), [], None
+def _differing(clip: Clip) -> tuple[Calibration, list[int], str | None, ImageTracks | None]:
+    """Return the calibration without clear differences, the cameras that had them, why there are none, and tracks.
+
+    The tracks are those of this calibration, or None if nobody matched them yet.
+    """
+    calibration, views, found, tracks = Calibration.of(clip.rig), [], None, None
     for _ in range(max(len(clip.rig) - 2, 0)):
         tracks = match_tracks(replace(clip, rig=calibration.rig))
         found = examine(tracks, calibration) if tracks.xy.shape[1] else None
@@ -155,8 +160,8 @@ def _differing(clip: Clip) -> tuple[Calibration, list[int], str | None]:
             break
         best = found.kinds[0]
         moved = np.where(np.arange(Q) == OFFSET, 0, best.step)
-        calibration, views = calibration.with_step(best.view, moved), [*views, best.view]
-    return calibration, sorted(views), None if views else _why_none(clip.rig, found)
+        calibration, views, tracks = calibration.with_step(best.view, moved), [*views, best.view], None
+    return calibration, sorted(views), None if views else _why_none(clip.rig, found), tracks
 
 
 def _why_none(rig: CameraRig, found: Examination | None) -> str:

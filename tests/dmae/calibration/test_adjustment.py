@@ -13,8 +13,8 @@ from dmae.calibration.bundle_adjustment import (
     OFFSET,
     PARTS,
     ROTATION,
+    Adjusted,
     AdjustmentProblem,
-    AdjustmentState,
     Calibration,
     Freedom,
     ImageTracks,
@@ -74,9 +74,9 @@ def test_derivatives_are_those_of_the_projection_by_central_differences(seed):
     def residual(step: np.ndarray) -> np.ndarray:
         """(M, V, 2) px, from a step of all cameras and of the points."""
         cameras, move = step[:-3].reshape(V, Q), step[-3:]
-        return AdjustmentState(problem, calibration.changed(cameras), xyz + move).residual[:, :, 0]
+        return Adjusted(problem, calibration.changed(cameras), xyz + move).residual[:, :, 0]
 
-    here = AdjustmentState(problem, calibration, xyz)
+    here = Adjusted(problem, calibration, xyz)
     np.testing.assert_allclose(here.residual, rig.project(xyz)[0] - observations.seen(calibration)[0], atol=1e-9)
     steps = 1e-5 * np.eye(V * Q + 3)
     expected = np.stack([(residual(step) - residual(-step)) / 2e-5 for step in steps], -1)
