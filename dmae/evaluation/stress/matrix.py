@@ -116,9 +116,9 @@ def plan(config: StressConfig) -> Plan:
             raise ValueError(f"pairs={pair}: expected two different axes, as in pairs=[cameras+objects]")
         if config.pairs is not None or {first, second} <= set(names):
             pairs.append(_axis((first, second), config, config.pairs is not None))
-    used = {name for axis in (*axes, *pairs) for name in axis.names}
-    if unused := set(config.levels) - used:
-        raise ValueError(f"levels of {', '.join(sorted(unused))}: no such axis is used; there are {', '.join(used)}")
+    used = dict.fromkeys(name for axis in (*axes, *pairs) for name in axis.names)
+    if unused := sorted(config.levels.keys() - used.keys()):
+        raise ValueError(f"levels of {', '.join(unused)}: no such axis is used; there are {', '.join(used)}")
     seeds = tuple(range(config.seed, config.seed + _SEEDS[StressSize(config.size)]))
     return Plan(tuple(axes), tuple(pairs), seeds)
 
