@@ -59,6 +59,7 @@ def test_type_checkers_see_every_name(module):
     for name in module.__all__:
         assert getattr(module, name).__name__ == name
         assert name in dir(module)
+    assert not {"TYPE_CHECKING", "import_module"} & set(dir(module)), "completion offers what is ours"
 
 
 @pytest.mark.parametrize("module", [dmae, synth], ids=lambda module: module.__name__)

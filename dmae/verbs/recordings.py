@@ -115,7 +115,7 @@ def detect(
 
 
 def read_poses(path: str | Path) -> PoseFile:
-    """Read poses that any supported program wrote: `.npz`, `.trc`, a clip, CMU Panoptic's folder.
+    """Read poses that any supported program wrote: `.npz`, `.trc`, movement's `.nc`, a clip, CMU Panoptic's folder.
 
     Args:
         path: The file or folder. If each person has a TRC file, `<name>_P1.trc`, `<name>_P2.trc`, ..., give
