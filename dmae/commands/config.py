@@ -334,8 +334,8 @@ class PretrainCommand:
     """Clips of 12 s to train on; a quarter of this number is used for calibration, and a quarter for scores."""
     seconds: float = 12.0
     """s; length of a clip."""
-    views: list[int] = field(default_factory=lambda: [2, 3, 4, 5])
-    """Numbers of cameras that capture people, drawn for each clip."""
+    views: list[int] = field(default_factory=list)
+    """Numbers of cameras that capture people, drawn for each clip; by default 2 to 5, if the rig has so many."""
     steps: int = 6000
     """Steps of training. No step is limited by time: the same command makes the same weights on one machine."""
     workers: int = 1
@@ -349,7 +349,7 @@ class PretrainCommand:
         for name, least in (("clips", 2), ("steps", 1), ("seed", 0)):
             if getattr(self, name) < least:
                 raise ValueError(f"{name}: expected at least {least}, found {getattr(self, name)}")
-        if not self.views or min(self.views) < 2:
+        if min(self.views, default=2) < 2:
             raise ValueError(f"views={self.views}: expected numbers of cameras, 2 or more")
 
 

@@ -15,9 +15,10 @@ from dmae.evaluation.config import EvaluateConfig, Input
 from dmae.evaluation.gates import compare_scores
 from dmae.evaluation.scores import read_scores
 from dmae.files.contents import write_atomic
+from dmae.formats.calibrations import read_calibration
 from dmae.formats.config import DataConfig
 from dmae.metrics.score_tables import overview
-from dmae.reporting.tables import print_tables
+from dmae.reporting.tables import counted, print_tables
 
 _STEPS = 7
 
@@ -31,8 +32,9 @@ def run(config: PretrainCommand, out: Path) -> None:
     import synth
 
     generated = configurations(config, out)
+    config = replace(config, views=camera_numbers(config))
     for number, (name, each) in enumerate(generated.items()):
-        say(f"simulate {each['clips']} clips: {name}", number + 1, _STEPS)
+        say(f"simulate {counted(each['clips'], 'clip')}: {name}", number + 1, _STEPS)
         synth.generate(**each, out=out / name)
     say("capture them with few cameras", 4, _STEPS)
     for name in ("train", "validation"):
@@ -90,6 +92,8 @@ def configurations(config: PretrainCommand, out: Path) -> dict[str, dict[str, An
         takes = Path(config.motion)
         if not takes.exists():
             raise FileNotFoundError(f"motion={takes}: no such folder or list of takes")
+        if takes.is_file() and takes.suffix != ".tsv":
+            raise ValueError(f"motion={takes}: expected a folder of motion files, or the list of takes (.tsv) of one")
         if takes.is_dir():
             takes = _divided(takes, out / "takes.tsv", config.seed)
         motions = {name: synth.preset("motion", "recorded", path=str(takes), sets=[name]) for name in motions}
@@ -99,6 +103,20 @@ def configurations(config: PretrainCommand, out: Path) -> dict[str, dict[str, An
         name: {"clips": counts[name], "seed": 3 * config.seed + number, "motion": motions[name], **common}
         for number, name in enumerate(counts)
     }
+
+
+def camera_numbers(config: PretrainCommand) -> list[int]:
+    """Return the numbers of cameras that capture people. Raises ValueError if the rig has fewer."""
+    import synth
+
+    if Path(config.rig).exists():
+        views = len(read_calibration(Path(config.rig)))
+    else:
+        rig = synth.preset("rig", config.rig)
+        views = len(rig.cameras) or getattr(rig, rig.placement.name).views
+    if max(config.views, default=2) > views:
+        raise ValueError(f"views={config.views}: expected numbers from 2 to {views}, the cameras of rig={config.rig}")
+    return config.views or list(range(2, min(views, 5) + 1))
 
 
 def _divided(motion: Path, takes: Path, seed: int) -> Path:

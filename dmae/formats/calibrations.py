@@ -144,10 +144,11 @@ def camera_tables(path: Path, cameras: object) -> Iterator[CameraTable]:
 
 
 class LacksSize(ValueError):
-    """Raised when a calibration file states no image size and none is given; names the option that gives it."""
+    """Raised when a calibration file states no image size and none is given; names the option that gives it, if any."""
 
-    def __init__(self, what: str, option: str = "size"):
-        super().__init__(f"{what}; give it as {option}=[width,height], px")
+    def __init__(self, what: str, option: str | None = None):
+        without = "write the cameras as Pose2Sim does, with size = [width, height]"
+        super().__init__(f"{what}; {f'give it as {option}=[width,height], px' if option else without}")
         self.what = what
 
 

@@ -7,7 +7,9 @@ import pytest
 
 from dmae.cli import DMAE, compose
 from dmae.commands.config import PretrainCommand
-from dmae.commands.pretrain import command_line, configurations, run
+from dmae.commands.pretrain import camera_numbers, command_line, configurations, run
+from dmae.formats.calibrations import write_calibration
+from tests.support.clips import looking_at_origin
 from tests.support.commands import run_command
 from tests.support.motion_files import bvh
 
@@ -29,10 +31,11 @@ def test_sets_share_no_seed_and_no_subject(mocap, tmp_path):
 
 
 def test_a_calibration_and_a_fitted_preset_are_read_from_their_files(tmp_path):
-    (tmp_path / "calibration.json").write_text("{}")
+    write_calibration(looking_at_origin(4), tmp_path / "calibration.json", "panoptic")
     preset = tmp_path / "mine.yaml"
     preset.write_text("# @package detector\nname: mine\n")
     config = PretrainCommand(rig=str(tmp_path / "calibration.json"), detector=str(preset))
+    assert camera_numbers(config) == [2, 3, 4] and camera_numbers(PretrainCommand()) == [2, 3, 4, 5]
     made = configurations(config, tmp_path)["train"]
     assert made["rig"].path == str(tmp_path / "calibration.json") and made["detector"].name == "mine"
     assert str(tmp_path) not in command_line(config)
@@ -43,6 +46,12 @@ def test_what_cannot_be_is_refused(tmp_path):
         name, _, path = missing.partition("=")
         with pytest.raises(FileNotFoundError, match=f"{missing}: no such"):
             configurations(PretrainCommand(**{name: path}), tmp_path)
+    (tmp_path / "take.bvh").touch()
+    with pytest.raises(ValueError, match=r"take\.bvh: expected a folder of motion files"):
+        configurations(PretrainCommand(motion=str(tmp_path / "take.bvh")), tmp_path)
+    for rig, views in (("shelf", 5), ("random", 6)):
+        with pytest.raises(ValueError, match=rf"views=\[9\]: expected numbers from 2 to {views}, .* rig={rig}"):
+            camera_numbers(PretrainCommand(rig=rig, views=[9]))
     with pytest.raises(FileNotFoundError, match="no such folder or list of takes"):
         configurations(PretrainCommand(motion=str(tmp_path / "none")), tmp_path)
     with pytest.raises(ValueError, match="views"):

@@ -205,7 +205,7 @@ def test_fisheye_of_a_toml(tmp_path):
 def test_sizes_may_be_given_where_a_file_has_none_and_must_not_contradict_it(tmp_path):
     folder = write(tmp_path, "voxelpose")
     with pytest.raises(
-        ValueError, match=r"calibration\.json: camera 'left': .* no image size; .*size=\[width,height\]"
+        ValueError, match=r"calibration\.json: camera 'left': .* no image size; .*size = \[width, height\]"
     ):
         read_calibration(folder)
     folder = write(tmp_path, "pose2sim")
