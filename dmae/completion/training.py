@@ -412,7 +412,9 @@ class Learner(lightning.LightningModule):
     def on_validation_epoch_end(self) -> None:
         """Print how far the training is: the mean loss of the last hundred steps, and what validation found."""
         found = {name: float(value) for name, value in self.trainer.callback_metrics.items()}
-        if self.trainer.state.fn != TrainerFn.FITTING or not self.trainer.is_global_zero:
+        whole = self.trainer.global_step % self.train_config.learning.epoch == 0
+        # The validation after training repeats that of its last epoch, if that was whole.
+        if not self.trainer.is_global_zero or (whole and self.trainer.state.fn != TrainerFn.FITTING):
             return
         line = f"step {self.trainer.global_step}: loss {self.mean_loss:.4g}"
         if "hidden_model_mm" in found:
@@ -663,6 +665,8 @@ def _load_initial(config: TrainConfig) -> tuple[DMAE, Skeleton, dict] | None:
     if config.init is None:
         return None
     if config.init == "shipped":
+        if not config.model.residual:
+            raise ValueError("init=shipped: these weights are not of the paper's network; give init=paper")
         folder = find_shipped(get_skeleton(config.skeleton or BODY25.name))
     else:
         folder = weights_folder(config.init)

@@ -303,7 +303,7 @@ def _same_name(name: str) -> str:
 
 def _read(clips: Iterable[Clip], skeleton: Skeleton, config: TrainConfig) -> dict[str, PosePair]:
     found = {}
-    for clip in progress(_captured(clips, skeleton, config), "reading"):
+    for clip in _captured(clips, skeleton, config):
         if clip.id in found:
             raise ValueError(_same_name(clip.id))
         found[clip.id] = pose_pair(clip, skeleton, config.model.fps)
@@ -312,12 +312,13 @@ def _read(clips: Iterable[Clip], skeleton: Skeleton, config: TrainConfig) -> dic
 
 def _captured(clips: Iterable[Clip], skeleton: Skeleton, config: TrainConfig) -> Iterator[Clip]:
     """Yield clips; those without poses are captured if `views` asks for it, or the skeleton lacks truth."""
-    for clip in clips:
+    for clip in progress(clips, "reading clips"):
         lacking = clip.truth is not None and clip.truth.skeleton in skeleton.parts[1:]
         if clip.poses is not None or not (config.examples.views or lacking):
             yield clip
             continue
-        for cameras in camera_subsets(clip, config.examples.views):
+        subsets = camera_subsets(clip, config.examples.views, "examples.views")
+        for cameras in progress(subsets, f"capturing {clip.id}"):
             part = clip.select(views=cameras)
             yield replace(part, id=f"{clip.id}{_BY}{cameras}", poses=capture(part, config.capture))
 

@@ -282,13 +282,13 @@ def camera_indices(clip: Clip, cameras: Sequence[int | str], option: str) -> lis
     return found
 
 
-def camera_subsets(clip: Clip, sizes: Sequence[int]) -> list[list[int]]:
+def camera_subsets(clip: Clip, sizes: Sequence[int], option: str = "views") -> list[list[int]]:
     """Return all subsets of a clip's cameras with these sizes, of at least two; without sizes, the set of all cameras.
 
-    Raises ValueError if there are not enough cameras, or a size is less than two.
+    Raises ValueError, with the name of the option, if there are not enough cameras, or a size is less than two.
     """
     views = len(clip.rig)
     sizes = list(dict.fromkeys(sizes)) or [views]
     if not all(2 <= size <= views for size in sizes):
-        raise ValueError(f"views={sizes}: expected numbers from 2 to {views}, the cameras of clip {clip.id!r}")
+        raise ValueError(f"{option}={sizes}: expected numbers from 2 to {views}, the cameras of clip {clip.id!r}")
     return [list(cameras) for size in sizes for cameras in combinations(range(views), size)]

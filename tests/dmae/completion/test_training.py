@@ -12,6 +12,7 @@ import torch
 from safetensors.torch import load_file
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+from dmae.cli import DMAE, compose
 from dmae.completion.config import (
     AugmentConfig,
     LearningConfig,
@@ -22,13 +23,14 @@ from dmae.completion.config import (
     TrainConfig,
 )
 from dmae.completion.training import CheckedCheckpoints, Learner, TimeLimit, error_loss, newest_checkpoint, train
-from dmae.completion.training_data import PosePair, Recipe, calibration_poses
+from dmae.completion.training_data import PosePair, Recipe, calibration_poses, read_training_set
 from dmae.completion.uncertainty import CLASSES
 from dmae.completion.windows import rest_pose
 from dmae.data.clip import Poses3D
 from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25, SHELF14
 from tests.support.circling_people import circling_people, clip_of
+from tests.support.clips import full_clip
 from tests.support.training import TINY_NETWORK, changed
 
 TINY = changed(
@@ -127,6 +129,27 @@ def test_other_recipes_train(clips, tmp_path, change):
     record = json.loads((train(config, clips, tmp_path) / "model.json").read_text())
     assert np.isfinite(record["hidden_model_mm"])
     assert record["denoises"] == (config.learning.observed_weight > 0)
+
+
+def test_a_training_that_ends_within_an_epoch_says_what_it_reached(clips, tmp_path, capsys):
+    for steps, whole in ((2, 0), (10, 2), (7, 1)):
+        train(changed(TINY, steps=steps), clips, tmp_path / str(steps))
+        said = [line for line in capsys.readouterr().err.splitlines() if "validation: hidden joints" in line]
+        assert len(said) == whole + (steps % 5 > 0) and said[-1].startswith(f"step {steps}: loss")
+
+
+def test_reading_says_how_many_clips_and_cameras_there_are(capsys, monkeypatch):
+    monkeypatch.setattr("dmae.progress.LINE_EVERY", 0)
+    seen, config = full_clip(3, 3), changed(TINY, views=[3, 2])
+    read_training_set([replace(seen, id="a"), replace(seen, id="b")], [], [], SHELF14, config)
+    said = capsys.readouterr().err
+    assert "reading clips: 1 of 2" in said and "capturing b: 3 of 4" in said
+
+
+def test_weights_of_the_default_network_do_not_start_the_papers(clips, tmp_path):
+    config = compose(DMAE.commands["train"], ["model=paper", "init=shipped", "data=clip", "data.path=none"])
+    with pytest.raises(ValueError, match="give init=paper"):
+        train(config, clips, tmp_path)
 
 
 def test_a_single_clip_trains_without_validation(clips, tmp_path):
