@@ -64,6 +64,9 @@ def test_a_format(recipe, small_clip, tmp_path: Path):
     write_calibration(small_clip.rig, tmp_path / "calibration.toml", "pose2sim")
     for clip in (dmae.read(tmp_path, fps=25), dmae.read(tmp_path, format="recipe_format:read_lizard")):
         np.testing.assert_array_equal(clip.detections.xy, found.xy)
+    (tmp_path / "lizard.json").write_text("[" * 100_000)
+    with pytest.raises(ValueError, match=r"lizard\.json: expected JSON, "):
+        dmae.read(tmp_path, fps=25)
 
 
 def test_a_metric(recipe, small_clip):
