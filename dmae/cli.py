@@ -267,4 +267,6 @@ def _in_one_line(error: Exception) -> str:
         # The first line is "In 'detector/mine': ConfigKeyError raised while composing config:", the second the reason.
         first, reason = first.partition(": ")[0], more[0]
     first, reason = first.rstrip("."), reason.rstrip(".")
+    if "hydra/launcher/submitit" in first:
+        reason = "pip install hydra-submitit-launcher"
     return first if reason in ("", first) else f"{first}: {reason}"

@@ -68,18 +68,19 @@ def similar_path(path: str, words: Collection[str] = ()) -> str:
 def like(options: Group, key: str) -> str:
     """Return the text for an unknown option: the option with the same last name, or else the most similar one.
 
-    If what precedes the last dot is a group, options of this group come first. They are listed if none is very similar,
+    If what precedes a dot is a group, options of this group come first. They are listed if none is very similar,
     with the options of the same last name in other groups.
     """
     keys = [member.key for member in options.walk() if not key.startswith(f"{member.key}.")]
     if _CONFUSED.get(key) in keys:
         return f"did you mean {_CONFUSED[key]}?"
-    group, _, last = key.rpartition(".")
+    group = key.rpartition(".")[0]
+    while group and not any(each.startswith(f"{group}.") for each in keys):
+        group = group.rpartition(".")[0]
+    last = key.removeprefix(f"{group}.")
     inside = [each.removeprefix(f"{group}.") for each in keys if group and each.startswith(f"{group}.")]
     similar = _similar(last, inside) if inside else _similar(key, keys)
-    sure = [
-        each for each in similar if each.endswith(last) or sorted(each) == sorted(last) or _ratio(each, last) > 0.75
-    ]
+    sure = [each for each in similar if _sure(each, last)]
     if meant := [f"{group}.{each}" for each in sure] if inside else similar:
         return f"did you mean {'one of ' * (len(meant) > 1)}{', '.join(meant[:6])}?"
     members = (options.find(group) if inside else options).members
@@ -94,8 +95,13 @@ def _similar(key: str, keys: Sequence[str]) -> list[str]:
     if same := [each for each in keys if each.rpartition(".")[2] == last]:
         return [near] if (near := nearest(key, same)) else same
     lasts = {each.rpartition(".")[2]: each for each in reversed(keys)}
-    found = [*filter(None, (nearest(key, keys), lasts.get(nearest(last, lasts))))]
+    named = [each for each in get_close_matches(last, lasts) if _sure(each, last)]
+    found = [*filter(None, (nearest(key, keys), *(lasts[each] for each in named[:1])))]
     return sorted(found, key=lambda each: -max(_ratio(key, each), _ratio(last, each.rpartition(".")[2])))[:1]
+
+
+def _sure(known: str, given: str) -> bool:
+    return known.endswith(given) or sorted(known) == sorted(given) or _ratio(known, given) > 0.75
 
 
 def _ratio(a: str, b: str) -> float:

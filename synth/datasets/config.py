@@ -77,6 +77,10 @@ class AboutConfig:
     date: str | None = None
     """Date of publication, as 2026-11-24."""
 
+    def __post_init__(self):
+        if self.date is not None and not re.fullmatch(r"\d{4}-(0\d|1[0-2])-([0-2]\d|3[01])", self.date):
+            raise ValueError(f"about.date={self.date}: expected year-month-day, as 2026-11-24")
+
 
 @dataclass(frozen=True)
 class GenerateConfig(ProcessesConfig):

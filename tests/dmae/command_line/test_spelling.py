@@ -25,6 +25,7 @@ def folder(tmp_path_factory):
         ("synth generate ++scen.seconds=3", "scen.seconds: no such option; did you mean scene.seconds?"),
         ("synth generate seconds=3", "seconds: no such option; did you mean scene.seconds?"),
         ("synth generate detector.parts.nos.noise=1", "did you mean detector.parts.nose.noise?"),
+        ("synth generate detector.blackouts.share=3", "detector.blackouts.share: no such option; there are"),
         ("synth generate clps=3", "did you mean clips?"),
         ("synth generate +clips=3", "there is an option clips; leave out the +"),
         ("synth generate ~clips", "options cannot be removed"),

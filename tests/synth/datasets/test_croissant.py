@@ -45,6 +45,12 @@ def croissant():
     return pytest.importorskip("mlcroissant")
 
 
+def test_a_date_that_croissant_does_not_take_is_refused():
+    for wrong in ("yesterday", "1.12.2026", "2026-13-01", ""):
+        with pytest.raises(ValueError, match=f"about.date={wrong}: expected year-month-day"):
+            AboutConfig(date=wrong)
+
+
 def test_metadata_follows_from_the_provenance_of_the_clips(rows):
     found = json.loads((rows / "croissant.json").read_text())
     assert (found["name"], found["license"], found["datePublished"]) == (ABOUT.name, ABOUT.licence, ABOUT.date)
