@@ -2,9 +2,10 @@
 
 import doctest
 import inspect
+import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -14,6 +15,7 @@ import pytest
 
 import dmae
 import synth
+from dmae.data.store import MANIFEST
 from dmae.formats.calibrations import write_calibration
 from dmae.formats.reading import recognise
 
@@ -24,7 +26,7 @@ VERBS = sorted(
     if inspect.isfunction(getattr(module, name)) and getattr(module, name).__module__.startswith(home)
 )
 
-generate = synth.generate
+generate, render, train = synth.generate, synth.render, dmae.train
 
 
 @cache
@@ -33,8 +35,34 @@ def generated(**options) -> tuple[dmae.Clip, ...]:
     return tuple(generate(**options))
 
 
-def generate_once(*config, **options) -> Iterator[dmae.Clip]:
-    return generate(*config, **options) if config or "out" in options else iter(generated(**options))
+@pytest.fixture(scope="module")
+def beginnings(tmp_path_factory) -> dict[str, Callable]:
+    """Verbs that most examples begin with: the first to give options has its folder made, the others copied."""
+    kept: dict[str, Path] = {}
+
+    def once(key: str, out: str | Path, make: Callable) -> Path:
+        if key in kept:
+            shutil.copytree(kept[key], out)
+        else:
+            make()
+            kept[key] = shutil.copytree(out, tmp_path_factory.mktemp("kept") / "made")
+        return Path(out)
+
+    def generate_once(*config, out=None, **options) -> Iterator[dmae.Clip]:
+        if config:
+            return generate(*config, out=out, **options)
+        if out is None:
+            return iter(generated(**options))
+        return iter(dmae.load_dataset(once(f"generate {options}", out, lambda: generate(out=out, **options))))
+
+    def render_once(data, *, out, **options) -> Iterator[dmae.Clip]:
+        key = f"render {Path(data, MANIFEST).read_text()} {options}"
+        return iter(dmae.load_dataset(once(key, out, lambda: render(data, out=out, **options))))
+
+    def train_once(clips: Iterable[dmae.Clip], out, config) -> Path:
+        return once(f"train {[clip.id for clip in clips]} {config}", out, lambda: train(clips, out, config))
+
+    return {"synth.generate": generate_once, "synth.render": render_once, "dmae.train": train_once}
 
 
 @pytest.fixture
@@ -70,11 +98,12 @@ def test_unknown_name_lists_the_known_ones(module):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("package", "name"), VERBS, ids=map(".".join, VERBS))
-def test_example_of_a_verb_runs(package: str, name: str, tmp_path: Path, monkeypatch):
+def test_example_of_a_verb_runs(package: str, name: str, tmp_path: Path, monkeypatch, beginnings):
     monkeypatch.chdir(tmp_path)
     verb = getattr(sys.modules[package], name)
-    if verb is not generate:
-        monkeypatch.setattr(synth, "generate", generate_once)
+    for begun, begin in beginnings.items():
+        if begun != f"{package}.{name}":
+            monkeypatch.setattr(begun, begin)
     names = {"dmae": dmae, "synth": synth, "np": np, "Path": Path, "replace": replace}
     examples = doctest.DocTestFinder(recurse=False).find(verb, f"{package}.{name}", globs=names)
     assert examples[0].examples, f"{package}.{name} has no example"
