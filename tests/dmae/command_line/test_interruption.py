@@ -87,7 +87,7 @@ def test_clips_captured_before_an_interruption_are_a_data_set(folder):
 def test_training_resumes_from_its_checkpoint(folder, by, status):
     tiny = [f"model.encoder.{size}" for size in ("dim=8", "heads=1", "head_dim=8")]
     tiny += ["model.decoder.dim=8", "learning.epoch=2", "learning.batch=2", "learning.steps=100000"]
-    process = start_command(folder, "dmae", "train", "data=set", f"out=model{status}", *tiny)
+    process = start_command(folder, "dmae", "train", "data=set/00", f"out=model{status}", *tiny)
     wait_for(folder / f"model{status}/checkpoint.ckpt", process)
     _, error = interrupt(process, by=by)
     assert process.returncode == status
