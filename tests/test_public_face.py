@@ -18,6 +18,7 @@ import synth
 from dmae.data.store import MANIFEST
 from dmae.formats.calibrations import write_calibration
 from dmae.formats.reading import recognise
+from tests.support.benchmarks import simulate_here
 
 VERBS = sorted(
     (module.__name__, name)
@@ -100,6 +101,7 @@ def test_unknown_name_lists_the_known_ones(module):
 @pytest.mark.parametrize(("package", "name"), VERBS, ids=map(".".join, VERBS))
 def test_example_of_a_verb_runs(package: str, name: str, tmp_path: Path, monkeypatch, beginnings):
     monkeypatch.chdir(tmp_path)
+    simulate_here(monkeypatch)
     verb = getattr(sys.modules[package], name)
     for begun, begin in beginnings.items():
         if begun != f"{package}.{name}":

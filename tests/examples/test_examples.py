@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.support.benchmarks import simulate_here
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 EXECUTED = EXAMPLES.parent / "docs/tutorials/executed"
 _NUMBER = re.compile(r"(?<![\w.-])-?\d+(?:\.\d+)?")
@@ -19,9 +21,9 @@ _ROUNDING = re.compile(r"(?<=far-world: worst )[\d.]+ mm")
 SCRIPTS = sorted(EXAMPLES.glob("*.py"))
 NEEDS_RECORDINGS = {"pose2sim_recording"}
 SMALLER = {
-    "dataset_and_model": (["4"], {"clips=10": "clips=3"}),
+    "dataset_and_model": (["4"], {"seconds=3, clips=10": "seconds=1, clips=2", "seconds=4": "seconds=2"}),
     "benchmark_method": ([str(EXAMPLES.parent / "tests/data/tiny_benchmark.yaml")], {"workers=2": "workers=1"}),
-    "train_a_detector": (["2"], {"clips=5": "clips=2"}),
+    "train_a_detector": (["2"], {"clips=5, seconds=1": "clips=2, seconds=0.4"}),
 }
 """Arguments, and changes of the text, with which a script does less."""
 MOST_LINES = 60
@@ -40,6 +42,7 @@ def test_example_runs_and_draws(script: Path, tmp_path: Path, request, monkeypat
     (tmp_path / script.name).write_text(text)
     # As `python script.py` does; in this process, because imports take seconds.
     monkeypatch.chdir(tmp_path)
+    simulate_here(monkeypatch)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(sys, "argv", [script.name, str(tmp_path), *arguments])
     with warnings.catch_warnings():

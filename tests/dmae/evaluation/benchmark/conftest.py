@@ -6,7 +6,7 @@ import pytest
 
 from dmae.evaluation.benchmark.clips import Definition, find_definition, make_clips
 from dmae.evaluation.config import BenchmarkSize
-from tests.support.benchmarks import write_tiny
+from tests.support.benchmarks import simulate_here, write_tiny
 
 
 @pytest.fixture(scope="session")
@@ -18,5 +18,7 @@ def tiny(tmp_path_factory) -> Definition:
 def made(tiny: Definition, tmp_path_factory) -> Path:
     """The folder of its clips. Tests leave it as it is."""
     data = tmp_path_factory.mktemp("benchmark") / "data"
-    make_clips(tiny, BenchmarkSize.small, data)
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        simulate_here(monkeypatch)
+        make_clips(tiny, BenchmarkSize.small, data)
     return data

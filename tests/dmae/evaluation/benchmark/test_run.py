@@ -30,7 +30,7 @@ from dmae.evaluation.config import BenchmarkConfig, BenchmarkSize
 from dmae.formats.own import export_npz
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
-from tests.support.benchmarks import IDS
+from tests.support.benchmarks import IDS, simulate_here
 from tests.support.clips import full_clip, walkers
 from tests.support.commands import dmae
 
@@ -167,7 +167,10 @@ def test_methods_see_no_truth(made: Path):
 
 
 @pytest.mark.slow
-def test_clips_made_again_are_the_same_and_whole_ones_are_kept(tiny: Definition, made: Path, tmp_path: Path):
+def test_clips_made_again_are_the_same_and_whole_ones_are_kept(
+    tiny: Definition, made: Path, tmp_path: Path, monkeypatch
+):
+    simulate_here(monkeypatch)
     data = tmp_path / "data"
     shutil.copytree(made, data)
     for lost in (data / CLIPS / IDS[0], data / GIVEN / IDS[0]):
