@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -77,11 +78,12 @@ def _run_program(program: Program) -> None:
 
 
 def _run_command(command: Command, arguments: list[str], interrupted: interruption.Interruption) -> None:
+    options = command.options()
     if asked := [argument for argument in arguments if argument in _HELP[:2]]:
         topics = [
             argument for argument in arguments[arguments.index(asked[0]) + 1 :] if argument and "=" not in argument
         ]
-        print(command_help(command, command.options(), topics[0] if topics else ""))
+        print(command_help(command, options, topics[0] if topics else ""))
         return
     flags, folders, overrides = split_flags(arguments)
     with TemporaryDirectory() as copy:
@@ -89,17 +91,17 @@ def _run_command(command: Command, arguments: list[str], interrupted: interrupti
             from dmae.command_line.presets import copy_presets  # it loads NumPy, which `--help` does not need
 
             for folder in folders:
-                copy_presets(command.options(), folder, Path(copy))
+                copy_presets(options, folder, Path(copy))
             flags.append(f"--config-dir={copy}")
-        options = command.options((Path(copy),) if folders else ())
+            options = command.options((Path(copy),))
         overrides = checked(options, overrides, flags, presets=bool(folders))
         for override in overrides:
             if override.startswith("out=") and not set("$'\"") & set(override):
                 check_out(override.removeprefix("out="), "folder" if sweeps(flags) else command.writes)
-        _run_hydra(command, [*flags, *overrides], interrupted)
+        _run_hydra(command, options, [*flags, *overrides], interrupted)
 
 
-def _run_hydra(command: Command, arguments: list[str], interrupted: interruption.Interruption) -> None:
+def _run_hydra(command: Command, options: Group, arguments: list[str], interrupted: interruption.Interruption) -> None:
     """Hand a command to Hydra, which composes its configuration and runs it, for a sweep several times."""
     import hydra
     from hydra.errors import HydraException
@@ -107,11 +109,11 @@ def _run_hydra(command: Command, arguments: list[str], interrupted: interruption
     from omegaconf.errors import OmegaConfBaseException
 
     sys.argv = [str(command), *arguments]
-    _store(command)
+    _store(command, options)
 
     def application(config: DictConfig) -> None:
         try:
-            _apply(command, config, interrupted)
+            _apply(command, options, config, interrupted)
         except BrokenPipeError:
             raise
         except Exception as error:
@@ -127,7 +129,7 @@ def _run_hydra(command: Command, arguments: list[str], interrupted: interruption
     # With this setting Hydra raises errors instead of printing them in several lines.
     os.environ["HYDRA_FULL_ERROR"] = "1"
     try:
-        with _config_folder(command) as folder:
+        with _config_folder(options) as folder:
             hydra.main(version_base="1.3", config_path=folder, config_name=command.name)(application)()
     except (HydraException, OmegaConfBaseException) as error:
         if full:
@@ -139,7 +141,7 @@ def _run_hydra(command: Command, arguments: list[str], interrupted: interruption
             os.environ["HYDRA_FULL_ERROR"] = full
 
 
-def _apply(command: Command, config, interrupted: interruption.Interruption) -> None:
+def _apply(command: Command, options: Group, config, interrupted: interruption.Interruption) -> None:
     """Run a command with a configuration as Hydra composed it, and record the configuration with the output."""
     from hydra.core.hydra_config import HydraConfig
     from hydra.types import RunMode
@@ -152,7 +154,7 @@ def _apply(command: Command, config, interrupted: interruption.Interruption) -> 
     if missing:
         raise ValueError(f"expected {', '.join(f'{key}=...' for key in missing)}")
     values, out = OmegaConf.to_object(config), None
-    check_inputs(values, command.options())
+    check_inputs(values, options)
     with waiting("loading"):
         module = command.module
     interrupted.check()
@@ -189,13 +191,14 @@ def compose(command: Command, overrides: Sequence[str]) -> object:
     from omegaconf import OmegaConf
     from omegaconf.errors import OmegaConfBaseException
 
-    overrides = checked(command.options(), overrides)
-    _store(command)
+    options = command.options()
+    overrides = checked(options, overrides)
+    _store(command, options)
     # Hydra allows one user at a time: a command, as `dmae demo`, may call a verb that composes another configuration.
     running = GlobalHydra.instance().hydra
     GlobalHydra.instance().clear()
     try:
-        with _config_folder(command) as folder, hydra.initialize_config_dir(folder, version_base="1.3"):
+        with _config_folder(options) as folder, hydra.initialize_config_dir(folder, version_base="1.3"):
             return OmegaConf.to_object(hydra.compose(command.name, overrides=overrides))
     except (HydraException, OmegaConfBaseException) as error:
         raise ValueError(_in_one_line(error)) from None
@@ -204,11 +207,10 @@ def compose(command: Command, overrides: Sequence[str]) -> object:
 
 
 @contextmanager
-def _config_folder(command: Command) -> Iterator[str]:
+def _config_folder(options: Group) -> Iterator[str]:
     """Yield the folder of configurations, less presets named like a plain option (`pretrain rig=mine.toml`)."""
     folder = resource_folder("dmae", "configs").resolve()
-    options = command.options().members
-    plain = [each.key for each in options if isinstance(each, Option) and (folder / each.key).is_dir()]
+    plain = [each.key for each in options.members if isinstance(each, Option) and (folder / each.key).is_dir()]
     if not plain:
         yield str(folder)
         return
@@ -217,10 +219,10 @@ def _config_folder(command: Command) -> Iterator[str]:
         yield copy
 
 
-def _store(command: Command) -> None:
+def _store(command: Command, options: Group) -> None:
     from hydra.core.config_store import ConfigStore
 
-    store, options = ConfigStore.instance(), command.options()
+    store = ConfigStore.instance()
     store.store(name=f"{command.name}_schema", node=_schema(command.configuration))
     groups = [{group: preset} for group, preset in command.presets.items()]
     node = {"defaults": [f"{command.name}_schema", "base", *groups, "_self_"]}
@@ -236,6 +238,7 @@ def _store(command: Command) -> None:
                 store.store(group=group, name=name, node=preset.values)
 
 
+@cache
 def _schema(configuration: type):
     """A dataclass as Hydra's schema: OmegaConf takes a frozen one to forbid overrides."""
     from omegaconf import DictConfig, OmegaConf
