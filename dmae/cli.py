@@ -3,6 +3,7 @@
 `dmae/command_line/spelling.py` reads values with Hydra's parser; no other module knows Hydra.
 """
 
+import gc
 import os
 import shutil
 import sys
@@ -155,7 +156,7 @@ def _apply(command: Command, options: Group, config, interrupted: interruption.I
         raise ValueError(f"expected {', '.join(f'{key}=...' for key in missing)}")
     values, out = OmegaConf.to_object(config), None
     check_inputs(values, options)
-    with waiting("loading"):
+    with waiting("loading"), _kept():
         module = command.module
     interrupted.check()
     if "out" in config:
@@ -181,6 +182,20 @@ def _apply(command: Command, options: Group, config, interrupted: interruption.I
             record(OmegaConf.to_yaml(config, resolve=True), out)
         if verdict:
             raise verdict
+
+
+@contextmanager
+def _kept() -> Iterator[None]:
+    """Look for no garbage in what is loaded in the block, which takes a quarter of the time to load `dmae train`."""
+    collects, before = gc.isenabled(), len(sys.modules)
+    gc.disable()
+    try:
+        yield
+    finally:
+        if len(sys.modules) > before:
+            gc.freeze()
+        if collects:
+            gc.enable()
 
 
 def compose(command: Command, overrides: Sequence[str]) -> object:

@@ -1,11 +1,14 @@
 """The commands as users type them."""
 
+import gc
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from dmae.command_line.options import Command
 from dmae.data.clip import Source
 from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25, PANOPTIC19
@@ -196,3 +199,17 @@ def test_a_capture_of_no_person_says_why_and_its_exit_status_tells(folder):
     assert "suggestion: lengths of the calibration are in mm: data.unit=mm" in done.stdout
     assert load_clip(folder / "no_person").poses.xyz.shape[1] == 0
     assert dmae(folder, "report", "clip=no_person").returncode == 0
+
+
+def test_garbage_is_looked_for_while_a_command_runs_but_not_while_it_is_loaded(folder, monkeypatch):
+    collects = []
+
+    def run(config, out):
+        collects.append(gc.isenabled())
+        out.mkdir()
+
+    monkeypatch.setattr(
+        Command, "module", property(lambda _: collects.append(gc.isenabled()) or SimpleNamespace(run=run))
+    )
+    assert dmae(folder, "capture", "data=one", "out=collects").returncode == 0
+    assert collects == [False, True]
