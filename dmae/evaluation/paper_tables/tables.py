@@ -162,11 +162,14 @@ def annotated_frames(trial: Trial) -> list[int]:
     return known[:, actors_of(trial)].sum(0).tolist()
 
 
-def scored_run(trial: Trial, poses: Poses3D, config: TableConfig) -> dict:
-    """Return the scores of a trial's poses, as a run of `dmae.evaluation.scores.run_table`."""
+def runs_of(trial: Trial, filled: dict[str, Poses3D], config: TableConfig) -> dict[str, dict]:
+    """Return the scores of each method's poses of a trial, as runs of `dmae.evaluation.scores.run_table`."""
     angles = leg_angles(trial.truth)[0] if config.angles else None
-    scores = score(poses, trial.given, trial.truth, trial.actors, fps=trial.clip.fps, angles=angles)
-    return {"clip": trial.clip.id, "cameras": trial.cameras} | scores
+    found = {}
+    for name, poses in filled.items():
+        scores = score(poses, trial.given, trial.truth, trial.actors, fps=trial.clip.fps, angles=angles)
+        found[name] = {"clip": trial.clip.id, "cameras": trial.cameras} | scores
+    return found
 
 
 def angle_columns(config: TableConfig) -> list[TableColumn]:
@@ -265,8 +268,8 @@ def fusion_table(config: TableConfig, out: Path) -> dict:
     frames = annotated_frames(trial)
     tables = {name: limbs_of(trial, poses, config) for name, poses in filled.items()}
     errors = {}
-    for name, poses in filled.items():
-        table = run_table([scored_run(trial, poses, config)])
+    for name, run in runs_of(trial, filled, config).items():
+        table = run_table([run])
         errors[name] = {figure: figure_score(table, figure) for figure in ("mpjpe", "angles")}
     if TUNED in filled:
         pair = filled[AGAINST].xyz, filled[TUNED].xyz
@@ -357,9 +360,9 @@ def interaction_table(config: TableConfig, out: Path) -> dict:
     frames = 0
     for trial, filled in table_trials(scored, config, methods, [], chosen_systems(config)):
         frames += sum(annotated_frames(trial)) if AGAINST in filled else 0
-        for name, poses in filled.items():
-            runs.setdefault(name, []).append(scored_run(trial, poses, config))
-            limbs.setdefault(name, []).append(limbs_of(trial, poses, config))
+        for name, run in runs_of(trial, filled, config).items():
+            runs.setdefault(name, []).append(run)
+            limbs.setdefault(name, []).append(limbs_of(trial, filled[name], config))
     rows = []
     for name, scored_runs in runs.items():
         mean, table = summary(scored_runs)["mean"], run_table(scored_runs)
@@ -420,9 +423,8 @@ def counts_table(config: TableConfig, out: Path) -> dict:
             chosen = evenly_spaced(len(subsets), _MOST_SUBSETS)
             for subset in (subsets[index] for index in chosen):
                 ((trial, filled),) = table_trials([clip.select(views=list(subset))], config, methods, [])
-                for name, poses in filled.items():
-                    run = scored_run(trial, poses, config) | {"cameras": subset}
-                    runs.setdefault((name, count), []).append(run)
+                for name, run in runs_of(trial, filled, config).items():
+                    runs.setdefault((name, count), []).append(run | {"cameras": subset})
     columns, rows = [], {name: MeasuredRow(name, {}) for name in methods}
     for count in range(2, cameras + 1):
         columns.append(TableColumn(f"mpjpe_{count}", f"MPJPE, {count} cameras", "mm", lead=count == cameras))
