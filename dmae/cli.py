@@ -277,6 +277,8 @@ def _in_one_line(error: Exception) -> str:
     """What to say of an error: of Hydra's and OmegaConf's the reason, without advice to add options."""
     if override := getattr(error, "override", None):
         return f"{override}: cannot be read; look at its quotes and brackets"
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}"
     if type(error).__module__.split(".")[0] not in ("hydra", "omegaconf"):
         return str(error.args[0] if isinstance(error, KeyError) and error.args else error)
     first, *more = str(error).splitlines()

@@ -102,6 +102,15 @@ def test_errors_of_the_command_itself_are_one_line(folder, arguments, said):
     assert sorted(path.name for path in folder.iterdir()) == ["file", "set"]
 
 
+def test_an_error_of_the_system_names_the_file_and_no_number(folder, monkeypatch):
+    def denied(*_):
+        raise PermissionError(13, "Permission denied", "set/clip.json")
+
+    monkeypatch.setattr("dmae.cli._run_hydra", denied)
+    done = run_command(folder, "dmae", "report", "clip=set")
+    assert done.stderr.strip() == "dmae report: error: set/clip.json: Permission denied"
+
+
 def test_the_whole_error_is_shown_on_demand(folder, monkeypatch):
     monkeypatch.setenv("HYDRA_FULL_ERROR", "1")
     with pytest.raises(ValueError, match="nothing to report"):
