@@ -16,18 +16,19 @@ GATE = 0.5
 """m; a prediction with a larger mean distance of its joints is another person. It applies to bodies of human size."""
 
 
-def match(pred: np.ndarray, truth: np.ndarray, gate: float = GATE) -> np.ndarray:
+def match(pred: np.ndarray, truth: np.ndarray, gate: float = GATE, missing: float | None = None) -> np.ndarray:
     """Assign predictions (F, P, J, 3) m to true persons (F, T, J, 3) m, each once in a frame (Hungarian algorithm).
 
     The cost of a pair is the mean distance over the true joints, with each distance limited to the gate, m. A joint
-    that is not predicted costs the gate, so that a single hand does not replace a whole body. A pair is allowed if the
-    mean distance of its common joints is within the gate. The assignment matches as many persons as possible, with the
-    least cost. Returns indices (F, T) of predictions, -1 if a true person is missed or absent.
+    that is not predicted costs `missing`, m, by default the gate, so that a single hand does not replace a whole body.
+    A pair is allowed if the mean distance of its common joints is within the gate. The assignment matches as many
+    persons as possible, with the least cost. Returns indices (F, T) of predictions, -1 if a true person is missed or
+    absent.
     """
     matches = np.full(truth.shape[:2], -1)
     distance = distances(pred, truth)
     allowed = mean_known(distance, -1) <= gate
-    cost = np.where(np.isnan(distance), gate, np.minimum(distance, gate))
+    cost = np.where(np.isnan(distance), gate if missing is None else missing, np.minimum(distance, gate))
     cost = mean_known(np.where(np.isnan(truth).any(-1)[:, :, None], np.nan, cost), -1)
     # A forbidden pair costs more than any number of allowed pairs.
     cost = np.where(allowed, cost, 1 + gate * (1 + min(cost.shape[1:])))

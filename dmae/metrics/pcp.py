@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dmae.data.skeleton import SHELF14, Skeleton
-from dmae.metrics.comparison import Comparison, match, match_claimed, match_nearest, take_matched
+from dmae.metrics.comparison import GATE, Comparison, match, match_claimed, match_nearest, take_matched
 from dmae.metrics.position import percent
 from dmae.metrics.registry import Protocol, metric, protocol
 from dmae.numerics.statistics import mean_known
@@ -112,7 +112,7 @@ def _voxelpose(pred: np.ndarray, truth: np.ndarray) -> np.ndarray:
 @protocol("4da", missed_count=False, at_half=False)
 def _4da(pred: np.ndarray, truth: np.ndarray) -> np.ndarray:
     """Hungarian assignment, however far; missed persons do not count (Zhang et al. 2020)."""
-    return match(pred, truth, _UNGATED)
+    return match(pred, truth, _UNGATED, missing=GATE)
 
 
 @protocol("hkbu", at_half=False)

@@ -161,6 +161,14 @@ def far() -> tuple[np.ndarray, np.ndarray]:
     return aside(truth, 0.6), truth
 
 
+def lacking() -> tuple[np.ndarray, np.ndarray]:
+    """A prediction without an ankle, one of ten limbs, and a whole stranger, who is not annotated, 2 m away."""
+    truth = people(1, 1)
+    pred = np.concatenate([truth, aside(truth, 2)], 1)
+    pred[:, 0, SHELF14.index("l_ankle")] = np.nan
+    return pred, truth
+
+
 def at_half() -> tuple[np.ndarray, np.ndarray]:
     """The left knee off by 0.5 m: exactly half of a thigh of 0.5 m, and less than half of a shank of 0.75 m."""
     truth = people(1, 1).round(3)
@@ -179,6 +187,7 @@ def at_half() -> tuple[np.ndarray, np.ndarray]:
         (empty_once, {"strict": [75], "mvpose": [75], "voxelpose": [100], "4da": [100], "hkbu": [75]}),
         (shared, {"strict": [100, 0], "mvpose": [100, 100], "voxelpose": [100, 100], "4da": [100, None],
                   "hkbu": [100, 0]}),
+        (lacking, {"strict": [90], "mvpose": [90], "voxelpose": [90], "4da": [90], "hkbu": [90]}),
         (far, {"strict": [0], "mvpose": [0], "voxelpose": [0], "4da": [0], "hkbu": [0]}),
         (at_half, {"strict": [100], "mvpose": [100], "voxelpose": [100], "4da": [90], "hkbu": [90]}),
     ],
