@@ -21,7 +21,7 @@ from dmae.data.clip import Poses3D, Source, person_name
 from dmae.files.mapped import by_frames, column_blocks, empty
 from dmae.numerics.body import bone_lengths, rotate_z, smooth_heading
 from dmae.numerics.filling import fill_body_frame
-from dmae.numerics.kinematics import ISB, NoBody, body_motion, can_move
+from dmae.numerics.kinematics import ADVICE, ISB, NoBody, body_motion, can_move
 from dmae.numerics.paths import linear, pchip
 
 T = TypeVar("T")
@@ -136,7 +136,7 @@ def with_bodies(persons: int, motion: Callable[[int], T]) -> Iterator[tuple[int,
             found = None
         yield person, found
     if len(lacking) == persons:
-        raise lacking[0]
+        raise NoBody(f"{lacking[0]}; {ADVICE}")
     for each in lacking:
         print(f"{each}; this person is left out", file=sys.stderr)
 

@@ -25,6 +25,7 @@ from scipy.spatial.transform import Rotation
 
 from dmae.data.clip import Poses3D, Source, person_name
 from dmae.numerics.filling import STILLS, are_stills, fill_body_frame, smooth
+from dmae.numerics.kinematics import ADVICE
 from dmae.numerics.paths import linear, neighbours, pchip, runs
 
 if TYPE_CHECKING:
@@ -228,7 +229,7 @@ def retarget(
         if lacking:
             raise ValueError(
                 f"{person_name(person)}: {', '.join(lacking)} are never known; a robot that stands "
-                "needs hips, ankles and shoulders"
+                f"needs hips, ankles and shoulders; {ADVICE}"
             )
     filled = smooth(fill_body_frame(poses, fps, pchip), fps, _SMOOTHING)
     people = [_Person(linear(filled.xyz[:, person].astype(np.float64)), fps) for person in range(persons)]

@@ -159,6 +159,10 @@ class BodyMotion:
         return at[:, on] + (turned[:, on] @ self.body.landmarks[..., None])[..., 0]
 
 
+ADVICE = "dmae complete places people's joints that were never seen; npz, trc, c3d and movement hold what is known"
+"""What to do with a person whose body is not known."""
+
+
 class NoBody(ValueError):
     """A person of whom too little is ever known for a body; the message names the person and the joints."""
 
