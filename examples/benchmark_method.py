@@ -1,4 +1,4 @@
-"""Your interpolation on the benchmark: ten lines, the same holes for all, a table, and intervals.
+"""Your interpolation on the benchmark: ten lines, the same gaps for all, a table, and intervals.
 
 The clips are made here, from a definition and its seed, and compared with frozen checksums. A second argument names
 another benchmark, a YAML file of your own.
@@ -19,7 +19,7 @@ name = sys.argv[2] if len(sys.argv) > 2 else "occlusion-v2"
 
 
 def nearest(poses: dmae.Poses3D, fps: float) -> dmae.Poses3D:
-    """Fill a hole with the measurement nearest in time."""
+    """Fill a gap with the measurement nearest in time."""
     xyz, frames = poses.xyz.copy(), np.arange(len(poses.xyz))
     for person, joint in np.ndindex(*poses.source.shape[1:]):
         known = np.flatnonzero(poses.measured[:, person, joint])
@@ -34,7 +34,7 @@ scores = dmae.benchmark(
     methods=[nearest, "linear", "gaussian_process", "dmae"], name=name, workers=2, out=out / "benchmark"
 )
 levels = [level["name"] for level in scores["levels"]]
-print(f"{len(scores['clips'])} clips, checksums: {scores['checksums']}; mean error of holes, mm, by level")
+print(f"{len(scores['clips'])} clips, checksums: {scores['checksums']}; mean error in gaps, mm, by level")
 print(f"{'':18}" + "".join(f"{level:>8}" for level in levels) + "     all")
 figure = Figure(figsize=(7, 3), layout="constrained")
 axes = figure.subplots()
