@@ -298,6 +298,8 @@ def to_clip(found: NumberedDetections, rig: CameraRig, fps: float, path: Path) -
 
     Raises ValueError if cameras do not match, nothing could be read, or numbers in file names are not frame numbers.
     """
+    if not found.views:
+        raise ValueError(f"{path}: expected detections, found no frame of any camera")
     index, how = match_cameras(list(found.views), rig, path)
     numbers = [number for view in found.views.values() for number in view]
     for name, view in found.views.items():

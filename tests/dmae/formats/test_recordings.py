@@ -45,6 +45,12 @@ def test_cameras_match_by_name_number_or_order_and_it_is_said(names, calibrated,
         assert re.search(said, note), note
 
 
+def test_a_recording_without_frames_is_refused_by_name():
+    """COCO's list of images can be empty."""
+    with pytest.raises(ValueError, match="here: expected detections, found no frame"):
+        to_clip(NumberedDetections(BODY25, {}), rig("a", "b"), 25.0, HERE)
+
+
 def test_names_are_ordered_by_the_numbers_in_them():
     assert [path.name for path in by_name([Path("cam10"), Path("cam2"), Path("2²")])] == ["2²", "cam2", "cam10"]
 
