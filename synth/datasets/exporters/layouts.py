@@ -7,6 +7,7 @@ import shutil
 import tarfile
 from collections import Counter
 from dataclasses import fields, replace
+from itertools import count
 from pathlib import Path
 from typing import TextIO
 
@@ -380,7 +381,9 @@ def _write_panoptic_clip(task: ClipTask) -> Counter:
     """Write one sequence, and return counts. Cameras without a name <panel>_<node> become nodes of panel 0."""
     clip = task.load()
     counts = Counter(clips=1, persons=clip.truth.xyz.shape[1])
-    names = [name if re.fullmatch(r"\d\d_\d\d", name) else f"00_{view:02}" for view, name in enumerate(clip.rig.names)]
+    taken = {name for name in clip.rig.names if re.fullmatch(r"\d\d_\d\d", name)}
+    free = (name for node in count() if (name := f"00_{node:02}") not in taken)
+    names = [name if name in taken else next(free) for name in clip.rig.names]
     folder = task.out / task.split / file_part(task.name)
     for image in task.images(clip, Counter()) if clip.has_images else ():
         counts["images"] += 1

@@ -13,6 +13,7 @@ from pycocotools.coco import COCO
 
 from dmae.data.skeleton import get_skeleton
 from dmae.data.store import clip_folders, load_clip, save_clip, write_manifest
+from dmae.formats.calibrations import read_calibration
 from dmae.formats.labelled_images import file_part
 from synth.commands import export as export_command
 from synth.commands.config import ExportDataCommand
@@ -109,6 +110,13 @@ def test_names_of_clips_and_cameras_stay_in_the_folder(data, tmp_path):
     export(tmp_path / "set/000000", tmp_path / "deep/out", "panoptic")
     assert [file_part(name) for name in (*names, "", "..")] == ["%2E%2E%2Fup", "%2Froot%2Ed", "%", "%2E%2E"]
     assert {path.name for path in tmp_path.iterdir()} == {"set", "deep"}
+
+
+def test_nodes_of_panoptic_are_different(data, tmp_path):
+    clip = load_clip(data / "000000")
+    save_clip(replace(clip, rig=replace(clip.rig, names=("left", "00_00")), images=None), tmp_path / "set/000000")
+    export(tmp_path / "set/000000", tmp_path / "out", "panoptic")
+    assert read_calibration(tmp_path / "out/train/000000").names == ("00_01", "00_00")
 
 
 @pytest.mark.parametrize(
