@@ -4,7 +4,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import lru_cache, partial
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -14,6 +14,7 @@ import numpy as np
 from dmae.data.array_fields import short_repr
 from dmae.data.labels import KINDS as KINDS
 from dmae.files.checks import child
+from dmae.files.contents import cached_until_changed
 from dmae.files.images import kept_open, open_video, read_image, upright_frame
 
 RGB_FILES = {"h264": "mp4", "png": "png", "jpeg": "jpg"}
@@ -142,7 +143,7 @@ class Images:
             raise FileNotFoundError(f"{path}: expected {len(self.frames)} frames, up to {last}; found {found}")
 
 
-@lru_cache(64)
+@cached_until_changed(64)
 def image_files(folder: Path) -> tuple[Path, ...]:
     """Return the PNG and JPEG files of a folder, sorted by the numbers in their names."""
     files = (file for file in folder.glob("*") if file.suffix.lower() in (".png", ".jpg", ".jpeg"))

@@ -6,8 +6,9 @@ import shutil
 import stat
 import tempfile
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from functools import lru_cache, wraps
 from pathlib import Path
 
 MOST_BYTES = 4 << 30
@@ -41,6 +42,26 @@ def check_file(path: Path, most: int = MOST_BYTES) -> int:
 
 def _size(count: int) -> str:
     return f"{count / 1e6:.3g} MB" if count >= 100_000 else f"{count} bytes"
+
+
+def cached_until_changed(most: int, path_of: Callable = Path) -> Callable:
+    """Cache `most` results of a function until the file or folder of its first argument, by `path_of`, changes."""
+
+    def decorate(function: Callable) -> Callable:
+        cached = lru_cache(most)(lambda _, *given, **options: function(*given, **options))
+
+        @wraps(function)
+        def found(first, *given, **options):
+            try:
+                state = path_of(first).stat()
+            except OSError:
+                return function(first, *given, **options)
+            return cached((state.st_mtime_ns, state.st_size, state.st_ino), first, *given, **options)
+
+        found.cache_clear = cached.cache_clear
+        return found
+
+    return decorate
 
 
 def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:

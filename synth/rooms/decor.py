@@ -1,13 +1,13 @@
 """The look of a room: coverings, colours and light. It is random in every clip, or as in the room's file."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 
 import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from dmae.files.contents import cached_until_changed
 from synth.rooms.room import read_mjcf
 
 Colour = tuple[float, float, float]
@@ -72,7 +72,7 @@ _TINTS = ((0.55, 0.42, 0.29), (0.24, 0.36, 0.52), (0.58, 0.20, 0.18), (0.30, 0.4
           (0.35, 0.35, 0.38), (0.80, 0.60, 0.24), (0.70, 0.45, 0.36), (0.45, 0.52, 0.58))  # fmt: skip
 
 
-@lru_cache(maxsize=32)
+@cached_until_changed(32)
 def _choices(arena: Path) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
     """Return the possible finishes of the floor and of the walls, and the materials that take any colour."""
     room = read_mjcf(arena)

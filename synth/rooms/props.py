@@ -6,7 +6,6 @@ import re
 import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,7 +13,7 @@ import mujoco
 import numpy as np
 import trimesh
 
-from dmae.files.contents import check_file, read_bytes
+from dmae.files.contents import cached_until_changed, check_file, read_bytes
 from dmae.files.structured import parse_json
 from synth.rooms.config import MeshUp
 from synth.rooms.rays import at_rest
@@ -24,7 +23,7 @@ _TALLEST = 2.2
 """Height above which objects do not restrict people, m."""
 
 
-@lru_cache(maxsize=32)
+@cached_until_changed(32)
 def footprints(path: Path) -> np.ndarray:
     """Return the (K, 3) `discs` of the obstacles in an MJCF file, m."""
     return discs(compile_mjcf(path))
@@ -152,7 +151,7 @@ def find_meshes(path: str) -> list[str]:
     return files
 
 
-@lru_cache(maxsize=64)
+@cached_until_changed(64)
 def load_mesh(path: str, scale: float = 1.0, up: MeshUp = MeshUp.auto) -> tuple[MeshPart, ...]:
     """Return the connected parts of a prop from a mesh file: z up, on the floor, centred above the origin.
 
@@ -324,7 +323,11 @@ class PropSize:
         return float(self.size[:2].max() * self.size[2])
 
 
-@lru_cache(maxsize=64)
+def _file(kind: str) -> Path:
+    return Path(kind) if Path(kind).suffix.lower() in MESHES else prop_file(kind)
+
+
+@cached_until_changed(64, _file)
 def prop_size(kind: str, scale: float = 1.0, up: MeshUp = MeshUp.auto) -> PropSize:
     """Return the space that a prop takes. Raises the same errors as `prop_spec`."""
     model = prop_spec(kind, scale, up).compile()

@@ -1,5 +1,7 @@
 """Images of a recording in a folder for each camera; time offsets by the names of cameras."""
 
+import os
+
 import cv2
 import numpy as np
 import pytest
@@ -99,6 +101,18 @@ def test_what_lacks_images_is_refused_by_name(tmp_path, kind, nothing, few):
         dmae.read(tmp_path / "rec", fps=25, **{kind: KINDS[kind](tmp_path / "few", range(2))})
     with pytest.raises(ValueError, match="expected one of them"):
         dmae.read(tmp_path / "rec", fps=25, images="a", videos="b")
+
+
+def test_images_may_be_added_after_they_were_read(tmp_path):
+    write_openpose_recording(recording(BODY25, 4), tmp_path / "rec")
+    for count in (2, 4):
+        images = write_images(tmp_path / "images", range(count))
+        for folder in (tmp_path / "images").iterdir():
+            os.utime(folder, (count, count))
+        if count == 2:
+            with pytest.raises(ValueError, match="found 2"):
+                dmae.read(tmp_path / "rec", fps=25, images=images)
+    assert dmae.read(tmp_path / "rec", fps=25, images=images).images.at("rgb", "cam0", 3).mean() == 9
 
 
 @pytest.mark.parametrize("ending", ["mp4", "mkv"])

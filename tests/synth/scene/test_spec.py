@@ -1,17 +1,19 @@
 """Scene specifications: deterministic by seed and clip, plausible, and stored as JSON."""
 
 import json
+import os
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 
 from dmae.data.json_values import decode
 from synth.interactions.casting import draw_motions
 from synth.interactions.registry import InteractionConfig
 from synth.motion.config import MotionConfig, ProceduralConfig, UpAxis
 from synth.people.body import SEGMENTS, body_at
-from synth.rooms.props import footprints
+from synth.rooms.props import footprints, prop_size
 from synth.rooms.room import arena_file, prop_file, room_choices
 from synth.scene.config import SceneConfig
 from synth.scene.sampling import load_motions, sample_scene
@@ -159,6 +161,19 @@ def test_rooms_and_props_of_your_own(tmp_path):
     mine = replace(SHORT, arena=str(tmp_path / "my_studio.xml"), prop_kinds=[str(tmp_path / "my_chair.xml")])
     spec = sample_scene(replace(mine, props=[2, 2]), MOTION, seed=0, clip=0).spec
     assert all(isinstance(prop, PropSpec) and prop.kind.endswith("my_chair.xml") for prop in spec.props)
+
+
+def test_rooms_and_props_may_change_between_clips(tmp_path):
+    """As in a notebook, beside which the file is edited."""
+    room, mesh = tmp_path / "bench.xml", tmp_path / "bench.stl"
+    found = []
+    for size in (0.4, 0.9):
+        room.write_text(f'<mujoco><worldbody><geom type="box" size="{size} .3 .3" pos="0 0 .3"/></worldbody></mujoco>')
+        trimesh.creation.box((2 * size, 0.6, 0.6)).export(mesh)
+        os.utime(room, (size, size))
+        os.utime(mesh, (size, size))
+        found.append([np.abs(footprints(room)).sum(), *(prop_size(str(path)).size[0] for path in (room, mesh))])
+    assert (np.diff(found, axis=0) > 0.5).all()
 
 
 def test_footprints_cover_long_objects_with_discs(tmp_path):
