@@ -2,12 +2,12 @@
 
 import warnings
 from collections.abc import Sequence
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
 from dmae.files.checks import check_numbers
+from dmae.files.contents import cached_until_changed
 from synth.motion.config import PROCEDURAL, RECORDED, MotionConfig, UpAxis
 from synth.motion.geometry import slerp
 from synth.motion.motion import Motion
@@ -100,14 +100,12 @@ def read_take(
     if not path.is_file():
         raise FileNotFoundError(f"no motion file {path}")
     names = tuple(read_mapping(Path(mapping)).items()) if mapping else ()
-    return _read_take(
-        path.resolve(), fps, unit, None if up is UpAxis.auto else up.value, names, path.stat().st_mtime_ns
-    )
+    return _read_take(path.resolve(), fps, unit, None if up is UpAxis.auto else up.value, names)
 
 
-@lru_cache(maxsize=128)
+@cached_until_changed(128)
 def _read_take(
-    path: Path, fps: float | None, unit: float | None, up: str | None, names: tuple[tuple[str, str], ...], mtime_ns: int
+    path: Path, fps: float | None, unit: float | None, up: str | None, names: tuple[tuple[str, str], ...]
 ) -> Motion:
     options = ReadOptions(fps=fps, unit=unit, up=up, mapping=dict(names))
     try:

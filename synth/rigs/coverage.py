@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 
 import mujoco
@@ -10,6 +9,7 @@ import numpy as np
 
 from dmae.data.cameras import CameraRig
 from dmae.data.images import FIRST_OBJECT_ID
+from dmae.files.contents import cached_until_changed
 from synth.errors import FailedSimulation
 from synth.rooms.rays import EVERY_GROUP, at_rest, cast_rays, geom_around
 from synth.rooms.room import compile_mjcf
@@ -130,7 +130,7 @@ def _surroundings(arena: Path | None, center: np.ndarray, points: np.ndarray) ->
     """Return the object of the room around a camera centre, and one that hides all (n, 3) points from it; or None."""
     if arena is None:
         return None, None
-    model, data = _arena(arena, arena.stat().st_mtime_ns)
+    model, data = _arena(arena)
     if (inside := geom_around(model, data, center)) >= 0:
         return _name(model, inside), None
     if not len(points):
@@ -148,7 +148,7 @@ def _name(model: mujoco.MjModel, geom: int) -> str:
     return geom.name or model.body(geom.bodyid[0]).name or f"geom {geom.id}"
 
 
-@lru_cache(maxsize=8)
-def _arena(path: Path, changed: int) -> tuple[mujoco.MjModel, mujoco.MjData]:
+@cached_until_changed(8)
+def _arena(path: Path) -> tuple[mujoco.MjModel, mujoco.MjData]:
     model = compile_mjcf(path)
     return model, at_rest(model)
