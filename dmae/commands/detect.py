@@ -34,8 +34,11 @@ _PIECES = "pieces"
 _CLAIM = "detect.json"
 
 
-def run(config: DetectCommand, out: Path, name: str | None = None) -> None:
-    """Detect people. The clip is called `name`, or as `recording_name` calls the recording."""
+def run(config: DetectCommand, out: Path, name: str | None = None, least: int = 1) -> None:
+    """Detect people. The clip is called `name`, or as `recording_name` calls the recording.
+
+    `least`: number of cameras that are needed; with fewer nothing is detected.
+    """
     # A detector or skeleton that does not exist must not reserve the folder.
     make_detector(config.detector)
     output_skeleton(config.output.skeleton)
@@ -55,6 +58,8 @@ def run(config: DetectCommand, out: Path, name: str | None = None) -> None:
     name = name or recording_name(Path(config.photos or config.videos))
     for note in recording.notes:
         print(note)
+    if len(recording.cameras) < least:
+        raise ValueError(f"{name}: pictures of {counted(len(recording.cameras), 'camera')}; capture needs two or more")
     _claim(config, recording, out)
     if (out / "clip.json").is_file():
         print(f"{out}: detected already")

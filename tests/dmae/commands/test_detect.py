@@ -216,6 +216,9 @@ def test_one_camera_is_detected_and_named_as_too_few_for_capture(session: Clip, 
     done = dmae(tmp_path, "detect", *ARGUMENTS, "out=found", "output.images=false")
     assert done.returncode == 0 and "one camera: capture needs two or more" in done.stdout, done.stderr
     assert len(load_clip(tmp_path / "found").rig) == 1
+    done = dmae(tmp_path, "run", *ARGUMENTS, "out=all")
+    assert done.returncode == 1 and "all: pictures of 1 camera; capture needs two or more" in done.stderr
+    assert not (tmp_path / "all/detected/clip.json").exists()
     # Called as the session that the folder `videos` is in, not as the step that made it.
     assert load_clip(tmp_path / "found").id == tmp_path.name
 
