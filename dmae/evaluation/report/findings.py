@@ -24,6 +24,7 @@ from dmae.formats.poses import SOURCE_WORDS
 from dmae.metrics.comparison import Comparison, gap_frames, match, take_matched
 from dmae.metrics.position import GAPS, squared_deviations
 from dmae.numerics.body import bone_lengths
+from dmae.numerics.filling import are_stills
 from dmae.numerics.paths import runs
 from dmae.numerics.statistics import likely_error, mean_known, median_over_frames
 from dmae.reporting.tables import Table, number_text
@@ -248,11 +249,13 @@ def signs(clip: Clip) -> dict[str, np.ndarray]:
     poses = clip.poses.without(np.isinf(clip.poses.xyz).any(-1))
     clip = replace(clip, poses=poses)
     stated = np.sqrt(np.trace(poses.cov.astype(np.float64), axis1=-2, axis2=-1))
+    # Person 0 of one still is not person 0 of the next.
+    nothing = np.zeros(poses.source.shape) if are_stills(clip.fps) else None
     return {
         STATED: np.nan_to_num(stated),
         UNSTATED: np.where(np.isnan(stated), _UNKNOWN * scale_of(poses), 0),
-        BONE: _bone_deviation(poses),
-        JUMP: _jump(poses, clip.fps),
+        BONE: _bone_deviation(poses) if nothing is None else nothing,
+        JUMP: _jump(poses, clip.fps) if nothing is None else nothing,
         RESIDUAL: _residual(clip),
     }
 

@@ -124,6 +124,13 @@ def test_signs_are_distances():
     assert set(after) == {STATED, UNSTATED, BONE, JUMP, RESIDUAL}
 
 
+def test_people_of_two_stills_are_not_compared():
+    """Jumps of people who moved on between two stills would come before every joint far from its detection."""
+    found = signs(replace(clip_with(), fps=0.0133))
+    assert not found[JUMP].any() and not found[BONE].any() and found[RESIDUAL].any()
+    assert signs(replace(clip_with(), fps=1.0))[JUMP].any()
+
+
 def test_a_joint_of_unknown_error_is_more_doubtful_than_a_precise_one():
     cov = PRECISE.copy()
     cov[:, 0, WRIST] = np.nan
