@@ -176,6 +176,9 @@ def axis_figure(axis: dict) -> Figure:
     left.set(ylabel="PCP [%]", ylim=(min(left.get_ylim()[0], 90), 101))
     right.set(ylabel="error of unmeasured joints [mm]", ylim=(0, None))
     right.axhline(HIDDEN_ERROR, color="#999999", linewidth=0.8, linestyle=":")
+    if all(point["hidden"][0] is None for method in axis["methods"].values() for point in method["points"]):
+        right.set(ylim=(0, 1.2 * HIDDEN_ERROR))
+        right.text(0.5, 0.5, "no unmeasured joint was filled", transform=right.transAxes, ha="center", fontsize=9)
     for panel, which in ((left, "pcp"), (right, "hidden")):
         panel.set_xlabel(axis["unit"] if axis["name"] in axis["unit"] else f"{axis['name']} [{axis['unit']}]")
         plain(panel)

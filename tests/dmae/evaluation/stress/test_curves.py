@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dmae.evaluation.stress.matrix import Axis, Cell, Contender, Plan, breaking_point, curves
-from dmae.evaluation.stress.page import breaking_sentence, breaking_tables, summary, write_result
+from dmae.evaluation.stress.page import axis_figure, breaking_sentence, breaking_tables, summary, write_result
 from dmae.reconstruction.config import CaptureConfig
 
 LEVELS = np.array([0.0, 10.0, 20.0, 40.0])
@@ -124,6 +124,14 @@ def test_words_say_what_breaks_and_what_was_not_measured(result):
     pcp, hidden = breaking_tables(result)
     assert pcp.rows[0][:3] == ("objects", "%", "> 40") and re.fullmatch(r"15 \(1\d to 1\d\)", pcp.rows[0][3])
     assert hidden.rows[0][2:4] == ("> 40", "-")
+
+
+def test_a_panel_without_values_says_so_and_has_a_scale(result):
+    axis = result["axes"][0]
+    for names, said in ((("steady", "frail"), False), (("frail",), True)):
+        _, right = axis_figure(axis | {"methods": {name: axis["methods"][name] for name in names}}).axes
+        assert any("no unmeasured joint was filled" in text.get_text() for text in right.texts) == said
+    assert right.get_ylim() == (0, 120)
 
 
 def test_result_is_strict_json_and_a_page_that_loads_nothing(result, tmp_path):
