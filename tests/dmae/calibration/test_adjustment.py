@@ -118,7 +118,7 @@ def test_a_time_offset_is_found_to_a_fraction_of_a_frame():
     part = xy[:392:4].copy()
     part[:, 2] = xy[3:395:4, 2]
     clip = Clip("late", 6.25, rig, Detections2D(BODY25, part, np.where(np.isnan(part[..., 0]), np.nan, 0.9)))
-    refined = refine(clip, RefineConfig(extrinsics=False, offsets=True))
+    refined = refine(clip, RefineConfig(extrinsics=False, offsets=True, bodies=100))
     frames = refined.offset * clip.fps
     np.testing.assert_allclose(frames - np.median(frames), [0, 0, -0.75, 0], atol=0.1)
 
@@ -212,7 +212,7 @@ def test_what_cannot_be_refined_is_refused():
 @pytest.mark.parametrize(
     "views, frames, note",
     [
-        (2, 100, "with two cameras it is not determined which one differs: give its name"),
+        (2, 40, "with two cameras it is not determined which one differs: give its name"),
         (4, 30, "people are seen for less than 1.6 s, too short to find a camera that differs: give its name"),
         (4, 50, "no camera clearly differs from its calibration"),
     ],
