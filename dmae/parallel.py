@@ -5,6 +5,7 @@ Configurations name a `Backend`, so this module imports joblib only to run tasks
 
 from __future__ import annotations
 
+import gc
 import logging
 import os
 import signal
@@ -147,6 +148,7 @@ def _end_with(main: int) -> None:
             time.sleep(_CHECKED_EVERY)
         os._exit(1)
 
+    gc.freeze()  # What the worker has loaded stays
     threading.Thread(target=watch, name="end with the main process", daemon=True).start()
 
 
