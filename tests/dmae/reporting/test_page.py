@@ -59,6 +59,15 @@ def test_only_bones_with_a_completed_end_are_red(completed):
     assert not red_lines(views_figure(completed, 0).axes[0])
 
 
+def test_columns_of_a_picture_are_even(completed):
+    figure = views_figure(completed, 0)
+    figure.draw_without_rendering()
+    width = figure.axes[0].get_position().width
+    lefts = np.array(sorted({round(panel.get_position().x0, 6) for panel in figure.axes}))
+    assert len(lefts) == 4 and np.ptp(np.diff(lefts)) < 0.005 and np.diff(lefts).min() > width
+    assert 0.005 < lefts[0] == pytest.approx(1 - lefts[-1] - width, abs=0.005)
+
+
 def test_joints_are_drawn_where_the_camera_sees_them(completed):
     dots = [line for line in views_figure(completed, 0).axes[2].lines if line.get_marker() == "."]
     drawn = np.concatenate([np.stack(line.get_data(), -1) for line in dots])
