@@ -48,16 +48,10 @@ def read_bvh(path: Path) -> SkeletonRecording:
         raise malformed(path, len(lines) - 1, f"{frames} frames, as the header states", f"{len(filled)} frames")
     values = number_table(path, filled, [lines[i].split() for i in filled], sum(map(len, hierarchy.channels)))
     check_size(path, lines, frames, len(hierarchy.joints))
-    root, rotations = _decode(hierarchy, values)
-    return SkeletonRecording(
-        path,
-        1 / frame_time,
-        tuple(hierarchy.joints),
-        tuple(hierarchy.parents),
-        np.array(hierarchy.offsets),
-        root,
-        rotations,
-    )
+    places, rotations = _decode(hierarchy, values)
+    offsets, root = _rigid(path, hierarchy, places, rotations[:, 0])
+    joints, parents = tuple(hierarchy.joints), tuple(hierarchy.parents)
+    return SkeletonRecording(path, 1 / frame_time, joints, parents, offsets, root, rotations)
 
 
 def _parse_hierarchy(path: Path, lines: list[str]) -> tuple[_Hierarchy, int]:
@@ -84,9 +78,8 @@ def _parse_hierarchy(path: Path, lines: list[str]) -> tuple[_Hierarchy, int]:
             case ["OFFSET", *words] if stack:
                 tree.offsets[stack[-1]] = numbers(path, number, words, 3)
             case ["CHANNELS", count, *names] if stack:
-                allowed = _CHANNELS if tree.parents[stack[-1]] < 0 else _CHANNELS[3:]
-                if count != str(len(names)) or not set(names) <= set(allowed) or len(set(names)) != len(names):
-                    raise malformed(path, number, f"a count and that many of {', '.join(allowed)}", line)
+                if count != str(len(names)) or not set(names) <= set(_CHANNELS) or len(set(names)) != len(names):
+                    raise malformed(path, number, f"a count and that many of {', '.join(_CHANNELS)}", line)
                 tree.channels[stack[-1]] = names
             case ["MOTION"] if tree.joints and not stack:
                 return tree, number
@@ -108,13 +101,13 @@ def _parse_motion_header(path: Path, lines: list[str], motion_line: int) -> tupl
     raise malformed(path, motion_line, "'Frames: <count>' and 'Frame Time: <seconds>' after MOTION", found)
 
 
-def _decode(tree: _Hierarchy, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return root positions (F, 3) and local rotations (F, J, 3, 3) from channel values."""
+def _decode(tree: _Hierarchy, values: np.ndarray) -> tuple[dict[int, np.ndarray], np.ndarray]:
+    """Return the places (F, 3) of the root and of joints with position channels, and local rotations (F, J, 3, 3)."""
     # Some programs write the position of the body in one frame as the offset, and include it in the channels as well.
     offset, channels = tree.offsets[0], tree.channels[0]
     columns = [channels.index(f"{axis}position") for axis in "XYZ" if f"{axis}position" in channels]
     repeats = len(columns) == 3 and all(offset) and np.isclose(values[:, columns], offset, rtol=1e-4).all(1).any()
-    root = np.tile(np.zeros(3) if repeats else np.array(offset), (len(values), 1))
+    places = {0: np.tile(np.zeros(3) if repeats else np.array(offset), (len(values), 1))}
     rotations = np.broadcast_to(np.eye(3), (len(values), len(tree.joints), 3, 3)).copy()
     # Joints with the same order of axes are converted together.
     same_order: dict[str, list[tuple[int, list[int]]]] = {}
@@ -122,8 +115,13 @@ def _decode(tree: _Hierarchy, values: np.ndarray) -> tuple[np.ndarray, np.ndarra
     for joint, channels in enumerate(tree.channels):
         angles = []
         for channel in channels:
-            if channel.endswith("position"):
-                root[:, "XYZ".index(channel[0])] += values[:, column]
+            axis = "XYZ".index(channel[0])
+            if channel.endswith("position") and joint:
+                # As MotionBuilder, Xsens and others write it, in place of the offset.
+                place = places.setdefault(joint, np.tile(tree.offsets[joint], (len(values), 1)))
+                place[:, axis] = values[:, column]
+            elif channel.endswith("position"):
+                places[0][:, axis] += values[:, column]
             else:
                 angles.append(column)
             column += 1
@@ -135,4 +133,41 @@ def _decode(tree: _Hierarchy, values: np.ndarray) -> tuple[np.ndarray, np.ndarra
         # Intrinsic rotations: each channel turns about an axis that the preceding channels have turned.
         matrices = Rotation.from_euler(order, angles, degrees=True).as_matrix()
         rotations[:, [joint for joint, _ in turned]] = matrices.reshape(len(values), len(turned), 3, 3)
-    return root, rotations
+    return places, rotations
+
+
+_STRETCH = (
+    0.02  # Of the size of the skeleton; a joint that moves this far in its parent's frame is no error of rounding
+)
+
+
+def _rigid(
+    path: Path, tree: _Hierarchy, places: dict[int, np.ndarray], turned: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return offsets (J, 3) that are the same in all frames, and places of the root (F, 3).
+
+    Joints with position channels hardly move in their parent's frame. One does where the root is a node on the floor
+    and the hips, its only child, move above it: the root is put at the hips.
+
+    Args:
+        places: See `_decode`.
+        turned: (F, 3, 3) orientation of the root.
+
+    Raises:
+        ValueError: another joint moves.
+    """
+    offsets, root = np.array(tree.offsets), places.pop(0)
+    for joint, place in places.items():
+        offsets[joint] = np.median(place, 0)
+    most = _STRETCH * np.linalg.norm(offsets[1:], axis=1).sum()
+    for joint, place in places.items():
+        moved = np.linalg.norm(place - offsets[joint], axis=1)
+        if tree.parents[joint] == 0 and tree.parents.count(0) == 1:
+            root, offsets[joint] = root + (turned @ place[..., None])[..., 0], 0
+        elif moved.max() > most:
+            frame = int(moved.argmax())
+            raise ValueError(
+                f"{path}: expected bones of constant lengths, found {tree.joints[joint]!r} {moved[frame]:.3g} from its "
+                f"usual place beside {tree.joints[tree.parents[joint]]!r} in frame {frame + 1}"
+            )
+    return offsets, root

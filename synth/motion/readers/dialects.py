@@ -109,6 +109,14 @@ DIALECTS = (
         blend=0,
         elbow=None,
     ),
+    Dialect(
+        "SOMA",
+        ("Left", "Right"),
+        ("Hips", "Spine1", "Chest", "Head", "{side}Arm", "{side}ForeArm", "{side}Hand", "{side}Hand",
+         "{side}HandMiddle1", "{side}Leg", "{side}Shin", "{side}Foot"),
+        blend=0,
+        elbow=None,
+    ),
     # In the rest pose toes point outward. Elbows bend about the vertical.
     Dialect(
         "SMPL",

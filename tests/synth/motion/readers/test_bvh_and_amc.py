@@ -77,6 +77,51 @@ def replace(lines, old, new):
     lines[i] = lines[i].replace(old, new)
 
 
+def placed(path, poses, moved=(0, 0, 0)):
+    """Write a BVH file in which every joint has position channels; the last joint moves in the last frame."""
+    lines = bvh(path, poses).read_text().splitlines()
+    offsets = [line.split()[1:] for line in lines if line.startswith("OFFSET") and line != "OFFSET 0 0 0"]
+    lines = [line.replace("CHANNELS 3", "CHANNELS 6 Xposition Yposition Zposition") for line in lines]
+    for i in range(-len(poses), 0):
+        words = lines[i].split()
+        rows = [words[:6], *([*offset, *words[3 * n : 3 * n + 3]] for n, offset in enumerate(offsets[1:], 2))]
+        if i == -1:
+            rows[-1][:3] = [str(float(at) + by) for at, by in zip(rows[-1][:3], moved, strict=True)]
+        lines[i] = " ".join(word for row in rows for word in row)
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_position_channels_of_all_joints_stand_for_their_offsets(tmp_path):
+    poses = [{}, {"hip": (0, 0, 90), "lThigh": (0, -40, 0), "root": (0.3, 0, 0)}]
+    plain, all_placed = read_bvh(bvh(tmp_path / "plain.bvh", poses)), read_bvh(placed(tmp_path / "all.bvh", poses))
+    for found, expected in zip(all_placed.forward(), plain.forward(), strict=True):
+        assert found == pytest.approx(expected, abs=1e-9)
+    with pytest.raises(
+        ValueError, match=r"bones of constant lengths, found 'r.*' 0\.5 from its usual place .* frame 3"
+    ):
+        read_bvh(placed(tmp_path / "torn.bvh", [{}] * 3, moved=(0.5, 0, 0)))
+
+
+def test_hips_that_move_above_a_node_on_the_floor_are_the_root(tmp_path):
+    lines = bvh(tmp_path / "take.bvh", [{"root": (0.3, 0.5, 0)}] * 8).read_text().splitlines()
+    first = next(i for i, line in enumerate(lines) if line.startswith("ROOT"))
+    lines[first : first + 1] = [
+        "ROOT world",
+        "{",
+        "OFFSET 0 0 0",
+        "CHANNELS 3 Zrotation Xrotation Yrotation",
+        "JOINT hip",
+    ]
+    motion = next(i for i, line in enumerate(lines) if line == "MOTION")
+    lines[motion + 3 :] = [f"0 0 90 {line}" for line in lines[motion + 3 :]]
+    (tmp_path / "above.bvh").write_text("\n".join([*lines[:motion], "}", *lines[motion:]]) + "\n")
+    found = read_bvh(tmp_path / "above.bvh")
+    # Turned by 90 degrees about y, x becomes -z. The channels stand for the offset, 1 m up.
+    assert found.root[0] == pytest.approx([0, 0.5, -0.3])
+    assert found.forward()[0][:, 1] == pytest.approx(found.root)
+
+
 @pytest.mark.parametrize(
     ("edit", "message"),
     [
