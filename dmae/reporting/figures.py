@@ -40,7 +40,7 @@ def views_figure(clip: Clip, frame: int | None = None) -> Figure:
     _draw_world(axes[views], clip, frame, (0, 2), "side")
     _draw_world(axes[views + 1], clip, frame, (0, 1), "top")
     # Numbers and names beside two of the panels do not move their columns; all columns have room for them.
-    figure.get_layout_engine().set(w_pad=0.16, h_pad=0.1)
+    figure.get_layout_engine().set(w_pad=0.16, h_pad=0.1, rect=(0.015, 0, 0.97, 1))
     for panel in axes[views : views + 2]:
         for artist in (panel.xaxis, panel.yaxis, *panel.texts):
             artist.set_in_layout(False)
