@@ -35,8 +35,8 @@ def read_freemocap(
 
     Lengths in its calibration are in mm, and its world axes are those of the first camera, y down, unless `unit` and
     `up` are given. The synchronised videos give the rate. The array of points (cameras, frames, points, 2 or 3)
-    contains the cameras of the calibration in the same order: x, y in px and, in old files, a confidence, else 1. The
-    first J points are the J joints of the skeleton.
+    contains the cameras of the calibration in the same order: x, y in px and, in some files, a depth, which is not
+    read. Files have no confidence; it is 1. The first J points are the J joints of the skeleton.
 
     Args:
         detections: The file of the array, or a folder that contains it.
@@ -58,9 +58,8 @@ def read_freemocap(
         raise ValueError(f"{file}: expected shape {shape}, found {values.shape}")
     xy = values[:, :, : len(skeleton), :2].astype(np.float64)
     check_numbers(f"{file}: pixels", xy, MOST_PIXELS)
-    confidence = values[:, :, : len(skeleton), 2].astype(np.float64) if numbers == 3 else np.ones(xy.shape[:-1])
-    known = np.isfinite(xy).all(-1) & (confidence > 0)
-    rows = np.where(known[..., None], np.concatenate([xy, confidence[..., None]], -1), np.nan)
+    known = np.isfinite(xy).all(-1, keepdims=True)
+    rows = np.where(known, np.pad(xy, [(0, 0)] * 3 + [(0, 1)], constant_values=1.0), np.nan)
     each = {name: dict(enumerate(view[:, None])) for name, view in zip(rig.names, rows, strict=True)}
     return NumberedDetections(skeleton, each, video_rate(path / _VIDEOS), rig=rig)
 

@@ -38,14 +38,15 @@ def write_caliscope(folder: Path, clip: Clip | None = None, tracker: str = "HOLI
     return clip
 
 
-def write_freemocap(folder: Path, clip: Clip | None = None, confidence: bool = False) -> Clip:
+def write_freemocap(folder: Path, clip: Clip | None = None, depth: bool = False) -> Clip:
     """A recording with its calibration in mm, in the world of a camera for which y points down."""
     clip = clip or one_person()
     write_calibration(clip.rig, folder / "walk_camera_calibration.toml", "pose2sim", unit="mm", up="minus_y")
-    values = np.full((len(clip.rig), len(clip), 543, 3 if confidence else 2), np.nan)
+    values = np.full((len(clip.rig), len(clip), 543, 3 if depth else 2), np.nan)
     values[:, :, :33, :2] = clip.detections.xy[:, :, 0].swapaxes(0, 1)
-    if confidence:
-        values[:, :, :33, 2] = clip.detections.score[:, :, 0].swapaxes(0, 1)
+    if depth:
+        # In px, negative in front of the hips
+        values[:, :, :33, 2] = np.linspace(-300, 300, 33)
     data = folder / "output_data/raw_data"
     data.mkdir(parents=True)
     np.save(data / "mediapipe_2dData_numCams_numFrames_numTrackedPoints_pixelXY.npy", values)
