@@ -133,7 +133,8 @@ def _decode(tree: _Hierarchy, values: np.ndarray) -> tuple[dict[int, np.ndarray]
         # Intrinsic rotations: each channel turns about an axis that the preceding channels have turned.
         matrices = Rotation.from_euler(order, angles, degrees=True).as_matrix()
         rotations[:, [joint for joint, _ in turned]] = matrices.reshape(len(values), len(turned), 3, 3)
-    return places, rotations
+    # Positions that are zero throughout add nothing to the offset; some programs write such channels for all joints.
+    return {joint: place for joint, place in places.items() if not joint or place.any()}, rotations
 
 
 _STRETCH = (

@@ -77,13 +77,14 @@ def replace(lines, old, new):
     lines[i] = lines[i].replace(old, new)
 
 
-def placed(path, poses, moved=(0, 0, 0)):
+def placed(path, poses, moved=(0, 0, 0), zeros=False):
     """Write a BVH file in which every joint has position channels; the last joint moves in the last frame."""
     lines = bvh(path, poses).read_text().splitlines()
     offsets = [line.split()[1:] for line in lines if line.startswith("OFFSET") and line != "OFFSET 0 0 0"]
     lines = [line.replace("CHANNELS 3", "CHANNELS 6 Xposition Yposition Zposition") for line in lines]
     for i in range(-len(poses), 0):
         words = lines[i].split()
+        offsets = [["0"] * 3] * len(offsets) if zeros else offsets
         rows = [words[:6], *([*offset, *words[3 * n : 3 * n + 3]] for n, offset in enumerate(offsets[1:], 2))]
         if i == -1:
             rows[-1][:3] = [str(float(at) + by) for at, by in zip(rows[-1][:3], moved, strict=True)]
@@ -94,9 +95,10 @@ def placed(path, poses, moved=(0, 0, 0)):
 
 def test_position_channels_of_all_joints_stand_for_their_offsets(tmp_path):
     poses = [{}, {"hip": (0, 0, 90), "lThigh": (0, -40, 0), "root": (0.3, 0, 0)}]
-    plain, all_placed = read_bvh(bvh(tmp_path / "plain.bvh", poses)), read_bvh(placed(tmp_path / "all.bvh", poses))
-    for found, expected in zip(all_placed.forward(), plain.forward(), strict=True):
-        assert found == pytest.approx(expected, abs=1e-9)
+    plain = read_bvh(bvh(tmp_path / "plain.bvh", poses)).forward()
+    for all_placed in (placed(tmp_path / "all.bvh", poses), placed(tmp_path / "zeros.bvh", poses, zeros=True)):
+        for found, expected in zip(read_bvh(all_placed).forward(), plain, strict=True):
+            assert found == pytest.approx(expected, abs=1e-9)
     with pytest.raises(
         ValueError, match=r"bones of constant lengths, found 'r.*' 0\.5 from its usual place .* frame 3"
     ):
