@@ -272,7 +272,8 @@ def _unique(frames: np.ndarray) -> np.ndarray:
 
 def _offsets(cameras: Sequence[CameraImages], fps: float, notes: list[str]) -> np.ndarray:
     """Return the number of frames by which each camera started late: from the timecodes, else from the first times."""
-    starts = np.array([np.nan if each.timecode is None else _seconds(each.timecode, fps) for each in cameras])
+    codes = [(each.timecode, each.rate or fps) for each in cameras]
+    starts = np.array([np.nan if code is None else _seconds(code, rate) for code, rate in codes])
     how = "timecodes"
     if np.isnan(starts).any():
         starts, how = np.array([each.times[0] if each.rate else 0.0 for each in cameras]), "times of the first images"
@@ -289,6 +290,7 @@ def _offsets(cameras: Sequence[CameraImages], fps: float, notes: list[str]) -> n
 
 
 def _seconds(timecode: str, fps: float) -> float:
+    """Return the time of day, s, in a timecode of a video of `fps` frames a second; NaN if it is none."""
     found = re.fullmatch(r"(\d+):(\d+):(\d+)[:;.](\d+)", timecode.strip())
     if not found:
         return np.nan

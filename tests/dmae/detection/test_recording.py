@@ -80,6 +80,9 @@ def test_offsets_by_option_timecode_and_first_time():
     assert align(two, None, [0, -2]).frames[0][0] == 2
     codes = [camera("a", np.arange(9) / 10, 10, "01:00:00:05"), camera("b", np.arange(9) / 10, 10, "01:00:00:02")]
     assert [frames[0] for frames in align(codes, None, None).frames] == [3, 0]
+    # The last part counts the frames of its own video: 15 of 30 a second are half a second.
+    mixed = [camera("a", np.arange(90) / 30, 30, "01:00:00:15"), camera("b", np.arange(180) / 60, 60, "01:00:00:00")]
+    assert [frames[0] for frames in align(mixed, None, None).frames] == [30, 0]
     apart = [camera("a", np.arange(9) / 10, 10, "01:00:00:05"), camera("b", np.arange(9) / 10, 10, "02:00:00:02")]
     assert [frames[0] for frames in align(apart, None, None).frames] == [0, 0]
     late = [camera("a", np.arange(9) / 10, 10), camera("b", 0.3 + np.arange(9) / 10, 10)]
