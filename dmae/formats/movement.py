@@ -22,6 +22,7 @@ from dmae.formats.skeletons import NamedDetections, named_detections, named_skel
 
 _WHAT = "a data set of movement"
 _AXES = ("time", "space", "keypoints", "individuals")
+_FROM_0_17 = {"keypoint": "keypoints", "individual": "individuals"}  # Axes as movement calls them from 0.17 on
 _MOST_FRAMES, _MOST_INDIVIDUALS = 10_000_000, 1000
 
 
@@ -128,7 +129,7 @@ def _read(
     path: Path, data_set: Hdf5, space: list[str]
 ) -> tuple[list[str], np.ndarray, np.ndarray, np.ndarray | None, float | None]:
     """Return keypoints, positions (F, P, J, 2 or 3), confidences and sources (F, P, J), and frames per second."""
-    found, names = data_set.texts("space"), data_set.texts("keypoints")
+    found, names = data_set.texts("space"), data_set.texts("keypoint" if "keypoint" in data_set else "keypoints")
     if found != space:
         kind = "2D of one camera" if len(space) == 2 else "3D"
         raise ValueError(f"{path}: expected {_WHAT} in {kind}, with space {', '.join(space)}; found {', '.join(found)}")
@@ -153,7 +154,7 @@ def _read(
 
 def _in_order(path: Path, data_set: Hdf5, name: str, axes: tuple[str, ...]) -> np.ndarray:
     """Return an array with its axes in the order time, individuals, keypoints, space."""
-    values, there = data_set.array(name), data_set.axes(name)
+    values, there = data_set.array(name), [_FROM_0_17.get(axis, axis) for axis in data_set.axes(name)]
     if sorted(there) != sorted(axes) or values.ndim != len(axes) or values.dtype.names:
         raise ValueError(f"{path}: expected {name} with the axes {', '.join(axes)}, found {', '.join(there)}")
     wanted = ("time", "individuals", "keypoints", "space")

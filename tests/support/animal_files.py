@@ -72,8 +72,8 @@ def write_sleap(folder: Path, clip: Clip | None = None, said: bool = False, anim
     return clip
 
 
-def write_movement(folder: Path, clip: Clip | None = None, animals: int = 1) -> Clip:
-    """A data set for each camera."""
+def write_movement(folder: Path, clip: Clip | None = None, animals: int = 1, **names: str) -> Clip:
+    """A data set for each camera, with other names of axes."""
     clip = _calibrated(folder, clip, animals)
     for view, camera in enumerate(clip.rig.names):
         xy, score = clip.detections.xy[:, view].astype(float), clip.detections.score[:, view].astype(float)
@@ -89,7 +89,7 @@ def write_movement(folder: Path, clip: Clip | None = None, animals: int = 1) -> 
                 "individuals": [f"animal{number}" for number in range(xy.shape[1])],
             },
             {"fps": float(clip.fps), "time_unit": "seconds", "ds_type": "poses"},
-        ).to_netcdf(folder / f"{camera}.nc", engine="h5netcdf")
+        ).rename(names).to_netcdf(folder / f"{camera}.nc", engine="h5netcdf")
     return clip
 
 

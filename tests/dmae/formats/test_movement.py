@@ -23,9 +23,11 @@ def poses_of(clip) -> Poses3D:
     return Poses3D(clip.truth.skeleton, xyz, source, np.where(source[..., None, None] == 1, 1e-4 * np.eye(3), np.nan))
 
 
-@pytest.mark.parametrize("animals", [1, 2])
-def test_detections_of_each_camera(tmp_path, animals):
-    clip = write_movement(tmp_path, animals=animals)
+@pytest.mark.parametrize(
+    "how", [{"animals": 1}, {"animals": 2}, {"animals": 2, "keypoints": "keypoint", "individuals": "individual"}]
+)
+def test_detections_of_each_camera(tmp_path, how):
+    clip = write_movement(tmp_path, **how)
     assert recognise(tmp_path) == "movement"
     read = dmae.read(tmp_path, skeleton=str(SKELETONS / "dog.yaml"))
     assert read.fps == clip.fps
