@@ -31,7 +31,7 @@ def run(config: PretrainCommand, out: Path) -> None:
     """
     import synth
 
-    generated = configurations(config, out)
+    generated, command = configurations(config, out), command_line(config)
     config = replace(config, views=camera_numbers(config))
     for number, (name, each) in enumerate(generated.items()):
         say(f"simulate {counted(each['clips'], 'clip')}: {name}", number + 1, _STEPS)
@@ -66,7 +66,7 @@ def run(config: PretrainCommand, out: Path) -> None:
         gate = compare_scores(*(read_scores(out / f"{name}{each}") for each in ("_shipped", "")), ["methods"])
         own = [line for line in (*map(str, gate.changes), *gate.refused) if line.startswith("dmae,")]
         print(*(f"your weights beside those of the package: {line}" for line in own), sep="\n")
-    card = model_card(out / "model", [out / "scores", out / "scores_true"], command_line(config))
+    card = model_card(out / "model", [out / "scores", out / "scores_true"], command)
     write_atomic(out / "model/MODEL_CARD.md", card)
     print(f"The model is {out / 'model'}; tune it with dmae train init={out / 'model'} data=<recordings with truth>")
     print(f"What the steps printed is in {out / LOG}")
@@ -132,6 +132,7 @@ def command_line(config: PretrainCommand) -> str:
     """Return the command on the card. It contains no folders, so that it can be repeated with other paths."""
     made = [f"clips={config.clips}", f"seconds={config.seconds}", f"steps={config.steps}", f"seed={config.seed}"]
     made += [f"detector={Path(config.detector).name}", f"rig={Path(config.rig).name}"]
+    made += [f"views={config.views}".replace(" ", "")] if config.views else []
     return shlex.join(["dmae", "pretrain", *(["motion=..."] if config.motion else []), *made])
 
 

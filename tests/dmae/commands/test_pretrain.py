@@ -58,6 +58,11 @@ def test_what_cannot_be_is_refused(tmp_path):
         PretrainCommand(views=[1])
 
 
+def test_the_card_repeats_the_numbers_of_cameras():
+    assert command_line(PretrainCommand(rig="ring", views=[2, 3])).endswith("rig=ring 'views=[2,3]'")
+    assert "views" not in command_line(PretrainCommand())
+
+
 @pytest.mark.slow
 def test_a_model_is_made_and_its_card_written(mocap, tmp_path, capsys):
     config = PretrainCommand(motion=str(mocap), rig="ring", clips=2, seconds=1.0, steps=4, views=[3])
