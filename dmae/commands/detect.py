@@ -27,11 +27,13 @@ from dmae.detection.recording import (
     write_images,
     write_photographs,
 )
+from dmae.files.checks import IMAGES
 from dmae.formats.calibrations import read_calibration
 from dmae.reporting.tables import counted
 
 _PIECES = "pieces"
 _CLAIM = "detect.json"
+_TOO_FEW = "{}: pictures of {}; capture needs two or more"
 
 
 def run(config: DetectCommand, out: Path, name: str | None = None, least: int = 1) -> None:
@@ -43,7 +45,7 @@ def run(config: DetectCommand, out: Path, name: str | None = None, least: int = 
     make_detector(config.detector)
     output_skeleton(config.output.skeleton)
     if config.clip is not None:
-        _detect_clips(config, out)
+        _detect_clips(config, out, least)
         return
     if config.photos is not None and config.calibration is None:
         _detect_photographs(config, out)
@@ -59,7 +61,7 @@ def run(config: DetectCommand, out: Path, name: str | None = None, least: int = 
     for note in recording.notes:
         print(note)
     if len(recording.cameras) < least:
-        raise ValueError(f"{name}: pictures of {counted(len(recording.cameras), 'camera')}; capture needs two or more")
+        raise ValueError(_TOO_FEW.format(name, counted(len(recording.cameras), "camera")))
     _claim(config, recording, out)
     if (out / "clip.json").is_file():
         print(f"{out}: detected already")
@@ -90,20 +92,23 @@ def interrupted(config: DetectCommand, out: Path) -> str:
     return f"done: {counted(pieces, 'photograph') if config.photos else done}; the same command continues"
 
 
-def _detect_clips(config: DetectCommand, out: Path) -> None:
+def _detect_clips(config: DetectCommand, out: Path, least: int) -> None:
     folders = clip_folders(Path(config.clip))
     several = folders != [Path(config.clip)]
     if out.resolve() == Path(config.clip).resolve():
         raise ValueError(f"out={out}: expected another folder than that of the clip, which keeps its own detections")
-    made = ClipSet(out, settings_of("dmae detect", config, Path(config.clip)) if several else None)
+    settings = settings_of("dmae detect", config, Path(config.clip))
+    made = ClipSet(out, settings if several else None)
     if made.alone:
-        claim_folder(out / _CLAIM, _settings(config) | {"clip": str(config.clip)}, "detections")
+        claim_folder(out / _CLAIM, _settings(config) | {"clip": settings["data"]}, "detections")
     with made:
         for folder in folders:
             if folder.name in made.whole:
                 continue
-            pieces = out / (_PIECES if made.alone else f".{folder.name}.{_PIECES}")
-            detected = detect_clip(load_clip(folder), config.detector, pieces, config.output.skeleton, config.workers)
+            pieces, clip = out / (_PIECES if made.alone else f".{folder.name}.{_PIECES}"), load_clip(folder)
+            if len(clip.rig) < least:
+                raise ValueError(_TOO_FEW.format(folder, counted(len(clip.rig), "camera")))
+            detected = detect_clip(clip, config.detector, pieces, config.output.skeleton, config.workers)
             made.write(detected, folder.name)
             shutil.rmtree(pieces, ignore_errors=True)
             _print(detected.id, detected.detections)
@@ -112,7 +117,7 @@ def _detect_clips(config: DetectCommand, out: Path) -> None:
 
 def _detect_photographs(config: DetectCommand, out: Path) -> None:
     photographs = find_photographs(Path(config.photos))
-    files = {each.name: [str(each.path), *each.size] for each in photographs.cameras}
+    files = {each.name: [str(each.path), *each.size, _bytes(each.path)] for each in photographs.cameras}
     claim_folder(out / _CLAIM, _settings(config) | {"photos": files}, "detections")
     detections, notes = detect_photographs(
         photographs, config.detector, out / _PIECES, config.output.skeleton, config.workers
@@ -128,10 +133,16 @@ def _detect_photographs(config: DetectCommand, out: Path) -> None:
 
 def _claim(config: DetectCommand, recording: Recording, out: Path) -> None:
     """Write what the detections depend on, or refuse a folder that holds detections of other videos or settings."""
-    files = {camera.name: [str(camera.path), len(camera), *camera.size] for camera in recording.cameras}
+    files = {each.name: [str(each.path), len(each), *each.size, _bytes(each.path)] for each in recording.cameras}
     rig = recording.rig and {name: np.asarray(value).tolist() for name, value in asdict(recording.rig).items()}
     given = {"videos": files, "fps": config.fps, "offsets": config.offsets, "calibration": rig}
     claim_folder(out / _CLAIM, _settings(config) | given, "detections")
+
+
+def _bytes(path: Path) -> int:
+    """Return the size of a file, or of all images in a folder: other images of the same names hardly have the same."""
+    files = path.rglob("*") if path.is_dir() else [path]
+    return sum(file.stat().st_size for file in files if file == path or file.suffix.lower() in IMAGES)
 
 
 def _settings(config: DetectCommand) -> dict:

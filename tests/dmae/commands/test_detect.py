@@ -12,11 +12,14 @@ import pytest
 
 import dmae as dmae_package
 from dmae.cli import DMAE, compose
+from dmae.commands.config import RunCommand
+from dmae.commands.run import run
 from dmae.data.clip import Clip
 from dmae.data.images import Images, write_video
 from dmae.data.skeleton import COCO17
 from dmae.data.store import load_clip, save_clip
 from dmae.detection.recording import recording_name
+from dmae.detection.registry import PoseDetectorConfig
 from dmae.formats.calibrations import write_calibration
 from tests.support.commands import dmae
 from tests.support.detected_people import detected_clip, walk
@@ -140,6 +143,7 @@ def test_without_a_calibration_keypoints_are_written(session: Clip, tmp_path: Pa
         (("videos=videos", "fps=25", "detector=my_dots:dots", "output.skeleton=shelf15"), "output.skeleton=shelf15"),
         (("clip=nowhere",), "clip=nowhere: no such file"),
         (("clip=nowhere", "fps=25"), "leave them out"),
+        (("clip=nowhere", "world.unit=mm"), "leave them out"),
     ],
 )
 def test_bad_input_is_one_line(session: Clip, tmp_path: Path, arguments, said):
@@ -157,6 +161,12 @@ def test_another_detector_rate_offset_or_calibration_is_refused_in_the_same_fold
     assert done.returncode == 1 and said in done.stderr
     done = dmae(tmp_path, "detect", *arguments[:3], "fps=50", "offsets=[0,1,0]", *arguments[4:])
     assert done.returncode == 1 and f"{said}fps, offsets." in done.stderr
+    first = min((tmp_path / "videos" / session.rig.names[0]).iterdir())
+    image = first.read_bytes()
+    cv2.imwrite(str(first), 255 - cv2.imread(str(first)))
+    done = dmae(tmp_path, "detect", *arguments)
+    assert done.returncode == 1 and f"{said}videos." in done.stderr, done.stdout
+    first.write_bytes(image)
     moved = session.rig.cam_from_world.copy()
     moved[:, 2, 3] += 0.01
     write_calibration(replace(session.rig, cam_from_world=moved), tmp_path / "other.toml", "pose2sim")
@@ -176,6 +186,13 @@ def test_a_clip_with_images_keeps_its_truth(session: Clip, tmp_path: Path):
     np.testing.assert_array_equal(found.truth.xyz, session.truth.xyz)
     assert found.detections.skeleton.name == "coco17" and found.images.path("rgb", session.rig.names[0]).is_file()
     assert dmae(tmp_path, "detect", "clip=seen", "out=seen").returncode == 1
+    save_clip(replace(session, images=images, fps=50), tmp_path / "seen")
+    done = dmae(tmp_path, "detect", "clip=seen", "detector=my_dots:dots", "out=found")
+    assert done.returncode == 1 and "detect.json differs in clip." in done.stderr, done.stdout
+    save_clip(replace(session, images=images).select(views=[0]), tmp_path / "one")
+    with pytest.raises(ValueError, match="pictures of 1 camera; capture needs two or more"):
+        run(RunCommand(clip=str(tmp_path / "one"), detector=PoseDetectorConfig(name="blazepose")), tmp_path / "all")
+    assert not (tmp_path / "all/detected/clip.json").exists()
 
 
 def test_a_clip_made_by_the_verb_is_that_of_the_command(session: Clip, tmp_path: Path, monkeypatch):
