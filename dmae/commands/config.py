@@ -244,6 +244,8 @@ class LiveCommand:
     input."""
 
     def __post_init__(self):
+        if self.weights is not None and not self.complete:
+            raise ValueError(f"weights={self.weights}: nothing is completed; add complete=true, or leave weights out")
         if self.listen is None:
             return
         host, _, port = self.listen.rpartition(":")

@@ -30,6 +30,8 @@ def run(config: LiveCommand, out: None) -> None:
             print(line, flush=True)
         return
 
+    answers(())  # Options that it refuses are refused before a program connects
+
     class Handler(StreamRequestHandler):
         def handle(self) -> None:
             try:

@@ -13,6 +13,7 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.conversion import resized_poses, resized_rig
 from dmae.data.skeleton import Skeleton
+from dmae.files.checks import check_rate
 from dmae.online.completion import TURN, FinishedFrame, OnlineCompleter, split_frames
 from dmae.reconstruction.body_size import resized_config
 from dmae.reconstruction.chance import resting_ghosts
@@ -82,9 +83,10 @@ class OnlineCapture:
                 the same cameras and detector. By default as `config.noise` says: nothing is learned online.
 
         Raises:
-            ValueError: fewer than two cameras, a skeleton without a size, a negative time, another method of capture,
-                or people are asked for that only a whole recording tells.
+            ValueError: fewer than two cameras, a skeleton without a size, an impossible rate, a negative time, another
+                method of capture, or people are asked for that only a whole recording tells.
         """
+        fps = check_rate("fps", fps)
         if look_ahead is not None and not 0 <= look_ahead < np.inf:
             raise ValueError(f"look_ahead={look_ahead}: expected seconds, 0 or more")
         if len(rig) < 2:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from dmae.commands import live
+from dmae.commands.config import LiveCommand
 from dmae.data.clip import Source
 from dmae.data.skeleton import BODY25
 from dmae.formats.calibrations import write_calibration
@@ -102,6 +103,26 @@ def test_a_line_that_is_too_long_is_one_frame(monkeypatch):
     monkeypatch.setattr(live, "LONGEST", 10)
     sent = b"a" * 10 + b"\n" + b"b" * 11 + b"\n" + b"c" * 35 + b"\nlast"
     assert [line[:1] for line in live.lines_of(BytesIO(sent))] == ["a", "b", "c", "l"]
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"fps": 0.0}, "fps: expected frames per second"),
+        ({"fps": np.nan}, "fps: expected frames per second"),
+        ({"capture": CaptureConfig(persons=2)}, "capture.persons"),
+    ],
+)
+def test_impossible_options_are_refused_before_a_program_connects(tmp_path, options, said):
+    write_calibration(replace(CLIP.rig, names=CAMERAS), tmp_path / "rig.toml", "pose2sim")
+    given = {"fps": 25.0, "listen": "203.0.113.1:0"} | options  # An address that cannot be listened on
+    with pytest.raises(ValueError, match=said):
+        live.run(LiveCommand(calibration=str(tmp_path / "rig.toml"), **given), None)
+
+
+def test_weights_that_complete_nothing_are_refused():
+    with pytest.raises(ValueError, match="weights=model: nothing is completed; add complete=true"):
+        LiveCommand(calibration="rig.toml", fps=25.0, weights="model")
 
 
 @pytest.mark.slow
