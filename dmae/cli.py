@@ -164,6 +164,7 @@ def _apply(command: Command, options: Group, config, interrupted: interruption.I
         if given is not None and HydraConfig.get().mode == RunMode.MULTIRUN:
             given = HydraConfig.get().runtime.output_dir
         out = module.default_out(values) if given is None else Path(given)
+        out = getattr(module, "written_path", lambda _, out: out)(values, out)
         check_out(out, command.writes)
     usual = "nothing is left behind" if out is None else f"nothing was written to {out}; run it again"
     describe = getattr(module, "interrupted", lambda *_: usual)

@@ -11,9 +11,13 @@ from dmae.formats.writing import export_path, write_poses
 from dmae.reporting.tables import counted
 
 
+def written_path(config: ExportCommand, out: Path) -> Path:
+    return export_path(out, config.format)
+
+
 def run(config: ExportCommand, out: Path) -> None:
     writer = pose_writer.find(config.format)
-    out = export_path(out, config.format)
+    out = written_path(config, out)
     check_out(out, "folder" if writer.folder else "file")
     folder = Path(config.clip)
     clip = load_clip(folder)

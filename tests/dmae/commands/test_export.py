@@ -27,6 +27,7 @@ from dmae.formats.reading import Clips, DataConfig
 from dmae.formats.registry import pose_writer
 from dmae.formats.trc import read_trc
 from tests.support.clips import full_clip, image_clip, walkers
+from tests.support.commands import dmae
 from tests.support.recordings import recording, same_detections, write_openpose_recording
 from tests.support.robots import needs_robot
 
@@ -210,6 +211,17 @@ def test_a_file_without_a_suffix_gets_that_of_its_format(captured, tmp_path, for
     export_command.run(ExportCommand(str(tmp_path / "clip"), format), tmp_path / "walk")
     assert (tmp_path / file).is_file()
     assert str(tmp_path / file) in capsys.readouterr().out
+
+
+def test_two_formats_without_a_suffix_are_recorded_beside_each_file(captured, tmp_path):
+    save_clip(captured, tmp_path / "clip")
+    record = tmp_path / "clip/config.yaml"
+    record.write_text("of the command that made the clip")
+    for format in ("npz", "trc"):
+        done = dmae(tmp_path, "export", "clip=clip", f"format={format}", "out=clip")
+        assert done.returncode == 0, done.stderr
+        assert f"format: {format}" in (tmp_path / f"clip.{format}.config.yaml").read_text()
+    assert record.read_text() == "of the command that made the clip"
 
 
 def test_what_is_printed_names_the_skeleton_that_was_written(captured, tmp_path, capsys):
