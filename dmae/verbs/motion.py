@@ -378,15 +378,16 @@ def run(
     from dmae.commands import run as command
     from dmae.commands.config import RunCommand
 
+    if out is not None and isinstance(source, Clip):
+        raise ValueError("out=...: save the clip first with dmae.save, and give its folder as the source")
+    given = load_clip(Path(source)) if calibration is None and not isinstance(source, Clip) else source
+    if isinstance(given, Clip) and len(given.rig) < 2:
+        raise ValueError(f"clip {given.id!r}: capture needs at least 2 cameras, found {len(given.rig)}")
     if out is None:
-        if calibration is None and not isinstance(source, Clip):
-            source = load_clip(Path(source))
-        clip = detect(source, calibration, detector=detector, fps=fps, offsets=offsets, workers=workers)
+        clip = detect(given, calibration, detector=detector, fps=fps, offsets=offsets, workers=workers)
         captured = pipeline.capture(clip, configuration(capture, CaptureConfig, "capture"))
         poses = complete(captured, clip.fps, weights=weights)
         return replace(clip, poses=poses)
-    if isinstance(source, Clip):
-        raise ValueError("out=...: save the clip first with dmae.save, and give its folder as the source")
     config = RunCommand(
         videos=None if calibration is None else str(source),
         clip=str(source) if calibration is None else None,

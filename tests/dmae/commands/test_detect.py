@@ -17,7 +17,7 @@ from dmae.commands.run import run
 from dmae.data.clip import Clip
 from dmae.data.images import Images, write_video
 from dmae.data.skeleton import COCO17
-from dmae.data.store import load_clip, save_clip
+from dmae.data.store import load_clip, save_clip, write_manifest
 from dmae.detection.recording import recording_name
 from dmae.detection.registry import PoseDetectorConfig
 from dmae.formats.calibrations import write_calibration
@@ -208,6 +208,16 @@ def test_a_clip_made_by_the_verb_is_that_of_the_command(session: Clip, tmp_path:
 def test_a_verb_given_a_clip_in_memory_writes_no_folder(session: Clip, tmp_path: Path):
     with pytest.raises(ValueError, match=r"dmae\.save"):
         dmae_package.run(session, out=tmp_path / "run")
+
+
+def test_a_verb_refuses_a_data_set_and_one_camera_before_people_are_detected(session: Clip, tmp_path: Path):
+    for name in ("000000", "000001"):
+        save_clip(session, tmp_path / "set" / name)
+    write_manifest(tmp_path / "set", [{"id": name, "status": "ok"} for name in ("000000", "000001")])
+    with pytest.raises(FileNotFoundError, match="this is a data set, name the folder of one clip in it"):
+        dmae_package.run(tmp_path / "set", out=tmp_path / "run")
+    with pytest.raises(ValueError, match="capture needs at least 2 cameras, found 1"):
+        dmae_package.run(session.select(views=[0]))
 
 
 def test_options_of_the_verb_default_to_those_of_the_command():
