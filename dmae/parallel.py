@@ -275,6 +275,8 @@ def _connect(name: str, processes: int) -> Cluster:
         return CLUSTERS[name](processes)
     except ImportError as error:
         raise ValueError(f"backend={name}: {error}; pip install 'dmae-synth[cluster]'") from None
+    except Exception as error:  # Ray raises nothing narrower where it takes too long to start
+        raise ValueError(f"backend={name}: cannot be started: {error}") from error
 
 
 def _on_cluster(

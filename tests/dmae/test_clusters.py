@@ -62,6 +62,15 @@ def test_a_library_that_is_missing_is_named(monkeypatch):
         in_parallel(square_or_die, [], 5)
 
 
+def test_a_cluster_that_does_not_start_is_named(monkeypatch):
+    def late(processes):
+        raise Exception("The current node timed out during startup.")
+
+    monkeypatch.setitem(CLUSTERS, "ray", late)
+    with running_on("ray"), pytest.raises(ValueError, match=r"backend=ray: cannot be started: The current node timed"):
+        in_parallel(square_or_die, [], 6)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("backend", "order"), [("ray", "ordered"), ("dask", "unordered")])
 def test_a_task_outlives_the_death_of_its_worker(backend, order, tmp_path):
