@@ -491,6 +491,8 @@ def place_world(
             raise ValueError("level=true: too few people stand upright to determine the vertical; leave level out")
         world[:3, :3] = turn_to_z(up[0])
         ankles = [i for i, joint in enumerate(skeleton.joints) if joint.endswith("ankle")]
+        if not np.isfinite(people[:, ankles]).any():
+            raise ValueError("level=true: no ankle is measured, which the floor is found by; leave level out")
         heights = (people[:, ankles] @ world[2, :3]) * scale
         world[2, 3] = _ANKLE_HEIGHT - np.nanpercentile(heights, _FLOOR_PERCENTILE)
     return place_rig(rig, world, scale)

@@ -10,7 +10,7 @@ import dmae
 from dmae.calibration.doctor import diagnose, tilt_fault
 from dmae.calibration.faults import Fault
 from dmae.calibration.refinement import RefineConfig, refine
-from dmae.calibration.world import find_floor, place_clip, place_rig, turn_to_z, upright_world
+from dmae.calibration.world import find_floor, place_clip, place_rig, place_world, turn_to_z, upright_world
 from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.store import save_clip
 from dmae.reconstruction.config import CaptureConfig
@@ -48,6 +48,13 @@ def test_tilt_and_height_are_found_within_their_intervals(tilt, height):
     assert abs(on_floor[2]) < 0.02
     np.testing.assert_allclose(floor.up, T[:3, 2], atol=0.015)
     assert floor.height_interval_m[0] < floor.height_m < floor.height_interval_m[1]
+
+
+def test_a_world_is_not_made_level_by_people_without_ankles():
+    poses = people(world(0, 0))
+    poses.xyz[:, :, poses.skeleton.index("l_ankle", "r_ankle")] = np.nan
+    with pytest.raises(ValueError, match="no ankle is measured, which the floor is found by"):
+        place_world(ring(), poses.xyz.reshape(-1, *poses.xyz.shape[2:]), poses.skeleton, None, level=True)
 
 
 @pytest.mark.parametrize("seed", range(6))
