@@ -77,7 +77,7 @@ class ClipSet:
         if (self.out / "clip.json").is_file():
             raise ValueError(f"out={out}: expected a folder for a data set, found a clip; choose another folder")
         if not (self.out / SETTINGS).is_file() and any(self.out.glob("*/clip.json")):
-            raise ValueError(f"out={out}: holds clips of another command; choose another folder, or remove it")
+            raise ValueError(f"out={out}: holds clips of another command; choose another folder")
         claim_folder(self.out / SETTINGS, settings, "clips")
         sealed = sorted(path.parent for path in self.out.glob(f"[!.]*/{CHECKSUMS}"))
         self.whole = {folder.name for folder in sealed if not find_damage(folder)}

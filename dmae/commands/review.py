@@ -20,6 +20,7 @@ _COLUMNS = ("entry", "person", "joint", "first", "last", "worst", "doubt_mm", "r
 
 def default_out(config: ReviewCommand) -> Path:
     folder = Path(config.clip)
+    folder = folder.resolve() if folder.name in ("", "..") else folder
     return folder.parent / f"{folder.name}_review.csv"
 
 

@@ -156,8 +156,7 @@ def check_vacant(out: Path, contents: str) -> None:
     if out.is_file() or (out.is_dir() and any(out.iterdir())):
         there = "a file" if out.is_file() else f"a folder with {min(path.name for path in out.iterdir())}"
         raise ValueError(
-            f"{out}: expected no such folder yet, or an empty one, for {contents}; found {there}. "
-            "Choose another out, or remove it"
+            f"{out}: expected no such folder yet, or an empty one, for {contents}; found {there}; choose another out"
         )
 
 

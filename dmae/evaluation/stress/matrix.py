@@ -118,7 +118,8 @@ def plan(config: StressConfig) -> Plan:
             pairs.append(_axis((first, second), config, config.pairs is not None))
     used = dict.fromkeys(name for axis in (*axes, *pairs) for name in axis.names)
     if unused := sorted(config.levels.keys() - used.keys()):
-        raise ValueError(f"levels of {', '.join(unused)}: no such axis is used; there are {', '.join(used)}")
+        given = ", ".join(f"levels.{name}" for name in unused)
+        raise ValueError(f"{given}: no such axis is used; there are {', '.join(used)}")
     seeds = tuple(range(config.seed, config.seed + _SEEDS[StressSize(config.size)]))
     return Plan(tuple(axes), tuple(pairs), seeds)
 
@@ -158,7 +159,7 @@ def _axis(names: tuple[str, ...], config: StressConfig, asked: bool) -> Axis:
             entry.check(level)
         levels.append(sorted({float(level) for level in chosen if level}))
         if not levels[-1]:
-            raise ValueError(f"levels of {name}: expected one or more above 0, found {given}")
+            raise ValueError(f"levels.{name}: expected one or more above 0, found {given}")
     return Axis(names, tuple(product(*levels)), asked, any(name in config.levels for name in names))
 
 

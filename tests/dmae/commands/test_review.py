@@ -30,6 +30,11 @@ def decide(folder, **entries) -> list[dict]:
         return list(csv.DictReader(file))
 
 
+def test_the_ranking_of_the_current_folder_is_written_beside_it(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert review.default_out(ReviewCommand(clip=".")) == tmp_path.parent / f"{tmp_path.name}_review.csv"
+
+
 def joints(folder, *entries: dict) -> tuple:
     """Index of the joints of one entry after another."""
     poses = load_clip(folder).poses

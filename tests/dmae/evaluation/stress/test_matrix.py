@@ -185,10 +185,10 @@ def test_axes_that_clips_do_not_allow_are_left_out_with_a_note():
             "cameras=2: clip 'few' has 3 cameras, and two must be left",
         ),
         ({"levels": {"misses": [120]}}, r"misses=120: expected 0 or up to 100, in %"),
-        ({"levels": {"misses": [0]}}, "levels of misses: expected one or more above 0"),
+        ({"levels": {"misses": [0]}}, "levels.misses: expected one or more above 0"),
         (
             {"axes": ["misses", "edges", "bursts", "offsets"], "pairs": [], "levels": {"jitter": [1]}},
-            "levels of jitter: no such axis is used; there are misses, edges, bursts, offsets$",
+            "levels.jitter: no such axis is used; there are misses, edges, bursts, offsets$",
         ),
         ({"pairs": ["misses"]}, r"pairs=misses: expected two different axes, as in pairs=\[cameras\+objects\]"),
         ({"methods": ["liner"]}, "no completion method 'liner'; did you mean 'linear'"),
