@@ -134,7 +134,7 @@ def test_other_recipes_train(clips, tmp_path, change):
 def test_a_training_that_ends_within_an_epoch_says_what_it_reached(clips, tmp_path, capsys):
     for steps, whole in ((2, 0), (10, 2), (7, 1)):
         train(changed(TINY, steps=steps), clips, tmp_path / str(steps))
-        said = [line for line in capsys.readouterr().err.splitlines() if "validation: hidden joints" in line]
+        said = [line for line in capsys.readouterr().err.splitlines() if "validation: unmeasured joints" in line]
         assert len(said) == whole + (steps % 5 > 0) and said[-1].startswith(f"step {steps}: loss")
 
 
