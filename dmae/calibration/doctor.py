@@ -418,8 +418,8 @@ def _remedy(
     name = hypothesis.rig.names[view]
     if len(kinds) == 1 and kinds[0].kind == Kind.late:
         return remedy(Correction(Fault.delay, (view,), undone), hypothesis.convention, True, offsets)
-    option = {Kind.focal: " focal=true", Kind.lens: " distortion=true", Kind.late: " offsets=true"}
-    options = "".join(option.get(each.kind, "") for each in kinds[:1])
+    option = {Kind.focal: "focal", Kind.lens: "distortion", Kind.late: "offsets"}.get(kinds[0].kind)
+    options = f" refine.{option}=true" if option else ""
     what = {
         Kind.focal: f"fx and fy of {camera_label(name)} times {np.exp(kinds[0].step[FOCAL]):.4f}",
         Kind.lens: f"k1 of {camera_label(name)} {hypothesis.rig.dist[view, 0] + kinds[0].step[K1]:.2f}",

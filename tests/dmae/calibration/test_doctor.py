@@ -13,9 +13,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from dmae.calibration.bundle_adjustment import ROTATION, Calibration, Q
-from dmae.calibration.doctor import Diagnosis, Finding, PairFit, _confirmed, diagnose, examined
+from dmae.calibration.doctor import Diagnosis, Finding, PairFit, _confirmed, _remedy, diagnose, examined
 from dmae.calibration.epipolar import Hypothesis, pairs_to_compare
+from dmae.calibration.examination import CameraDifference, Kind
 from dmae.calibration.faults import Correction, Fault, rescale
+from dmae.cli import DMAE, compose
 from dmae.commands import convert as convert_command
 from dmae.commands import doctor as command
 from dmae.commands.config import ConvertCommand, DoctorCommand
@@ -186,6 +188,15 @@ def test_the_command_prints_and_writes_findings_and_exits_by_them(tmp_path, caps
     written_json = json.loads((tmp_path / "bad/doctor.json").read_text())
     assert written_json["findings"][0]["cameras"] == ["1"]
     assert (tmp_path / "bad/doctor.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("kind", Kind)
+def test_the_options_of_a_remedy_are_those_of_dmae_calibrate(kind, tmp_path):
+    given = Hypothesis.of(sound("campus"), Convention())
+    differences = [CameraDifference(0, each, np.zeros(Q), 1.0, np.ones(4), np.ones(4)) for each in (kind, Kind.turned)]
+    said = _remedy(differences, given, given, None).partition("run dmae calibrate with the same data")[2].split()
+    assert len(said) == (kind in (Kind.focal, Kind.lens, Kind.late))
+    compose(DMAE.commands["calibrate"], ["data=pose2sim", f"data.path={tmp_path}", *said])
 
 
 def test_what_is_not_known_is_said_with_nothing_found_wrong(capsys):
