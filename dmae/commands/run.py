@@ -31,11 +31,9 @@ def run(config: RunCommand, out: Path) -> None:
             stem = "poses" if len(clips) == 1 else f"poses_{clip.name}"
             suffix = export_path(Path("poses"), name).suffix
             path = out / (stem + suffix if suffix else f"{stem}_{name}")
-            if not path.is_dir():
-                if name == "coco":
-                    # An earlier run wrote them; `dmae export` takes no images for its own.
-                    shutil.rmtree(out / f"{stem}_images", ignore_errors=True)
-                export.run(export.ExportCommand(clip=str(clip), format=name), path)
+            # An earlier run wrote them, perhaps with other options; `dmae export` takes no folder for its own.
+            shutil.rmtree(out / f"{stem}_images" if name == "coco" else path, ignore_errors=True)
+            export.run(export.ExportCommand(clip=str(clip), format=name), path)
     print(out)
 
 

@@ -76,7 +76,7 @@ ARGUMENTS = ("videos=videos", "calibration=calibration.toml", "detector=my_dots:
 
 
 def test_images_become_a_clip_that_is_captured(session: Clip, tmp_path: Path):
-    exported = "export=[npz,coco,movement]"
+    exported = "export=[npz,coco,movement,openpose]"
     done = dmae(tmp_path, "run", *ARGUMENTS, "out=made", exported)
     assert done.returncode == 0, done.stderr
     clip = load_clip(tmp_path / "made/captured")
@@ -85,10 +85,13 @@ def test_images_become_a_clip_that_is_captured(session: Clip, tmp_path: Path):
     assert clip.poses.xyz.shape[1] == 1 and np.isfinite(clip.poses.xyz).mean() > 0.6
     true = session.truth.xyz[:, :, session.truth.skeleton.index(*COCO17.joints)]
     assert np.nanmedian(np.linalg.norm(clip.poses.xyz - true, axis=-1)) < 0.02
-    written = ["report.html", "poses.npz", "poses.json", "poses.nc", "poses_images"]
+    written = ["report.html", "poses.npz", "poses.json", "poses.nc", "poses_images", "poses_openpose"]
     assert all((tmp_path / "made" / name).exists() for name in written)
+    earlier = tmp_path / "made/poses_openpose/of_other_options"
+    earlier.touch()
     again = dmae(tmp_path, "run", *ARGUMENTS, "out=made", exported)
     assert again.returncode == 0 and "detected already" in again.stdout, again.stderr
+    assert not earlier.exists()
     assert all((tmp_path / "made" / name).exists() for name in written)
 
 
