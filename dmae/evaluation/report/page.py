@@ -1,6 +1,8 @@
 """The report: one page of clips, captured or not, and of scores; in words, with a player, tables and figures."""
 
+from collections import Counter
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -60,7 +62,12 @@ def write_clips_report(
     Clips are read one at a time, so that memory does not grow with their number; those in the player are read twice.
     Without clips the page has scores only. `about`: paragraphs under the title. Returns the findings of each clip.
     """
-    findings = [examine(clip) for clip in progress(clips or (), "reporting")]
+    findings, named = [], Counter()
+    for found in map(examine, progress(clips or (), "reporting")):
+        # Clips of several data sets can have one id, by which tables open them in the player.
+        named[found.id] += 1
+        same = named[found.id]
+        findings.append(found if same == 1 else replace(found, id=f"{found.id} ({same})"))
     shown = _worst_clips(findings)
     most = MOST_FRAMES // max(1, len(shown))
     cuts = {index: window(findings[index].frames, most, _worst_frame(findings[index])) for index in shown}
@@ -113,7 +120,7 @@ def _played(clip: Clip, findings: Findings, cut: slice) -> dict:
     if cut.stop - cut.start < findings.frames:
         notes.append(f"The clip is long: the player shows frames {cut.start} to {cut.stop - 1} of {findings.frames}.")
     error = None if findings.error is None else findings.error[cut]
-    return player_data(clip.select(frames=cut), cut.start, error, notes)
+    return player_data(replace(clip.select(frames=cut), id=findings.id), cut.start, error, notes)
 
 
 # In words

@@ -43,6 +43,13 @@ def test_of_many_clips_the_worst_are_in_the_player_and_all_in_the_table(tmp_path
     assert "5 clips: 150 frames" in text and "1 clip is not captured yet" in text
 
 
+def test_clips_with_one_id_are_told_apart(tmp_path):
+    clip, page = completed_clip(), tmp_path / "report.html"
+    found = write_clips_report(page, [replace(clip, id="walk"), replace(clip, id="walk").select(frames=range(20))])
+    assert [each.id for each in found] == [each["id"] for each in players(page)] == ["walk", "walk (2)"]
+    assert set(re.findall(r'data-clip="(.*?)"', page.read_text())) == {"walk", "walk (2)"}
+
+
 def test_people_and_sources_have_the_names_of_files(tmp_path):
     write_clips_report(tmp_path / "report.html", [completed_clip()])
     text = (tmp_path / "report.html").read_text()
