@@ -110,8 +110,11 @@ def text(measure: str, value: float) -> str:
 def check(solver: Callable, skip: Sequence[str] = (), seconds: float = SECONDS) -> list[Verdict]:
     """Check a solver, as `dmae.regress` describes it, against every case of the pack, except those to skip, by name.
 
-    `seconds` is the time limit for one case. Raises ValueError if `skip` has a name that no case has.
+    `seconds` is the time limit for one case. Raises ValueError if it is not positive, or `skip` has a name that no case
+    has.
     """
+    if not seconds > 0:
+        raise ValueError(f"seconds={seconds:g}: expected a time limit above 0")
     names = [case.name for case in cases()]
     unknown = [name for name in skip if name not in names]
     if unknown:

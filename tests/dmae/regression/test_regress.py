@@ -280,3 +280,9 @@ def test_the_scale_of_confidence_does_not_matter():
         return plain(confidence=confidence / 2, **given)
 
     assert not broken(halved)
+
+
+@pytest.mark.parametrize("seconds", [0, -1, np.nan])
+def test_a_time_limit_that_limits_nothing_is_refused(seconds):
+    with pytest.raises(ValueError, match="expected a time limit above 0"):
+        check(lambda **_: None, seconds=seconds)
