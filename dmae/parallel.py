@@ -88,6 +88,7 @@ def in_parallel(function: Callable, tasks: Iterable[tuple], workers: int, *, ord
     are processes; -1 for one per core, on a cluster of all its machines. With 1 everything runs in this process, unless
     the backend is a cluster.
     """
+    check_workers(workers)
     backend = backend_in_use()
     if backend != Backend.loky:
         cluster = _cluster(backend, workers)

@@ -22,6 +22,11 @@ def test_results_are_those_of_the_tasks(workers, ordered):
     assert not ordered or found == sorted(found)
 
 
+def test_no_workers_are_refused():
+    with pytest.raises(ValueError, match="workers: expected a number of processes, or -1 for one per core; found 0"):
+        in_parallel(square, [(1,)], 0)
+
+
 def test_workers_resolve_relative_paths_in_the_current_folder(tmp_path, monkeypatch):
     for name in ("first", "second"):
         (tmp_path / name).mkdir()
