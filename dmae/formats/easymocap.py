@@ -147,9 +147,9 @@ ANNOTATIONS = "annots"
 def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> NumberedDetections:
     """An EasyMocap sequence: intri.yml, extri.yml, annots/<camera>/<frame number>.json.
 
-    A joint with confidence 0 is absent. If a file is not valid JSON, for example because it is cut short, its frame is
-    absent and the file is listed in `unreadable`. EasyMocap's person ids, which are only valid within a view, are not
-    read.
+    A joint with confidence 0 or at 0, 0 is absent. If a file is not valid JSON, for example because it is cut short,
+    its frame is absent and the file is listed in `unreadable`. EasyMocap's person ids, which are only valid within a
+    view, are not read.
 
     Args:
         path: The recording, its folder `annots`, or another folder that contains the folders of the cameras.

@@ -58,7 +58,8 @@ def read_freemocap(
         raise ValueError(f"{file}: expected shape {shape}, found {values.shape}")
     xy = values[:, :, : len(skeleton), :2].astype(np.float64)
     check_numbers(f"{file}: pixels", xy, MOST_PIXELS)
-    known = np.isfinite(xy).all(-1, keepdims=True)
+    # YOLO's joints that were not found are at 0, 0.
+    known = np.isfinite(xy).all(-1, keepdims=True) & xy.any(-1, keepdims=True)
     rows = np.where(known, np.pad(xy, [(0, 0)] * 3 + [(0, 1)], constant_values=1.0), np.nan)
     each = {name: dict(enumerate(view[:, None])) for name, view in zip(rig.names, rows, strict=True)}
     return NumberedDetections(skeleton, each, video_rate(path / _VIDEOS), rig=rig)

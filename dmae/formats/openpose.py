@@ -33,8 +33,8 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
 
     Read `<camera>/<anything><frame number>[_keypoints].json`, as OpenPose and Pose2Sim name them.
 
-    A joint with confidence 0 is absent. A person `{}`, which Pose2Sim writes, is absent. If a file is not valid JSON,
-    for example because it is cut short, its frame is absent and the file is listed in `unreadable`.
+    A joint with confidence 0 or at 0, 0 is absent. A person `{}`, which Pose2Sim writes, is absent. If a file is not
+    valid JSON, for example because it is cut short, its frame is absent and the file is listed in `unreadable`.
 
     Args:
         skeleton: Skeleton of the files. By default the number of joints determines it. BODY_25 and BODY_25B have the

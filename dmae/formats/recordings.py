@@ -158,7 +158,8 @@ def listed(file: Path, content: object, key: str) -> list:
 class People:
     """The people that a reader finds, by camera and frame number, all with the same joints.
 
-    Joints without a positive confidence are absent, and people without joints are left out.
+    Joints without a positive confidence are absent, and joints at 0, 0, where Ultralytics puts those it doubts and
+    keeps their confidence. People without joints are left out.
 
     Args:
         cameras: Cameras that have detections, maybe of nobody; others are added with their frames.
@@ -211,7 +212,7 @@ class People:
         odd = np.isfinite(rows[:, :2]).all(-1) & ((confidence < 0) | np.isnan(confidence))
         if odd.any():
             self._odd, self._first_odd = self._odd + int(odd.sum()), self._first_odd or place
-        rows = np.where(confidence[:, None] > 0, rows, np.nan)
+        rows = np.where((confidence > 0)[:, None] & rows[:, :2].any(1, keepdims=True), rows, np.nan)
         if not np.isnan(rows).all():
             self.frame(camera, number).append(rows)
 

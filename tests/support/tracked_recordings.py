@@ -38,12 +38,17 @@ def write_caliscope(folder: Path, clip: Clip | None = None, tracker: str = "HOLI
     return clip
 
 
-def write_freemocap(folder: Path, clip: Clip | None = None, depth: bool = False) -> Clip:
-    """A recording with its calibration in mm, in the world of a camera for which y points down."""
+def write_freemocap(folder: Path, clip: Clip | None = None, depth: bool = False, corner: bool = False) -> Clip:
+    """A recording with its calibration in mm, in the world of a camera for which y points down.
+
+    Absent points are NaN, or at the `corner` of the image.
+    """
     clip = clip or one_person()
     write_calibration(clip.rig, folder / "walk_camera_calibration.toml", "pose2sim", unit="mm", up="minus_y")
     values = np.full((len(clip.rig), len(clip), 543, 3 if depth else 2), np.nan)
     values[:, :, :33, :2] = clip.detections.xy[:, :, 0].swapaxes(0, 1)
+    if corner:
+        values = np.nan_to_num(values)
     if depth:
         # In px, negative in front of the hips
         values[:, :, :33, 2] = np.linspace(-300, 300, 33)

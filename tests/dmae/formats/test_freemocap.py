@@ -9,9 +9,9 @@ from tests.support.recordings import same_detections
 from tests.support.tracked_recordings import write_freemocap
 
 
-@pytest.mark.parametrize("depth", [False, True])
-def test_a_recording_is_read_in_metres_and_upright(tmp_path, depth):
-    clip = write_freemocap(tmp_path, depth=depth)
+@pytest.mark.parametrize("how", [{}, {"depth": True}, {"corner": True}])
+def test_a_recording_is_read_in_metres_and_upright(tmp_path, how):
+    clip = write_freemocap(tmp_path, **how)
     read = dmae.read(tmp_path, fps=30)
     same_detections(read.detections, clip.detections)
     np.testing.assert_allclose(read.rig.cam_from_world, clip.rig.cam_from_world, atol=1e-6)

@@ -53,6 +53,9 @@ def test_skeletons_are_recognised(tmp_path, skeleton):
 def test_what_is_missing_is_absent_not_at_the_corner(tmp_path):
     clip = recording(BODY25, 1)
     write_frames(clip, tmp_path)
+    # Ultralytics keeps the confidence of a joint that it doubts.
+    for file in tmp_path.glob("*/*.json"):
+        file.write_text(file.read_text().replace(" 0.0, 0.0, 0.0,", " 0.0, 0.0, 0.3,"))
     found = read_detections(tmp_path).views
     values = np.concatenate([view[0] for view in found.values()])
     assert np.isnan(values).any()
