@@ -35,7 +35,7 @@ class Corruption(Entry):
     def check(self, level: float, clip: Clip | None = None) -> None:
         """Raise ValueError if there is no such level, or if a clip has too few cameras or people for it."""
         given = f"{self.name}={level:g}"
-        if not 0 <= level <= self.most or (self.whole and level != int(level)):
+        if not 0 <= level <= self.most or level == float("inf") or (self.whole and level % 1):
             most = "more" if self.most == float("inf") else f"up to {self.most:g}"
             whole = "a whole number, " if self.whole else ""
             raise ValueError(f"{given}: expected {whole}0 or {most}, in {self.unit}")

@@ -221,6 +221,8 @@ def test_corruptions_of_a_pair_draw_what_they_draw_alone():
         ({"cameras": 1.5}, r"cameras=1\.5: expected a whole number, 0 or more, in cameras fewer"),
         ({"objects": 101}, r"objects=101: expected 0 or up to 100, in %"),
         ({"misses": float("nan")}, "misses=nan: expected 0"),
+        ({"cameras": float("inf")}, "cameras=inf: expected a whole number, 0 or more"),
+        ({"jitter": float("inf")}, "jitter=inf: expected 0 or more"),
         ({"numpy:mean": 1}, r"expected a function under the decorator corruption"),
     ],
 )
