@@ -135,15 +135,15 @@ def refine(clip: Clip, config: RefineConfig | None = None) -> Refined:
 
 def _named_views(rig: CameraRig, config: RefineConfig) -> list[int] | None:
     """Return the indices of the cameras that may change; None to find them."""
+    unknown = [name for name in config.cameras if name not in rig.names]
+    if unknown and config.cameras not in ([AUTO], [ALL]):
+        raise ValueError(f"cameras={config.cameras}: expected auto, all or some of {', '.join(rig.names)}")
     if not config.frees_cameras:
         return []
     if config.cameras == [AUTO]:
         return list(range(len(rig))) if config.offsets or config.drift else None
     if config.cameras == [ALL]:
         return list(range(len(rig)))
-    unknown = [name for name in config.cameras if name not in rig.names]
-    if unknown:
-        raise ValueError(f"cameras={config.cameras}: expected auto, all or some of {', '.join(rig.names)}")
     return [rig.names.index(name) for name in config.cameras]
 
 

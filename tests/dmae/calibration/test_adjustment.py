@@ -201,6 +201,8 @@ def test_what_cannot_be_refined_is_refused():
         refine(clip.select(views=[0]))
     with pytest.raises(ValueError, match=r"cameras=\['x'\]: expected auto, all or some of "):
         refine(clip, RefineConfig(cameras=["x"]))
+    with pytest.raises(ValueError, match=r"cameras=\['x'\]: expected auto, all or some of "):
+        refine(clip, RefineConfig(cameras=["x"], extrinsics=False, level=True))
     with pytest.raises(ValueError, match="nothing to refine"):
         RefineConfig(extrinsics=False)
     with pytest.raises(ValueError, match=r"stature=17: expected metres"):
