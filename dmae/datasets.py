@@ -43,13 +43,16 @@ class ClipFile:
         """Return frames `start` to `stop` (excluded) of all views, or of one view.
 
         `provenance["first_frame"]` is increased accordingly. The checksum of the arrays is not checked, because it
-        covers all frames. `synth verify` checks it. Raises ValueError if a file is damaged; the message names it.
+        covers all frames. `synth verify` checks it. Raises ValueError if a file is damaged, which the message names, or
+        the clip has no such frames.
         """
+        stop = self.frames if stop is None else stop
+        if not 0 <= start <= stop <= self.frames:
+            raise ValueError(f"frames {start} to {stop}: expected an order, and frames 0 to {self.frames}")
         path = self.folder / ARRAYS
         meta = _meta(self.folder / META, _modified(self.folder / META))
         try:
             file = _arrays(path, _modified(path))
-            stop = self.frames if stop is None else stop
             stored = file.keys()
             arrays = {name: file.get_slice(name)[start:stop] for name in stored if is_of_frames(name)}
             arrays |= {name: file.get_tensor(name) for name in stored if name.startswith(("rig.", "true_rig."))}

@@ -55,6 +55,9 @@ def test_a_part_of_a_clip_is_that_part_of_the_whole(clips):
         np.testing.assert_array_equal(part.true_rig.K, whole.true_rig.K)
         assert part.provenance["first_frame"] == 1
         assert file.read(0, 1, view=2).rig.names == (whole.rig.names[2],)
+        for start, stop in ((-5, None), (1, len(whole) + 1), (2, 1)):
+            with pytest.raises(ValueError, match=f"expected an order, and frames 0 to {len(whole)}"):
+                file.read(start, stop)
 
 
 def test_windows_cover_each_person_of_each_clip(clips):
