@@ -42,8 +42,8 @@ def forecast(config: CaptureCommand | CompleteCommand, clips: int, tried: Iterab
         frames += len(clip)
         lengths.append(length)
     seconds, total = time.perf_counter() - start, clips * sum(lengths) / len(lengths)
-    took = seconds / frames * total / min(process_count(config.workers), clips)
-    megabytes = size / frames * total / 1e6
+    took = seconds / max(frames, 1) * total / min(process_count(config.workers), clips)
+    megabytes = size / max(frames, 1) * total / 1e6
     return f"{counted(clips, 'clip')}, {total:.0f} frames: about {duration(took)}, {megabytes:.0f} MB"
 
 

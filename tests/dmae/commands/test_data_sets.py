@@ -11,7 +11,7 @@ import pytest
 from dmae.commands import capture as command
 from dmae.commands import complete, convert, detect, doctor
 from dmae.commands.config import CaptureCommand, CompleteCommand, ConvertCommand, DetectCommand, DoctorCommand
-from dmae.commands.data_sets import SETTINGS, ClipSet, describe_joints, finished
+from dmae.commands.data_sets import SETTINGS, ClipSet, describe_joints, finished, forecast
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import BODY25
 from dmae.data.store import read_manifest, save_clip, write_manifest
@@ -50,6 +50,10 @@ def test_absent_joints_and_absent_people_are_counted_separately():
     said = describe_joints(Poses3D(BODY25, walkers().xyz, smoothed))
     assert said.startswith("joints 100.0% measured (75.0% of all smoothed), ")
     assert describe_joints(walkers().without(np.ones((12, 2, 25), bool))) == "no person captured"
+
+
+def test_clips_without_frames_take_no_time():
+    assert forecast(CaptureCommand(), 2, [(0, full_clip().select(frames=[]))]).startswith("2 clips, 0 frames: about 0")
 
 
 @pytest.mark.parametrize("run", [
