@@ -28,6 +28,7 @@ from dmae.detection.recording import (
     write_photographs,
 )
 from dmae.files.checks import IMAGES
+from dmae.files.checksums import checksum
 from dmae.formats.calibrations import read_calibration
 from dmae.reporting.tables import counted
 
@@ -98,6 +99,7 @@ def _detect_clips(config: DetectCommand, out: Path, least: int) -> None:
     if out.resolve() == Path(config.clip).resolve():
         raise ValueError(f"out={out}: expected another folder than that of the clip, which keeps its own detections")
     settings = settings_of("dmae detect", config, Path(config.clip))
+    settings["options"] |= _settings(config)
     made = ClipSet(out, settings if several else None)
     if made.alone:
         claim_folder(out / _CLAIM, _settings(config) | {"clip": settings["data"]}, "detections")
@@ -146,7 +148,9 @@ def _bytes(path: Path) -> int:
 
 
 def _settings(config: DetectCommand) -> dict:
-    return {"detector": asdict(config.detector), "output": asdict(config.output)}
+    path = config.detector.path
+    model = {} if path is None else {"path": checksum(Path(path)).sha256}
+    return {"detector": asdict(config.detector) | model, "output": asdict(config.output)}
 
 
 def _print(name: str, detections: Detections2D) -> None:

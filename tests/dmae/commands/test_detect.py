@@ -12,7 +12,8 @@ import pytest
 
 import dmae as dmae_package
 from dmae.cli import DMAE, compose
-from dmae.commands.config import RunCommand
+from dmae.commands import detect
+from dmae.commands.config import DetectCommand, RunCommand
 from dmae.commands.run import run
 from dmae.data.clip import Clip
 from dmae.data.images import Images, write_video
@@ -175,6 +176,17 @@ def test_another_detector_rate_offset_or_calibration_is_refused_in_the_same_fold
     write_calibration(replace(session.rig, cam_from_world=moved), tmp_path / "other.toml", "pose2sim")
     done = dmae(tmp_path, "detect", "videos=videos", "calibration=other.toml", *arguments[2:])
     assert done.returncode == 1 and f"{said}calibration.cam_from_world." in done.stderr
+
+
+def test_detections_are_of_one_content_of_the_model(tmp_path: Path):
+    model = tmp_path / "model.onnx"
+    model.write_bytes(b"one")
+    config = DetectCommand(clip="clip", detector=PoseDetectorConfig(name="onnx", path=str(model)))
+    before = detect._settings(config)
+    model.write_bytes(b"two")
+    assert detect._settings(config) != before
+    model.write_bytes(b"one")
+    assert detect._settings(config) == before
 
 
 def test_a_clip_with_images_keeps_its_truth(session: Clip, tmp_path: Path):
