@@ -146,7 +146,7 @@ FORMAT = 1
 _STRETCH = re.compile(r" (?:-?\d+\.\d\d--?\d+\.\d\d s|to and fro from -?\d+\.\d\d s)")
 """What the name of a stretch has after the name of its take."""
 _READING_SEPARATOR = " ("
-"""Separator after the file stem in the name of a take. The text behind it describes how the file was read."""
+"""Last separator in the name of a take, after the file stem. The text behind it describes how the file was read."""
 
 
 class Leak(NamedTuple):
@@ -188,9 +188,10 @@ def identities(folder: Path, by: SplitBy) -> set[str]:
     persons = spec["persons"]
     if by is SplitBy.person:
         return {_digest(json.dumps(person["body"], sort_keys=True).encode()) for person in persons}
-    named = (lambda take: subject(Path(take))) if by is SplitBy.subject else str
+    # A stem may contain dots: any extension stands for that of the file.
+    named = (lambda take: subject(Path(f"{take}.take"))) if by is SplitBy.subject else str
     return {
-        named(person["motion"][: cut.start()].split(_READING_SEPARATOR)[0])
+        named(person["motion"][: cut.start()].rsplit(_READING_SEPARATOR, 1)[0])
         if (cut := _STRETCH.search(person["motion"]))
         else f"drawn for person {number} by {spec['seed']}/{spec['clip']}"
         for number, person in enumerate(persons)

@@ -60,6 +60,8 @@ def test_a_rig_is_the_true_one_and_has_no_names(data, tmp_path):
     [
         ("005_01 (cmu, bvh, 120 fps) 3.25-5.25 s", "bvh", "005_01"),
         ("005_01 (cmu, bvh, 120 fps) 3.25-5.25 s, over steps", "bvh", "005_01"),
+        ("walk (2) (mapped, m, 60 fps), 3 frames bridged 3.25-5.25 s", "bvh", "walk (2)"),
+        ("walk.anna (SOMA, cm, 120 fps) 3.25-5.25 s", "bvh", "walk.anna"),
         ("take two to and fro from 0.10 s", "npz", "take two"),
         ("walk at 1.2 m/s, straight", "procedural", "drawn for person 0 by 3/0"),
         ("stand", "bvh", "drawn for person 0 by 3/0"),
@@ -68,6 +70,7 @@ def test_a_rig_is_the_true_one_and_has_no_names(data, tmp_path):
 def test_the_motion_of_a_name(data, name, kind, identity):
     changed = scene(data / "000000", motion={"kind": kind}, persons=[{"body": {}, "motion": name}])
     assert identities(changed, SplitBy.motion) == {identity}
+    assert identities(changed, SplitBy.subject) == {"5" if identity == "005_01" else identity}
 
 
 @pytest.mark.parametrize("seed", range(4))
