@@ -54,6 +54,8 @@ class RefineConfig:
             raise ValueError(f"bodies={self.bodies}: expected 20 or more")
         if self.stature is not None and not 0.5 <= self.stature <= 2.5:
             raise ValueError(f"stature={self.stature:g}: expected metres, 0.5 to 2.5")
+        if not self.known and not (self.extrinsics and self.cameras in ([AUTO], [ALL])):
+            raise ValueError("known=false estimates the extrinsics of all cameras; leave out cameras and extrinsics")
         if not self.frees_cameras and not self.level and self.stature is None:
             raise ValueError("nothing to refine: set extrinsics, focal, distortion, offsets, drift, stature or level")
 

@@ -108,8 +108,10 @@ class DetectCommand(FilmedConfig):
                 "expected videos=<folder of videos>, clip=<folder of a clip with images> or photos=<folder of "
                 "photographs>, one of them"
             )
-        if self.clip is not None and (self.calibration or self.fps or self.offsets or self.world != WorldConfig()):
-            raise ValueError("clip=... holds its calibration, world, fps and offsets; leave them out")
+        if self.clip is not None and (self.calibration or self.fps or self.offsets):
+            raise ValueError("clip=... holds its calibration, fps and offsets; leave them out")
+        if self.calibration is None and self.world != WorldConfig():
+            raise ValueError("world.* are of calibration=..., and there is none; leave them out")
         if self.photos is not None and (self.offsets or (self.fps and not self.calibration)):
             raise ValueError("photos=... have no offsets, and without calibration=... no fps; leave them out")
 

@@ -205,6 +205,9 @@ def test_what_cannot_be_refined_is_refused():
         refine(clip, RefineConfig(cameras=["x"], extrinsics=False, level=True))
     with pytest.raises(ValueError, match="nothing to refine"):
         RefineConfig(extrinsics=False)
+    for own in ({"extrinsics": False, "focal": True}, {"cameras": ["cam0"]}):
+        with pytest.raises(ValueError, match="known=false estimates the extrinsics of all cameras"):
+            RefineConfig(known=False, **own)
     with pytest.raises(ValueError, match=r"stature=17: expected metres"):
         RefineConfig(stature=17)
     with pytest.raises(ValueError, match="record people who walk about"):

@@ -148,6 +148,7 @@ def test_without_a_calibration_keypoints_are_written(session: Clip, tmp_path: Pa
         (("clip=nowhere",), "clip=nowhere: no such file"),
         (("clip=nowhere", "fps=25"), "leave them out"),
         (("clip=nowhere", "world.unit=mm"), "leave them out"),
+        (("videos=videos", "fps=25", "world.up=y"), "world.* are of calibration=..., and there is none"),
     ],
 )
 def test_bad_input_is_one_line(session: Clip, tmp_path: Path, arguments, said):
