@@ -33,7 +33,13 @@ def interrupted(config: TrainConfig, out: Path) -> str:
 
 
 def _named(sets: list[Clips], first: int = 0) -> Iterator[Clip]:
-    """Clips called as their folders are, and outside set 0 with the set's folder: each set counts from 0."""
+    """Clips called as their folders are, and outside set 0 with the set's folder: each set counts from 0.
+
+    If the folders of two sets have one name, as `a/captured` and `b/captured`, the number of the second is put before.
+    """
+    named: dict[str, Path] = {}
     for number, clips in enumerate(sets, first):
         for clip, folder in zip(clips, clips.folders, strict=True):
-            yield replace(clip, id=f"{folder.parent.name}/{folder.name}" if number else folder.name)
+            name = f"{folder.parent.name}/{folder.name}" if number else folder.name
+            another = named.setdefault(name, folder.resolve()) != folder.resolve()
+            yield replace(clip, id=f"{number}/{name}" if another else name)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dmae.commands import capture as command
-from dmae.commands import complete, convert, detect, doctor
+from dmae.commands import complete, convert, detect, doctor, train
 from dmae.commands.config import CaptureCommand, CompleteCommand, ConvertCommand, DetectCommand, DoctorCommand
 from dmae.commands.data_sets import SETTINGS, ClipSet, describe_joints, finished, forecast
 from dmae.data.clip import Poses3D, Source
@@ -17,6 +17,7 @@ from dmae.data.skeleton import BODY25
 from dmae.data.store import read_manifest, save_clip, write_manifest
 from dmae.files.checksums import find_data_set_damage
 from dmae.formats.config import DataConfig
+from dmae.formats.reading import Clips
 from tests.support.clips import full_clip, walkers
 from tests.support.commands import Done, run_command
 from tests.support.stressed_clips import strollers
@@ -195,3 +196,14 @@ def test_clips_of_other_settings_are_refused_and_kept(folder, tmp_path):
     assert contents(tmp_path / "whole") == before
     done = run_command(tmp_path, "dmae", "capture", "data=data/a", "out=whole")
     assert done.returncode == 1 and "expected a folder for one clip, found a data set" in done.stderr
+
+
+def test_clips_to_learn_from_differ_in_name_where_the_folders_of_their_sets_do_not(tmp_path):
+    paths = [tmp_path / part / "captured" for part in "abc"]
+    for path in paths:
+        save_clip(full_clip(), path / "000000")
+        write_manifest(path, [{"id": "000000", "status": "ok"}])
+    sets = [Clips(DataConfig(path=str(path))) for path in paths]
+    assert [clip.id for clip in train._named(sets)] == ["000000", "captured/000000", "2/captured/000000"]
+    # A set that is given twice is still refused.
+    assert [clip.id for clip in train._named([sets[1], sets[1]], first=1)] == ["captured/000000"] * 2
