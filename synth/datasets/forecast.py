@@ -3,6 +3,7 @@
 import heapq
 import tempfile
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import ceil
 from pathlib import Path
@@ -120,10 +121,15 @@ def _missing(config: GenerateConfig) -> tuple[list[int], list[int]]:
         if not path.is_file():
             to_make.append(index)
             continue
-        images = read_json(path).get("images") or {"kinds": ()}
-        if set(config.kinds) - set(images["kinds"]):
+        if lacks_images(path, config.kinds):
             to_render.append(index)
     return to_make, to_render
+
+
+def lacks_images(path: Path, kinds: Sequence[str]) -> bool:
+    """Return whether a clip, given by its `clip.json`, lacks some of these kinds of images."""
+    images = read_json(path).get("images") or {"kinds": ()}
+    return not set(kinds) <= set(images["kinds"])
 
 
 def _measure(config: GenerateConfig, indices: list[int]) -> tuple[float, ...]:

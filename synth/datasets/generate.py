@@ -134,14 +134,14 @@ def _make(config: GenerateConfig, number: int, expected: Checksum | None) -> dic
     """Make one clip on disk, or only its images, and return its manifest line. Existing undamaged files are kept."""
     folder = Path(config.out) / clip_id(number, config.prefix)
     if _is_kept(folder, config, expected):
-        return _with_images(config, folder)
+        return with_images(config, folder)
     shutil.rmtree(folder, ignore_errors=True)
     try:
         with whole_folder(folder) as partial:
             clip, state = simulate_clip(config, number)
             save_clip(clip, partial)
             save_state(state, partial)
-            line = _with_images(config, partial)
+            line = with_images(config, partial)
             write_checksums(partial)
     except FailedSimulation as failure:
         seed = attempt_seed(config.seed, config.retries)
@@ -151,7 +151,8 @@ def _make(config: GenerateConfig, number: int, expected: Checksum | None) -> dic
     return line
 
 
-def _with_images(config: GenerateConfig, folder: Path) -> dict:
+def with_images(config: GenerateConfig | RenderConfig, folder: Path) -> dict:
+    """Add the images that a clip lacks, and return its manifest line."""
     clip, tally = load_clip(folder), ImageTally(config)
     if missing_kinds(clip, config):
         add_images(clip, load_state(folder), folder, config, tally.add)

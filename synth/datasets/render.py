@@ -6,6 +6,8 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
 from dmae.data.json_values import decode
@@ -17,9 +19,9 @@ from dmae.files.structured import read_json
 from dmae.parallel import process_count
 from synth.datasets.clip import label_clip
 from synth.datasets.config import OcclusionConfig, RenderConfig
-from synth.datasets.forecast import Forecast, bytes_in, image_cost, makespan
-from synth.datasets.generate import CONFIG, ImageTally, as_settings, claim, make_clips
-from synth.datasets.images import add_images, check_images, missing_kinds
+from synth.datasets.forecast import Forecast, bytes_in, image_cost, lacks_images, makespan
+from synth.datasets.generate import CONFIG, ImageTally, as_settings, claim, make_clips, with_images
+from synth.datasets.images import add_images, check_images
 from synth.detector.config import DetectorConfig
 from synth.physics.body_state import BodyState, load_state, save_state
 from synth.rigs.config import NO_RIG
@@ -53,11 +55,15 @@ def forecast_rendering(config: RenderConfig) -> Forecast:
     Nothing is written to `config.out`. Raises as `render`.
     """
     folders, settings, _ = _checked(config)
-    left = [folder for folder in folders if not (Path(config.out) / folder.name / "clip.json").is_file()]
-    lines = [read_json(folder / "clip.json")["provenance"]["manifest"] for folder in left]
-    if not lines:
+    left, new = [], []
+    for folder in folders:
+        made = Path(config.out) / folder.name / "clip.json"
+        if not made.is_file() or lacks_images(made, config.kinds):
+            left.append(folder)
+            new.append(not made.is_file())
+    if not left:
         return Forecast(0, 0, 0, 0.0, 0.0)
-    frames = sorted(line["frames"] for line in lines)
+    frames = [read_json(folder / "clip.json")["provenance"]["manifest"]["frames"] for folder in left]
     start, middle = time.perf_counter(), left[len(left) // 2]
     clip, state = load_clip(middle), load_state(middle)
     if config.rig != NO_RIG:
@@ -66,10 +72,13 @@ def forecast_rendering(config: RenderConfig) -> Forecast:
         save_clip(replace(clip, images=None), Path(folder) / "clip")
         labels, label_bytes = (time.perf_counter() - start) / len(clip), bytes_in(Path(folder) / "clip")
         cost = image_cost(config, clip, state, len(clip), Path(folder) / "images")
-    each = [cost.clip_seconds + number * (labels + cost.frame_seconds) for number in frames]
-    took, whole = makespan(each, process_count(config.workers)), sum(frames)
-    size = (cost.bytes + label_bytes) / len(clip) * whole
-    return Forecast(len(left), whole, whole * len(clip.rig), float(took), float(size) / 1e6)
+    each = [
+        cost.clip_seconds + number * (cost.frame_seconds + labels * labelled)
+        for number, labelled in sorted(zip(frames, new, strict=True))
+    ]
+    took, labelled = makespan(each, process_count(config.workers)), int(np.dot(frames, new))
+    size = (cost.bytes * sum(frames) + label_bytes * labelled) / len(clip)
+    return Forecast(sum(new), labelled, sum(frames) * len(clip.rig), float(took), float(size) / 1e6)
 
 
 def _checked(config: RenderConfig) -> tuple[list[Path], dict, CameraRig]:
@@ -112,15 +121,15 @@ def _stage(settings: dict, spec: SceneSpec) -> Stage:
 
 
 def _render(config: RenderConfig, settings: dict, folder: Path) -> dict:
-    """Render one clip into the new data set, if it is not there yet, and return its manifest line."""
-    target, tally = Path(config.out) / folder.name, ImageTally(config)
+    """Render one clip into the new data set, or only the images that it lacks there, and return its manifest line."""
+    target = Path(config.out) / folder.name
     try:
-        kept = load_clip(target)
-        if not missing_kinds(kept, config) and not find_damage(target, fast=True):
-            tally.add(kept=len(kept) * len(kept.rig))
-            return kept.provenance["manifest"]
+        load_clip(target)
+        whole = not find_damage(target, fast=True)
     except (FileNotFoundError, ValueError):
-        pass
+        whole = False
+    if whole:
+        return with_images(config, target)
     clip, state = load_clip(folder), load_state(folder)
     if config.rig == NO_RIG:
         # Without images, and without the numbers of pixels that were counted in them.
@@ -133,7 +142,7 @@ def _render(config: RenderConfig, settings: dict, folder: Path) -> dict:
     with whole_folder(target) as partial:
         save_clip(clip, partial)
         save_state(state, partial)
-        add_images(clip, state, partial, config, tally.add)
+        add_images(clip, state, partial, config, ImageTally(config).add)
         write_checksums(partial)
     return clip.provenance["manifest"]
 

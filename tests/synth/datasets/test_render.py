@@ -238,6 +238,13 @@ def test_a_forecast_counts_what_is_left_and_writes_nothing(labels, tmp_path, rig
     assert not list(tmp_path.iterdir())
     render(config)
     assert forecast_rendering(config).clips == 0
+    before, more = contents(tmp_path / "out/000000/images"), replace(config, images=["ids"])
+    added = forecast_rendering(more)
+    assert (added.clips, added.images) == (0, found.images)
+    render(more)
+    assert load_clip(tmp_path / "out/000000").images.kinds == ("rgb", "ids"), "images that are there are kept"
+    assert before.items() <= contents(tmp_path / "out/000000/images").items()
+    assert verify(tmp_path / "out").problems == []
 
 
 def test_a_forecast_is_refused_as_the_rendering_is(labels):
