@@ -255,8 +255,10 @@ def _flat(found, place: str, count: int, most: float = 100 * MOST_METRES) -> np.
     return array
 
 
-def write_poses(poses: Poses3D, fps: float, folder: Path, first: int = 0) -> None:
-    """Write `hdPose3d_stage1_coco19/body3DScene_<frame number>.json` into a recording's folder, frames from `first`.
+def write_poses(poses: Poses3D, fps: float, folder: Path, first: int = 0, every: int = 1) -> None:
+    """Write `hdPose3d_stage1_coco19/body3DScene_<frame number>.json` into a recording's folder.
+
+    Frames are numbered from `first`, and one in `every` is written.
 
     The confidence is `COMPLETED_SCORE` for completed joints, -1 for absent joints, which are at 0, 0, 0, and 1 for the
     others. Bodies also have `joint_source`, the `Source` of their joints. If covariances are known, bodies have
@@ -269,9 +271,10 @@ def write_poses(poses: Poses3D, fps: float, folder: Path, first: int = 0) -> Non
         [poses.source == Source.ABSENT, poses.source == Source.COMPLETED], [-1.0, openpose.COMPLETED_SCORE], 1.0
     )
     joints = np.concatenate([np.nan_to_num(CONVENTION.written_points(poses.xyz)), confidence[..., None]], -1)
-    for frame, persons in enumerate(progress(np.round(joints, 4), "writing poses", len(joints))):
+    joints = np.round(joints, 4)
+    for frame in progress(range(0, len(joints), every), "writing poses"):
         bodies = [
-            {"id": person, "joints19": persons[person].ravel().tolist(), "joint_source": source.tolist()}
+            {"id": person, "joints19": joints[frame, person].ravel().tolist(), "joint_source": source.tolist()}
             | _covariances(poses.cov[frame, person])
             for person, source in enumerate(poses.source[frame])
             if (source != Source.ABSENT).any()

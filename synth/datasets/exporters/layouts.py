@@ -18,9 +18,10 @@ from dmae.data.cameras import CameraRig
 from dmae.data.conversion import convert
 from dmae.data.labels import Visibility
 from dmae.files.structured import read_json
+from dmae.formats.calibrations import write_calibration
 from dmae.formats.coco import annotation_entry, category_entry, clip_entry, image_entry, joint_names
 from dmae.formats.labelled_images import LabelledImage, PersonLabel, file_part, joint_labels
-from dmae.formats.panoptic import write_panoptic
+from dmae.formats.panoptic import write_poses
 from synth.datasets.exporters import exporter
 from synth.datasets.exporters.selection import ClipTask, Selection
 from synth.labels.forces import ContactSource
@@ -391,8 +392,10 @@ def _write_panoptic_clip(task: ClipTask) -> Counter:
         path = folder / IMAGES / camera / f"{camera}_{image.number:08d}.{task.suffix}"
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(image.encoded(task.suffix))
-    named = replace(clip, id=file_part(clip.id), rig=replace(clip.rig, names=tuple(names)), images=None)
-    write_panoptic(convert(clip.truth, task.skeleton), named, folder)
-    if physical := physical_arrays(task.folder):
+    calibration = folder / f"calibration_{file_part(clip.id)}.json"
+    write_calibration(replace(clip.rig, names=tuple(names)), calibration, "panoptic")
+    first = clip.provenance.get("first_frame", 0)
+    write_poses(convert(clip.truth, task.skeleton), clip.fps, folder, first, task.every)
+    if physical := physical_arrays(task.folder, task.every):
         np.savez_compressed(folder / PHYSICS, **physical)
     return counts

@@ -119,6 +119,13 @@ def test_nodes_of_panoptic_are_different(data, tmp_path):
     assert read_calibration(tmp_path / "out/train/000000").names == ("00_01", "00_00")
 
 
+def test_poses_of_panoptic_are_of_the_frames_of_its_images(data, tmp_path):
+    export(data, tmp_path / "out", "panoptic", every=2)
+    for clip in (tmp_path / "out").glob("*/*"):
+        poses, images = (sorted({each.stem[-8:] for each in clip.rglob(name)}) for name in ("body3D*", "*.jpg"))
+        assert poses == images == ["00000005", "00000007"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
