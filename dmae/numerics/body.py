@@ -47,9 +47,10 @@ def symmetric_bone_lengths(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
     mirror = skeleton.mirror
     partner = [order.get((mirror[a], mirror[b]), i) for i, (a, b) in enumerate(bones)]
     medians = np.empty(lengths.shape[1:])
-    for person in range(len(medians)):
-        own = np.asarray(lengths[:, person])
-        medians[person] = median_over_frames(np.concatenate([own, own[:, partner]]))
+    # Bone by bone: copies of all are most of the memory that capture of a long recording takes.
+    for person, bone in np.ndindex(medians.shape):
+        both = np.concatenate([lengths[:, person, bone], lengths[:, person, partner[bone]]])
+        medians[person, bone] = median_over_frames(both)
     return medians
 
 
