@@ -107,9 +107,9 @@ def test_help_loads_nothing_heavy_and_is_quick(tmp_path, arguments):
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
     took = _seconds_of_children() - begun
     assert not set(done.stderr.split()) & HEAVY
-    # Compared with a peer in the same run, as machines differ: help takes 2.6 times as long on a quiet one.
+    # Compared with a peer in the same run, as machines differ: help takes 1 to 5 times as long on quiet ones.
     subprocess.run([sys.executable, "-c", "import numpy"], cwd=tmp_path, check=True)
-    assert took < 5 * (_seconds_of_children() - begun - took)
+    assert took < 10 * (_seconds_of_children() - begun - took)
 
 
 def _seconds_of_children() -> float:
