@@ -201,7 +201,7 @@ class WindowDataset(Dataset):
     Args:
         path: Path of a data set or of a clip.
         frames: Number of frames T of a window. Shorter clips have no window.
-        every: Frames from the start of one window to that of the next.
+        every: A window begins this many frames after the one before.
         of: `truth` for the true poses, `poses` for the captured or completed poses.
         skeleton: Name of the skeleton of the joints; by default the first skeleton of the clip.
 

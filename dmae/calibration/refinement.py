@@ -150,7 +150,7 @@ def _named_views(rig: CameraRig, config: RefineConfig) -> list[int] | None:
 def _differing(clip: Clip) -> tuple[Calibration, list[int], str | None, ImageTracks | None]:
     """Return the calibration without clear differences, the cameras that had them, why there are none, and tracks.
 
-    The tracks are those of this calibration, or None if nobody matched them yet.
+    The tracks were matched with this calibration; None if no tracks were matched.
     """
     calibration, views, found, tracks = Calibration.of(clip.rig), [], None, None
     for _ in range(max(len(clip.rig) - 2, 0)):

@@ -265,8 +265,8 @@ class ExportCommand:
     format: str = field(default="npz", metadata={"choices": pose_writer})
     """Format of the file."""
     skeleton: str | None = field(default=None, metadata={"reads": "skeleton", "words": ("soma", "lafan1")})
-    """Skeleton of the file; by default that of the poses, of two fused ones the first, except for npz. For
-    `format=bvh` also `soma` and `lafan1`, in cm."""
+    """Skeleton of the file; by default that of the poses. Of two fused skeletons all formats but npz write the
+    first. `format=bvh` also takes `soma` and `lafan1`, in cm."""
     unit: LengthUnit = LengthUnit.m
     """Unit of lengths in TRC and BVH; of g1, m with radians or cm with degrees."""
     keep_mm: float | None = None

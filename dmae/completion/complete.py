@@ -167,7 +167,7 @@ class Completer:
     - Poses of another skeleton are completed through the joints that it has in common with the model's
       (`dmae.data.conversion.convert`); other joints stay as they are. `notes` says where either happens.
     - Weights of two skeletons side by side (`dmae.completion.fusion`) take poses of the first, or of one that has all
-      its joints, and return poses of the second, none of which is `MEASURED`.
+      its joints. They return poses of the second, and mark no joint of these as `MEASURED`.
 
     With `smooth`, all joints are smoothed over these seconds at the end. With `frames`, only those are completed and
     returned, using all frames. Recordings of more than 4000 frames are completed in pieces (`in_pieces`). The network

@@ -199,8 +199,10 @@ def _correct(bodies: Bodies, joint: int, weight: np.ndarray, fps: float) -> None
 def _inputs(bodies: Bodies, joint: int, seen: np.ndarray) -> tuple[int | None, list[int], list[int]]:
     """Return what a joint is placed from, in a gap throughout which the joints `seen` (J,) are measured.
 
-    The anchor is the nearest seen joint above it, or beside it in the torso (None if none is); then come the joints to
-    predict from, and those that their offsets are taken from: the anchor, for what hangs from another hidden joint.
+    Returns:
+        The anchor: the nearest joint above it, or beside it in the torso, that is seen; None if no joint of the torso
+        is. The joints to predict from. And for each of these the joint that its offset is measured from: its parent,
+        or the anchor where the parent is hidden too.
     """
     parents, torso = bodies.parents, bodies.torso
     if joint in torso:

@@ -413,7 +413,7 @@ class Learner(lightning.LightningModule):
         """Print how far the training is: the mean loss of the last hundred steps, and what validation found."""
         found = {name: float(value) for name, value in self.trainer.callback_metrics.items()}
         whole = self.trainer.global_step % self.train_config.learning.epoch == 0
-        # The validation after training repeats that of its last epoch, if that was whole.
+        # If the last epoch was whole, its validation was printed already.
         if not self.trainer.is_global_zero or (whole and self.trainer.state.fn != TrainerFn.FITTING):
             return
         line = f"step {self.trainer.global_step}: loss {self.mean_loss:.4g}"
