@@ -16,7 +16,7 @@ from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.resume import claim_folder
 from dmae.data.store import CHECKSUMS, MANIFEST, clip_folders, read_manifest, save_clip, write_manifest
 from dmae.evaluation.review import DECISIONS
-from dmae.files.checksums import begin_data_set, clip_checksum, end_data_set, find_damage, write_checksums
+from dmae.files.checksums import begin_data_set, checksum, clip_checksum, end_data_set, find_damage, write_checksums
 from dmae.files.contents import whole_folder
 from dmae.formats.reading import Clips, DataConfig
 from dmae.parallel import process_count
@@ -132,8 +132,15 @@ def settings_of(command: str, config, data: Path) -> dict:
     content = hashlib.sha256(b"".join(file.read_bytes() for file in files if file.is_file())).hexdigest()
     options = {name: value for name, value in asdict(config).items() if name not in _WITHOUT_EFFECT}
     if "data" in options:
-        options["data"] = options["data"] | {"path": None}  # machines may have the data set in different places
+        # Machines may have the data set, and another calibration of it, in different places.
+        options["data"] = options["data"] | {"path": None}
+        if (calibration := options["data"]["calibration"]) is not None:
+            options["data"] |= {"calibration": [checksum(file).sha256 for file in _files(Path(calibration))]}
     return {"command": command, "options": options, "data": content}
+
+
+def _files(path: Path) -> list[Path]:
+    return sorted(file for file in path.iterdir() if file.is_file()) if path.is_dir() else [path]
 
 
 def finished(config, out: Path) -> str:

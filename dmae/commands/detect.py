@@ -138,7 +138,17 @@ def _claim(config: DetectCommand, recording: Recording, out: Path) -> None:
     files = {each.name: [str(each.path), len(each), *each.size, _bytes(each.path)] for each in recording.cameras}
     rig = recording.rig and {name: np.asarray(value).tolist() for name, value in asdict(recording.rig).items()}
     given = {"videos": files, "fps": config.fps, "offsets": config.offsets, "calibration": rig}
-    claim_folder(out / _CLAIM, _settings(config) | given, "detections")
+    try:
+        claim_folder(out / _CLAIM, _settings(config) | given, "detections")
+    except ValueError as error:
+        if not (out / "clip.json").is_file():
+            raise
+        # Raises the same error if the detector or the videos differ as well.
+        claim_folder(out / _CLAIM, _settings(config) | given, "detections", may_differ=("calibration",))
+        raise ValueError(
+            f"{error}. Only the calibration differs: dmae capture data={out} data.calibration={config.calibration} "
+            "uses these detections with the new one"
+        ) from None
 
 
 def _bytes(path: Path) -> int:

@@ -11,6 +11,7 @@ import numpy as np
 from dmae.calibration.config import describe_shortness
 from dmae.calibration.doctor import Diagnosis, PairFit, diagnose
 from dmae.calibration.epipolar import SOUND, Hypothesis, draw_arrows
+from dmae.calibration.faults import Fault
 from dmae.commands.config import DoctorCommand
 from dmae.commands.data_sets import describe_sides, each_clip
 from dmae.data.clip import Clip
@@ -26,6 +27,7 @@ _COLUMNS = f"""residual px: median distance of joints from the epipolar lines of
 agreeing: share of people who match one in the other camera, if both cameras detect people
 agreement: mean fit of all of them, 0 to 1; {SOUND} and more is usual where cameras see the same people
 of others: median agreement of the pairs without this camera"""
+_BY_OPTION = (Fault.inverse, Fault.unit, Fault.up)  # Faults that data.inverse, data.unit and data.up correct
 _SIDES_FRAMES = 600  # Frames, from the first on, in which exchanged sides are looked for
 
 
@@ -36,13 +38,14 @@ def run(config: DoctorCommand, out: Path) -> None:
         offsets = (
             None if config.data.cameras else offsets_of_all(config.data.offsets or [0] * len(clip.rig), clip.rig.names)
         )
-        diagnosis = diagnose(clip, written_convention(config.data), offsets, config.max_offset)
-        _print(clip, diagnosis)
+        convention = written_convention(config.data)
+        diagnosis = diagnose(clip, convention, offsets, config.max_offset)
+        _print(clip, diagnosis, convention is not None)
         _print_sides(clip)
         write_atomic(to / "doctor.json", json.dumps({"clip": clip.id, **asdict(diagnosis)}, indent=1))
         if diagnosis.pairs:
             write_atomic(to / "doctor.png", _picture(clip, diagnosis))
-            hypothesis = Hypothesis.of(clip, written_convention(config.data) or Convention())
+            hypothesis = Hypothesis.of(clip, convention or Convention())
             arrows = draw_arrows(hypothesis, clip.id, _images(clip))
             for name, picture in zip(clip.rig.names, arrows, strict=True):
                 write_atomic(child(to, f"arrows_{name}.png", "camera"), picture)
@@ -52,7 +55,7 @@ def run(config: DoctorCommand, out: Path) -> None:
         sys.exit(1)
 
 
-def _print(clip: Clip, diagnosis: Diagnosis) -> None:
+def _print(clip: Clip, diagnosis: Diagnosis, has_options: bool) -> None:
     for note in clip.provenance.get("notes", ()):
         print(f"{clip.id}: {note}")
     header = ("cameras", "residual px", "agreeing", "agreement", "detections")
@@ -72,6 +75,8 @@ def _print(clip: Clip, diagnosis: Diagnosis) -> None:
     for number, finding in enumerate(diagnosis.findings, 1):
         print(f"{number}. {finding.fault}: {', '.join(finding.cameras)}\n   because {finding.evidence}")
         print(f"   correction: {finding.remedy}")
+    if not has_options and any(finding.fault in _BY_OPTION for finding in diagnosis.findings):
+        print("   or by an option, which dmae doctor names if data.calibration= is the file of this calibration")
     short = describe_shortness(len(clip) / clip.fps)
     if short and any("or run dmae calibrate" in finding.remedy for finding in diagnosis.findings):
         print(f"{clip.id}: {short}")

@@ -15,7 +15,7 @@ from dmae.data.labels import NOT_DETECTED, DetectionLabels
 from dmae.data.skeleton import option_skeleton
 from dmae.data.store import clip_folders
 from dmae.files.checks import IMAGES, VIDEOS
-from dmae.formats.calibrations import CalibrationSource, calibration_format
+from dmae.formats.calibrations import CalibrationSource, LacksSize, calibration_format
 from dmae.formats.calibrations import recognise as recognise_calibration
 from dmae.formats.config import Convention, DataConfig
 from dmae.formats.footage import with_images, with_videos
@@ -75,6 +75,8 @@ class Clips(Sequence):
                 clip = self.reader.function(folder, **arguments)
             else:
                 clip = self._with_cameras(folder, **arguments)
+            if self.reader.cameras and config.calibration is not None:
+                clip = _with_calibration(clip, config)
             clip.check_numbers()
             if config.videos is not None:
                 clip = with_videos(clip, Path(config.videos))
@@ -104,8 +106,8 @@ class Clips(Sequence):
 
 
 def written_convention(config: DataConfig) -> Convention | None:
-    """Return the convention by which the calibration is read; None if the format takes no calibration."""
-    if not _reader(config).takes("calibration"):
+    """Return the convention by which the calibration is read; None if the recording itself holds the cameras."""
+    if config.calibration is None and not _reader(config).takes("calibration"):
         return None
     format = calibration_format[recognise_calibration(Path(config.calibration or config.path))]
     return format.convention.changed(config.unit, config.up, config.inverse)
@@ -170,19 +172,58 @@ def _reader(config: DataConfig) -> RecordingReader:
 def _arguments(config: DataConfig, entry: RecordingReader, path: Path) -> dict:
     """Return the arguments that a reader takes, by name; ValueError if the configuration has others."""
     refusable = {name for option, names in _OPTIONS.items() if not entry.takes(option) for name in names}
+    if config.calibration is not None:
+        # Another calibration can replace the cameras of any recording.
+        refusable -= set(_OPTIONS["calibration"])
     given = [field.name for field in fields(config) if getattr(config, field.name) is not None]
     refused = [name for name in given if name in refusable]
     if refused:
         options = ", ".join(f"data.{name}" for name in refused)
-        raise ValueError(f"{path}: data={entry.name} says that itself; leave out {options}")
-    size = tuple(config.size) if config.size else None
+        another = ""
+        if set(refused) <= set(_OPTIONS["calibration"]):
+            another = ", or give another calibration, which they describe, as data.calibration=..."
+        raise ValueError(f"{path}: data={entry.name} says that itself; leave out {options}{another}")
     values = {
-        "calibration": CalibrationSource(config.calibration, size, config.unit, config.up, config.inverse),
+        "calibration": _calibration_source(config),
         "detections": None if config.detections is None else Path(config.detections),
         "fps": config.fps,
         "skeleton": None if config.skeleton is None else option_skeleton("data.skeleton", config.skeleton),
     }
     return {option: value for option, value in values.items() if entry.takes(option)}
+
+
+def _calibration_source(config: DataConfig) -> CalibrationSource:
+    size = tuple(config.size) if config.size else None
+    return CalibrationSource(config.calibration, size, config.unit, config.up, config.inverse)
+
+
+def _with_calibration(clip: Clip, config: DataConfig) -> Clip:
+    """Return a clip with the cameras of another calibration, by name, and without its poses, which were captured with
+    the old ones; ValueError if a camera is missing, or its images have another size."""
+    source = _calibration_source(config)
+    try:
+        rig = source.read(Path(config.calibration))
+    except LacksSize:
+        if (clip.rig.size != clip.rig.size[0]).any():
+            raise
+        rig = replace(source, size=tuple(clip.rig.size[0].tolist())).read(Path(config.calibration))
+    missing = [name for name in clip.rig.names if name not in rig.names]
+    if missing:
+        raise ValueError(
+            f"data.calibration={config.calibration}: expected the cameras of clip {clip.id!r}, "
+            f"{', '.join(clip.rig.names)}; found {', '.join(rig.names)}"
+        )
+    rig = rig[[rig.names.index(name) for name in clip.rig.names]]
+    for name, wanted, found in zip(rig.names, clip.rig.size.tolist(), rig.size.tolist(), strict=True):
+        if wanted != found:
+            raise ValueError(
+                f"data.calibration={config.calibration}: camera {name!r}: expected a calibration of images of "
+                f"{wanted[0]} x {wanted[1]} px, as its joints are given in these; found {found[0]} x {found[1]}"
+            )
+    notes = [*clip.provenance.get("notes", ()), f"cameras are those of data.calibration={config.calibration}"]
+    # Labels and images of a simulated clip stay those of the cameras that filmed.
+    filmed = clip.actual_rig if clip.occlusion is not None else None
+    return replace(clip, rig=rig, true_rig=filmed, poses=None, provenance=clip.provenance | {"notes": notes})
 
 
 def offsets_of_all(offsets: Sequence[int | str] | None, names: Sequence[str]) -> list[int] | None:

@@ -16,7 +16,8 @@ from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import BODY25
 from dmae.data.store import read_manifest, save_clip, write_manifest
 from dmae.files.checksums import find_data_set_damage
-from dmae.formats.config import DataConfig
+from dmae.formats.calibrations import write_calibration
+from dmae.formats.config import Convention, DataConfig, UpDirection
 from dmae.formats.reading import Clips
 from tests.support.clips import full_clip, walkers
 from tests.support.commands import Done, run_command
@@ -112,6 +113,30 @@ def folder(tmp_path_factory) -> Path:
 
 def run(folder: Path, out: str, *options: str) -> Done:
     return run_command(folder, "dmae", "capture", "data=data", f"out={out}", *options)
+
+
+def test_clips_are_of_one_content_of_another_calibration(tmp_path):
+    save_clip(strollers(frames=10, persons=1, views=3, name="a"), tmp_path / "data" / "a")
+    write_manifest(tmp_path / "data", [{"id": "a", "status": "ok"}])
+    (clip,) = Clips(DataConfig(path=str(tmp_path / "data")))
+    write_calibration(clip.rig, tmp_path / "rig.toml", "pose2sim")
+    config = CaptureCommand(DataConfig(path=str(tmp_path / "data"), calibration=str(tmp_path / "rig.toml")))
+    command.run(config, tmp_path / "captured")
+    write_calibration(replace(clip.rig, dist=clip.rig.dist + 0.001), tmp_path / "rig.toml", "pose2sim")
+    with pytest.raises(
+        ValueError, match=r"settings\.json differs in options\.data\.calibration"
+    ):
+        command.run(config, tmp_path / "captured")
+
+
+def test_doctor_names_the_way_to_an_option_where_a_clip_has_none(tmp_path):
+    clip = strollers(frames=60, persons=2, views=3, name="a")
+    save_clip(replace(clip, rig=Convention(up=UpDirection.y).written_rig(clip.rig)), tmp_path / "a")
+    done = run_command(tmp_path, "dmae", "doctor", "data=a")
+    assert "or by an option, which dmae doctor names if data.calibration= is the file" in done.stdout, done.stdout
+    write_calibration(Convention(up=UpDirection.y).written_rig(clip.rig), tmp_path / "rig.toml", "pose2sim")
+    done = run_command(tmp_path, "dmae", "doctor", "data=a", "data.calibration=rig.toml")
+    assert "correction: data.up=y" in done.stdout, done.stdout
 
 
 def contents(path: Path) -> dict[str, bytes]:

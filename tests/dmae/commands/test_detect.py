@@ -177,6 +177,9 @@ def test_another_detector_rate_offset_or_calibration_is_refused_in_the_same_fold
     write_calibration(replace(session.rig, cam_from_world=moved), tmp_path / "other.toml", "pose2sim")
     done = dmae(tmp_path, "detect", "videos=videos", "calibration=other.toml", *arguments[2:])
     assert done.returncode == 1 and f"{said}calibration.cam_from_world." in done.stderr
+    assert "dmae capture data=found data.calibration=other.toml uses these detections" in done.stderr
+    done = dmae(tmp_path, "capture", "data=found", "data.calibration=other.toml", "out=captured")
+    np.testing.assert_allclose(load_clip(tmp_path / "captured").rig.cam_from_world, moved, atol=1e-6)
 
 
 def test_detections_are_of_one_content_of_the_model(tmp_path: Path):

@@ -214,6 +214,34 @@ def test_what_says_all_of_itself_takes_no_options(tmp_path, name):
         read(name, tmp_path, fps=25.0, unit=LengthUnit.mm)
 
 
+def test_another_calibration_replaces_the_cameras_of_a_clip(tmp_path):
+    recorded = full_clip()
+    clip = replace(recorded, poses=recorded.truth).select(views=slice(0, 3))
+    save_clip(clip, tmp_path / "clip")
+    moved = recorded.rig.cam_from_world.copy()
+    moved[1, :3, 3] += 0.1
+    rig, file = replace(recorded.rig, cam_from_world=moved), tmp_path / "rig.toml"
+    # In mm, y up, in another order, and with a camera that the clip lacks.
+    write_calibration(Convention(LengthUnit.mm, UpDirection.y).written_rig(rig[[3, 1, 2, 0]]), file, "pose2sim")
+    options = {"calibration": str(file), "unit": LengthUnit.mm, "up": UpDirection.y}
+    found = read("clip", tmp_path / "clip", **options)
+    assert found.rig.names == clip.rig.names
+    np.testing.assert_allclose(found.rig.cam_from_world, moved[:3], atol=1e-6)
+    np.testing.assert_array_equal(found.detections.xy, clip.detections.xy)
+    assert found.poses is None  # they were captured with the old cameras
+    np.testing.assert_array_equal(found.true_rig.cam_from_world, clip.actual_rig.cam_from_world)
+    assert found.provenance["notes"][-1] == f"cameras are those of data.calibration={file}"
+
+    with pytest.raises(ValueError, match=r"leave out data\.up, or give another calibration.*data\.calibration="):
+        read("clip", tmp_path / "clip", up=UpDirection.y)
+    write_calibration(rig[:2], file, "pose2sim")
+    with pytest.raises(ValueError, match=r"rig\.toml: expected the cameras .*, cam0, cam1, cam2; found cam0, cam1$"):
+        read("clip", tmp_path / "clip", calibration=str(file))
+    write_calibration(replace(rig, size=2 * rig.size), file, "pose2sim")
+    with pytest.raises(ValueError, match=r"camera 'cam0': expected a calibration of images of \d+ x \d+ px"):
+        read("clip", tmp_path / "clip", calibration=str(file))
+
+
 def test_cameras_that_started_late_are_moved_and_blind_where_they_were_not_on(tmp_path):
     clip = full_clip()
     save_clip(clip, tmp_path)
