@@ -154,7 +154,11 @@ def diagnose(
             findings.append(finding)
             named.add(finding.cameras)
             continue
-        if correction is None or not _confirmed(correction, hypothesis, examination and examination[0], pairs):
+        if correction is None:
+            break
+        if not _confirmed(correction, hypothesis, examination and examination[0], pairs):
+            if len(clip.rig) == 2:
+                unknown += (_TWO_DISAGREE.format(" and ".join(clip.rig.names)),)
             break
         findings.append(corrected_fault(correction, hypothesis, convention, offsets, frames))
         hypothesis = correction.hypothesis
@@ -221,15 +225,21 @@ def _explains(undone: Hypothesis, correction: Correction | None, hypothesis: Hyp
 
 
 def _confirmed(correction: Correction, hypothesis: Hypothesis, found: Examination | None, pairs: Pairs) -> bool:
-    """Return whether a fault of lenses or scale explains more than wrong poses of cameras, which are similar.
+    """Return whether a fault of lenses, scale or time explains more than wrong poses of cameras, which are similar.
 
-    A pose may explain more and still not be named, if the recording is too short for certainty.
+    A pose may explain more and still not be named, if the recording is too short for certainty. Times are compared with
+    poses only if there are two cameras: more have to agree on them (`refine_offsets`).
     """
     if correction.fault in _LENSES:
         return lens_matters(hypothesis, correction.hypothesis)
-    if correction.fault != Fault.scale or len(correction.views) > 1 or found is None:
+    if len(hypothesis.rig) == 2:
+        similar = correction.fault in (Fault.scale, Fault.delay)
+    else:
+        similar = correction.fault == Fault.scale and len(correction.views) == 1
+    if not similar or found is None:
         return True
-    tried = [each for each in found.tried if each.view in correction.views and each.kind in _POSES]
+    views = range(2) if len(hypothesis.rig) == 2 else correction.views
+    tried = [each for each in found.tried if each.view in views and each.kind in _POSES]
     if not tried:
         return True
     best = max(tried, key=lambda each: each.gain)
@@ -264,6 +274,10 @@ def _pair_fits(hypothesis: Hypothesis, pairs: Pairs, frames: np.ndarray) -> tupl
 
 # Single cameras that differ from their calibration
 
+_TWO_DISAGREE = (
+    "{} disagree, and one that moved, turned, zoomed or started late would explain it: calibrate them again, or record "
+    "with a third camera, which tells these apart"
+)
 _FAULTS = {
     Kind.moved: Fault.moved,
     Kind.turned: Fault.turned,

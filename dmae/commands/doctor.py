@@ -28,6 +28,7 @@ agreeing: share of people who match one in the other camera, if both cameras det
 agreement: mean fit of all of them, 0 to 1; {SOUND} and more is usual where cameras see the same people
 of others: median agreement of the pairs without this camera"""
 _BY_OPTION = (Fault.inverse, Fault.unit, Fault.up)  # Faults that data.inverse, data.unit and data.up correct
+_FARTHEST = 10.0  # m; larger movements of a camera are not stated: two cameras do not show one along the line between
 _SIDES_FRAMES = 600  # Frames, from the first on, in which exchanged sides are looked for
 
 
@@ -113,7 +114,9 @@ def _cameras(clip: Clip, diagnosis: Diagnosis) -> Table:
     for fit in diagnosis.cameras:
         own = [pair.agreement for pair in diagnosis.pairs if fit.camera in pair.cameras]
         others = [pair.agreement for pair in diagnosis.pairs if fit.camera not in pair.cameras]
-        limits = (fit.limits[kind] for kind in scales)
+        limits = [fit.limits[kind] for kind in scales]
+        if limits[0] is not None and limits[0] > _FARTHEST:
+            limits[0] = None
         rows.append(
             (
                 fit.camera,

@@ -131,6 +131,16 @@ def test_the_real_pose2sim_trial_is_sound_and_faulty_with_other_conventions(data
     assert [finding.remedy for finding in found] == ["data.inverse=false", "data.unit=m", "data.up=z"]
 
 
+def test_two_cameras_do_not_tell_a_late_or_scaled_one_from_a_turned_one(data_folder):
+    """The trial's videos are synchronised and of the calibrated size; its calibration is off by centimetres."""
+    clip = Clips(DataConfig(name="pose2sim", path=str(data_folder / TRIAL)))[0]
+    for views in ([0, 2], [2, 3]):
+        found = diagnose(clip.select(views=views), max_offset=10)
+        assert found.findings == ()
+        a, b = (clip.rig.names[view] for view in views)
+        assert any(each.startswith(f"{a} and {b} disagree, and one that moved") for each in found.unknown)
+
+
 def test_the_remedy_is_a_change_to_the_file_if_the_format_has_no_options():
     found = diagnose(written(sound("campus"), unit=LengthUnit.mm, up=UpDirection.y), max_offset=5).findings
     assert [finding.fault.name for finding in found] == ["unit", "up"]

@@ -123,9 +123,7 @@ def test_clips_are_of_one_content_of_another_calibration(tmp_path):
     config = CaptureCommand(DataConfig(path=str(tmp_path / "data"), calibration=str(tmp_path / "rig.toml")))
     command.run(config, tmp_path / "captured")
     write_calibration(replace(clip.rig, dist=clip.rig.dist + 0.001), tmp_path / "rig.toml", "pose2sim")
-    with pytest.raises(
-        ValueError, match=r"settings\.json differs in options\.data\.calibration"
-    ):
+    with pytest.raises(ValueError, match=r"settings\.json differs in options\.data\.calibration"):
         command.run(config, tmp_path / "captured")
 
 
