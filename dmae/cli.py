@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
+from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -90,11 +91,12 @@ def _run_command(command: Command, arguments: list[str], interrupted: interrupti
         return
     flags, folders, overrides = split_flags(arguments)
     with TemporaryDirectory() as copy:
-        if folders:
-            from dmae.command_line.presets import copy_presets  # it loads NumPy, which `--help` does not need
+        if folders or any(".yaml" in override for override in overrides):
+            from dmae.command_line import presets  # it loads NumPy, which `--help` does not need
 
             for folder in folders:
-                copy_presets(options, folder, Path(copy))
+                presets.copy_presets(options, folder, Path(copy))
+            overrides = presets.named(options, overrides, folders, Path(copy))
             flags.append(f"--config-dir={copy}")
             options = command.options((Path(copy),))
         overrides = checked(options, overrides, flags, presets=bool(folders))
@@ -210,13 +212,22 @@ def compose(command: Command, overrides: Sequence[str]) -> object:
     from omegaconf.errors import OmegaConfBaseException
 
     options = command.options()
-    overrides = checked(options, overrides)
-    _store(command, options)
     # Hydra allows one user at a time: a command, as `dmae demo`, may call a verb that composes another configuration.
     running = GlobalHydra.instance().hydra
     GlobalHydra.instance().clear()
     try:
-        with _config_folder(options) as folder, hydra.initialize_config_dir(folder, version_base="1.3"):
+        with (
+            TemporaryDirectory() as copy,
+            _config_folder(options) as folder,
+            hydra.initialize_config_dir(folder, version_base="1.3"),
+        ):
+            if any(".yaml" in override for override in overrides):
+                from dmae.command_line.presets import named
+
+                overrides = named(options, overrides, (), Path(copy))
+                options = command.options((Path(copy),))
+            overrides = [*checked(options, overrides), f"hydra.searchpath=['file://{copy}']"]
+            _store(command, options)
             return OmegaConf.to_object(hydra.compose(command.name, overrides=overrides))
     except (HydraException, OmegaConfBaseException) as error:
         raise ValueError(_in_one_line(error)) from None
@@ -290,6 +301,11 @@ def _in_one_line(error: Exception) -> str:
         # The first line is "In 'detector/mine': ConfigKeyError raised while composing config:", the second the reason.
         first, reason = first.partition(": ")[0], more[0]
     first, reason = first.rstrip("."), reason.rstrip(".")
+    for each in filter(None, (error.__cause__, error)):
+        kind = getattr(each, "object_type", None)  # of OmegaConf's errors of unknown keys
+        if is_dataclass(kind) and each.key not in (members := [member.name for member in fields(kind)]):
+            reason = f"no {each.key}; {choices(str(each.key), members)}"
+            break
     if "hydra/launcher/submitit" in first:
         reason = "pip install hydra-submitit-launcher"
     return first if reason in ("", first) else f"{first}: {reason}"

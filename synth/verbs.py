@@ -53,11 +53,11 @@ def preset(group: str, name: str, **changes: object) -> Any:
 
     Args:
         group: `scene`, `rig`, `motion`, `interaction` or `detector`.
-        name: Name of the preset, as on the command line.
+        name: Name of the preset, as on the command line; or the file of your own, `.../detector/mine.yaml`.
         changes: Fields of the configuration that differ.
 
     Raises:
-        ValueError: there is no such preset; the message has the nearest name.
+        ValueError: there is no such preset, with the nearest name; or the file is no preset, with the reason.
 
     Examples:
         >>> office = synth.preset("scene", "office", seconds=4)
@@ -66,11 +66,18 @@ def preset(group: str, name: str, **changes: object) -> Any:
     """
     if group not in _GROUPS:
         raise ValueError(f"group={group!r}: expected one of {', '.join(_GROUPS)}")
-    return replace(getattr(deepcopy(_composed("generate", f"{group}={name}")), group), **changes)
+    return replace(getattr(_composed("generate", f"{group}={name}"), group), **changes)
+
+
+def _composed(command: str, *presets: str) -> Any:
+    """Return the configuration of a command with presets; files of presets may have changed since the last call."""
+    if any(preset.endswith(".yaml") for preset in presets):
+        return compose(SYNTH.commands[command], presets)
+    return deepcopy(_composed_once(command, *presets))
 
 
 @cache
-def _composed(command: str, *presets: str) -> Any:
+def _composed_once(command: str, *presets: str) -> Any:
     """Return the configuration of a command with presets, to be copied: a tenth of a second the first time."""
     return compose(SYNTH.commands[command], presets)
 
@@ -81,7 +88,7 @@ def _configured(command: str, config: Any, given: dict[str, Any]) -> Any:
     presets = {name: given.pop(name) for name in _GROUPS if isinstance(given.get(name), str)}
     expected = SYNTH.commands[command].configuration
     if config is None:
-        config = deepcopy(_composed(command, *(f"{name}={value}" for name, value in presets.items())))
+        config = _composed(command, *(f"{name}={value}" for name, value in presets.items()))
     elif not isinstance(config, expected):
         raise TypeError(f"{command}: config: expected a synth.{expected.__name__}, found {config!r:.80}")
     else:
@@ -102,15 +109,19 @@ def _configured(command: str, config: Any, given: dict[str, Any]) -> Any:
 
 
 def _group(command: str, name: str, value: Any) -> Any:
-    """Return what was given for a group of options: a configuration or the name of a preset; `rig` also as cameras."""
+    """Return what was given for a group of options: a configuration, a preset's name or file; `rig` also as cameras."""
+    from dmae.command_line.presets import is_preset
+
     if name not in _GROUPS:
         return value
+    if is_preset(name, value):
+        return str(value)
     if name == "rig":
         from synth.rigs.config import RigConfig, listed_rig
 
         if isinstance(value, CameraRig):
             return listed_rig(value)
-        if isinstance(value, Path) or (isinstance(value, str) and Path(value).suffix):
+        if isinstance(value, str | Path) and Path(value).suffix:
             return RigConfig(path=str(value))
     expected = type(getattr(SYNTH.commands[command].configuration(), name, None))
     if not isinstance(value, str | expected):

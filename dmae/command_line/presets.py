@@ -1,13 +1,14 @@
-"""Presets of users (`--config-dir`): data that people share, checked before a configuration is composed of it.
+"""Presets of users, found by `--config-dir` or given as files: data that people share, checked before it is used.
 
 Hydra would take more from such a file than options: where a value goes, files to write, functions to call, variables of
 the environment. So Hydra is not given the folder, but a copy that holds nothing except checked options.
 """
 
 import re
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from dmae.command_line.options import Group
+from dmae.command_line.options import Group, Option
 from dmae.command_line.spelling import FUNCTION, like
 from dmae.files.contents import read_text
 from dmae.files.structured import parse_yaml
@@ -20,11 +21,9 @@ _MOST_BYTES, _MOST_FILES = 1 << 20, 1000
 def copy_presets(options: Group, folder: Path, copy: Path) -> None:
     """Copy the presets of a command's groups from `folder/<group>/<name>.yaml` to the same place in `copy`.
 
-    Raises ValueError if there is no such folder, or a file is no preset; the message names it and the option, and says
-    what a preset can hold.
+    Raises ValueError if there is no such folder, or a file is no preset, or is called like one of the package; the
+    message names it and the option, and says what a preset can hold.
     """
-    import yaml
-
     if not folder.is_dir():
         raise ValueError(f"--config-dir {folder}: no such folder")
     for group in options.members:
@@ -34,11 +33,48 @@ def copy_presets(options: Group, folder: Path, copy: Path) -> None:
         if len(files) > _MOST_FILES:
             raise ValueError(f"{folder / group.key}: expected at most {_MOST_FILES} presets, found {len(files)}")
         for file in files:
-            comments, values = _read(options, group, file)
-            written = copy / group.key / file.name
-            written.parent.mkdir(parents=True, exist_ok=True)
-            content = yaml.safe_dump(values, sort_keys=False, allow_unicode=True) if values else ""
-            written.write_text("\n".join([*comments, content]), encoding="utf-8")
+            _copy(options, group, file, copy)
+
+
+def is_preset(key: str, value: object) -> bool:
+    """Return whether a value is the file of a preset, `<key>/<name>.yaml` in any folder."""
+    path = Path(str(value))
+    return path.suffix == ".yaml" and path.absolute().parent.name == key and path.is_file()
+
+
+def named(options: Group, overrides: Iterable[str], folders: Sequence[Path], copy: Path) -> list[str]:
+    """Return overrides in which a preset's file, `detector=mine/detector/fog.yaml`, is its name; copy the file.
+
+    An option that is not a group, as `dmae pretrain rig=...`, gets the file in `folders` where a name is given. Raises
+    ValueError as `copy_presets`.
+    """
+    taken = []
+    for override in overrides:
+        key, equals, value = override.partition("=")
+        found, values = options.find(key), value.split(",")
+        for place, each in enumerate(values):
+            if isinstance(found, Group) and found.presets and is_preset(key, each):
+                _copy(options, found, Path(each), copy)
+                values[place] = Path(each).stem
+            elif isinstance(found, Option) and _NAME.fullmatch(each):
+                files = [folder / key / f"{each}.yaml" for folder in folders]
+                values[place] = str(next((file for file in files if file.is_file()), each))
+        taken.append(f"{key}{equals}{','.join(values)}")
+    return taken
+
+
+def _copy(options: Group, group: Group, file: Path, copy: Path) -> None:
+    import yaml
+
+    if file.stem in group.presets:
+        raise ValueError(
+            f"{file}: {group.key}={file.stem} is a preset of the package, and would be used; give the file another name"
+        )
+    comments, values = _read(options, group, file)
+    written = copy / group.key / file.name
+    written.parent.mkdir(parents=True, exist_ok=True)
+    content = yaml.safe_dump(values, sort_keys=False, allow_unicode=True) if values else ""
+    written.write_text("\n".join([*comments, content]), encoding="utf-8")
 
 
 def _read(options: Group, group: Group, file: Path) -> tuple[list[str], dict]:

@@ -290,9 +290,14 @@ def _check_preset(group: Group, text: str, value: str) -> None:
         names = ", ".join(member.key for member in group.members)
         raise ValueError(f"{group.key}={text}: expected one of its options: {names}")
     if value not in group.presets:
-        by_path = f"{group.key}.path"
-        file = f"; a file is {by_path}={text}" if Path(value).suffix and group.find(by_path) else ""
-        raise ValueError(f"{group.key}={text}: no such choice; {choices(value, group.presets)}{file}")
+        hint, by_path = "", f"{group.key}.path"
+        if Path(value).suffix == ".yaml":
+            hint = f"; the file of a preset exists, and is called <folder>/{group.key}/<name>.yaml"
+        elif not Path(value).suffix and not nearest(value, group.presets):
+            hint = f"; one of yours is <folder>/{group.key}/{value}.yaml, with --config-dir=<folder>"
+        if Path(value).suffix and group.find(by_path):
+            hint += f"; a file is {by_path}={text}"
+        raise ValueError(f"{group.key}={text}: no such choice; {choices(value, group.presets)}{hint}")
 
 
 def _check_value(option: Option, text: str, value: object) -> None:

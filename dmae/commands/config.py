@@ -331,9 +331,9 @@ class PretrainCommand:
     motion: str | None = field(default=None, metadata={"reads": "path"})
     """Folder of motion files, or a list of takes that `synth split` wrote; by default people move procedurally."""
     rig: str = field(default="random", metadata={"reads": "path", "words": _presets("rig")})
-    """Calibration, a file or folder of any known format; or a preset of rigs."""
+    """Calibration, a file or folder of any known format; or a preset of rigs, by its name or file."""
     detector: str = field(default="shelf_openpose", metadata={"reads": "path", "words": _presets("detector")})
-    """Preset of the simulated detector, or the YAML file of a preset that `synth fit-detector` wrote."""
+    """Preset of the simulated detector, by its name or file, as `synth fit-detector` writes one."""
     clips: int = 60
     """Clips of 12 s to train on; a quarter of this number is used for calibration, and a quarter for scores."""
     seconds: float = 12.0

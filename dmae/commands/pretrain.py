@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from dmae.command_line.presets import is_preset
 from dmae.commands import capture, evaluate, train
 from dmae.commands.config import CaptureCommand, PretrainCommand
 from dmae.commands.demo import LOG, logged, run_step, say
@@ -79,11 +80,15 @@ def configurations(config: PretrainCommand, out: Path) -> dict[str, dict[str, An
 
     detector: Any = config.detector
     rig: Any = config.rig
-    if Path(detector).suffix in (".yaml", ".yml"):
+    if is_preset("detector", detector):
+        detector = synth.preset("detector", detector)
+    elif Path(detector).suffix in (".yaml", ".yml"):
         if not Path(detector).is_file():
             raise FileNotFoundError(f"detector={detector}: no such file")
         detector = load_preset(detector)
-    if Path(rig).exists():
+    if is_preset("rig", rig):
+        rig = synth.preset("rig", rig)
+    elif Path(rig).exists():
         rig = synth.preset("rig", "random", path=rig)
     elif Path(rig).suffix:
         raise FileNotFoundError(f"rig={rig}: no such calibration, and no preset of rigs")
@@ -109,7 +114,7 @@ def camera_numbers(config: PretrainCommand) -> list[int]:
     """Return the numbers of cameras that capture people. Raises ValueError if the rig has fewer."""
     import synth
 
-    if Path(config.rig).exists():
+    if Path(config.rig).exists() and not is_preset("rig", config.rig):
         views = len(read_calibration(Path(config.rig)))
     else:
         rig = synth.preset("rig", config.rig)

@@ -1,13 +1,10 @@
 """`dmae regress`: any project's triangulation against the pack of `dmae.regression`."""
 
-import inspect
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from dmae.commands.config import RegressCommand
-from dmae.registry import load_function
-from dmae.regression.pack import cases
 from dmae.regression.verdicts import PURPOSES, REASONS, Verdict, check, text
 from dmae.reporting.page import Section, write_report
 from dmae.reporting.tables import Table, print_tables
@@ -15,7 +12,7 @@ from dmae.reporting.tables import Table, print_tables
 
 def run(config: RegressCommand, out: Path | None) -> None:
     """Print what came of every case; exits with status 1 if a bound is broken."""
-    verdicts = check(load_solver(config.solver), config.skip, config.seconds)
+    verdicts = check(config.solver, config.skip, config.seconds)
     print_tables([verdict_table(config.solver, verdicts)])
     failed = [verdict for verdict in verdicts if not verdict.passed]
     print(*failed, sep="\n", end="\n\n" if failed else "")
@@ -26,25 +23,6 @@ def run(config: RegressCommand, out: Path | None) -> None:
     print(f"{len(verdicts) - len(failed)} of {len(verdicts)} cases passed{skipped}")
     if failed:
         sys.exit(1)
-
-
-def load_solver(name: str) -> Callable:
-    """The function that `package.module:function` names, from the current folder or what is installed.
-
-    Raises ValueError if there is none, its module cannot be imported, or it does not take the keywords of `check`.
-    """
-    solver = load_function("solver", name, "dmae.regression.solvers:ours")
-    keywords = cases()[0].arrays()
-    try:
-        inspect.signature(solver).bind(**keywords)
-    except TypeError as error:
-        raise ValueError(
-            f"solver={name}: {error}; expected a function of the keywords {', '.join(keywords)} that returns (n, 3) "
-            f"points, found {name.partition(':')[2]}{inspect.signature(solver)}"
-        ) from None
-    except ValueError:
-        pass  # compiled functions may have no signature
-    return solver
 
 
 def verdict_table(name: str, verdicts: Sequence[Verdict]) -> Table:

@@ -1,5 +1,6 @@
 """Check a solver against the pack: measures of its errors, their bounds, and the reasons for the bounds."""
 
+import inspect
 import signal
 import threading
 import traceback
@@ -11,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from dmae.progress import progress
+from dmae.registry import load_function
 from dmae.regression.pack import Case, cases
 
 SECONDS = 30.0
@@ -66,7 +68,7 @@ PURPOSES = {
 """By case, the property of a solver that it tests."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Verdict:
     """The result of one case."""
 
@@ -97,6 +99,10 @@ class Verdict:
         ]
         return f"{self.case.name}: {self.problem or '; '.join(found) or 'ok'} ({PURPOSES[self.case.name]})"
 
+    def __repr__(self) -> str:
+        """Return the text without the purpose, so that a list of all cases can be read."""
+        return f"<{str(self).removesuffix(f' ({PURPOSES[self.case.name]})')}>"
+
 
 def text(measure: str, value: float) -> str:
     """Return a measure as printed: errors in mm, fractions in %."""
@@ -107,12 +113,13 @@ def text(measure: str, value: float) -> str:
     return f"{1000 * value:.{2 if value < 0.01 else 1 if value < 0.1 else 0}f} mm"
 
 
-def check(solver: Callable, skip: Sequence[str] = (), seconds: float = SECONDS) -> list[Verdict]:
+def check(solver: Callable | str, skip: Sequence[str] = (), seconds: float = SECONDS) -> list[Verdict]:
     """Check a solver, as `dmae.regress` describes it, against every case of the pack, except those to skip, by name.
 
-    `seconds` is the time limit for one case. Raises ValueError if it is not positive, or `skip` has a name that no case
-    has.
+    `seconds` is the time limit for one case. Raises ValueError if it is not positive, `skip` has a name that no case
+    has, or the solver is not a function of these keywords or the name of one, `package.module:function`.
     """
+    solver = _solver(solver)
     if not seconds > 0:
         raise ValueError(f"seconds={seconds:g}: expected a time limit above 0")
     names = [case.name for case in cases()]
@@ -121,6 +128,26 @@ def check(solver: Callable, skip: Sequence[str] = (), seconds: float = SECONDS) 
         raise ValueError(f"skip: no case {', '.join(map(repr, unknown))}; there are {', '.join(names)}")
     chosen = [case for case in cases() if case.name not in skip]
     return [check_case(solver, case, seconds) for case in progress(chosen, "checking")]
+
+
+def _solver(given: Callable | str) -> Callable:
+    """Return the solver, imported if it is `package.module:function`; ValueError if it cannot be called as one."""
+    solver = load_function("solver", given, "dmae.regression.solvers:ours") if isinstance(given, str) else given
+    keywords = ", ".join(cases()[0].arrays())
+    try:
+        if not callable(solver):
+            raise TypeError("it cannot be called")
+        inspect.signature(solver).bind(**cases()[0].arrays())
+    except TypeError as error:
+        found = f"{solver.__name__}{inspect.signature(solver)}" if inspect.isfunction(solver) else f"{solver!r:.80}"
+        name = given if isinstance(given, str) else getattr(given, "__name__", f"{given!r:.80}")
+        raise ValueError(
+            f"solver={name}: {error}; expected a function of the keywords {keywords} that returns (n, 3) points, found "
+            f"{found}"
+        ) from None
+    except ValueError:
+        pass  # compiled functions may have no signature
+    return solver
 
 
 def check_case(solver: Callable, case: Case, seconds: float = SECONDS) -> Verdict:

@@ -203,19 +203,20 @@ def benchmark(
     return scores
 
 
-def regress(solver: Callable, *, skip: tuple[str, ...] = ()) -> list[Verdict]:
+def regress(solver: Callable | str, *, skip: tuple[str, ...] = ()) -> list[Verdict]:
     """Check a triangulation against a frozen pack of cases with documented bounds.
 
     Args:
         solver: Takes keywords `K` (V, 3, 3), `dist` (V, 5) or (V, 8), `cam_from_world` (V, 4, 4) m, `size` (V, 2) px,
             `xy` (n, V, 2) px, distorted, NaN where absent, `confidence` (n, V); returns (n, 3) m, NaN where it refuses.
+            Or its name, `package.module:function`.
         skip: Names of cases.
 
     Returns:
         A verdict for each case: `passed`, `measured`, `bounds`. `str(verdict)` lists the bounds that are exceeded.
 
     Raises:
-        ValueError: a name in `skip` is not the name of a case.
+        ValueError: the solver does not take these keywords, or a name in `skip` is not the name of a case.
 
     Examples:
         >>> from dmae.regression.solvers import ours

@@ -206,7 +206,8 @@ class RigConfig:
     origin: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     """Point of the file's or the listed cameras' world around which the scene is built, m, z up."""
     cameras: list[CameraConfig] = field(default_factory=list)
-    """Listed cameras."""
+    """Listed cameras, each as `{name: left, size: [640, 480], focal: 500, position: [3, 2, 2], target: [0, 0, 1]}`; or
+    with `K`, `dist` and `fisheye` instead of `focal`, and `cam_from_world` instead of `position` and `target`."""
     placement: CameraPlacement = CameraPlacement.ring
     """Placement that is used without a file or listed cameras."""
     ring: RingConfig = field(default_factory=RingConfig)

@@ -2,6 +2,7 @@
 
 import pytest
 
+import synth
 from tests.support.commands import run_command
 
 BOMB = "a0: &a0 [x, x, x, x, x, x, x, x, x]\n" + "".join(
@@ -84,6 +85,45 @@ def test_a_preset_can_start_from_one_that_is_shipped(presets, tmp_path):
     (presets / "detector/mine.yaml").write_text("defaults: [mine]\n")
     done = run_command(tmp_path, "synth", "generate", f"--config-dir={presets}", "detector=mine", "out=x")
     assert done.returncode == 1 and "expected a list of presets of detector" in done.stderr
+
+
+def test_a_preset_is_also_given_by_its_file(presets, tmp_path):
+    (presets / "detector/mine.yaml").write_text("defaults: [terrible, _self_]\nname: mine\n")
+    done = run_command(tmp_path, "synth", "generate", "detector=presets/detector/mine.yaml", "--cfg", "job", "out=x")
+    assert done.returncode == 0, done.stderr
+    assert "name: mine" in done.stdout and "unsynchronised: 1.0" in done.stdout
+    (presets / "detector/mine.yaml").write_text("nmae: mine\n")
+    done = run_command(tmp_path, "synth", "generate", "detector=presets/detector/mine.yaml", "out=x")
+    assert done.returncode == 1 and "detector.nmae: no such option" in done.stderr
+
+
+def test_a_preset_with_the_name_of_a_shipped_one_is_refused_rather_than_ignored(presets, tmp_path):
+    (presets / "detector/clean.yaml").write_text("name: mine\n")
+    for given in (f"--config-dir={presets}", "detector=presets/detector/clean.yaml"):
+        done = run_command(tmp_path, "synth", "generate", given, "out=x", "--cfg", "job")
+        assert done.returncode == 1 and "give the file another name" in done.stderr
+
+
+def test_a_mistyped_field_of_a_listed_camera_is_named_with_the_nearest(tmp_path):
+    listed = "rig.cameras=[{name: a, postion: [3,0,2]}]"
+    done = run_command(tmp_path, "synth", "generate", listed, "out=x")
+    assert "rig.cameras': no postion; did you mean position? There are name, size, K" in done.stderr
+    shown = run_command(tmp_path, "synth", "generate", "--help", "rig.cameras").stdout
+    assert "position: [" in shown and "cam_from_world" in shown
+
+
+def test_python_takes_the_file_of_a_preset(presets, tmp_path):
+    file = presets / "detector/mine.yaml"
+    for name in ("first", "second"):
+        file.write_text(f"defaults: [terrible, _self_]\nname: {name}\n")
+        taken = synth.preset("detector", file, custom=["a:b"])
+        assert (taken.name, taken.timing.unsynchronised, taken.custom) == (name, 1, ["a:b"])
+    (presets / "rig").mkdir()
+    file = presets / "rig/lab.yaml"
+    file.write_text("cameras: [{name: a, size: [640, 480], focal: 500, position: [3, 0, 2], target: [0, 0, 1]}]\n")
+    assert [camera.name for camera in synth.preset("rig", file).cameras] == ["a"]
+    clip = next(synth.generate(clips=1, seconds=0.2, rig=file, detector=str(presets / "detector/mine.yaml")))
+    assert clip.rig.names == ("a",)
 
 
 @pytest.mark.parametrize("flag", ["--config-name=x", "--config-path=x", "-cp=x", "--experimental-rerun=x.pickle"])

@@ -41,6 +41,24 @@ def test_a_calibration_and_a_fitted_preset_are_read_from_their_files(tmp_path):
     assert str(tmp_path) not in command_line(config)
 
 
+def test_presets_of_the_user_are_found_by_name_and_by_file(tmp_path):
+    for name, text in (
+        ("detector", "defaults: [terrible, _self_]\nname: mine\n"),
+        ("rig", "placement: ring\nring: {views: 3}\n"),
+    ):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "mine.yaml").write_text(text)
+    rig, detector = str(tmp_path / "rig/mine.yaml"), str(tmp_path / "detector/mine.yaml")
+    done = run_command(
+        tmp_path, "dmae", "pretrain", f"--config-dir={tmp_path}", "rig=mine", "detector=mine", "--cfg", "job"
+    )
+    assert f"rig: {rig}" in done.stdout and f"detector: {detector}" in done.stdout
+    config = PretrainCommand(rig=rig, detector=detector)
+    made = configurations(config, tmp_path)["train"]
+    assert made["rig"].ring.views == 3 and made["detector"].timing.unsynchronised == 1
+    assert camera_numbers(config) == [2, 3]
+
+
 def test_what_cannot_be_is_refused(tmp_path):
     for missing in ("rig=nowhere/rig.toml", "detector=nowhere/mine.yaml"):
         name, _, path = missing.partition("=")

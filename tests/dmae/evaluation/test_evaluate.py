@@ -111,6 +111,13 @@ class TestEvaluate:
         with pytest.raises(ValueError, match="'seen' has no truth"):
             evaluate(config(tmp_path, methods=["measured"]))
 
+    def test_frames_without_any_truth_are_refused(self, tmp_path):
+        clip = seen()
+        nowhere = replace(clip.truth, xyz=np.full_like(clip.truth.xyz, np.nan), source=np.zeros_like(clip.truth.source))
+        save_clip(replace(clip, truth=nowhere), tmp_path)
+        with pytest.raises(ValueError, match=r"no true joint in its \d+ frames, .* data.frames="):
+            evaluate(config(tmp_path, methods=["measured"]))
+
     def test_infinite_truth_is_refused(self, tmp_path):
         clip = seen()
         xyz = clip.truth.xyz.copy()

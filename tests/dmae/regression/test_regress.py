@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dmae.commands.regress import load_solver
 from dmae.regression import solvers
 from dmae.regression.pack import Case, cases, unpack
 from dmae.regression.verdicts import PURPOSES, REASONS, assert_passes, check, check_case, oracle
@@ -243,7 +242,18 @@ def test_a_solver_that_is_not_there_is_one_clear_error(project, monkeypatch, sol
     monkeypatch.chdir(project)
     monkeypatch.setattr(sys, "path", list(sys.path))
     with pytest.raises(ValueError, match=re.escape(said)):
-        load_solver(solver)
+        check(solver)
+
+
+@pytest.mark.parametrize("solver", [5, np.zeros(3), lambda K, xy: xy])
+def test_python_refuses_what_is_no_solver_rather_than_failing_every_case(solver):
+    with pytest.raises(ValueError, match=r"solver=.*expected a function of the keywords K, dist, cam_from_world"):
+        check(solver)
+
+
+def test_a_list_of_verdicts_is_short_enough_to_read():
+    verdicts = check("dmae.regression.solvers:dlt", sorted(EVERY - {"clean", "skewed"}))
+    assert repr(verdicts[0]) == "<clean: ok>" and len(repr(verdicts)) < 300
 
 
 def test_help_describes_the_arrays(project):
