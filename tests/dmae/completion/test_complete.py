@@ -356,6 +356,17 @@ def test_contradicted_joints_are_rejected_on_request():
     np.testing.assert_array_equal(untrained()(poses, FPS).xyz, xyz)
 
 
+def test_joints_with_large_stated_errors_are_rejected_only_where_the_gap_stays_short():
+    """Two cameras measure some joints badly throughout: completed without any measurement they would be farther off."""
+    poses = circling(6)
+    cov = np.broadcast_to(1e-4 * np.eye(3), (*poses.xyz.shape, 3)).copy()
+    cov[:, 0, 4] = cov[20:30, 0, 7] = 0.1**2 * np.eye(3)  # the whole of one joint, 0.4 s of another
+    done = replace(untrained(), reject=True)(Poses3D(SHELF14, poses.xyz, cov=cov), FPS)
+    assert (done.source[:, 0, 4] == Source.MEASURED).all()
+    assert (done.source[20:30, 0, 7] == Source.COMPLETED).all()
+    assert (done.source == Source.COMPLETED).sum() == 10
+
+
 @pytest.mark.parametrize("reject", [True, False])
 @pytest.mark.parametrize("cause", ["contradicted", "large stated error"])
 def test_the_command_says_how_many_measured_joints_it_replaces(tmp_path, capsys, reject, cause):
