@@ -304,7 +304,7 @@ def _in_one_line(error: Exception) -> str:
     for each in filter(None, (error.__cause__, error)):
         kind = getattr(each, "object_type", None)  # of OmegaConf's errors of unknown keys
         if is_dataclass(kind) and each.key not in (members := [member.name for member in fields(kind)]):
-            reason = f"no {each.key}; {choices(str(each.key), members)}"
+            reason = f"{reason or first}; {choices(str(each.key), members)}"
             break
     if "hydra/launcher/submitit" in first:
         reason = "pip install hydra-submitit-launcher"

@@ -101,7 +101,13 @@ class Registry(Mapping[str, E], Generic[E]):
         return known or self._describe(function, name, f"The function {name}.", name, {})
 
     def check(self, name: str, *others: str) -> None:
-        """Raise ValueError, with the nearest name, if `name` is not in the registry, one of `others`, or a function."""
+        """Raise ValueError, with the nearest name, if `name` is not in the registry, one of `others`, or a function.
+
+        A function itself is a TypeError: configurations hold names.
+        """
+        if not isinstance(name, str):
+            found = f"the function itself; its name is {_home(name)!r}" if callable(name) else repr(name)
+            raise TypeError(f"{self.kind}: expected a name, or 'package.module:function' as text, found {found}")
         known = [*others, *self]
         if name not in known and not (self.option and ":" in name):
             another = ", and package.module:function names another" if self.option else ""

@@ -241,6 +241,11 @@ def test_the_wrong_type_is_named_with_what_to_do(verb: str, tmp_path: Path):
     assert not list(tmp_path.iterdir())
 
 
+def test_stress_takes_one_clip_as_well(clip):
+    config = dmae.StressConfig(axes=["cameras"], levels={"cameras": [1]}, pairs=[], methods=["linear"])
+    assert dmae.stress(clip, None, config)["axes"] == dmae.stress([clip], None, config)["axes"]
+
+
 def test_options_in_a_dictionary_are_answered_with_their_type(clip, tmp_path: Path):
     with pytest.raises(TypeError, match=r"config: expected a dmae\.ShowConfig, found {'frames': 1}"):
         dmae.show(clip, tmp_path, {"frames": 1})

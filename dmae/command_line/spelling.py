@@ -292,7 +292,10 @@ def _check_preset(group: Group, text: str, value: str) -> None:
     if value not in group.presets:
         hint, by_path = "", f"{group.key}.path"
         if Path(value).suffix == ".yaml":
-            hint = f"; the file of a preset exists, and is called <folder>/{group.key}/<name>.yaml"
+            found = (
+                "it is elsewhere" if Path(value).exists() else f"there is no such file{similar_path(value).rstrip('.')}"
+            )
+            hint = f"; a file of a preset is <folder>/{group.key}/<name>.yaml, {found}"
         elif not Path(value).suffix and not nearest(value, group.presets):
             hint = f"; one of yours is <folder>/{group.key}/{value}.yaml, with --config-dir=<folder>"
         if Path(value).suffix and group.find(by_path):

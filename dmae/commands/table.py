@@ -16,4 +16,4 @@ def run(config: TableConfig, out: Path) -> None:
     write_atomic(path.with_suffix(".json"), json_text(table) + "\n")
     write_atomic(path.with_suffix(".md"), markdown(table))
     print_tables(terminal_tables(table))
-    print(path.with_suffix(".json"))
+    print(*table["footnotes"], path.with_suffix(".json"), path.with_suffix(".md"), sep="\n")

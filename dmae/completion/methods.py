@@ -47,10 +47,18 @@ find_method = completion_method.find
 @cache
 def _of_any_size(function: Fill) -> Fill:
     """Return the function for bodies of any size and for stills, the same one each time."""
+    from dmae.data.clip import Poses3D
     from dmae.data.conversion import for_any_size
     from dmae.numerics.filling import are_stills, fill_stills
 
-    fill = for_any_size(function)
+    def poses_of(poses: Poses3D, fps: float) -> Poses3D:
+        filled = function(poses, fps)
+        if not isinstance(filled, Poses3D):
+            name = f"{function.__module__}:{function.__name__}"
+            raise ValueError(f"method {name}: expected it to return dmae.Poses3D, found {type(filled).__name__}")
+        return filled
+
+    fill = for_any_size(poses_of)
 
     @wraps(function)
     def at_any_rate(poses: Poses3D, fps: float) -> Poses3D:

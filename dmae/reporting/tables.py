@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import rich.table
 from rich.box import SIMPLE
+from rich.cells import cell_len
 from rich.console import Console
 
 
@@ -48,17 +49,29 @@ class Table:
 
 
 def print_tables(tables: Sequence[Table]) -> None:
-    """Print tables. In a pipe they are plain text, and no cell is shortened."""
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=1000)
+    """Print tables. No cell is shortened: in a narrow terminal cells wrap between words, in a pipe lines are long."""
     for table in tables:
+        console = Console()
+        widths = _widths(table, console.width if console.is_terminal else 1000)
+        # If not even single words fit, the terminal breaks the lines.
+        console = Console(width=max(console.width if console.is_terminal else 1000, sum(widths) + len(widths) + 1))
         drawn = rich.table.Table(title=table.caption, title_justify="left", box=SIMPLE, padding=0)
-        for column, heading in enumerate(table.header):
-            drawn.add_column(heading, justify="right" if column else "left", no_wrap=True)
+        for column, (heading, width) in enumerate(zip(table.header, widths, strict=True)):
+            drawn.add_column(heading, justify="right" if column else "left", width=width)
         for row in table.rows:
             drawn.add_row(*row)
         console.print(drawn)
+
+
+def _widths(table: Table, most: int) -> list[int]:
+    """Return widths of the columns, in a line of at most so many characters unless a word is longer than its column."""
+    columns = [*zip(table.header, *table.rows, strict=True)]
+    widths = [max(map(cell_len, cells)) for cells in columns]
+    words = [max(map(cell_len, " ".join(cells).split()), default=0) for cells in columns]
+    while sum(widths) + len(widths) + 1 > most and widths != words:
+        widest = max(range(len(widths)), key=lambda column: (widths[column] > words[column]) * widths[column])
+        widths[widest] -= 1
+    return widths
 
 
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -337,12 +337,12 @@ def corrupt(clip: Clip, levels: Mapping[str, float], *, seed: int = 0) -> Clip:
     return corruption.corrupt(as_clip(clip), levels, seed=seed)
 
 
-def stress(clips: Sequence[Clip], out: str | Path | None = None, config: StressConfig | None = None) -> dict:
+def stress(clips: Clip | Sequence[Clip], out: str | Path | None = None, config: StressConfig | None = None) -> dict:
     """Corrupt clips step by step, and score every method at each step.
 
     Args:
-        clips: All with truth, or all without. Without truth, the reference is what all cameras measured in the
-            original clips.
+        clips: One or several, all with truth, or all without. Without truth, the reference is what all cameras measured
+            in the original clips.
         out: Folder of `stress.json`, the page `stress.html` and cached results; None to write nothing.
         config: Corruptions and methods, as `dmae.StressConfig(axes=["objects", "jitter"], methods=["linear", "dmae"])`.
             The fields `data` and `out` are not used.
@@ -363,6 +363,7 @@ def stress(clips: Sequence[Clip], out: str | Path | None = None, config: StressC
     from dmae.evaluation.stress.matrix import CACHE, compute, prepare
     from dmae.evaluation.stress.page import write_result
 
+    clips = [clips] if isinstance(clips, Clip) else clips
     matrix = prepare(clips, configuration(config, StressConfig), Path(out) / CACHE if out else None)
     result = compute(matrix)
     if out:

@@ -1,5 +1,6 @@
 """The registry that formats, completion methods, metrics, interactions and motion readers share."""
 
+import math
 import sys
 from dataclasses import dataclass
 
@@ -106,6 +107,11 @@ def test_names_that_are_not_found_are_answered(animal, name, message):
     with pytest.raises(ValueError) as error:
         animal.find(name)
     assert str(error.value) == message
+
+
+def test_a_function_itself_is_answered_with_its_name(animal):
+    with pytest.raises(TypeError, match=r"expected a name, or .*; its name is 'math:floor'"):
+        animal.find(math.floor)
 
 
 def test_a_function_is_named_by_a_module_that_has_it(animal, tmp_path):

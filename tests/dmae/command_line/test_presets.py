@@ -107,7 +107,7 @@ def test_a_preset_with_the_name_of_a_shipped_one_is_refused_rather_than_ignored(
 def test_a_mistyped_field_of_a_listed_camera_is_named_with_the_nearest(tmp_path):
     listed = "rig.cameras=[{name: a, postion: [3,0,2]}]"
     done = run_command(tmp_path, "synth", "generate", listed, "out=x")
-    assert "rig.cameras': no postion; did you mean position? There are name, size, K" in done.stderr
+    assert "Key 'postion' not in 'CameraConfig'; did you mean position? There are name, size, K" in done.stderr
     shown = run_command(tmp_path, "synth", "generate", "--help", "rig.cameras").stdout
     assert "position: [" in shown and "cam_from_world" in shown
 

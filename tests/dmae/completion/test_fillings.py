@@ -44,6 +44,13 @@ def test_linear_motion_is_filled_exactly():
         assert (filled.source == Source.COMPLETED).sum() == 25
 
 
+def test_a_method_that_returns_no_poses_is_named(monkeypatch, tmp_path):
+    (tmp_path / "forgetful.py").write_text("def fill(poses, fps):\n    poses.measured\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(ValueError, match=r"forgetful:fill: expected it to return dmae.Poses3D, found NoneType"):
+        find_method("forgetful:fill").load()(walkers(frames=4), FPS)
+
+
 @pytest.mark.parametrize("method", KEEPING)
 def test_filled_joints_are_marked_and_measured_ones_stay(method):
     truth = replace(walkers(frames=40), views=np.full((40, 2, 25), 3), cov=np.tile(np.eye(3), (40, 2, 25, 1, 1)))

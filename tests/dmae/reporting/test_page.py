@@ -169,6 +169,20 @@ def test_a_pipe_gets_every_cell_in_full(capsys, monkeypatch):
     assert capsys.readouterr().out.count("1234.5") == 30
 
 
+@pytest.mark.parametrize("columns", [20, 60, 110])
+def test_a_narrow_terminal_wraps_cells_and_cuts_none(columns, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", str(columns))
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    table = Table(
+        "t", ("", "actor 1 (174 frames)", "from dmae: PCP"), [["a long name (of 2021)", "99.1 [98.0, 99.9]", "-0.1"]]
+    )
+    print_tables([table] * 2)
+    printed = capsys.readouterr().out
+    assert "…" not in printed
+    for word in ("long", "(174", "dmae:", "PCP", "[98.0,", "2021)", "-0.1"):
+        assert printed.count(word) == 2, printed
+
+
 def test_one_thing_is_singular():
     assert [counted(number, "clip") for number in (0, 1, 2)] == ["0 clips", "1 clip", "2 clips"]
     assert [counted(number, "person", "people") for number in (1, 3)] == ["1 person", "3 people"]
