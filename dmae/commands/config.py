@@ -231,6 +231,7 @@ class LiveCommand:
     """Calibration file of any supported format, or its folder."""
     fps: float = REQUIRED
     """1/s; rate at which frames arrive."""
+    world: WorldConfig = field(default_factory=WorldConfig)
     skeleton: str = field(default="body25", metadata={"reads": "skeleton"})
     """Skeleton of the detections."""
     capture: CaptureConfig = field(default_factory=CaptureConfig)

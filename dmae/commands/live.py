@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Iterable, Iterator
+from dataclasses import asdict
 from pathlib import Path
 from socketserver import StreamRequestHandler, TCPServer
 from typing import BinaryIO
@@ -15,7 +16,8 @@ from dmae.online.json_lines import LONGEST, answer_lines
 
 
 def run(config: LiveCommand, out: None) -> None:
-    rig, skeleton = read_calibration(Path(config.calibration)), get_skeleton(config.skeleton)
+    rig = read_calibration(Path(config.calibration), **asdict(config.world))
+    skeleton = get_skeleton(config.skeleton)
     completer = None
     if config.complete:
         weights = Path(config.weights) if config.weights else None

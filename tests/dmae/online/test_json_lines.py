@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from dmae.commands import live
-from dmae.commands.config import LiveCommand
+from dmae.commands.config import LiveCommand, WorldConfig
 from dmae.data.clip import Source
 from dmae.data.skeleton import BODY25
 from dmae.formats.calibrations import write_calibration
+from dmae.formats.config import Convention, LengthUnit, UpDirection
 from dmae.online.capture import OnlineCapture
 from dmae.online.json_lines import answer_lines, read_frame
 from dmae.reconstruction.config import CaptureConfig
@@ -123,6 +124,17 @@ def test_impossible_options_are_refused_before_a_program_connects(tmp_path, opti
 def test_weights_that_complete_nothing_are_refused():
     with pytest.raises(ValueError, match="weights=model: nothing is completed; add complete=true"):
         LiveCommand(calibration="rig.toml", fps=25.0, weights="model")
+
+
+def test_the_command_takes_the_conventions_of_a_calibration(tmp_path, monkeypatch, capsys):
+    written = Convention(LengthUnit.cm, UpDirection.y)
+    write_calibration(written.written_rig(replace(CLIP.rig, names=CAMERAS)), tmp_path / "rig.toml", "pose2sim")
+    monkeypatch.setattr("sys.stdin", [line(frame) for frame in range(25)])
+    world = WorldConfig(LengthUnit.cm, UpDirection.y)
+    live.run(LiveCommand(calibration=str(tmp_path / "rig.toml"), fps=CLIP.fps, world=world), None)
+    people = json.loads(capsys.readouterr().out.splitlines()[-1])["people"]
+    hips = [person["xyz"][BODY25.joints.index("mid_hip")] for person in people]
+    assert len(hips) == 3 and all(0.5 < z < 1.3 for *_, z in hips)
 
 
 @pytest.mark.slow
