@@ -136,7 +136,7 @@ def _video(path: Path) -> CameraImages:
         stream = container.streams.video[0]
         base = float(stream.time_base)
         stamps = sorted(packet.pts for packet in container.demux(video=0) if packet.pts is not None)
-        rate = float(stream.average_rate) if stream.average_rate else None
+        stated = [float(rate) for rate in (stream.average_rate, stream.base_rate) if rate]
         codec = stream.codec_context.name
         timecode = stream.metadata.get("timecode") or container.metadata.get("timecode")
     try:
@@ -146,11 +146,36 @@ def _video(path: Path) -> CameraImages:
     if first is None:
         raise ValueError(f"{path}: expected a video, found no image that can be decoded")
     times = np.array(stamps, float) * base
-    if len(times) > 1 and not (rate and 0.5 < rate * (times[-1] - times[0]) / (len(times) - 1) < 2):
-        rate = (len(times) - 1) / max(times[-1] - times[0], 1e-9)
+    rate = stated[0] if stated else None
+    if len(times) > 1:
+        counted, span = _by_clock(times), max(times[-1] - times[0], 1e-9)
+        if counted[-1] >= len(times):
+            # The average rate counts images, and some were dropped.
+            rate = min(stated, key=lambda each: abs(each * span - counted[-1]), default=None)
+        if not (rate and 0.5 < rate * span / counted[-1] < 2):
+            rate = counted[-1] / span
     return CameraImages(
         path.stem, path, first.shape[1::-1], times, rate, partial(_read_video, path, stamps), codec, timecode
     )
+
+
+_REGULAR = 0.25  # Largest difference of a step in time from a whole number of frames, in frames
+
+
+def _by_clock(times: np.ndarray) -> np.ndarray:
+    """Return (N,) the frame of each image of a camera, by the clock of its file, whatever rate that clock has.
+
+    Steps of two frames and more are frames that were dropped. Where steps are no whole numbers of frames, times say
+    when images arrived rather than when they were taken, and images are counted in their order.
+    """
+    steps = np.diff(times)
+    if not len(steps) or steps.min() <= 0:
+        return np.arange(len(times))
+    steps = steps / steps[steps < 1.5 * np.median(steps)].mean()
+    whole = np.round(steps).astype(int)
+    if whole.min() < 1 or (np.abs(steps - whole) > np.maximum(_REGULAR, 0.01 * whole)).any():
+        return np.arange(len(times))
+    return np.concatenate([[0], whole.cumsum()])
 
 
 def _read_video(path: Path, stamps: list[int], start: int, stop: int) -> Iterator[np.ndarray | None]:
@@ -245,7 +270,8 @@ def align(cameras: Sequence[CameraImages], fps: float | None, offsets: Sequence[
             if not counts:
                 notes.append(f"the numbers of the images of {camera.name} do not count frames; taken in their order")
         elif given and len({round(each, 3) for each in known}) == 1:
-            place = np.arange(len(camera))
+            # The rate that is given holds for all files, and their own can be wrong.
+            place = _by_clock(camera.times)
         else:
             place = (camera.times - camera.times[0]) * fps
         frames.append(_unique(np.round(place + delay).astype(int)))

@@ -1,8 +1,10 @@
 """Videos that belong together: sizes, rates, offsets, damaged ones."""
 
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 
@@ -72,6 +74,34 @@ def test_other_rates_and_ends():
     assert (found.fps, found.count) == (20, 20)
     assert found.frames[1].tolist() == [0, 2, 4, 6, 8, 10, 12, 14]
     assert "other frame rates (a 20, b 10)" in found.notes[0] and "a 20, b 15" in found.notes[1]
+
+
+def test_dropped_images_leave_gaps_at_the_rate_that_is_given():
+    kept = np.delete(np.arange(30), [10, 11, 20])
+    dropping, whole = camera("a", kept / 30, 30), camera("b", np.arange(30) / 30, 30)
+    for fps in (30, 120):  # By the clock of the files, or played in slow motion
+        found = align([dropping, whole], fps, None)
+        assert (found.fps, found.frames[0].tolist(), found.notes) == (fps, kept.tolist(), ())
+    rounded = camera("a", np.round(kept / 30, 3), 30)
+    assert align([rounded], 30, None).frames[0].tolist() == kept.tolist()
+    # Times of arrival do not count frames.
+    bursts = camera("a", np.repeat(np.arange(10) / 10, 3) + np.tile([0, 0.005, 0.06], 10), 30)
+    assert align([bursts], 30, None).frames[0].tolist() == [*range(30)]
+
+
+def test_the_rate_of_a_video_does_not_count_what_was_dropped(tmp_path: Path):
+    kept, base = np.delete(np.arange(30), [10, 11, 20]), Fraction(1, 30)
+    with av.open(str(tmp_path / "a.mp4"), "w") as container:
+        stream = container.add_stream("libx264", rate=30)
+        stream.width, stream.height, stream.codec_context.time_base = 64, 48, base
+        for number, image in zip(kept.tolist(), shades(len(kept)), strict=True):
+            frame = av.VideoFrame.from_ndarray(image, format="rgb24")
+            frame.pts, frame.time_base = number, base
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+    (found,) = find_cameras(tmp_path)
+    assert found.rate == 30
+    assert align([found], None, None).frames[0].tolist() == kept.tolist()
 
 
 def test_offsets_by_option_timecode_and_first_time():
