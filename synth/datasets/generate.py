@@ -24,7 +24,7 @@ from dmae.parallel import in_parallel, running_on
 from dmae.progress import counted_progress, progress
 from synth.datasets.clip import attempt_seed, check, clip_id, simulate_clip
 from synth.datasets.config import GenerateConfig, RenderConfig, image_kinds
-from synth.datasets.images import add_images, image_files, missing_kinds
+from synth.datasets.images import add_images, check_same, image_files, missing_kinds
 from synth.errors import FailedSimulation
 from synth.physics.body_state import FILE as STATE
 from synth.physics.body_state import load_state, save_state
@@ -58,7 +58,7 @@ def generate(config: GenerateConfig) -> list[dict]:
     """
     out, numbers = Path(config.out), config.numbers
     rig = check(config)
-    claim(out, as_settings(config, leave=_NOT_STORED))
+    claim(out, as_settings(config, leave=_NOT_STORED), config)
     if (out / MANIFEST).is_file():
         read_manifest(out)  # a damaged one is refused before any work
     checksums = begin_data_set(out)
@@ -178,13 +178,14 @@ def _is_kept(folder: Path, config: GenerateConfig, expected: Checksum | None) ->
     return same and ((folder / STATE).is_file() or not missing_kinds(clip, config))
 
 
-def claim(out: Path, settings: dict) -> None:
+def claim(out: Path, settings: dict, config: GenerateConfig | RenderConfig) -> None:
     """Claim a folder for a data set: it is new, empty, or contains a part of it. Store the settings in it.
 
     `settings` are all settings that the clips depend on, as JSON values. Those of images may differ when images are
     added to existing clips.
 
-    Raises ValueError if the folder contains something else, or a data set of another configuration.
+    Raises ValueError if the folder contains something else, a data set of another configuration, or clips with images
+    to which those of `config` cannot be added.
     """
     if out.exists() and not out.is_dir():
         raise ValueError(f"out={out}: expected a folder, found a file")
@@ -196,11 +197,24 @@ def claim(out: Path, settings: dict) -> None:
         )
     claim_folder(out / CONFIG, settings, "a data set", may_differ=_OF_IMAGES)
     kept = read_json(out / CONFIG)
-    kinds = {*image_kinds(kept["images"]), *image_kinds(settings["images"])}
-    if kinds != {*image_kinds(kept["images"])}:
-        kept |= {name: settings[name] for name in _OF_IMAGES}
-        kept["images"] = [kind for kind in KINDS if kind in kinds]
-        write_atomic(out / CONFIG, json.dumps(kept, indent=1))
+    before, kinds = image_kinds(kept["images"]), image_kinds(settings["images"])
+    if not kinds:
+        return
+    stays = ("rgb", "imaging") if "rgb" in before and "rgb" not in kinds else ()
+    now = kept | {name: settings[name] for name in _OF_IMAGES if name not in stays}
+    now["images"] = [kind for kind in KINDS if kind in (*before, *kinds)]
+    if now == kept:
+        return
+    for path in sorted(out.glob("[!.]*/clip.json")):
+        try:
+            clip = read_json(path)
+            images, provenance = clip["images"], dict(clip["provenance"])
+            made = images and (clip["id"], tuple(images["kinds"]), images["rgb"], provenance)
+        except (ValueError, KeyError, TypeError):
+            continue  # A damaged clip is made again.
+        if made:
+            check_same(*made, config)
+    write_atomic(out / CONFIG, json.dumps(now, indent=1))
 
 
 def as_settings(config, leave: Collection[str] = ()) -> dict:

@@ -1,7 +1,7 @@
 """The images of a clip, rendered on request from the body states that are stored with its labels."""
 
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -38,24 +38,40 @@ def check_images(options: GenerateConfig | RenderConfig, rig: CameraRig) -> None
 
 def missing_kinds(clip: Clip, options: GenerateConfig | RenderConfig) -> tuple[str, ...]:
     """Return the kinds of images that a clip lacks. Raises ValueError if it has images of other options."""
-    if clip.images is None or not options.kinds:
+    if clip.images is None:
         return options.kinds
-    found = clip.provenance.get("images", {}).get("quality", options.quality.name), clip.images.rgb
-    rgb = options.rgb.value if {"rgb"} <= {*clip.images.kinds} & {*options.kinds} else clip.images.rgb
-    if found != (options.quality.name, rgb):
+    check_same(clip.id, clip.images.kinds, clip.images.rgb, clip.provenance, options)
+    return tuple(kind for kind in options.kinds if kind not in clip.images.kinds)
+
+
+def check_same(
+    clip: str, kinds: Sequence[str], rgb: str, provenance: dict, options: GenerateConfig | RenderConfig
+) -> None:
+    """Raise ValueError if a clip, given by its id, has images to which those of the options cannot be added.
+
+    Args:
+        kinds: The kinds that the clip has.
+        rgb: Format of its colour images.
+        provenance: Of the clip; its `images` say how they were rendered.
+    """
+    if not options.kinds:
+        return
+    made, both = provenance.get("images", {}), "rgb" in kinds and "rgb" in options.kinds
+    found = made.get("quality", options.quality.name), rgb
+    asked = options.quality.name, options.rgb.value if both else rgb
+    if found != asked:
         raise ValueError(
-            f"clip {clip.id!r} has images of quality={found[0]} rgb={found[1]}, not quality={options.quality.name} "
-            f"rgb={rgb}; `synth render data=... out=...` renders it again in another folder"
+            f"clip {clip!r} has images of quality={found[0]} rgb={found[1]}, not quality={asked[0]} rgb={asked[1]}; "
+            "`synth render data=... out=...` renders it again in another folder"
         )
-    if "rgb" in clip.images.kinds and "rgb" in options.kinds:
-        made, asked = clip.provenance.get("images", {}).get("imaging", {}), asdict(options.imaging)
-        other = [f"{name}={made[name]:g}, not {asked[name]:g}" for name in made if made[name] != asked.get(name)]
+    if both:
+        given, wanted = made.get("imaging", {}), asdict(options.imaging)
+        other = [f"{name}={given[name]:g}, not {wanted[name]:g}" for name in given if given[name] != wanted.get(name)]
         if other:
             raise ValueError(
-                f"clip {clip.id!r} has images of imaging.{other[0]}; `synth render data=... out=...` renders it again "
+                f"clip {clip!r} has images of imaging.{other[0]}; `synth render data=... out=...` renders it again "
                 "in another folder"
             )
-    return tuple(kind for kind in options.kinds if kind not in clip.images.kinds)
 
 
 def add_images(

@@ -67,10 +67,28 @@ def test_images_are_added_to_labels_and_are_those_of_a_set_made_at_once(painted,
     assert verify(out)[1] == []
     # Labels of a set with images are completed as well.
     assert len(generate(replace(config(out), clips=2))) == 2
+    # What is refused leaves the settings as they are.
+    made = contents(out)["config.json"]
     with pytest.raises(ValueError, match=r"quality=draft rgb=h264, not quality=high.*synth render"):
         generate(replace(config(out, images=["rgb", "depth"]), quality=ImageQuality.high))
     with pytest.raises(ValueError, match=r"imaging\.jpeg=0, not 50.*synth render"):
         generate(replace(config(out, images=["rgb", "depth"]), imaging=ImagingConfig(jpeg=50)))
+    assert contents(out)["config.json"] == made
+
+
+def test_settings_are_those_of_the_images_that_are_there(labels, tmp_path):
+    out = tmp_path / "data"
+
+    def settings(kinds: list[str], rgb: str, **changes) -> list:
+        render(RenderConfig(str(labels), str(out), kinds, ImageQuality.draft, RgbFormat(rgb), **changes))
+        stored = json.loads((out / "config.json").read_text())
+        return [stored[name] for name in ("images", "rgb")] + [stored["imaging"]["jpeg"]]
+
+    assert settings(["ids"], "h264") == [["ids"], "h264", 0]
+    assert settings(["rgb"], "png") == [["rgb", "ids"], "png", 0]
+    # Colour images stay as they are when others are added.
+    assert settings(["depth"], "h264", imaging=ImagingConfig(jpeg=50)) == [["rgb", "depth", "ids"], "png", 0]
+    assert verify(out)[1] == []
 
 
 def test_rendering_later_makes_the_same_files(labels, painted, tmp_path):
