@@ -12,6 +12,7 @@ imported, and an option takes any as `package.module:function` (`load_function`)
 """
 
 import ast
+import hashlib
 import importlib.util
 import inspect
 import sys
@@ -178,8 +179,7 @@ def load_function(option: str, name: str, example: str = "my_module:my_function"
     module_name, _, function_name = name.partition(":")
     if not module_name or not function_name:
         raise ValueError(f"{option}={name}: expected package.module:function, as in {option}={example}")
-    if str(Path.cwd()) not in sys.path:
-        sys.path.insert(0, str(Path.cwd()))
+    _look_here()
     try:
         module = import_module(module_name)
     # Any error that the import of the module raises, SystemExit included, is reported in one line.
@@ -200,3 +200,22 @@ def load_function(option: str, name: str, example: str = "my_module:my_function"
         ]
         raise ValueError(f"{option}={name}: {module_name} has no function {function_name!r}; it has {known}")
     return function
+
+
+def source_hash(name: str) -> str | None:
+    """Return a hash of the module of `package.module:function`; None for other names, or if there is no such module."""
+    module, colon, _ = name.partition(":")
+    if not colon:
+        return None
+    _look_here()
+    try:
+        spec = importlib.util.find_spec(module)
+    except (ImportError, ValueError):
+        return None
+    return hashlib.sha256(Path(spec.origin).read_bytes()).hexdigest() if spec and spec.has_location else None
+
+
+def _look_here() -> None:
+    """Let modules of the current folder be imported."""
+    if str(Path.cwd()) not in sys.path:
+        sys.path.insert(0, str(Path.cwd()))

@@ -32,6 +32,7 @@ from dmae.progress import progress
 from dmae.reconstruction.config import CaptureConfig, SubjectConfig
 from dmae.reconstruction.diagnosis import explain_capture
 from dmae.reconstruction.pipeline import capture, learn_noise
+from dmae.registry import source_hash
 from dmae.reporting.tables import counted, print_tables
 
 _TRIED = 50  # Greatest number of frames of a clip that a forecast captures
@@ -43,7 +44,7 @@ interrupted = finished
 def run(config: CaptureCommand, out: Path) -> None:
     """Capture each clip, and print the reprojection errors of all; exits with status 1 if no person was found."""
     clips = Clips(config.data)
-    settings = settings_of("dmae capture", config, Path(config.data.path)) if clips.data_set else None
+    settings = _settings(config) if clips.data_set else None
     part = clips.part(clip_range(len(clips), config.first, config.clips))
     if config.dry_run:
         print(f"{out}: {forecast(config, len(part), _tried(config, part))}")
@@ -91,6 +92,13 @@ def run(config: CaptureCommand, out: Path) -> None:
     # A part of a data set may contain only empty rooms.
     if not persons and len(part) == len(clips):
         sys.exit(1)
+
+
+def _settings(config: CaptureCommand) -> dict:
+    """Return what the captured clips of a data set depend on, code of the user's own included."""
+    settings = settings_of("dmae capture", config, Path(config.data.path))
+    code = {name: source_hash(name) for name in (config.capture.method, config.fill) if ":" in name}
+    return settings | ({"code": code} if code else {})
 
 
 def _worst_joints(by_joint: dict[str, JointGroup]) -> str:

@@ -10,6 +10,7 @@ from dmae.commands.config import DetectCommand
 from dmae.commands.data_sets import ClipSet, finished, settings_of
 from dmae.data.clip import Detections2D
 from dmae.data.resume import claim_folder
+from dmae.data.skeleton import encode, option_skeleton
 from dmae.data.store import clip_folders, load_clip, save_clip
 from dmae.detection.pipeline import make_detector
 from dmae.detection.recording import (
@@ -30,6 +31,7 @@ from dmae.detection.recording import (
 from dmae.files.checks import IMAGES
 from dmae.files.checksums import checksum
 from dmae.formats.calibrations import read_calibration
+from dmae.registry import source_hash
 from dmae.reporting.tables import counted
 
 _PIECES = "pieces"
@@ -158,9 +160,16 @@ def _bytes(path: Path) -> int:
 
 
 def _settings(config: DetectCommand) -> dict:
-    path = config.detector.path
-    model = {} if path is None else {"path": checksum(Path(path)).sha256}
-    return {"detector": asdict(config.detector) | model, "output": asdict(config.output)}
+    """Return the options that detections depend on, with what the files and the code that they name contain."""
+    detector, output = asdict(config.detector), asdict(config.output)
+    if config.detector.path is not None:
+        detector["path"] = checksum(Path(config.detector.path)).sha256
+    if (code := source_hash(config.detector.name)) is not None:
+        detector["code"] = code
+    for option, part in (("detector.skeleton", detector), ("output.skeleton", output)):
+        if part["skeleton"] is not None:
+            part["skeleton"] = encode(option_skeleton(option, part["skeleton"]))
+    return {"detector": detector, "output": output}
 
 
 def _print(name: str, detections: Detections2D) -> None:

@@ -239,7 +239,7 @@ def forecast(config: EvaluateConfig) -> str:
         lengths.append(len(clip))
     total = len(clips) * sum(lengths) / len(lengths)
     with running_on(config.backend):
-        took = seconds / frames * total / min(process_count(config.workers), len(clips))
+        took = seconds / max(frames, 1) * total / min(process_count(config.workers), len(clips))
     return f"{counted(len(clips), 'clip')}, {total:.0f} frames: about {duration(took)}"
 
 

@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from importlib import metadata
-from importlib.util import find_spec
 from itertools import product
 from pathlib import Path
 
@@ -49,6 +48,7 @@ from dmae.parallel import in_parallel, one_thread, process_count, running_on
 from dmae.progress import progress
 from dmae.reconstruction.config import CaptureConfig, capture_method
 from dmae.reconstruction.pipeline import capture
+from dmae.registry import source_hash
 from dmae.reporting.tables import counted
 
 _PAIRS = {
@@ -196,13 +196,6 @@ def contenders(config: StressConfig) -> list[Contender]:
         if each.weights and not (weights_folder(each.weights) / "model.json").is_file():
             raise FileNotFoundError(f"{each.weights}: expected a folder that `dmae train` wrote, holding model.json")
     return found
-
-
-def source_hash(name: str) -> str | None:
-    """Return a hash of the module of `module:function`; None for the project's own methods."""
-    module, colon, _ = name.partition(":")
-    spec = find_spec(module) if colon else None
-    return hashlib.sha256(Path(spec.origin).read_bytes()).hexdigest() if spec and spec.origin else None
 
 
 @cache

@@ -2,6 +2,7 @@
 
 import re
 import shutil
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,10 +16,13 @@ from dmae.commands.data_sets import SETTINGS, ClipSet, describe_joints, finished
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import BODY25
 from dmae.data.store import read_manifest, save_clip, write_manifest
+from dmae.evaluation import evaluate as evaluation
+from dmae.evaluation.config import EvaluateConfig
 from dmae.files.checksums import find_data_set_damage
 from dmae.formats.calibrations import write_calibration
 from dmae.formats.config import Convention, DataConfig, UpDirection
 from dmae.formats.reading import Clips
+from dmae.reconstruction.config import CaptureConfig
 from tests.support.clips import full_clip, walkers
 from tests.support.commands import Done, run_command
 from tests.support.stressed_clips import strollers
@@ -54,7 +58,26 @@ def test_absent_joints_and_absent_people_are_counted_separately():
     assert describe_joints(walkers().without(np.ones((12, 2, 25), bool))) == "no person captured"
 
 
-def test_clips_without_frames_take_no_time():
+def test_captured_clips_are_of_one_content_of_own_code(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    save_clip(full_clip(), tmp_path / "set/a")
+    write_manifest(tmp_path / "set", [{"id": "a", "status": "ok"}])
+    own = "import dmae\n\ndef capture(clip, config):\n    return clip.truth\n"
+    (tmp_path / "own_capture.py").write_text(own)
+    config = CaptureCommand(DataConfig(path="set"), CaptureConfig(method="own_capture:capture"))
+    command.run(config, tmp_path / "out")
+    command.run(config, tmp_path / "out")
+    assert "1 of 1 clips are done already" in capsys.readouterr().out
+    (tmp_path / "own_capture.py").write_text(own + "\n")
+    with pytest.raises(ValueError, match="differs in code"):
+        command.run(config, tmp_path / "out")
+
+
+def test_clips_without_frames_take_no_time(tmp_path):
+    save_clip(full_clip().select(frames=[]), tmp_path)
+    said = evaluation.forecast(EvaluateConfig(DataConfig(path=str(tmp_path)), methods=["linear"]))
+    assert said.startswith("1 clip, 0 frames: about 0")
     assert forecast(CaptureCommand(), 2, [(0, full_clip().select(frames=[]))]).startswith("2 clips, 0 frames: about 0")
 
 
