@@ -22,7 +22,7 @@ from dmae.numerics import filling
 from dmae.reconstruction import pipeline, triangulation
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.triangulation import Points
-from dmae.verbs.recordings import configuration, detect
+from dmae.verbs.recordings import configuration, detect_in
 
 if TYPE_CHECKING:
     from dmae.calibration.doctor import Diagnosis
@@ -384,7 +384,7 @@ def run(
     if isinstance(given, Clip) and len(given.rig) < 2:
         raise ValueError(f"clip {given.id!r}: capture needs at least 2 cameras, found {len(given.rig)}")
     if out is None:
-        clip = detect(given, calibration, detector=detector, fps=fps, offsets=offsets, workers=workers)
+        clip = detect_in(given, calibration, detector, fps, offsets, None, workers, least=2)
         captured = pipeline.capture(clip, configuration(capture, CaptureConfig, "capture"))
         poses = complete(captured, clip.fps, weights=weights)
         return replace(clip, poses=poses)

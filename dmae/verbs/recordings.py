@@ -100,6 +100,20 @@ def detect(
         >>> found.detections.xy.shape[:2] == (len(seen), len(seen.rig))
         True
     """
+    return detect_in(source, calibration, detector, fps, offsets, skeleton, workers)
+
+
+def detect_in(
+    source: str | Path | Clip,
+    calibration: str | Path | CameraRig | None,
+    detector: str,
+    fps: float | None,
+    offsets: Sequence[int] | None,
+    skeleton: str | None,
+    workers: int,
+    least: int = 1,
+) -> Clip:
+    """Return what `detect` does. Raises ValueError as well if videos are of fewer than `least` cameras."""
     config = PoseDetectorConfig(name=detector)
     with TemporaryDirectory() as pieces:
         if isinstance(source, Clip):
@@ -110,6 +124,8 @@ def detect(
             raise ValueError("expected a calibration; without one, dmae detect writes files of 2D keypoints")
         rig = calibration if isinstance(calibration, CameraRig) else read_calibration(Path(calibration))
         recording = open_recording(Path(source), rig, fps, offsets)
+        if len(recording.cameras) < least:
+            raise ValueError(f"{source}: capture needs at least {least} cameras, found {len(recording.cameras)}")
         detections, notes = detect_recording(recording, config, Path(pieces), skeleton, workers)
         return make_clip(recording_name(Path(source)), recording, detections, notes, detector)
 

@@ -22,6 +22,7 @@ from dmae.data.store import load_clip, save_clip, write_manifest
 from dmae.detection.recording import recording_name
 from dmae.detection.registry import PoseDetectorConfig
 from dmae.formats.calibrations import write_calibration
+from dmae.verbs import recordings
 from tests.support.commands import dmae
 from tests.support.detected_people import detected_clip, walk
 
@@ -193,6 +194,33 @@ def test_detections_are_of_one_content_of_the_model(tmp_path: Path):
     assert detect._settings(config) == before
 
 
+def test_detections_are_of_one_content_of_own_code_and_skeletons(session: Clip, tmp_path: Path):
+    own = "name: seventeen\njoints: {" + ", ".join(f"{joint}: null" for joint in COCO17.joints) + "}\n"
+    (tmp_path / "own.yaml").write_text(own)
+    # A module of another name, as `my_dots` of other tests is loaded.
+    (tmp_path / "changing_dots.py").write_text(DETECTOR)
+    arguments = [
+        *ARGUMENTS[:2],
+        "detector=changing_dots:dots",
+        ARGUMENTS[3],
+        "output.skeleton=own.yaml",
+        "out=found",
+        "output.images=false",
+    ]
+    done = dmae(tmp_path, "detect", *arguments)
+    assert done.returncode == 0, done.stderr
+    assert "found: detected already" in dmae(tmp_path, "detect", *arguments).stdout
+    for file, before, now, said in (
+        ("own.yaml", "nose: null", "nose: l_eye", "output.skeleton."),
+        ("changing_dots.py", "0.9", "0.8", "detector.code"),
+    ):
+        text = (tmp_path / file).read_text()
+        (tmp_path / file).write_text(text.replace(before, now))
+        done = dmae(tmp_path, "detect", *arguments)
+        assert done.returncode == 1 and f"detect.json differs in {said}" in done.stderr, done.stdout
+        (tmp_path / file).write_text(text)
+
+
 def test_a_clip_with_images_keeps_its_truth(session: Clip, tmp_path: Path):
     for name in session.rig.names:
         images = (cv2.imread(str(file)) for file in sorted((tmp_path / "videos" / name).glob("*.png")))
@@ -229,7 +257,10 @@ def test_a_verb_given_a_clip_in_memory_writes_no_folder(session: Clip, tmp_path:
         dmae_package.run(session, out=tmp_path / "run")
 
 
-def test_a_verb_refuses_a_data_set_and_one_camera_before_people_are_detected(session: Clip, tmp_path: Path):
+def test_a_verb_refuses_a_data_set_and_one_camera_before_people_are_detected(
+    session: Clip, tmp_path: Path, monkeypatch
+):
+    monkeypatch.setattr(recordings, "detect_recording", None)
     for name in ("000000", "000001"):
         save_clip(session, tmp_path / "set" / name)
     write_manifest(tmp_path / "set", [{"id": name, "status": "ok"} for name in ("000000", "000001")])
@@ -237,6 +268,11 @@ def test_a_verb_refuses_a_data_set_and_one_camera_before_people_are_detected(ses
         dmae_package.run(tmp_path / "set", out=tmp_path / "run")
     with pytest.raises(ValueError, match="capture needs at least 2 cameras, found 1"):
         dmae_package.run(session.select(views=[0]))
+    for name in session.rig.names[1:]:
+        shutil.rmtree(tmp_path / "videos" / name)
+    for out in (None, tmp_path / "run"):
+        with pytest.raises(ValueError, match="capture needs"):
+            dmae_package.run(tmp_path / "videos", tmp_path / "calibration.toml", fps=25, out=out)
 
 
 def test_options_of_the_verb_default_to_those_of_the_command():
