@@ -187,6 +187,16 @@ def test_what_pretraining_learned_holds_for_the_target_before_fusion_is_learned(
     assert np.nanmean(np.linalg.norm(fused.xyz - truth, axis=-1)[:, :, same]) < 0.05
 
 
+def test_stills_are_completed_each_by_itself():
+    model, skeleton, _ = load_model(weights_folder("paper"))
+    complete, given = PaperCompleter(model, skeleton), convert(with_holes(walk(4), 4), BODY21).select(slice(0, 9, 3))
+    done, alone = complete(given, 0.5), complete(given.select(slice(1, 2)), 0.5)
+    assert (done.source == Source.COMPLETED).any()
+    np.testing.assert_allclose(done.xyz[1:2], alone.xyz, atol=1e-5)
+    np.testing.assert_array_equal(complete(given, 0.5, slice(1, 2)).xyz, alone.xyz)
+    assert complete.notes(given, 0.5) == ["0.5 frames/s: stills, each completed by itself"]
+
+
 def test_interpolation_inside_a_window_knows_nothing_outside_it():
     (made,) = paper_validation([PosePair(two(0, 30))], SKELETON, RECIPE, np.full((35, 3), 0.7), seed=0, batch=1000)
     observed = made.windows.observed
