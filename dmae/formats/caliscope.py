@@ -4,6 +4,7 @@ Its calibration is TOML with one table per camera in `cameras`; in older project
 """
 
 from collections.abc import Sequence
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -39,19 +40,23 @@ def _matches(content: dict) -> bool:
 
 
 def write_cameras(rig: CameraRig, path: Path) -> None:
-    """Write cameras with rotations as matrices, numbered by names that are numbers, or else by index in the rig."""
+    """Write cameras with rotations as matrices, numbered by names that are numbers; others have the numbers left."""
     require("a Caliscope calibration", rig, coefficients=8, fisheye=True)
     R, t = orthonormal(rig)
+    # "1" and "01" are the same number.
+    numbers = {int(name): name for name in reversed(rig.names) if name.isdecimal()}
+    ids = {name: number for number, name in numbers.items()}
+    left = (number for number in count() if number not in numbers)
     tables = {}
     for view, name in enumerate(rig.names):
         dist = np.pad(rig.dist[view], (0, 8 - rig.dist.shape[1]))
-        count = 4 if rig.fisheye[view] else 8 if dist[5:].any() else 5
+        coefficients = 4 if rig.fisheye[view] else 8 if dist[5:].any() else 5
         tables[name] = {
-            "cam_id": int(name) if name.isdecimal() else view,
+            "cam_id": ids[name] if name in ids else next(left),
             "rotation_count": 0,
             "size": rig.size[view].tolist(),
             "matrix": rig.K[view].tolist(),
-            "distortions": dist[:count].tolist(),
+            "distortions": dist[:coefficients].tolist(),
             "rotation": R[view].tolist(),
             "translation": t[view].tolist(),
             "fisheye": bool(rig.fisheye[view]),
