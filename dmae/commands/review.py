@@ -8,7 +8,7 @@ from pathlib import Path
 from dmae.commands.config import ReviewCommand
 from dmae.data.clip import person_name
 from dmae.data.store import load_clip
-from dmae.evaluation.report.findings import FIRST, OFF, Doubt, check_ranking, rank_doubts
+from dmae.evaluation.report.findings import OFF, Doubt, check_ranking, rank_doubts
 from dmae.evaluation.review import DECISIONS, Decision, ReviewVerdict, load_decisions, save_decisions
 from dmae.files.contents import write_atomic
 from dmae.formats.poses import SOURCE_WORDS
@@ -41,9 +41,8 @@ def run(config: ReviewCommand, out: Path) -> None:
     found = check_ranking(clip, ranking)
     if found and found.off:
         off = f"{counted(found.off, 'joint')} {'is' if found.off == 1 else 'are'} more than {OFF:.0f} mm off"
-        print(
-            f"by the truth: {off}; the first {FIRST:.0%} of the entries contain {found.found / found.off:.0%} of them"
-        )
+        share = f"{found.found / found.off:.0%} of them"
+        print(f"by the truth: {off}; the first {found.first} of {found.entries} entries have {share}")
 
 
 def _new_decisions(config: ReviewCommand, ranking: Sequence[Doubt]) -> tuple[Decision, ...]:

@@ -372,13 +372,14 @@ class RankingCheck:
 
     off: int  # Number of joints that are off, counted in each frame
     found: int  # Number of these that are in the first entries
+    first: int  # Number of the first entries
     entries: int  # Number of entries with joints that the truth has
 
 
 def check_ranking(clip: Clip, ranking: Sequence[Doubt]) -> RankingCheck | None:
     """Return the number of joints that are off, in the first tenth of the entries and in all; None without truth.
 
-    Only joints with the same name in the skeletons of truth and poses count.
+    The first tenth is one entry or more. Only joints with the same name in the skeletons of truth and poses count.
     """
     if clip.truth is None or not np.isfinite(clip.truth.xyz).any():
         return None
@@ -393,8 +394,8 @@ def check_ranking(clip: Clip, ranking: Sequence[Doubt]) -> RankingCheck | None:
         judged[at], off[at] = True, joints.error[frame, number, index] > OFF
     places = [(slice(d.first, d.last + 1), d.person, poses.skeleton.joints.index(d.joint)) for d in ranking]
     places = [place for place in places if judged[place].any()]
-    first = places[: int(FIRST * len(places))]
-    return RankingCheck(int(off.sum()), int(sum(off[place].sum() for place in first)), len(places))
+    first = places[: max(int(FIRST * len(places)), 1)]
+    return RankingCheck(int(off.sum()), int(sum(off[place].sum() for place in first)), len(first), len(places))
 
 
 # What a report finds in one clip

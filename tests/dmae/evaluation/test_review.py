@@ -160,6 +160,19 @@ def test_a_clip_that_is_not_captured_is_refused():
         rank_doubts(replace(COMPLETED, poses=None))
 
 
+def test_the_first_tenth_of_a_short_ranking_is_one_entry():
+    wrist = POSES.skeleton.joints.index("l_wrist")
+    xyz = POSES.xyz.copy()
+    xyz[:, 0, wrist, 0] += np.float32(0.3)
+    clip = replace(CLIP, truth=POSES, poses=replace(POSES, xyz=xyz))
+    ranking = sorted(rank_doubts(clip), key=lambda doubt: (doubt.person, doubt.joint) != (0, "l_wrist"))
+    every = check_ranking(clip, ranking)
+    assert (every.off, every.found, every.first, every.entries) == (12, 12, len(ranking) // 10, len(ranking))
+    few = check_ranking(clip, ranking[:9])
+    assert few.first == 1 and few.found == ranking[0].last - ranking[0].first + 1
+    assert check_ranking(clip, []).first == 0
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("views", "least"), [([0, 1, 2, 3, 4], 0.5), ([0, 1, 2], 0.33)], ids=["five", "three"])
 def test_it_finds_real_errors(shelf, views, least):
