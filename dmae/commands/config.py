@@ -181,6 +181,11 @@ class CompleteCommand(ProcessesConfig):
     out: str = "runs/complete"
     """Folder of the completed clip; of a data set a folder for each clip is made in it."""
 
+    def __post_init__(self):
+        if self.delay != DELAY and not self.online:
+            raise ValueError(f"delay={self.delay:g}: whole clips have no delay; add online=true, or leave delay out")
+        super().__post_init__()
+
 
 @dataclass(frozen=True)
 class ReportCommand:

@@ -193,3 +193,8 @@ def test_the_command_completes_as_online_would(tmp_path):
     # By default the command rejects and smooths; weights that were not trained to denoise do not.
     expected = complete_online(replace(untrained(), reject=True, smooth=0.1), poses, FPS, 0.12)
     np.testing.assert_array_equal(load_clip(tmp_path / "out").poses.xyz, expected.xyz)
+
+
+def test_a_delay_of_whole_clips_is_refused():
+    with pytest.raises(ValueError, match=r"delay=0\.2: whole clips have no delay; add online=true"):
+        CompleteCommand("clip", delay=0.2)
