@@ -27,7 +27,12 @@ COMPLETED_SCORE = 0.5
 """Confidence that is written for completed joints. Measured joints have 1."""
 
 
-@reader("openpose", signs=[["*/*_keypoints.json"], ["openpose"], ["keypoints"], ["json"]], general=True, cameras=False)
+@reader(
+    "openpose",
+    signs=[["*/*_keypoints.json"], ["*/*[0-9].json"], ["openpose"], ["keypoints"], ["json"]],
+    general=True,
+    cameras=False,
+)
 def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> NumberedDetections:
     """OpenPose's <camera>/<name>_<frame number>_keypoints.json, with a calibration of any format.
 

@@ -21,8 +21,8 @@ MOST_CAMERAS, MOST_PLACES = 32, 500
 class MountConfig:
     """Where cameras may be mounted. Heights are the least and the greatest, m above the floor."""
 
-    walls: list[float] = field(default_factory=lambda: [1.8, 2.6])
-    """Heights of cameras on walls; empty for none."""
+    walls: list[float] | None = None
+    """Heights of cameras on walls; empty for none. By default 1.8 and 2.6, or the top of lower walls."""
     ceiling: bool = True
     """Whether cameras may hang from the ceiling, or from a frame at the top of the walls."""
     tripods: list[float] = field(default_factory=lambda: [1.2, 2.0])
@@ -39,7 +39,7 @@ class MountConfig:
     def __post_init__(self):
         heights = [name for name in ("walls", "tripods") if getattr(self, name)]
         check_pairs("mount", self, 0, np.inf, *heights, above=True, unit=" m")
-        if not (self.walls or self.ceiling or self.tripods):
+        if self.walls is not None and not (self.walls or self.ceiling or self.tripods):
             raise ValueError("mount: no camera can be mounted anywhere; allow walls, ceiling or tripods")
         x0, y0, x1, y1 = self.area or (0, 0, 1, 1)
         if len(self.area) not in (0, 4) or not (x0 < x1 and y0 < y1) or not np.isfinite((x0, y0, x1, y1)).all():

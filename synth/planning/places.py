@@ -1,6 +1,6 @@
 """Places in a room where cameras can be mounted, and candidate cameras at them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import mujoco
@@ -20,6 +20,8 @@ _WALL_LENGTH, _WALL_HEIGHT = 1.5, 1.8
 """Least length and least top height of a wall, m."""
 _WALL_DISTANCE = 0.15
 """Distance of a camera from the wall or the ceiling that it is mounted on, m."""
+_WALL_MOUNTS = 1.8, 2.6
+"""Least and greatest height of cameras on walls by default, m."""
 _GRID = 0.5
 """Distance between places before they are thinned out, m."""
 _LEVEL_STEP = 0.6
@@ -74,6 +76,9 @@ def find_places(config: MountConfig, arena: Path, middle: np.ndarray, radius: fl
     data = at_rest(model)
     outline = _outline(model, data, np.asarray(middle, float))
     name, walled = arena.name, outline.walled.any()
+    if config.walls is None:
+        low, high = _WALL_MOUNTS
+        config = replace(config, walls=[low, min(high, outline.top) if outline.top > low else high])
     if config.walls and not walled:
         raise ValueError(
             f"{name} has no walls around ({middle[0]:g}, {middle[1]:g}) to mount cameras on (mount.walls="

@@ -208,3 +208,10 @@ def test_a_calibration_format_is_one_file(monkeypatch, tmp_path):
         register(lambda path, size: None)
     with pytest.raises(ValueError, match=r"no calibration format 'lizzard'; did you mean 'lizard'\?"):
         write_calibration(rig, tmp_path / "b", "lizzard")
+
+
+def test_frames_named_as_by_pose2sim_are_recognised(tmp_path):
+    for camera in ("left", "right"):
+        (tmp_path / camera).mkdir()
+        (tmp_path / camera / "trial.0001.json").write_text('{"people": []}')
+    assert recognise(tmp_path) == "openpose"

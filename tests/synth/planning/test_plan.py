@@ -69,6 +69,14 @@ def test_places_are_where_they_were_allowed(tmp_path):
     assert inside.at[:, :2].min() >= 0
 
 
+def test_walls_of_a_low_room_hold_cameras_up_to_their_top(tmp_path):
+    config = MountConfig(tripods=[], ceiling=False, places=200)
+    high = find_places(config, room(tmp_path, WALLS), MIDDLE, 1.0).at[:, 2]
+    assert (high.min(), high.max()) == (1.8, 2.6)
+    low = find_places(config, room(tmp_path, WALLS.replace('1.5"', '1.25"')), MIDDLE, 1.0).at[:, 2]
+    assert low.min() == 1.8 and 2.4 < low.max() < 2.5
+
+
 def test_a_ceiling_holds_cameras_below_it(tmp_path):
     arena = room(tmp_path, WALLS + '<geom name="ceiling" type="box" size="3 3 .1" pos="0 0 2.8"/>')
     places = find_places(MountConfig(walls=[], tripods=[], places=200), arena, MIDDLE, 1.0)
