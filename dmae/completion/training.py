@@ -315,6 +315,8 @@ class Learner(lightning.LightningModule):
         self._stop_in_time(0.0)
 
     def on_train_epoch_end(self) -> None:
+        if not self.validation and self.trainer.is_global_zero:
+            self._print_loss("no clip is held back for validation; validation_data=[...] gives some")
         # The examples of the next epoch take as long to make.
         self._stop_in_time(self.limit.preparing)
 
@@ -416,14 +418,18 @@ class Learner(lightning.LightningModule):
         # If the last epoch was whole, its validation was printed already.
         if not self.trainer.is_global_zero or (whole and self.trainer.state.fn != TrainerFn.FITTING):
             return
-        line = f"step {self.trainer.global_step}: loss {self.mean_loss:.4g}"
+        validation = ""
         if "hidden_model_mm" in found:
-            line += (
-                f"; validation: unmeasured joints {found['hidden_model_mm']:.1f} mm, "
+            validation = (
+                f"validation: unmeasured joints {found['hidden_model_mm']:.1f} mm, "
                 f"{found['hidden_model_recall']:.2f} % within {100 * PCK_THRESHOLD:.0f} cm (interpolation "
                 f"{found['hidden_interpolation_mm']:.1f} mm, {found['hidden_interpolation_recall']:.2f} %)"
             )
-        print(line, file=sys.stderr, flush=True)
+        self._print_loss(validation)
+
+    def _print_loss(self, more: str) -> None:
+        line = f"step {self.trainer.global_step}: loss {self.mean_loss:.4g}"
+        print("; ".join(filter(None, (line, more))), file=sys.stderr, flush=True)
 
 
 # How Lightning trains here: averaged weights, several processes, few messages.
