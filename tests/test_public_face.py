@@ -181,6 +181,8 @@ def test_triangulate_takes_axes_as_a_rig_projects_them(clip):
         dmae.triangulate(rig, np.moveaxis(rig.project(xyz)[0], 1, -2))
     with pytest.raises(ValueError, match=r"confidence: expected shape \(4, 5, 3, 7\)"):
         dmae.triangulate(rig, rig.project(xyz)[0], np.ones(4))
+    with pytest.raises(ValueError, match=r"rig.project returns xy and depth, give the first"):
+        dmae.triangulate(rig, rig.project(xyz))
 
 
 def test_people_are_simulated_with_cameras_that_exist(clip, tmp_path: Path):

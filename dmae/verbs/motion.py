@@ -251,8 +251,8 @@ def triangulate(rig: CameraRig, xy: np.ndarray, confidence: np.ndarray | None = 
 
     Args:
         rig: V cameras.
-        xy: (F, V, ..., 2) px as detected and as `rig.project` returns them, lens distortion included; NaN where a view
-            does not see the point. F is the number of frames, or of any points.
+        xy: (F, V, ..., 2) px as detected, lens distortion included, the first that `rig.project` returns; NaN where a
+            view does not see the point. F is the number of frames, or of any points.
         confidence: (F, V, ...) from 0 to 1; by default 1.
 
     Returns:
@@ -271,6 +271,8 @@ def triangulate(rig: CameraRig, xy: np.ndarray, confidence: np.ndarray | None = 
         >>> bool(np.nanmax(np.abs(points.xyz - clip.truth.xyz)) < 1e-4)
         True
     """
+    if isinstance(xy, tuple):
+        raise ValueError("xy: expected an array, found a tuple; rig.project returns xy and depth, give the first")
     xy = np.asarray(xy, np.float64)
     if xy.ndim < 3 or xy.shape[1] != len(rig) or xy.shape[-1] != 2:
         raise ValueError(f"rig of {len(rig)} cameras: expected xy (F, {len(rig)}, ..., 2) px, found shape {xy.shape}")
