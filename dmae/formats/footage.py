@@ -15,7 +15,7 @@ from dmae.data.clip import Clip
 from dmae.data.images import Images, image_files
 from dmae.files.checks import check_rate
 from dmae.files.images import kept_open, open_video, read_image, upright_frame, upright_size
-from dmae.formats.recordings import by_name, match_cameras
+from dmae.formats.recordings import by_name, match_cameras, plain
 
 _ENDINGS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v")
 
@@ -48,7 +48,8 @@ def with_videos(clip: Clip, folder: Path) -> Clip:
     files = [file for file in Path(folder).glob("*") if file.suffix.lower() in _ENDINGS]
     if not files:
         raise FileNotFoundError(f"{folder}: expected a video for each camera, <camera>.mp4, found none")
-    ordered, notes = _by_camera(clip, Path(folder), files, "a video for each camera")
+    matching = {"what": "videos", "options": "data.videos=..."}
+    ordered, notes = _by_camera(clip, Path(folder), files, "a video for each camera", **matching)
     counts: list[int] = []
     borders: list[tuple[int, int]] = []
     for file, size, name in zip(ordered, clip.rig.size.tolist(), clip.rig.names, strict=True):
@@ -142,6 +143,11 @@ def _by_camera(
     """Return the video or folder of each camera, and a note if they are not matched by name."""
     items = by_name(items)
     names = [item.name if item.is_dir() else item.stem for item in items]
+    wanted = set(map(plain, clip.rig.names))
+    if wanted <= set(map(plain, names)):
+        # A clip of some cameras (`data.cameras`) needs not all images.
+        used = [place for place, name in enumerate(names) if plain(name) in wanted]
+        items, names = [items[place] for place in used], [names[place] for place in used]
     index, how = match_cameras(names, clip.rig, folder, **matching)
     lacking = [name for view, name in enumerate(clip.rig.names) if view not in index]
     if lacking:

@@ -49,6 +49,21 @@ def test_images_are_those_of_the_frame_and_camera(tmp_path, kind):
     assert frames == pytest.approx([40 + 3 * 9, 40 + 3 * 10], abs=2 * (kind == "videos"))
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_clip_of_some_cameras_takes_its_own_of_all_images(tmp_path, kind):
+    write_openpose_recording(recording(BODY25, 4), tmp_path / "rec")
+    some = dmae.read(tmp_path / "rec", fps=25, cameras=["cam3", "cam1"])
+    dmae.save(some, tmp_path / "clip")
+    footage = KINDS[kind](tmp_path / "footage", range(4))
+    clip = dmae.read(tmp_path / "clip", **{kind: footage})
+    for view, camera in enumerate((3, 1)):
+        assert clip.images.at("rgb", clip.rig.names[view], 2).mean() == pytest.approx(40 * camera + 6, abs=2)
+    names = {"images": "cam0", "videos": "cam0.mp4"}
+    (tmp_path / "footage" / names[kind]).rename(tmp_path / "footage" / f"x{names[kind]}")
+    with pytest.raises(ValueError, match=rf"camera that has {kind}, found .*: xcam0 .*data\.{kind}=\.\.\."):
+        dmae.read(tmp_path / "rec", fps=25, **{kind: footage})
+
+
 def test_images_without_the_numbers_of_the_frames_are_noted(tmp_path):
     write_openpose_recording(recording(BODY25, 4), tmp_path / "rec", first=100)
     images = write_images(tmp_path / "images", range(4), size=(300, 480), name="p{}.jpg")
