@@ -111,6 +111,10 @@ def score_of(
     1989, with blocks that do not overlap). Clips are not drawn: an interval covers other moments of these recordings,
     not other recordings. With the same seed and the same blocks, the same blocks are drawn.
 
+    Over few blocks intervals are too narrow, by sqrt((n - 1) / n) for n blocks in each clip. Over independent blocks
+    with normal errors, 95 % intervals hold the true mean in 80, 92 and 92 % of cases with 10 clips of 2, 4 and 6 blocks
+    each, and in 83, 90 and 93 % with one clip of 5, 10 and 20.
+
     Args:
         average: Key columns. There is one ratio for each combination, and ratios are averaged over the last key first:
             `"cameras", "clip", "person"` is the mean over persons, then over clips, then over subsets of cameras.
