@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import Progress, track
 
 LINE_EVERY = 60.0
@@ -20,7 +21,8 @@ def progress(items: Iterable, description: str, total: int | None = None) -> Ite
     """
     console = Console(stderr=True)
     if console.is_terminal:
-        yield from track(items, description, total, console=console, transient=True)
+        # Names of clips may have brackets.
+        yield from track(items, escape(description), total, console=console, transient=True)
         return
     if total is None and hasattr(items, "__len__"):
         total = len(items)

@@ -19,10 +19,12 @@ def views_figure(clip: Clip, frame: int | None = None) -> Figure:
     """Draw every view of one frame with `clip.poses` projected into it, then the world from the side and from above.
 
     Measured joints have the colour of their person; completed joints are red; views without images are grey. By default
-    the frame is `telling_frame`. Raises ValueError if there are no poses, or no such frame.
+    the frame is `telling_frame`. Raises ValueError if there are no poses or frames, or no such frame.
     """
     if clip.poses is None:
         raise ValueError(f"clip {clip.id!r} has no poses to draw; run dmae.capture(clip)")
+    if not len(clip):
+        raise ValueError(f"clip {clip.id!r}: expected frames to draw, found none")
     frame = telling_frame(clip.poses) if frame is None else frame
     if not 0 <= frame < len(clip):
         raise ValueError(f"frame={frame}: clip {clip.id!r} has frames 0 to {len(clip) - 1}")

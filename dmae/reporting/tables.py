@@ -53,8 +53,9 @@ def print_tables(tables: Sequence[Table]) -> None:
     for table in tables:
         console = Console()
         widths = _widths(table, console.width if console.is_terminal else 1000)
-        # If not even single words fit, the terminal breaks the lines.
-        console = Console(width=max(console.width if console.is_terminal else 1000, sum(widths) + len(widths) + 1))
+        # If not even single words fit, the terminal breaks the lines. A name with brackets or colons is no markup.
+        width = max(console.width if console.is_terminal else 1000, sum(widths) + len(widths) + 1)
+        console = Console(width=width, markup=False, emoji=False)
         drawn = rich.table.Table(title=table.caption, title_justify="left", box=SIMPLE, padding=0)
         for column, (heading, width) in enumerate(zip(table.header, widths, strict=True)):
             drawn.add_column(heading, justify="right" if column else "left", width=width)

@@ -1,7 +1,9 @@
+import io
 import itertools
 from types import SimpleNamespace
 
 import pytest
+from rich.console import Console
 
 from dmae import progress as module
 from dmae.progress import counted_progress, progress, progress_line
@@ -35,6 +37,13 @@ def test_parts_counted_elsewhere_are_forecast_without_the_first_ones(monkeypatch
         "rendering: 1 of 750, 1.0 min",
         "rendering: 3 of 750, 2.0 min, about 373.5 min left",
     ]
+
+
+def test_names_with_brackets_are_shown_on_a_terminal(monkeypatch):
+    screen = io.StringIO()
+    monkeypatch.setattr(module, "Console", lambda **_: Console(file=screen, force_terminal=True, width=100))
+    assert list(progress("abc", "images of walk [take 2]")) == ["a", "b", "c"]
+    assert "images of walk [take 2]" in screen.getvalue()
 
 
 def test_short_work_prints_nothing(capsys):

@@ -172,6 +172,7 @@ def croissant(out: Path, summary: dict, texts: dict[str, str], about: AboutConfi
     name = about.name or f"dmae-synth-{summary['exporter']}"
     version = f"1.0.0+{checksum(out / SUMS).sha256[:8]}"
     year = f", year={{{about.date[:4]}}}" if about.date else ""
+    key = re.sub(r"[^A-Za-z0-9.:_-]+", "-", name).strip("-") or "dmae-synth"  # BibTeX ends a key at a space or comma
     stated = {
         "license": about.licence,
         "url": about.url,
@@ -186,7 +187,7 @@ def croissant(out: Path, summary: dict, texts: dict[str, str], about: AboutConfi
         f"{texts['rights']}",
         "conformsTo": ["http://mlcommons.org/croissant/1.0", "http://mlcommons.org/croissant/RAI/1.0"],
         "version": version,
-        "citeAs": f"@misc{{{name}, title={{{name}}}, author={{{about.creator or _AUTHORS}}}{year}, "
+        "citeAs": f"@misc{{{key}, title={{{name}}}, author={{{about.creator or _AUTHORS}}}{year}, "
         f"note={{version {version}, made by dmae-synth}}}}",
         **{key: value for key, value in stated.items() if value},
         "isLiveDataset": False,

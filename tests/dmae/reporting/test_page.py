@@ -186,3 +186,16 @@ def test_a_narrow_terminal_wraps_cells_and_cuts_none(columns, capsys, monkeypatc
 def test_one_thing_is_singular():
     assert [counted(number, "clip") for number in (0, 1, 2)] == ["0 clips", "1 clip", "2 clips"]
     assert [counted(number, "person", "people") for number in (1, 3)] == ["1 person", "3 people"]
+
+
+def test_names_with_brackets_and_colons_are_printed_as_they_are(capsys):
+    rows = [("left [take 2]", "1"), ("a[/b]", "2"), (":cat:", "3")]
+    print_tables([Table("errors [mm] of [all]", ("camera [name]", "x"), rows)])
+    printed = " ".join(capsys.readouterr().out.split())
+    for text in ("errors [mm] of [all]", "camera [name]", *(name for name, _ in rows)):
+        assert text in printed
+
+
+def test_a_clip_without_frames_is_not_drawn(completed):
+    with pytest.raises(ValueError, match="expected frames to draw, found none"):
+        views_figure(completed.select(frames=range(0)))

@@ -11,6 +11,7 @@ import yaml
 
 from dmae.datasets import FrameDataset
 from synth.datasets.config import AboutConfig
+from synth.datasets.exporters.croissant import croissant as metadata
 from synth.datasets.exporters.croissant import hub_metadata
 from synth.datasets.exporters.export import export
 from tests.support.data_sets import image_set
@@ -60,6 +61,11 @@ def test_metadata_follows_from_the_provenance_of_the_clips(rows):
     sheet = (rows / "DATASHEET.md").read_text()
     assert all(f"## {part}\n" in sheet for part in ("Motivation", "Composition", "Collection", "Uses", "Maintenance"))
     assert ABOUT.licence in sheet and found["rai:dataBiases"] in sheet
+    assert found["citeAs"].startswith("@misc{hidden-people, title={hidden-people}, ")
+    summary = json.loads((rows / "export.json").read_text())
+    about = replace(ABOUT, name="Hidden people, 2nd ed.")
+    cited = metadata(rows, summary, dict.fromkeys(("dataCollection", "rights"), ""), about)["citeAs"]
+    assert cited.startswith("@misc{Hidden-people-2nd-ed., title={Hidden people, 2nd ed.}, ")
     citation = yaml.safe_load((rows / "CITATION.cff").read_text())
     assert (citation["title"], citation["authors"]) == (ABOUT.name, [{"name": ABOUT.creator}])
 
