@@ -128,8 +128,11 @@ def _nearest(frames: np.ndarray, to: float, count: int) -> np.ndarray:
 
 def _kernel(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Return the squared-exponential kernel (n, m) of poses (n, C) and (m, C); 1 where they are equal."""
-    squared = (one**2).sum(1)[:, None] + (other**2).sum(1) - 2 * one @ other.T
-    return np.exp(-np.maximum(squared, 0) / 2)
+    squared = (one**2).sum(1)[:, None] + (other**2).sum(1)
+    squared -= 2 * one @ other.T
+    np.maximum(squared, 0, out=squared)
+    squared /= -2
+    return np.exp(squared, out=squared)
 
 
 # Exact poses: what a hidden joint was relative to the nearest joint that is measured throughout its gap.
@@ -175,6 +178,7 @@ def _correct(bodies: Bodies, joint: int, weight: np.ndarray, fps: float) -> None
     measured, placed = ~np.isnan(bodies.xyz[..., 0]), ~np.isnan(bodies.filled[..., 0])
     turned = ~np.isnan(bodies.world_from_body[..., 0, 0])
     hidden = ~measured[:, :, joint] & placed[:, :, joint]
+    placed = np.ascontiguousarray(np.moveaxis(placed, 0, -1))
     for person in np.flatnonzero((hidden & (weight > 0)).any(0)):
         filled, xyz, turn = bodies.filled[:, person], bodies.xyz[:, person], bodies.world_from_body[:, person]
         for first, end in runs(hidden[:, person]):
@@ -183,7 +187,7 @@ def _correct(bodies: Bodies, joint: int, weight: np.ndarray, fps: float) -> None
                 continue
             start = max(first - int(_REACH * fps) - 1, 0)
             near, gap = slice(start, end + int(_REACH * fps) + 1), np.arange(first, end)
-            usable = placed[near, person][:, inputs + origins].all(1) & turned[near, person]
+            usable = placed[person, inputs + origins, near].all(0) & turned[near, person]
             known = start + np.flatnonzero(usable & measured[near, person][:, [joint, anchor]].all(1))
             frames = _training_frames(known, first, end, fps)
             if len(frames) < _FEWEST or not usable[gap - start].all():
@@ -252,15 +256,15 @@ def predict_gap(offsets: np.ndarray, wanted: np.ndarray, frames: np.ndarray, fps
     correlation = np.linalg.norm(np.einsum("nci,nj->cij", others, targets), axis=(1, 2)) / (n * spread * size)
     weights = _CLOSENESS * correlation / ((spread + _SPREAD) * np.sqrt(len(spread)))
     poses = (offsets * weights[:, None]).reshape(len(offsets), -1)
-    seconds = np.abs(frames[:, None] - frames[:n]) / fps
-    factor = cho_factor(_exact_kernel(poses[:n], poses[:n], seconds[:n]) + _EXACT_NOISE * np.eye(n))
-    return mean + _exact_kernel(poses[n:], poses[:n], seconds[n:]) @ cho_solve(factor, targets)
+    apart = np.abs(frames[:, None] - frames[:n])
+    seconds = np.arange(apart.max() + 1) / fps
+    pose, now = _POSE + _POSE_NOW * _matern(seconds / _SECONDS), _NOW * _matern(seconds / _INSTANT)
 
+    def covariance(of: slice) -> np.ndarray:
+        return _kernel(poses[of], poses[:n]) * pose[apart[of]] + now[apart[of]]
 
-def _exact_kernel(poses: np.ndarray, others: np.ndarray, seconds: np.ndarray) -> np.ndarray:
-    """Return the covariance (n, m) of poses (n, C) and others (m, C), seconds (n, m) apart; see `predict_gap`."""
-    alike = _kernel(poses, others)
-    return alike * (_POSE + _POSE_NOW * _matern(seconds / _SECONDS)) + _NOW * _matern(seconds / _INSTANT)
+    factor = cho_factor(covariance(slice(n)) + _EXACT_NOISE * np.eye(n))
+    return mean + covariance(slice(n, None)) @ cho_solve(factor, targets)
 
 
 def _matern(distance: np.ndarray) -> np.ndarray:
