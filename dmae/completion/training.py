@@ -343,7 +343,7 @@ class Learner(lightning.LightningModule):
         if config.model.residual:
             batches: Dataset = TrainingBatches(
                 self.pairs, self.recipe, extra=self.extra, replay=replay, until=self.limit.until(), rank=rank,
-                ranks=ranks, **order,
+                ranks=ranks, taken=config.learning.steps - self.trainer.current_epoch * config.learning.epoch, **order,
             )  # fmt: skip
         else:
             shares = ((1 - replay, self.pairs), (replay, self.extra))

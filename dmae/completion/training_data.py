@@ -354,6 +354,7 @@ class TrainingBatches(Dataset):
         epoch: int,
         steps: int,
         batch: int,
+        taken: int | None = None,
         extra: list[PosePair] | None = None,
         replay: float = 0.0,
         until: float = float("inf"),
@@ -362,17 +363,18 @@ class TrainingBatches(Dataset):
     ):
         """
         Args:
+            taken: Steps after which the training ends, if it ends within the epoch; recordings are made for these.
             extra: Pairs that a share `replay` of the windows is drawn from.
             until: Time, by `time.monotonic`, after which no more recordings are made.
             rank, ranks: Which of the processes that share each batch this is.
         """
         self.recipe, self.seed, self.first, self.steps, self.batch = recipe, seed, epoch * steps, steps, batch
         rng = generator(seed, epoch, Stream.MASKING)
-        pool = []
+        pool, windows = [], batch * max(min(steps, steps if taken is None else taken), 1)
         for group, share in ((pairs, 1 - replay), (extra, replay)):
             size, order = 0, []
             # Twice as many rows as windows are drawn: neighbouring windows differ little.
-            while size < 2 * steps * batch * share:
+            while size < 2 * windows * share:
                 order = order or list(rng.permutation(len(group)))
                 pair = group[order.pop()]
                 if rng.random() < recipe.augment.true_poses:

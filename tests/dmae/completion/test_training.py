@@ -14,6 +14,7 @@ from safetensors.torch import load_file
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from dmae.cli import DMAE, compose
+from dmae.completion import training_data
 from dmae.completion.config import (
     AugmentConfig,
     LearningConfig,
@@ -137,6 +138,15 @@ def test_a_training_that_ends_within_an_epoch_says_what_it_reached(clips, tmp_pa
         train(changed(TINY, steps=steps), clips, tmp_path / str(steps))
         said = [line for line in capsys.readouterr().err.splitlines() if "validation: unmeasured joints" in line]
         assert len(said) == whole + (steps % 5 > 0) and said[-1].startswith(f"step {steps}: loss")
+
+
+def test_examples_are_made_for_the_steps_that_are_taken(clips, tmp_path, monkeypatch):
+    made, masked_rows = [], training_data.masked_rows
+    monkeypatch.setattr(
+        training_data, "masked_rows", lambda *given, **more: made.append(masked_rows(*given, **more)) or made[-1]
+    )
+    train(changed(TINY, steps=2, epoch=200), clips, tmp_path)
+    assert len(made) < 5
 
 
 def test_reading_says_how_many_clips_and_cameras_there_are(capsys, monkeypatch):
