@@ -7,6 +7,7 @@ import subprocess
 import sys
 import venv
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from site import getsitepackages
 
@@ -38,7 +39,7 @@ def bin(tmp_path_factory) -> Path:
     subprocess.run(pip, check=True, capture_output=True)
     # Machine code of the same sources, which Numba knows by their size and time: compiling it again would take half a
     # minute.
-    for code in ROOT.glob("dmae/**/__pycache__/*.nb[ci]"):
+    for code in chain.from_iterable(ROOT.glob(f"{part}/**/__pycache__/*.nb[ci]") for part in ("dmae", "synth")):
         source = code.parents[1] / f"{code.name.partition('.')[0]}.py"
         if source.is_file():  # code of a module that is gone stays behind
             copy = site / code.relative_to(ROOT)
