@@ -213,15 +213,15 @@ def fit(found: Residuals, prior: DetectionNoise, start: DetectionNoise, skeleton
     level_prior2 = np.mean(prior.spread_m**2)
     kind2, shape2 = np.ones(len(kinds)), shape_prior2.copy()
     expected = np.where(found.pair, *_EXPECTED)
-    half = found.square / (2 * found.freedom * expected)
+    half, most, scale2 = found.square / (2 * found.freedom * expected), _CLIPPED / expected, found.scale**2
     everything = np.zeros(len(of), int)
 
     def factor(group: np.ndarray, on_person: bool, before: np.ndarray) -> np.ndarray:
         """Return the factor of the variance of each group, for a prior by which it is `before` times as large."""
-        spread2 = found.scale**2 * level2 * kind2[of] * shape2[bin_]
-        sigma2 = floor2[found.view] + spread2
-        share = found.freedom * (spread2 if on_person else floor2[found.view]) / sigma2
-        square = np.minimum(half / sigma2, _CLIPPED / expected)
+        floor, spread2 = floor2[found.view], scale2 * level2 * kind2[of] * shape2[bin_]
+        sigma2 = floor + spread2
+        share = found.freedom * (spread2 if on_person else floor) / sigma2
+        square = np.minimum(half / sigma2, most)
         size, total = (np.bincount(group, weight, minlength=len(before)) for weight in (share, share * square))
         told = np.log(np.maximum(total, 1e-12) / np.maximum(size, 1e-12))
         return np.exp((size * told + _PRIOR * np.log(before)) / (size + _PRIOR))
@@ -245,7 +245,7 @@ def fit(found: Residuals, prior: DetectionNoise, start: DetectionNoise, skeleton
     confidences = (model.sigma_unsure_m - usual * shape) / (model.sigma_unsure_m - model.sigma_sure_m)
     if told.any() and confidences[1] > confidences[-1]:
         confidences[0] = confidences[1]
-    sigma = np.sqrt(floor2[found.view] + found.scale**2 * level2 * kind2[of] * shape2[bin_])
+    sigma = np.sqrt(floor2[found.view] + scale2 * level2 * kind2[of] * shape2[bin_])
     return replace(
         prior,
         floor_px=np.sqrt(floor2),
