@@ -22,7 +22,7 @@ from dmae.files.checks import check_numbers
 from dmae.files.contents import check_file, read_text
 from dmae.files.images import check_image
 from dmae.registry import unknown
-from synth.rooms.config import mjcf_names, room_choices, room_folder
+from synth.rooms.config import mjcf_names, room_folder
 from synth.rooms.rays import at_rest
 
 
@@ -271,7 +271,7 @@ def load_room(arena: str) -> Room:
     """
     path = arena_file(arena)
     spec = read_mjcf(path)
-    if arena in room_choices():
+    if arena in mjcf_names(room_folder()):
         return Room(spec, ())
     try:
         return Room(spec, tuple(_filled(spec)))
@@ -281,7 +281,7 @@ def load_room(arena: str) -> Room:
 
 def room_name(arena: str) -> str:
     """Return the name of a room of `scenes/`, or the absolute path of another file. Both are valid in any folder."""
-    return arena if arena in room_choices() else str(Path(arena_file(arena)).resolve())
+    return arena if arena in mjcf_names(room_folder()) else str(Path(arena_file(arena)).resolve())
 
 
 def _filled(spec: mujoco.MjSpec):

@@ -54,8 +54,8 @@ class WalkTo:
         swing = (1 - self.walk.stance) / self.walk.rate
         # The hips speed up and slow down about evenly.
         begin, end = (
-            even * float(np.linalg.norm((self._pace(phase)[0] - stance.root)[:2])) / self.walk.speed
-            for even, phase, stance in ((2.6, self.first, self.start), (2.3, self.last, self.stop))
+            even * float(np.linalg.norm((root - stance.root)[:2])) / self.walk.speed
+            for even, (root, _), stance in zip((2.6, 2.3), self._paces, (self.start, self.stop), strict=True)
         )
         closing = (self.walk.stance - 0.5) / self.walk.rate + 1.15 * swing + 0.1
         return max(begin, swing + 0.3), (self.last - self.first) / self.walk.rate, max(end, closing)
@@ -72,16 +72,16 @@ class WalkTo:
         steady = np.clip(phase, self.first, self.last)
         root, pelvis, ankles, feet = self._lower_body(steady)
         heading = self.walk.path.heading_at(self.walk.stride * steady)
-        for stance, at, span, since, share in (
-            (self.start, self.first, begin, times, smoothstep(times / begin)),
-            (self.stop, self.last, end, times - begin - cruise, smoothstep((self.seconds - times) / end)),
+        leaving, arriving = self._paces
+        for stance, at, (moving, speed), span, since, share in (
+            (self.start, self.first, leaving, begin, times, smoothstep(times / begin)),
+            (self.stop, self.last, arriving, end, times - begin - cruise, smoothstep((self.seconds - times) / end)),
         ):
             ending = stance is self.stop
             within = since >= 0 if ending else since < span
             if not within.any():
                 continue
             since, share, now = since[within], share[within], phase[within]
-            moving, speed = self._pace(at)
             ends = ((moving, stance.root), (speed, np.zeros(3)))
             root[within] = CubicHermiteSpline((0, span), *(pair if ending else pair[::-1] for pair in ends))(since)
             facing = stance.middle[2]
@@ -100,10 +100,14 @@ class WalkTo:
         walking = smoothstep(times / begin) * smoothstep((self.seconds - times) / end)
         return LowerBody(root, pelvis, ankles, feet, heading, walking, walking * np.cos(2 * np.pi * phase))
 
-    def _pace(self, phase: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the root, (3,) m, and its velocity, (3,) m/s, at a phase of the walk."""
-        before, now, after = self._lower_body(phase + _EPS * np.array((-1, 0, 1)))[0]
-        return now, (after - before) / (2 * _EPS) * self.walk.rate
+    @cached_property
+    def _paces(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """The root, (3,) m, and its velocity, (3,) m/s, at the end of the first step and where the last begins."""
+        found = []
+        for phase in (self.first, self.last):
+            before, now, after = self._lower_body(phase + _EPS * np.array((-1, 0, 1)))[0]
+            found.append((now, (after - before) / (2 * _EPS) * self.walk.rate))
+        return found
 
     def _lower_body(self, phase: np.ndarray) -> list[np.ndarray]:
         """Return the walk's lower body at phases, with the hips as low as all of its steps need."""

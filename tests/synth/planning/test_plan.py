@@ -24,7 +24,8 @@ from synth.planning.plan import (
 )
 from synth.planning.search import JointEvidence, choose, gather, predict, rehearse, standard_errors
 from synth.rigs.coverage import stage_of
-from synth.rooms.room import arena_file, room_choices
+from synth.rooms.config import room_choices
+from synth.rooms.room import arena_file
 from tests.support.commands import synth as run
 
 MIDDLE = np.zeros(2)

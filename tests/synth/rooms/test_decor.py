@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from synth.motion.config import MotionConfig
+from synth.rooms.config import room_choices
 from synth.rooms.decor import FINISHES, Decor, Light, decorate, sample_decor
-from synth.rooms.room import arena_file, room_choices
+from synth.rooms.room import arena_file
 from synth.scene.build import build_scene
 from synth.scene.config import SceneConfig
 from synth.scene.sampling import sample_scene

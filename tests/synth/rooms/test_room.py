@@ -11,8 +11,8 @@ from dmae.cli import compose
 from synth.cli import SYNTH
 from synth.datasets.clip import generate_clip
 from synth.datasets.config import GenerateConfig
-from synth.rooms.config import room_presets
-from synth.rooms.room import arena_file, load_room, prop_file, room_choices, room_name
+from synth.rooms.config import room_choices, room_presets
+from synth.rooms.room import arena_file, load_room, prop_file, room_name
 from synth.scene.config import SceneConfig
 from tests.support.commands import run_command
 

@@ -13,8 +13,9 @@ from synth.interactions.casting import draw_motions
 from synth.interactions.registry import InteractionConfig
 from synth.motion.config import MotionConfig, ProceduralConfig, UpAxis
 from synth.people.body import SEGMENTS, body_at
+from synth.rooms.config import room_choices
 from synth.rooms.props import footprints, prop_size
-from synth.rooms.room import arena_file, prop_file, room_choices
+from synth.rooms.room import arena_file, prop_file
 from synth.scene.config import SceneConfig
 from synth.scene.sampling import load_motions, sample_scene
 from synth.scene.spec import PropSpec, SceneSpec
