@@ -295,6 +295,22 @@ def test_unrecognised_folder_is_answered_with_the_formats(tmp_path: Path):
         dmae.read(tmp_path)
 
 
+def test_errors_of_read_name_its_arguments(clip, tmp_path: Path):
+    dmae.convert(clip, tmp_path / "walk", "openpose")
+    for given, message in (
+        ({}, r"no file states the frame rate; give fps=\.\.\.$"),
+        ({"fps": 25, "calibration": "none.toml"}, r"name it by calibration=\.\.\.$"),
+        ({"fps": 25, "cameras": ["9"]}, r"^cameras=\[9\]: expected"),
+        ({"fps": 25, "images": "a", "videos": "b"}, "^videos and images: expected one of them"),
+    ):
+        with pytest.raises((ValueError, FileNotFoundError), match=message):
+            dmae.read(tmp_path / "walk", **given)
+    for name in ("clip.json", "intri.yml", "extri.yml"):
+        (tmp_path / name).touch()
+    with pytest.raises(ValueError, match=r"found clip, easymocap; name it by format=\.\.\.$"):
+        dmae.read(tmp_path)
+
+
 def test_a_folder_of_videos_is_answered_with_the_commands_for_them(tmp_path: Path):
     (tmp_path / "left.MP4").touch()
     with pytest.raises(ValueError, match=r"found videos, .* dmae run videos=.* dmae detect videos="):

@@ -60,6 +60,7 @@ from dmae.data.rng import Stream, generator
 from dmae.data.skeleton import BODY25, Skeleton, encode, get_skeleton
 from dmae.data.store import write_atomic
 from dmae.files.contents import read_bytes
+from dmae.files.structured import read_json
 from dmae.metrics.position import PCK_THRESHOLD, REGION_PROBABILITY, REGION_RADIUS
 from dmae.progress import progress
 
@@ -549,6 +550,11 @@ def train(
     found = read_training_set(clips, extra_clips, validation_clips, skeleton, config)
     _claim(out, config, skeleton, initial and initial[2], found.all)
     if (out / "model.json").is_file():
+        steps = read_json(out / "model.json")["steps"]
+        print(
+            f"{out}: this training is finished, at step {steps}; init={out} trains on from it, into another folder",
+            file=sys.stderr,
+        )
         return out
 
     found = split(found, config.examples, seed=config.seed)

@@ -41,7 +41,7 @@ def truth_of(clip: Clip) -> Poses3D:
     if clip.truth.xyz.size and np.isnan(clip.truth.xyz).all():
         raise ValueError(
             f"clip {clip.id!r}: no true joint in its {len(clip)} frames, so nothing can be scored; choose frames with "
-            "annotations, data.frames=[first,end]"
+            "annotations: data.frames=[first,end], or frames=[first, end] of dmae.read"
         )
     return clip.truth
 

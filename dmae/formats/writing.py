@@ -27,17 +27,29 @@ class Written:
 def export_path(path: Path, format: str) -> Path:
     """Return the path that `write_poses` writes. A file without a suffix gets the suffix of the format.
 
-    Raises ValueError if the format is unknown, or the file has the suffix of another format.
+    Raises ValueError if the format is unknown, or a format of this package writes another suffix.
     """
     writer, path = pose_writer.find(format), Path(path)
     if writer.folder or writer.name not in pose_writer:
         return path
+    own = _suffix(writer)
     if not path.suffix:
-        return path.with_suffix(_suffix(writer))
-    for other in pose_writer.values():
-        if not other.folder and path.suffix == _suffix(other) != _suffix(writer):
-            raise ValueError(f"{path}: format={writer.name}, but {path.suffix} is of format={other.name}; give that")
-    return path
+        return path.with_suffix(own)
+    if path.suffix.lower() == own or not writer.home.startswith(f"{__package__}."):
+        return path  # A format of the user may have any suffix
+    files = {_suffix(other): other for other in pose_writer.values() if not other.folder}
+    found = f"{path}: format={writer.name} writes {own} files"
+    other = files.get(path.suffix.lower())
+    if other is None:
+        raise ValueError(
+            f"{found}, and no format writes {path.suffix} files; expected "
+            + ", ".join(f"{suffix} (format={each.name})" for suffix, each in files.items())
+        )
+    table = ""
+    if path.suffix.lower() == ".csv":
+        # Who writes .csv wants a table more often than a robot.
+        table = "; a table of joints as text is format=trc, with a .trc file"
+    raise ValueError(f"{found}; {path.suffix} files are of format={other.name} ({other.help.rstrip('.')}){table}")
 
 
 def _suffix(writer: PoseWriter) -> str:

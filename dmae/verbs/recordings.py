@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import fields, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -55,10 +57,29 @@ def read(path: str | Path, fps: float | None = None, format: str | None = None, 
         ('0', '2')
     """
     path = Path(path)
-    clips = Clips(DataConfig(name=format, path=str(path), fps=fps, **options))
-    if len(clips) != 1:
-        raise ValueError(f"{path}: expected one recording, found a data set of {len(clips)}; use dmae.load_dataset")
-    return clips[0]
+    with _arguments_named():
+        clips = Clips(DataConfig(name=format, path=str(path), fps=fps, **options))
+        if len(clips) != 1:
+            raise ValueError(f"{path}: expected one recording, found a data set of {len(clips)}; use dmae.load_dataset")
+        return clips[0]
+
+
+_OPTION = re.compile(rf"(?<![\w/.])data(?:\.({'|'.join(each.name for each in fields(DataConfig))})\b|(?==\.\.\.))")
+
+
+@contextmanager
+def _arguments_named() -> Iterator[None]:
+    """Name the arguments of `read` in errors that name options of commands: `fps=...`, not `data.fps=...`."""
+    try:
+        yield
+    except (ValueError, FileNotFoundError) as error:
+        error.args = tuple(_OPTION.sub(_argument, each) if isinstance(each, str) else each for each in error.args)
+        raise
+
+
+def _argument(option: re.Match[str]) -> str:
+    name = option[1] or "name"  # `data=...` is short for `data.name=...`
+    return "format" if name == "name" else name
 
 
 def detect(
@@ -234,7 +255,7 @@ def export(
         robot: MJCF of the Unitree G1, for `g1` and `lerobot`; by default that of an installed mjlab.
 
     Raises:
-        ValueError: there are no poses, the folder is not empty, the file has the suffix of another format, or
+        ValueError: there are no poses, the folder is not empty, the file has another suffix than the format's, or
             `keep_mm` is not a positive number.
 
     Examples:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from pycocotools.coco import COCO
 
+import dmae as python_package
 from dmae.commands import convert as convert_command
 from dmae.commands import export as export_command
 from dmae.commands.config import ConvertCommand, ExportCommand
@@ -211,6 +212,26 @@ def test_a_file_without_a_suffix_gets_that_of_its_format(captured, tmp_path, for
     export_command.run(ExportCommand(str(tmp_path / "clip"), format), tmp_path / "walk")
     assert (tmp_path / file).is_file()
     assert str(tmp_path / file) in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("file", "message"),
+    [
+        (
+            "walk.csv",
+            r"format=npz writes \.npz files; \.csv files are of format=g1 \(Unitree G1 .*as text is format=trc",
+        ),
+        ("walk.trc", r"format=npz writes \.npz files; \.trc files are of format=trc \(OpenSim's markers.*\)$"),
+        ("walk.xyz", r"no format writes \.xyz files; expected .*\.glb \(format=glb\).*\.npz \(format=npz\)"),
+        ("S1.take2", r"format=npz writes \.npz files, and no format writes \.take2 files"),
+    ],
+)
+def test_a_file_with_a_suffix_of_no_or_another_format_is_refused(captured, tmp_path, file, message):
+    with pytest.raises(ValueError, match=message):
+        export(captured, tmp_path, "npz", file)
+    with pytest.raises(ValueError, match=message):
+        python_package.export(captured, tmp_path / file)
+    assert not (tmp_path / file).exists()
 
 
 def test_two_formats_without_a_suffix_are_recorded_beside_each_file(captured, tmp_path):

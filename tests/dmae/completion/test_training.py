@@ -100,9 +100,10 @@ def test_another_seed_gives_other_weights(clips, trained, tmp_path):
     assert not same(weights(train(changed(TINY, seed=1), clips, tmp_path)), weights(trained))
 
 
-def test_a_finished_model_is_left_alone_and_another_configuration_refused(clips, trained):
+def test_a_finished_model_is_left_alone_and_another_configuration_refused(clips, trained, capsys):
     before = (trained / "weights.safetensors").stat().st_mtime_ns
     train(TINY, clips, trained)
+    assert f"{trained}: this training is finished, at step 10; init={trained} trains on" in capsys.readouterr().err
     assert (trained / "weights.safetensors").stat().st_mtime_ns == before
     with pytest.raises(ValueError, match=r"training\.json differs in learning\.lr, model\.encoder\.depth"):
         train(
