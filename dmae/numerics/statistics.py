@@ -28,9 +28,10 @@ def median_over_frames(values: np.ndarray) -> np.ndarray:
     if not len(values):
         return np.full(values.shape[1:], np.nan)
     # NaN is sorted to the end.
-    ordered, number = np.sort(np.asarray(values, np.float64), axis=0), (~np.isnan(values)).sum(0, keepdims=True)
-    middle = (np.take_along_axis(ordered, at, axis=0)[0] for at in (np.maximum(number - 1, 0) // 2, number // 2))
-    return sum(middle) / 2
+    ordered = np.sort(np.asarray(values, np.float64), axis=0).reshape(len(values), -1)
+    number, column = (~np.isnan(values)).sum(0).reshape(-1), np.arange(ordered.shape[1])
+    middle = ordered[np.maximum(number - 1, 0) // 2, column] + ordered[number // 2, column]
+    return (middle / 2).reshape(values.shape[1:])[()]
 
 
 def ar1_filter(white: np.ndarray, coefficient: float) -> np.ndarray:

@@ -152,19 +152,28 @@ def _pairs(view: np.ndarray, partners: np.ndarray, affinities: np.ndarray) -> tu
 
 def _proposed(first: np.ndarray, second: np.ndarray, found: np.ndarray, view: np.ndarray) -> np.ndarray:
     """Return the indices of pairs (m,) that the Hungarian algorithm proposes for every two views."""
-    proposed = []
+    proposed, view_of_first, view_of_second = [], view[first], view[second]
     for a, b in combinations(np.unique(view), 2):
-        pairs = np.flatnonzero((view[first] == a) & (view[second] == b))
-        rows, row = np.unique(first[pairs], return_inverse=True)
-        columns, column = np.unique(second[pairs], return_inverse=True)
-        if max(len(rows), len(columns)) <= _ASSIGNED:
-            block = np.zeros((len(rows), len(columns)))
+        pairs = np.flatnonzero((view_of_first == a) & (view_of_second == b))
+        if not len(pairs):
+            continue
+        (row, rows), (column, columns) = (_numbered(each[pairs], len(view)) for each in (first, second))
+        if max(rows, columns) <= _ASSIGNED:
+            block = np.zeros((rows, columns))
             block[row, column] = found[pairs]
             index = np.full(block.shape, NONE)
             index[row, column] = pairs
             pairs = index[linear_sum_assignment(block, maximize=True)]
         proposed.append(pairs[pairs != NONE])
     return np.concatenate(proposed)
+
+
+def _numbered(values: np.ndarray, most: int) -> tuple[np.ndarray, int]:
+    """Return the ranks of integers below `most` among those that occur, and how many occur; np.unique is slower."""
+    occurs = np.zeros(most, int)
+    occurs[values] = 1
+    rank = np.cumsum(occurs)
+    return rank[values] - 1, int(rank[-1])
 
 
 _PARALLEL = np.float32(1e-8)  # Squared sine of an angle; lines at smaller ones are parallel
