@@ -172,7 +172,9 @@ class Difference:
 
     @property
     def ratio(self) -> float:
-        """The ratio of the distance to the distance between halves of the recordings."""
+        """The ratio of the distance to the distance between halves of the recordings; 0 where nothing differs."""
+        if not self.wasserstein:
+            return 0.0
         return self.wasserstein / self.halves_wasserstein if self.halves_wasserstein else np.inf
 
 

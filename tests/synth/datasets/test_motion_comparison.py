@@ -56,7 +56,7 @@ def test_distances_equal_the_shift_of_values():
     real = half_away(rng)
     moved = [sample(each.values["knee flexion"] + 5) for each in real]
     for same, other in zip(compare(real, real, rng=rng), compare(real, moved, rng=rng), strict=True):
-        assert same.wasserstein == same.ks == 0
+        assert same.wasserstein == same.ks == same.ratio == 0
         assert other.wasserstein == pytest.approx(5)
         assert other.ks > 0.95
         assert 0 < other.halves_wasserstein < 0.2
@@ -68,6 +68,15 @@ def test_a_single_take_is_compared_with_itself_over_time():
     drifting = sample(np.concatenate([np.zeros(100), np.ones(100)]))
     (first, *_) = compare([drifting], [drifting], rng=np.random.default_rng(0))
     assert (first.wasserstein, first.halves_wasserstein, first.halves_ks) == (0, 1, 1)
+
+
+def test_what_never_changes_and_is_the_same_does_not_differ():
+    """As joints that a recorded skeleton does not have; they were named as the largest differences."""
+    still = [sample(np.zeros(100)) for _ in range(2)]
+    found = compare(still, still, rng=np.random.default_rng(0))
+    assert {each.ratio for each in found} == {0}
+    moved = compare(still, [sample(np.ones(100))], rng=np.random.default_rng(0))
+    assert {each.ratio for each in moved} == {np.inf}
 
 
 def test_tracks_count_up_to_the_longest_duration():
