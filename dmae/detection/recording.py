@@ -38,6 +38,7 @@ from dmae.numerics.filling import STILLS, are_stills
 from dmae.numerics.statistics import evenly_spaced
 from dmae.parallel import in_parallel
 from dmae.progress import progress
+from dmae.reconstruction.pipeline import check_origin
 from dmae.reporting.tables import counted, listed
 from dmae.viewing.overlay import Mark, draw_line, draw_mark, person_colour
 
@@ -163,10 +164,13 @@ def detect_recording(
         image: What the notes call an image.
 
     Raises:
-        ValueError: as `detect_people`, or there is no such skeleton.
+        ValueError: as `detect_people`, there is no such skeleton, or cameras are too far from the origin to compare
+            what they see (`check_origin`).
     """
     target, own = output_skeleton(skeleton), make_detector(config).skeleton
     cameras, fittings, alignment = recording.cameras, recording.fittings, recording.alignment
+    if recording.rig is not None and config.across_views:
+        check_origin(recording.rig, "calibration")
     if are_stills(alignment.fps):
         found = _detected_alone(cameras, config, pieces, workers)
     else:

@@ -29,7 +29,7 @@ from dmae.reconstruction.people import (
     too_brief,
     well_measured,
 )
-from dmae.reconstruction.pipeline import measure
+from dmae.reconstruction.pipeline import check_origin, measure
 from dmae.reconstruction.pruning import LONGEST_JUMP
 from dmae.reconstruction.reassignment import LONGEST_GAP
 from dmae.reconstruction.tracking import TrackedFrame, Tracker, Tracks
@@ -83,14 +83,16 @@ class OnlineCapture:
                 the same cameras and detector. By default as `config.noise` says: nothing is learned online.
 
         Raises:
-            ValueError: fewer than two cameras, a skeleton without a size, an impossible rate, a negative time, another
-                method of capture, or people are asked for that only a whole recording tells.
+            ValueError: fewer than two cameras, cameras far from the origin (`check_origin`), a skeleton without a size,
+                an impossible rate, a negative time, another method of capture, or people are asked for that only a
+                whole recording tells.
         """
         fps = check_rate("fps", fps)
         if look_ahead is not None and not 0 <= look_ahead < np.inf:
             raise ValueError(f"look_ahead={look_ahead}: expected seconds, 0 or more")
         if len(rig) < 2:
             raise ValueError(f"capture needs at least 2 cameras, found {len(rig)}")
+        check_origin(rig, "calibration")
         if config.method != ADAPTIVE:
             raise ValueError(f"capture.method={config.method} captures whole recordings, not frames as they come")
         if config.persons is not None or config.subject != SubjectConfig():

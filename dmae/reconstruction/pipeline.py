@@ -7,6 +7,7 @@ from math import ceil
 
 import numpy as np
 
+from dmae.data.cameras import CameraRig
 from dmae.data.clip import NOT_KNOWN, Clip, Poses3D, Source
 from dmae.data.skeleton import Skeleton
 from dmae.files.mapped import empty, in_steps
@@ -35,6 +36,7 @@ _SHOWN_FPS = 25.0  # Rate at which a still is shown twice
 _STILL_AFFINITY = 0.9
 """Of `min_affinity`, what counts in stills: no other frame makes up for a person who is not matched. For the same
 reason `MIN_JOINTS` are enough for a new person there."""
+_COARSEST = 1e-3  # m; coordinates within 16 km of the origin are stored in smaller steps
 _FEWEST_PX = 2.0  # People are larger; where no coordinate of a detected joint is, coordinates are not pixels
 
 
@@ -61,8 +63,9 @@ def capture(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None = No
     People are bodies of any skeleton. Lengths of the configuration are for bodies of human size. For skeletons of
     another size they are multiplied by `Skeleton.scale`.
 
-    Raises ValueError if the clip has a single camera, its coordinates are no pixels, the requested subject cannot be
-    found, or a method of your own returns something else than poses of the clip.
+    Raises ValueError if the clip has a single camera, its cameras are too far from the origin (`check_origin`), its
+    coordinates are no pixels, the requested subject cannot be found, or a method of your own returns something else
+    than poses of the clip.
 
     Args:
         clip: F frames of V cameras; only its rig, detections, frame rate and images are read.
@@ -77,6 +80,7 @@ def capture(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None = No
     """
     if len(clip.rig) < 2:
         raise ValueError(f"clip {clip.id!r}: capture needs at least 2 cameras, found {len(clip.rig)}")
+    check_origin(clip.rig, f"clip {clip.id!r}")
     some = clip.detections.xy[evenly_spaced(len(clip), _SAMPLED[1])]
     if np.isfinite(some).any() and np.nanmax(some) <= _FEWEST_PX:
         raise ValueError(
@@ -92,6 +96,19 @@ def capture(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None = No
             f"clip {clip.id!r}: method={config.method}: expected Poses3D of {len(clip)} frames, found {found}"
         )
     return poses
+
+
+def check_origin(rig: CameraRig, where: str) -> None:
+    """Raise ValueError, after `where`, if poses near the cameras would be stored with steps above `_COARSEST`."""
+    place = np.median(rig.centers, 0)
+    step = float(np.spacing(np.abs(place).max().astype(np.float32)))
+    if step > _COARSEST:
+        x, y, z = (round(float(each)) for each in place)
+        raise ValueError(
+            f"{where}: its cameras are {np.linalg.norm(place) / 1000:,.0f} km from the origin, where poses are stored "
+            f"in steps of {1000 * step:.0f} mm (32 bits); move the origin in the calibration to the cameras: subtract "
+            f"about ({x}, {y}, {z}) m from their places"
+        )
 
 
 def _capture(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None) -> Poses3D:

@@ -7,7 +7,7 @@ import pytest
 from omegaconf import OmegaConf
 
 from dmae.completion.fillings import fill_linear
-from dmae.data.clip import Detections2D, Poses3D, Source
+from dmae.data.clip import Clip, Detections2D, Poses3D, Source
 from dmae.data.conversion import convert
 from dmae.data.resources import resource_folder
 from dmae.data.skeleton import BODY25, SHELF14
@@ -16,6 +16,7 @@ from dmae.metrics.identity import idf1
 from dmae.metrics.pcp import correct_limbs
 from dmae.metrics.position import percent
 from dmae.numerics.filling import smooth
+from dmae.online.capture import OnlineCapture
 from dmae.reconstruction.config import CaptureConfig, NoiseModel, ReassignmentConfig
 from dmae.reconstruction.pipeline import capture
 from tests.support.clips import looking_at_origin
@@ -205,6 +206,22 @@ def test_arms_swapped_left_to_right_are_rejected():
 def test_one_camera_is_refused():
     with pytest.raises(ValueError, match=r"clip 'made up': capture needs at least 2 cameras, found 1"):
         capture(detected_clip(crossing(), views=3).select(views=[1]), DEFAULT)
+
+
+def test_cameras_far_from_the_origin_are_refused():
+    """UTM coordinates: poses, stored in 32 bits, would be in steps of half a metre."""
+    clip = detected_clip(crossing(), views=3)
+
+    def moved(by: tuple[float, float, float]) -> Clip:
+        shift = np.eye(4)
+        shift[:3, 3] = by
+        return replace(clip, rig=replace(clip.rig, cam_from_world=clip.rig.cam_from_world @ shift))
+
+    with pytest.raises(ValueError, match=r"clip 'made up': its cameras are 5,215 km .* steps of 500 mm .*subtract"):
+        capture(moved((-4e5, -5.2e6, -100)), DEFAULT)
+    with pytest.raises(ValueError, match="calibration: its cameras are 20 km from the origin"):
+        OnlineCapture(moved((2e4, 0, 0)).rig, BODY25, FPS, DEFAULT)
+    assert capture(moved((3000, 0, 0)), DEFAULT).measured.any()
 
 
 def test_a_single_view_cannot_make_a_joint():
