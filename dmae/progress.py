@@ -19,23 +19,17 @@ def progress(items: Iterable, description: str, total: int | None = None) -> Ite
 
     `total` is by default the length of `items`, where it has one.
     """
-    console = Console(stderr=True)
+    if total is None and hasattr(items, "__len__"):
+        total = len(items)
+    console, done = Console(stderr=True), 0
     if console.is_terminal:
         # Names of clips may have brackets.
         yield from track(items, escape(description), total, console=console, transient=True)
         return
-    if total is None and hasattr(items, "__len__"):
-        total = len(items)
-    start = last = time.monotonic()
-    first = (0, 0.0)
-    for done, item in enumerate(items):
-        now = time.monotonic()
-        if done == 1:
-            first = (1, now - start)
-        if done and now - last >= LINE_EVERY:
-            print(progress_line(description, done, total, now - start, first), file=sys.stderr, flush=True)
-            last = now
-        yield item
+    with _lines(description, lambda: (done, total)):
+        for item in items:
+            yield item
+            done += 1
 
 
 @contextmanager
@@ -71,29 +65,62 @@ def counted_progress(items: Iterable, description: str, count: Callable[[], tupl
 
     `count` returns how many parts are done, and how many there are; called from another thread.
     """
-    console, over, start = Console(stderr=True), threading.Event(), time.monotonic()
+    console = Console(stderr=True)
+    with _bar(console, description, count) if console.is_terminal else _lines(description, count):
+        yield from items
 
-    def show_bar() -> None:
+
+@contextmanager
+def _bar(console: Console, description: str, count: Callable[[], tuple[int, int]]) -> Iterator[None]:
+    """Show a bar in the block, in a thread."""
+
+    def show(over: threading.Event) -> None:
         with Progress(console=console, transient=True) as bar:
             task = bar.add_task(description)
             while not over.wait(0.5):
                 done, total = count()
                 bar.update(task, completed=done, total=total)
 
-    def print_lines() -> None:
-        first, lines = (0, 0.0), 0
+    with _watched(show):
+        yield
+
+
+@contextmanager
+def _lines(description: str, count: Callable[[], tuple[int, int | None]]) -> Iterator[None]:
+    """Print a line each minute in the block, in a thread: a single part may take many minutes.
+
+    While another loop runs inside, which prints its own lines, a line is printed only if further parts are done.
+    """
+
+    def show(over: threading.Event) -> None:
+        start, first, shown, lines = time.monotonic(), (0, 0.0), 0, 0
         while not over.wait(LINE_EVERY / 120):
             (done, total), seconds = count(), time.monotonic() - start
             if not first[0]:
                 first = (done, seconds)
-            if done and seconds >= (lines + 1) * LINE_EVERY:
-                print(progress_line(description, done, total, seconds, first), file=sys.stderr, flush=True)
-                lines = seconds // LINE_EVERY
+            if seconds >= (lines + 1) * LINE_EVERY:
+                if done > shown or _running[-1] is over:
+                    print(progress_line(description, done, total, seconds, first), file=sys.stderr, flush=True)
+                shown, lines = done, seconds // LINE_EVERY
 
-    watcher = threading.Thread(target=show_bar if console.is_terminal else print_lines, daemon=True)
+    with _watched(show):
+        yield
+
+
+_running: list[threading.Event] = []
+"""The loops that are shown, from the outermost to the innermost."""
+
+
+@contextmanager
+def _watched(show: Callable[[threading.Event], None]) -> Iterator[None]:
+    """Run `show` in a thread until the end of the block, which sets the event that it is given."""
+    over = threading.Event()
+    watcher = threading.Thread(target=show, args=(over,), daemon=True)
+    _running.append(over)
     watcher.start()
     try:
-        yield from items
+        yield
     finally:
         over.set()
         watcher.join()
+        _running.remove(over)

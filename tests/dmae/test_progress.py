@@ -1,5 +1,6 @@
 import io
 import itertools
+import time
 from types import SimpleNamespace
 
 import pytest
@@ -13,25 +14,36 @@ def test_items_pass_unchanged():
     assert list(progress(iter("abc"), "reading")) == ["a", "b", "c"]
 
 
-def test_a_line_a_minute_without_a_terminal_forecasts_without_the_first_item(monkeypatch, capsys):
-    clock = itertools.count(0, 40)
-    monkeypatch.setattr(module.time, "monotonic", lambda: float(next(clock)))
-    list(progress(range(5), "capturing"))
+def test_a_line_a_minute_without_a_terminal_also_while_one_item_lasts(monkeypatch, capsys):
+    """Pieces of videos take minutes each; nothing was printed until one was done."""
+    monkeypatch.setattr(module, "LINE_EVERY", 0.05)
+    for item in progress(range(2), "detecting"):
+        time.sleep(0 if item else 0.5)
     lines = capsys.readouterr().err.splitlines()
-    assert lines == [
-        "capturing: 1 of 5, 1.3 min",
-        "capturing: 3 of 5, 2.7 min, about 1.3 min left",
-    ]
+    assert 1 <= len(lines) <= 10
+    assert all(line.startswith("detecting: 0 of 2, ") for line in lines)
 
 
-def test_parts_counted_elsewhere_are_forecast_without_the_first_ones(monkeypatch, capsys):
+def test_an_outer_loop_prints_only_what_is_new_while_an_inner_one_prints(monkeypatch, capsys):
+    monkeypatch.setattr(module, "LINE_EVERY", 0.05)
+    for _ in progress(range(2), "clips"):
+        for _ in progress(range(1), "frames"):
+            time.sleep(0.5)
+    lines = [line.partition(",")[0] for line in capsys.readouterr().err.splitlines()]
+    assert lines.count("clips: 1 of 2") == 1
+    assert lines.count("frames: 0 of 1") == len(lines) - 1 > 1
+
+
+def test_the_forecast_leaves_the_first_parts_out(monkeypatch, capsys):
     """As images are, of which the first comes after the simulation: 1 of 750 after 2 minutes forecast 25 hours."""
     clock, waits, counts = itertools.count(0, 30), iter([False] * 4 + [True]), itertools.count()
     event = SimpleNamespace(wait=lambda seconds: next(waits), set=lambda: None)
     monkeypatch.setattr(module.time, "monotonic", lambda: float(next(clock)))
     monkeypatch.setattr(module.threading, "Event", lambda: event)
-    watcher = SimpleNamespace(start=lambda: None)
-    monkeypatch.setattr(module.threading, "Thread", lambda target, daemon: setattr(watcher, "join", target) or watcher)
+    monkeypatch.setattr(
+        module.threading, "Thread",
+        lambda target, args, daemon: SimpleNamespace(start=lambda: None, join=lambda: target(*args)),
+    )  # fmt: skip
     list(counted_progress([], "rendering", lambda: (next(counts), 750)))
     assert capsys.readouterr().err.splitlines() == [
         "rendering: 1 of 750, 1.0 min",
