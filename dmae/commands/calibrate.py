@@ -18,6 +18,12 @@ def run(config: CalibrateCommand, out: Path) -> None:
         raise ValueError(
             f"out={out}: expected a file with the suffix .toml; the changes are written beside it, as JSON"
         )
+    given, facts_file = config.data.calibration, out.with_suffix(".json")
+    if out.is_file() and (not facts_file.is_file() or (given and Path(given).resolve() == out.resolve())):
+        raise ValueError(
+            f"out={out}: expected a new file, or one that dmae calibrate wrote, other than data.calibration; "
+            f"for example out={out.with_stem(f'{out.stem}_2')}"
+        )
     clips = Clips(config.data)
     if clips.data_set:
         raise ValueError(f"{config.data.path}: expected a recording or a single clip, found a data set of clips")
@@ -32,7 +38,7 @@ def run(config: CalibrateCommand, out: Path) -> None:
         "covariance": refined.covariance.tolist(),
         "floor": refined.floor and asdict(refined.floor),
     }
-    write_atomic(out.with_suffix(".json"), json.dumps(facts, indent=1) + "\n")
+    write_atomic(facts_file, json.dumps(facts, indent=1) + "\n")
     _print(refined)
     short = describe_shortness(len(clip) / clip.fps)
     if short and any(change.refined for change in refined.changes):

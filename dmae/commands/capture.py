@@ -10,7 +10,15 @@ import numpy as np
 
 from dmae.calibration.world import Floor, find_floor, place_clip, upright_world
 from dmae.commands.config import CaptureCommand
-from dmae.commands.data_sets import ClipSet, describe_joints, describe_sides, finished, forecast, settings_of
+from dmae.commands.data_sets import (
+    ClipSet,
+    check_apart,
+    describe_joints,
+    describe_sides,
+    finished,
+    forecast,
+    settings_of,
+)
 from dmae.completion.methods import find_method
 from dmae.data.clip import Clip
 from dmae.data.rng import Stream, generator
@@ -43,6 +51,7 @@ interrupted = finished
 
 def run(config: CaptureCommand, out: Path) -> None:
     """Capture each clip, and print the reprojection errors of all; exits with status 1 if no person was found."""
+    check_apart(out, Path(config.data.path))
     clips = Clips(config.data)
     settings = _settings(config) if clips.data_set else None
     part = clips.part(clip_range(len(clips), config.first, config.clips))

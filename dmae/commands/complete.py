@@ -5,7 +5,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from dmae.commands.config import CompleteCommand
-from dmae.commands.data_sets import ClipSet, describe_joints, finished, forecast, settings_of
+from dmae.commands.data_sets import ClipSet, check_apart, describe_joints, finished, forecast, settings_of
 from dmae.completion.complete import completers
 from dmae.completion.weights import weights_folder
 from dmae.data.clip import Clip, Source
@@ -22,6 +22,7 @@ interrupted = finished
 
 
 def run(config: CompleteCommand, out: Path) -> None:
+    check_apart(out, Path(config.clip))
     _completers.cache_clear()
     _completers(config.weights, config.denoise, config.reject, config.smooth)
     if not config.damaged:

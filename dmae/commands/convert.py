@@ -3,13 +3,14 @@
 from pathlib import Path
 
 from dmae.commands.config import ConvertCommand
-from dmae.commands.data_sets import ClipSet, each_clip, settings_of
+from dmae.commands.data_sets import ClipSet, check_apart, each_clip, settings_of
 from dmae.formats.reading import Clips
 from dmae.formats.writing import write_recording
 from dmae.reporting.tables import counted
 
 
 def run(config: ConvertCommand, out: Path) -> None:
+    check_apart(out, Path(config.data.path))
     own = config.format == "clip"
     several = own and Clips(config.data).data_set
     with ClipSet(out, settings_of("dmae convert", config, Path(config.data.path)) if several else None) as made:

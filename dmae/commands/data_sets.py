@@ -56,6 +56,15 @@ def each_clip(data: DataConfig, out: Path, doing: str) -> Iterator[tuple[Clip, s
         yield clip, folder.name, out / folder.name if clips.data_set else out
 
 
+def check_apart(out: Path, data: Path) -> None:
+    """Raise ValueError if the clips that are read are to be overwritten: the command, given twice, would act twice."""
+    if out.resolve() == data.resolve():
+        raise ValueError(
+            f"out={out}: expected another folder than that of the clip, which stays as it is; "
+            f"for example out={data.resolve()}_2"
+        )
+
+
 class ClipSet:
     """Where a command writes: one clip; or a data set of clip folders, with `settings.json`, manifest and checksums.
 

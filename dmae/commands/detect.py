@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from dmae.commands.config import DetectCommand
-from dmae.commands.data_sets import ClipSet, finished, settings_of
+from dmae.commands.data_sets import ClipSet, check_apart, finished, settings_of
 from dmae.data.clip import Detections2D
 from dmae.data.resume import claim_folder
 from dmae.data.skeleton import encode, option_skeleton
@@ -98,8 +98,7 @@ def interrupted(config: DetectCommand, out: Path) -> str:
 def _detect_clips(config: DetectCommand, out: Path, least: int) -> None:
     folders = clip_folders(Path(config.clip))
     several = folders != [Path(config.clip)]
-    if out.resolve() == Path(config.clip).resolve():
-        raise ValueError(f"out={out}: expected another folder than that of the clip, which keeps its own detections")
+    check_apart(out, Path(config.clip))
     settings = settings_of("dmae detect", config, Path(config.clip))
     settings["options"] |= _settings(config)
     made = ClipSet(out, settings if several else None)

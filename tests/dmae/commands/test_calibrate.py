@@ -46,3 +46,15 @@ def test_the_changes_do_not_overwrite_the_calibration(tmp_path, name):
     save_clip(full_clip(), tmp_path / "clip")
     with pytest.raises(ValueError, match=f"{name}: expected a file with the suffix .toml"):
         command.run(CalibrateCommand(DataConfig(path=str(tmp_path / "clip"))), tmp_path / name)
+
+
+def test_a_calibration_is_never_overwritten_by_its_correction(tmp_path):
+    save_clip(full_clip(), tmp_path / "clip")
+    (tmp_path / "rig.toml").write_text("the user's own")
+    with pytest.raises(ValueError, match=r"expected a new file, .*for example out=.*rig_2.toml"):
+        command.run(CalibrateCommand(DataConfig(path=str(tmp_path / "clip"))), tmp_path / "rig.toml")
+    (tmp_path / "rig.json").touch()  # as after a correction
+    data = DataConfig(path=str(tmp_path / "clip"), calibration=str(tmp_path / "rig.toml"))
+    with pytest.raises(ValueError, match=r"other than data.calibration; for example out=.*rig_2.toml"):
+        command.run(CalibrateCommand(data), tmp_path / "rig.toml")
+    assert (tmp_path / "rig.toml").read_text() == "the user's own"

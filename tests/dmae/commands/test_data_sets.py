@@ -98,6 +98,25 @@ def test_a_data_set_without_a_whole_clip_is_refused(tmp_path, run):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(
+    ("run", "config"),
+    [
+        (command.run, lambda folder: CaptureCommand(DataConfig(path=folder))),
+        (complete.run, lambda folder: CompleteCommand(clip=folder)),
+        (convert.run, lambda folder: ConvertCommand(DataConfig(path=folder), format="clip")),
+        (detect.run, lambda folder: DetectCommand(clip=folder)),
+    ],
+)
+def test_a_clip_is_never_overwritten_by_what_is_made_of_it(tmp_path, run, config):
+    """A second run would smooth the joints again, or find only the frames that the first had kept."""
+    save_clip(full_clip(), tmp_path / "walk")
+    before = contents(tmp_path / "walk")
+    (tmp_path / "same").symlink_to("walk")
+    with pytest.raises(ValueError, match=f"expected another folder than .*for example out={tmp_path}/walk_2"):
+        run(config(str(tmp_path / "walk")), tmp_path / "same")
+    assert contents(tmp_path / "walk") == before
+
+
 def test_the_printed_share_is_that_of_nan_in_the_export(tmp_path):
     save_clip(replace(full_clip(), poses=with_absences()), tmp_path / "clip")
     done = run_command(tmp_path, "dmae", "complete", "clip=clip", "out=full")
