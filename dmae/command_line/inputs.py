@@ -27,7 +27,7 @@ def check_inputs(configuration: object, options: Group) -> None:
     for key, kind, words, path in _inputs(configuration, ""):
         if path in words:
             continue
-        if kind == "skeleton":
+        if kind == "skeleton" and (Path(path).exists() or not path.endswith((".yaml", ".yml"))):
             _check_skeleton(key, path)
             continue
         if not Path(path).exists():

@@ -37,13 +37,17 @@ def match_cameras(
         raise ValueError(f"{path}: expected different cameras, found {both}")
     if set(found) <= set(calibrated):
         spare = [name for name, bare in zip(rig.names, calibrated, strict=True) if bare not in found]
-        note = f"{len(spare)} calibrated cameras have no {what} and are left out: {', '.join(spare[:5])}"
+        those, are = (
+            (f"{len(spare)} calibrated cameras have", "are") if len(spare) > 1 else ("1 calibrated camera has", "is")
+        )
+        note = f"{those} no {what} and {are} left out: {', '.join(spare[:5])}"
         return [calibrated.index(name) for name in found], note if spare else None
     if set(found) & set(calibrated) or len(names) != len(rig):
         lacking = [name for name, bare in zip(names, found, strict=True) if bare not in calibrated]
+        have = "has" if len(lacking) == 1 else "have"
         raise ValueError(
             f"{path}: expected a calibration of each camera that has {what}, found {both}: {', '.join(lacking)} "
-            f"has none; give the cameras the same names, or name other files by {options}"
+            f"{have} none; give the cameras the same names, or name other files by {options}"
         )
     numbers = [[_number(name) for name in part] for part in (names, rig.names)]
     ranks, how = [_ranks([natural(name) for name in part]) for part in (names, rig.names)], "in order of their names"

@@ -32,6 +32,7 @@ def made(tmp_path, monkeypatch):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).touch()
     (tmp_path / "empty").mkdir()
+    (tmp_path / "lower.yaml").touch()
     monkeypatch.chdir(tmp_path)
 
 
@@ -74,6 +75,7 @@ def _answer(monkeypatch, capsys, program, *arguments: str) -> str:
             ["live", "calibration=other", "fps=25", "skeleton=body52"],
             "no skeleton 'body52'; did you mean",
         ),
+        (["capture", "data=other", "data.skeleton=lower.yml"], "data.skeleton=lower.yml: .*; did you mean lower.yaml?"),
         (["live", "calibration=other", "fps=25", "listen=99"], "listen=99: expected host:port, as 127.0.0.1:5555"),
         (["stress", "data=set", "pairs=[cameras+objekts]"], "no corruption 'objekts'; did you mean 'objects'?"),
         (["pretrain", "motion=mocap"], "motion=mocap: no such file or folder. Expected: Folder of motion files"),

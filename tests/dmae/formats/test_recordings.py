@@ -28,7 +28,8 @@ def rig(*names: str):
     [
         (["b", "a"], ["a", "b"], [1, 0], None),
         (["cam01", "cam02"], ["cam_02", "CAM_01"], [1, 0], None),
-        (["00_01", "00_03"], ["00_01", "00_02", "00_03"], [0, 2], "1 calibrated cameras have no detections.*: 00_02"),
+        (["1_1", "1_3"], ["1_1", "1_2", "1_3"], [0, 2], "1 calibrated camera has no detections and is left out: 1_2"),
+        (["b", "c"], ["a", "b", "c", "d"], [1, 2], "2 calibrated cameras have no detections and are left out: a, d"),
         (["img_1", "img_2"], ["2", "1"], [1, 0], "by number: img_1 = 1, img_2 = 2"),
         (["view0", "view1"], ["cam_1", "cam_2"], [0, 1], "in order of their numbers: view0 = cam_1"),
         (["v9", "v10"], ["c10", "c9"], [1, 0], "by number"),
@@ -60,6 +61,7 @@ def test_names_are_ordered_by_the_numbers_in_them():
     [
         (["cam1", "cam2"], ["cam1"], "cam2 has none"),
         (["cam1", "cam3"], ["cam1", "cam2"], "cam3 has none"),
+        (["cam1", "cam3", "cam4"], ["cam1", "cam2"], "cam3, cam4 have none"),
         (["v1", "v2"], ["c1", "c2", "c3"], "expected a calibration of each camera"),
         (["v1", "v2", "v4"], ["c1", "c2", "c3"], "with the same numbers"),
         (["cam1", "cam_1"], ["cam1", "cam2"], "different cameras"),
