@@ -277,7 +277,7 @@ def find_leaks(data: Path, splits: dict[str, list[str]], kinds: Iterable[SplitBy
         places: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
         for name, clips in splits.items():
             for clip in clips:
-                for thing in identities(Path(data) / clip, by):
+                for thing in sorted(identities(Path(data) / clip, by)):  # in the same order in every run
                     places[thing][name].append(clip)
         found += [Leak(by, dict(clips)) for clips in places.values() if len(clips) > 1]
     return found

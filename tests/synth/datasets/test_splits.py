@@ -83,6 +83,15 @@ def test_no_person_is_in_two_splits(data, seed):
     assert split(data, train=0.5, validation=0.25, test=0.25, seed=seed) == made
 
 
+def test_leaks_are_listed_in_the_same_order_in_every_run(monkeypatch):
+    """The order of a set of texts changes with the process."""
+    everyone = {f"person {number}" for number in range(100, 120)}
+    people = {"first": everyone} | {name.removeprefix("person "): {name} for name in everyone}
+    monkeypatch.setattr(module, "identities", lambda folder, by: people[folder.name])
+    found = find_leaks(Path("data"), {"train": ["first"], "test": sorted(people)[:-1]}, [SplitBy.person])
+    assert [leak.clips["test"] for leak in found] == [[str(number)] for number in range(100, 120)]
+
+
 @given(st.lists(st.sets(st.integers(0, 12), min_size=1, max_size=3), min_size=1, max_size=14))
 def test_groups_share_nothing_and_are_as_small_as_can_be(things):
     found = {f"{number:02}": {str(thing) for thing in each} for number, each in enumerate(things)}
