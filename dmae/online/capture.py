@@ -16,7 +16,7 @@ from dmae.data.skeleton import Skeleton
 from dmae.files.checks import check_rate
 from dmae.online.completion import TURN, FinishedFrame, OnlineCompleter, split_frames
 from dmae.reconstruction.body_size import resized_config
-from dmae.reconstruction.chance import resting_ghosts
+from dmae.reconstruction.chance import passing_ghosts, resting_ghosts
 from dmae.reconstruction.config import ADAPTIVE, CaptureConfig, SubjectConfig
 from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.noise import DetectionNoise
@@ -238,9 +238,11 @@ class OnlineCapture:
         tracks = merge(tracks.select(order), np.searchsorted(number, number))
         number = np.unique(number)
         measured = well_measured(tracks, config.tracking.births(len(self._skeleton)))[:, window.start :]
-        earlier = np.array([self._frames_of.get(p, (0, 0)) for p in number.tolist()], int).reshape(-1, 2).T
-        brief = too_brief(earlier + measured.sum(1), self._seen, fps, config.tracking.min_duration_s)
-        kept = ~(brief | coincidental(tracks, config.th_v))
+        earlier = np.array([self._frames_of.get(p, (0, 0)) for p in number.tolist()], float).reshape(-1, 2).T
+        count, surprises = earlier + measured.sum(1)
+        ghosts = passing_ghosts(count, surprises, self._seen, config.tracking.max_by_chance)
+        brief = too_brief(count, self._seen, fps, config.tracking.min_duration_s)
+        kept = ~(brief | ghosts | coincidental(tracks, config.th_v))
         settled = earlier + measured[:, : window.stop - window.start].sum(1)
         self._frames_of |= dict(zip(number.tolist(), settled.T, strict=True))
         number, tracks = number[kept], tracks.select(kept)

@@ -4,6 +4,7 @@ V views, D detections in a view, P persons, J joints.
 """
 
 import numpy as np
+from scipy.special import gammaincc
 
 from dmae.data.clip import Clip
 from dmae.files.mapped import by_frames
@@ -15,7 +16,39 @@ from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.noise import USUAL, DetectionNoise
 from dmae.reconstruction.triangulation import project
 
-_SAMPLED = 8, 24  # Numbers of frames, least and greatest, in which it is examined whether a figure moves
+_WITHIN_REACH = 0.1
+"""Share of the floor in which figures that agree continue a track: 1 m around its place in a room of 6 m."""
+_LEAST_EXPECTED = 0.001
+"""Smallest number expected by chance that counts in a frame, so that no frame decides alone: the least numbers are
+those in which ghosts resemble each other most, which `expected_by_chance` does not know."""
+
+
+def surprise(expected: np.ndarray) -> np.ndarray:
+    """Return -ln p of numbers expected by chance in a frame, any shape; p is the probability that figures within reach
+    of a track agree as well by chance."""
+    return -np.log(-np.expm1(-_WITHIN_REACH * np.maximum(expected, _LEAST_EXPECTED)))
+
+
+def passing_ghosts(measured: np.ndarray, surprises: np.ndarray, frames: int, most: float | None) -> np.ndarray:
+    """Return (P,) True for tracks that ghosts which come and go form by chance in a recording.
+
+    In a few frames of a track, views of ghosts agree well; in the others, a tracker takes what is near. By chance, p of
+    each frame (see `surprise`) is uniform, so the sum of -ln p over n frames has a gamma distribution of shape n
+    (R. A. Fisher's combined probability). A track may start in any frame and at any place, so the number of tracks
+    expected by chance is the probability of such a sum times the number of frames and of places.
+
+    Args:
+        measured: (P,) numbers of frames in which tracks were measured.
+        surprises: (P,) sums of `surprise` over these frames.
+        frames: Number of frames of the recording.
+        most: Largest number of tracks expected by chance; None accepts all.
+    """
+    if most is None:
+        return np.zeros(len(measured), bool)
+    return frames / _WITHIN_REACH * gammaincc(np.maximum(measured, 1), surprises) > most
+
+
+_SAMPLED = 3, 24  # Numbers of frames, least and greatest, in which it is examined whether a figure moves
 _AT_REST = 4.0  # Sigmas; half of the joints of a figure that rests stay within this
 _GESTURE = 3.0  # Sigmas; a joint moves if half of its detections are farther than this from their mean
 _FITTING = 1.8  # Sigmas; a figure shows a person if half of its joints, averaged over time, are within this
@@ -30,8 +63,8 @@ def resting_ghosts(
     say the same thing again and again, and in the luckiest of them the agreement looks close. So the joints of figures
     that rest are averaged over time, which leaves what the views really disagree by, and count as one observation.
     Views that do not fit the others closer than detections scatter are not views of this figure. What is left has to be
-    beyond chance, see `beyond_chance`. Figures that move, or whose joints move, in two views at once are people. With
-    two cameras nobody is judged: of people who stand in a group, pairs of figures are hardly beyond chance.
+    beyond chance, see `expected_by_chance`. Figures that move, or whose joints move, in two views at once are people.
+    With two cameras nobody is judged: of people who stand in a group, pairs of figures are hardly beyond chance.
 
     Args:
         assigned: (F, P, V, J) index of the detection that shows the joint in the view, or `NONE`.
@@ -64,9 +97,10 @@ def resting_ghosts(
         _drop_misfits(evidence, figure)
     points = evidence.triangulate(own[None])
     figures = np.maximum(_figures(clip, config.th_p) - moving, 1)
-    ghosts[resting] = ~beyond_chance(
+    expected = expected_by_chance(
         rig.projections, rig.focal, rig.size, xy, own, points.xyz[0], points.used[0], figures, float(most)
     )
+    ghosts[resting] = expected > most
     return ghosts
 
 
@@ -143,8 +177,8 @@ shape with probability c r^d; more than 1 as figures agree from farther away."""
 
 
 @compiled()
-def beyond_chance(projections, focal, size, xy, assigned, xyz, used, figures, most):
-    """Return (P,) True for people with views that agree better than unrelated figures would.
+def expected_by_chance(projections, focal, size, xy, assigned, xyz, used, figures, most):
+    """Return (P,) the number of people expected by chance whose views agree as well; inf where no two views agree.
 
     Figures of two views that have nothing to do with each other agree within r with probability q = (r / R)^2: rays of
     most joints meet if the figures have the same size and height above the floor there. A figure of a third view also
@@ -163,8 +197,8 @@ def beyond_chance(projections, focal, size, xy, assigned, xyz, used, figures, mo
 
     People with more views are tested first; among people with equally many views, those with smaller residuals. The
     first is supported if E is at most `most`. The figures of supported people are explained, so they do not count for
-    later ones; and if a share of all figures is explained by m people, so may be the others, and E may be `most` for
-    each of them: it is at most (1 + share * m) times `most`.
+    later ones; and if a share of all figures is explained by m people, so may be the others, for each of whom E may be
+    `most`: it is divided by 1 + share * m.
 
     Args:
         projections: (V, 3, 4) pinhole projection matrices.
@@ -175,10 +209,10 @@ def beyond_chance(projections, focal, size, xy, assigned, xyz, used, figures, mo
         xyz: (P, J, 3) m, NaN where absent.
         used: (P, J, V) True for the views that a joint was triangulated from.
         figures: (V,) numbers of figures, float. The figures of supported people are subtracted from them.
-        most: Largest E.
+        most: Largest E of supported people.
     """
     persons, views, _ = assigned.shape
-    supported = np.zeros(persons, np.bool_)
+    expected = np.full(persons, np.inf)
     depth, agrees = np.zeros((persons, views)), np.zeros((persons, views), np.bool_)
     radius2, key = np.zeros((persons, len(_SHARES))), np.zeros(persons)
     chance, polynomial, order = np.zeros(views), np.zeros(views + 1), np.zeros(persons, np.int64)
@@ -214,11 +248,12 @@ def beyond_chance(projections, focal, size, xy, assigned, xyz, used, figures, mo
             pairs = min(1.0, radius2[p, share] / _PAIRS[share] ** 2)
             least = min(least, polynomial[count] * pairs / place**2)
         known = explained / max(explained + total, 1.0)
-        if least <= most * (1 + known * found):
-            supported[p], found, explained = True, found + 1, explained + count
+        expected[p] = least / (1 + known * found)
+        if expected[p] <= most:
+            found, explained = found + 1, explained + count
             for v in range(views):
                 figures[v] -= agrees[p, v]
-    return supported
+    return expected
 
 
 @compiled()

@@ -8,6 +8,7 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
 from dmae.data.skeleton import Skeleton
+from dmae.numerics.filling import are_stills
 from dmae.numerics.statistics import evenly_spaced, median_known
 from dmae.reconstruction.association import NONE, Candidates, count_pairs, find_groups
 from dmae.reconstruction.body_size import as_people
@@ -102,7 +103,7 @@ def explain_capture(clip: Clip, config: CaptureConfig) -> Explanation:
     tracks = track(clip, config)
     stages.append(("tracks that were started", tracks.xyz.shape[1]))
     if tracks.xyz.shape[1]:
-        for step, kept in steps_to_people(clip, tracks, config, evidence.noise):
+        for step, kept in steps_to_people(clip, tracks, config, evidence.noise, are_stills(clip.fps)):
             count = kept.xyz.shape[1]
             stages.append((_STEPS[step].format(config.tracking.min_duration_s), count))
             if not count:
@@ -193,6 +194,7 @@ _STEPS = {
     "people": "people that they are of",
     "volume": "of these inside capture.volume",
     "duration": "of these measured for {:g} s or more",
+    "chance": "of these with views that agree better than those of ghosts that come and go",
     "agreement": "of these with views that agree on most joints",
     "motion": "of these that move, or agree better than ghosts at rest would by chance",
     "wanted": "of these asked for by capture.persons and capture.subject",
@@ -210,13 +212,15 @@ def _instead(step: str, tracks: Tracks, clip: Clip, config: CaptureConfig) -> li
             f"{high[1]:.1f}, z {low[2]:.1f} to {high[2]:.1f}"
         ]
     if step == "duration":
-        longest = well_measured(tracks, config.tracking.births(len(skeleton)))[1].sum(0).max(initial=0) / clip.fps
+        longest = well_measured(tracks, config.tracking.births(len(skeleton)))[0].sum(0).max(initial=0) / clip.fps
         return [
             f"the longest was measured for {longest:.2f} s: give a smaller capture.tracking.min_duration_s, or check "
             "that the cameras agree with dmae doctor"
         ]
     if step == "agreement":
         return ["cameras agree by coincidence only: dmae doctor examines calibration and synchronisation"]
+    if step == "chance":
+        return ["views agree no better than by chance: more cameras, or fewer ghosts, decide"]
     if step == "motion":
         return ["nobody moves, and views agree no better than by chance: more cameras, or fewer ghosts, decide"]
     if step == "wanted" and config.subject.leg_m is not None:

@@ -14,7 +14,7 @@ from dmae.numerics.body import bone_lengths, symmetric_bone_lengths
 from dmae.numerics.statistics import median_known, median_over_frames
 from dmae.reconstruction.appearance import appearance_differs, has_appearance
 from dmae.reconstruction.association import NONE
-from dmae.reconstruction.chance import resting_ghosts
+from dmae.reconstruction.chance import passing_ghosts, resting_ghosts, surprise
 from dmae.reconstruction.config import CaptureConfig, SubjectConfig
 from dmae.reconstruction.noise import DetectionNoise
 from dmae.reconstruction.tracking import Tracks
@@ -25,11 +25,15 @@ _BUILD_DIFFERENCE = 0.15  # Relative difference of bone lengths above which two 
 
 
 def steps_to_people(
-    clip: Clip, tracks: Tracks, config: CaptureConfig, noise: DetectionNoise
+    clip: Clip, tracks: Tracks, config: CaptureConfig, noise: DetectionNoise, alone: bool = False
 ) -> Iterator[tuple[str, Tracks]]:
-    """Yield what is left of tracks after each step, by its name: people, volume, duration, agreement, motion, wanted.
+    """Yield what is left of tracks after each step, by its name: people, volume, duration, chance, agreement, motion,
+    wanted.
 
     Raises as `wanted_people`.
+
+    Args:
+        alone: All frames show the same still, so that frames after the first do not speak against chance.
     """
     skeleton, fps, tracking = clip.detections.skeleton, clip.fps, config.tracking
     differs = partial(appearance_differs, clip, tracks.assigned) if has_appearance(clip, config) else None
@@ -39,9 +43,14 @@ def steps_to_people(
         tracks = inside_volume(tracks, config.volume)
         tracks = tracks.select((known_joints(tracks.xyz) > 0).any(0))
         yield "volume", tracks
-    measured = well_measured(tracks, tracking.births(len(skeleton))).sum(1)
-    tracks = tracks.select(~too_brief(measured, len(clip), fps, tracking.min_duration_s))
+    measured, surprises = well_measured(tracks, tracking.births(len(skeleton))).sum(1, dtype=float)
+    lasting = ~too_brief(measured, len(clip), fps, tracking.min_duration_s)
+    tracks = tracks.select(lasting)
     yield "duration", tracks
+    if not alone:
+        passing = passing_ghosts(measured[lasting], surprises[lasting], len(clip), tracking.max_by_chance)
+        tracks = tracks.select(~passing)
+        yield "chance", tracks
     tracks = tracks.select(~coincidental(tracks, config.th_v))
     yield "agreement", tracks
     tracks = tracks.select(~resting_ghosts(clip, tracks.assigned, tracks.xyz, config, noise))
@@ -111,14 +120,14 @@ def merge(tracks: Tracks, label: np.ndarray) -> Tracks:
     if len(persons) == len(label):
         return tracks
     merged = tracks.select(persons)
-    assigned, xyz, supported = merged.assigned, merged.xyz, merged.supported
+    assigned, xyz, chance = merged.assigned, merged.xyz, merged.chance
     for track in np.flatnonzero(label != np.arange(len(label))):
         person = np.searchsorted(persons, label[track])
         for part in frame_blocks(assigned, xyz, tracks.assigned, tracks.xyz):
             here, other = (part, person), (part, track)
             assigned[here] = np.where(assigned[here] == NONE, tracks.assigned[other], assigned[here])
             xyz[here] = np.where(np.isnan(xyz[here]), tracks.xyz[other], xyz[here])
-        supported[:, person] |= tracks.supported[:, track]
+        chance[:, person] = np.minimum(chance[:, person], tracks.chance[:, track])
     return merged
 
 
@@ -138,25 +147,20 @@ def known_joints(xyz: np.ndarray) -> np.ndarray:
 
 
 def well_measured(tracks: Tracks, joints: int) -> np.ndarray:
-    """Return (2, F, P) True where a person has at least this number of joints, and where views support that as well."""
+    """Return (2, F, P) 1 where a person has at least this number of joints, and how little that looks like chance
+    (`dmae.reconstruction.chance.surprise`); else 0."""
     measured = known_joints(tracks.xyz) >= joints
-    return np.stack([measured, measured & tracks.supported])
-
-
-_SUPPORTED = 3
-"""Smallest number of frames of a person in which views agree better than unrelated figures would. Among many ghosts
-they do in some frames of a person, and in one or two of most ghosts."""
+    return np.stack([measured, np.where(measured, surprise(tracks.chance), 0)])
 
 
 def too_brief(measured: np.ndarray, frames: int, fps: float, min_duration_s: float) -> np.ndarray:
     """Return (P,) True for tracks measured in fewer frames than the shortest duration or half the recording.
 
     Args:
-        measured: (2, P) numbers of frames in which each track was measured, and with support, see `well_measured`.
+        measured: (P,) numbers of frames in which each track was measured.
         frames: Number of frames of the recording.
     """
-    least = min(min_duration_s * fps, frames / 2)
-    return (measured[0] < least) | (measured[1] < min(least, _SUPPORTED))
+    return measured < min(min_duration_s * fps, frames / 2)
 
 
 def coincidental(tracks: Tracks, views: int) -> np.ndarray:
@@ -192,7 +196,7 @@ def inside_volume(tracks: Tracks, volume: list[float] | None) -> Tracks:
     return Tracks(
         by_frames(lambda absent, assigned: np.where(absent, np.int16(NONE), assigned), absent, tracks.assigned),
         by_frames(lambda absent, xyz: np.where(absent, np.nan, xyz), absent, tracks.xyz),
-        tracks.supported & ~outside,
+        np.where(outside, np.inf, tracks.chance),
     )
 
 

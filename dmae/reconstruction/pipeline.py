@@ -119,8 +119,10 @@ def _capture(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None) ->
     return _people_of(clip, track(clip, config, noise), config, noise)
 
 
-def _people_of(clip: Clip, tracks: Tracks, config: CaptureConfig, noise: DetectionNoise) -> Poses3D:
-    for _, kept in steps_to_people(clip, tracks, config, noise):
+def _people_of(
+    clip: Clip, tracks: Tracks, config: CaptureConfig, noise: DetectionNoise, alone: bool = False
+) -> Poses3D:
+    for _, kept in steps_to_people(clip, tracks, config, noise, alone):
         tracks = kept
     return _measured_people(clip, tracks, config, noise)
 
@@ -151,7 +153,7 @@ def _captured_stills(clip: Clip, config: CaptureConfig, noise: DetectionNoise) -
 def _captured_still(clip: Clip, frame: int, config: CaptureConfig, noise: DetectionNoise) -> Poses3D:
     """Reconstruct the people of a frame, shown twice: those found at first then take what was left over of them."""
     twice = replace(clip.select(frames=[frame, frame]), fps=_SHOWN_FPS)
-    return _people_of(twice, track(twice, config, noise, alone=True), config, noise).select(slice(1, 2))
+    return _people_of(twice, track(twice, config, noise, alone=True), config, noise, alone=True).select(slice(1, 2))
 
 
 def _joined(parts: list[Poses3D]) -> Poses3D:

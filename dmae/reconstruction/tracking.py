@@ -20,7 +20,7 @@ from dmae.numerics.statistics import median_known
 from dmae.progress import progress
 from dmae.reconstruction.appearance import TorsoColours, has_appearance
 from dmae.reconstruction.association import NONE, Candidates, find_groups, highest_affinity, propagate
-from dmae.reconstruction.chance import beyond_chance
+from dmae.reconstruction.chance import expected_by_chance
 from dmae.reconstruction.config import CaptureConfig, ComparedJoints, DistanceUnit, fewer_of_few
 from dmae.reconstruction.evidence import Evidence, evidence_blocks
 from dmae.reconstruction.noise import DetectionNoise
@@ -35,7 +35,7 @@ class TrackedFrame(NamedTuple):
     track: np.ndarray  # (T,) index of their tracks
     assigned: np.ndarray  # (T, V, J) index of the detection that shows the joint in the view, or `NONE`
     xyz: np.ndarray  # (T, J, 3) m, joints triangulated from these; NaN where absent
-    supported: np.ndarray  # (T,) True where views agree better than unrelated figures would
+    chance: np.ndarray  # (T,) number of people expected by chance whose views agree as well; inf where not measured
 
 
 @dataclass(frozen=True)
@@ -44,22 +44,22 @@ class Tracks:
 
     assigned: np.ndarray  # (F, P, V, J) index of the detection that shows the joint in the view, or `NONE`
     xyz: np.ndarray  # (F, P, J, 3) m, joints triangulated from these; NaN where absent
-    supported: np.ndarray  # (F, P) True where views agree better than unrelated figures would
+    chance: np.ndarray  # (F, P) number of people expected by chance whose views agree as well; inf where not measured
 
     @classmethod
     def of(cls, frames: Sequence[TrackedFrame], track: np.ndarray, views: int, joints: int) -> Tracks:
         """Return the tracks with indices `track` (P,), ascending, from tracked frames."""
         assigned = np.full((len(frames), len(track), views, joints), NONE, np.int16)
         xyz = np.full((len(frames), len(track), joints, 3), np.nan)
-        supported = np.zeros((len(frames), len(track)), bool)
+        chance = np.full((len(frames), len(track)), np.inf, np.float32)
         if frames:
             number = np.repeat(np.arange(len(frames)), [len(frame.track) for frame in frames])
             tracks, *parts = (np.concatenate(part) for part in zip(*frames, strict=True))
             wanted = np.isin(tracks, track)
             place = number[wanted], np.searchsorted(track, tracks[wanted])
-            for array, part in zip((assigned, xyz, supported), parts, strict=True):
+            for array, part in zip((assigned, xyz, chance), parts, strict=True):
                 array[place] = part[wanted]
-        return cls(assigned, xyz, supported)
+        return cls(assigned, xyz, chance)
 
     @classmethod
     def of_blocks(cls, blocks: Iterable[Sequence[TrackedFrame]], frames: int, views: int, joints: int) -> Tracks:
@@ -72,19 +72,19 @@ class Tracks:
                 if len(block) == frames:
                     return cls.of(block, np.arange(births), views, joints)
                 part = cls.of(block, index, views, joints)
-                for array in (index, part.assigned, part.xyz, part.supported):
+                for array in (index, part.assigned, part.xyz, part.chance):
                     np.save(file, array)
                 sizes.append(len(block))
             file.seek(0)
             tracks = cls(
                 empty((frames, births, views, joints), np.int16),
                 empty((frames, births, joints, 3), np.float64),
-                empty((frames, births), bool),
+                empty((frames, births), np.float32),
             )
-            arrays, start = (tracks.assigned, tracks.xyz, tracks.supported), 0
+            arrays, start = (tracks.assigned, tracks.xyz, tracks.chance), 0
             for size in in_steps(sizes):
                 index, here = np.load(file), slice(start, start + size)
-                for array, absent in zip(arrays, (NONE, np.nan, False), strict=True):
+                for array, absent in zip(arrays, (NONE, np.nan, np.inf), strict=True):
                     array[here] = absent
                     array[here, index] = np.load(file)
                 start += size
@@ -92,7 +92,7 @@ class Tracks:
 
     def select(self, persons: np.ndarray) -> Tracks:
         """Return some of the tracks, by indices or by a mask (P,)."""
-        arrays = (self.assigned, self.xyz, self.supported)
+        arrays = (self.assigned, self.xyz, self.chance)
         return Tracks(*(by_frames(lambda array: array[:, persons], array) for array in arrays))
 
 
@@ -184,6 +184,7 @@ class Tracker:
         self._births = 0
         self._longest = longest_bone(skeleton)
         self._fewest = fewest_joints(len(skeleton))
+        self._most = np.inf if config.tracking.max_by_chance is None else config.tracking.max_by_chance
         self._birth_joints = config.tracking.births(len(skeleton))
 
     def step(self, evidence: Evidence, colours: Callable[[], np.ndarray] | None = None) -> TrackedFrame:
@@ -207,23 +208,26 @@ class Tracker:
             groups, new, used = groups[plausible], new[plausible], np.concatenate([used, points.used[0, plausible]])
         else:
             new = np.empty((0, *xyz.shape[1:]))
-        supported = _supported(evidence, np.concatenate([assigned, groups]), np.concatenate([xyz, new]), used)
-        groups, new, supported = groups[supported[len(xyz) :]], new[supported[len(xyz) :]], supported[: len(xyz)]
+        chance = _by_chance(evidence, np.concatenate([assigned, groups]), np.concatenate([xyz, new]), used)
+        supported = chance <= self._most
+        groups, new, better = (each[supported[len(xyz) :]] for each in (groups, new, chance[len(xyz) :]))
+        chance = chance[: len(xyz)]
         if len(groups):
             track, born = _reenter(new, state, np.isnan(xyz[..., 0]).all(-1))
             found = track != NONE
-            assigned[track[found]], xyz[track[found]], supported[track[found]] = groups[found], new[found], True
+            assigned[track[found]], xyz[track[found]], chance[track[found]] = groups[found], new[found], better[found]
             state += TrackState.birth(self._births, new[born])
             self._births += born.sum()
             assigned, xyz = np.concatenate([assigned, groups[born]]), np.concatenate([xyz, new[born]])
-            supported = np.concatenate([supported, np.ones(born.sum(), bool)])
-        state = state.updated(xyz, supported, self._dt, config.tracking.velocity_gain)
+            chance = np.concatenate([chance, better[born]])
+        state = state.updated(xyz, chance <= self._most, self._dt, config.tracking.velocity_gain)
         absent = np.isnan(xyz[..., 0]).all(-1)
         coasting_s = config.tracking.coasting_s
         state.xyz[state.joint_unseen > coasting_s] = np.nan
         lasting = (state.unseen <= coasting_s) & (state.unsupported <= coasting_s)
         self._state = state[lasting & ~np.isnan(state.xyz[..., 0]).all(-1)]
-        return TrackedFrame(state.track, np.where(absent[:, None, None], NONE, assigned), xyz, supported & ~absent)
+        assigned = np.where(absent[:, None, None], NONE, assigned)
+        return TrackedFrame(state.track, assigned, xyz, np.where(absent, np.inf, chance))
 
     def _plausible(self, xyz: np.ndarray, assigned: np.ndarray, min_joints: int) -> tuple[np.ndarray, np.ndarray]:
         """Return joints (T, J, 3), and (T,) True where assigned detections (T, V, J) show one person by these joints.
@@ -325,17 +329,17 @@ def _match(
     return np.where(shown, found[..., None], NONE)
 
 
-def _supported(evidence: Evidence, assigned: np.ndarray, xyz: np.ndarray, used: np.ndarray) -> np.ndarray:
-    """Return (P,) True for people with views that agree better than unrelated figures would, see `beyond_chance`.
+def _by_chance(evidence: Evidence, assigned: np.ndarray, xyz: np.ndarray, used: np.ndarray) -> np.ndarray:
+    """Return (P,) the number of people expected by chance whose views agree as well, see `expected_by_chance`.
 
     `assigned` is (P, V, J), `xyz` (P, J, 3) m, `used` (P, J, V) True for the views that a joint was triangulated from.
     """
     rig, most = evidence.rig, evidence.config.tracking.max_by_chance
     if not len(assigned) or most is None:
-        return np.ones(len(assigned), bool)
+        return np.zeros(len(assigned))
     figures = ((~np.isnan(evidence.confidence[0])).sum(-1) >= fewest_joints(xyz.shape[1])).sum(-1).astype(float)
     assigned = np.ascontiguousarray(assigned)
-    return beyond_chance(
+    return expected_by_chance(
         rig.projections, rig.focal, rig.size, evidence.xy[0], assigned, xyz, used, figures, float(most)
     )
 

@@ -6,6 +6,7 @@ import pytest
 from dmae.data.skeleton import BODY25
 from dmae.online.capture import OnlineCapture
 from dmae.reconstruction.association import NONE
+from dmae.reconstruction.chance import passing_ghosts, surprise
 from dmae.reconstruction.config import CaptureConfig, SubjectConfig
 from dmae.reconstruction.people import coincidental, merge, same_person, too_brief, well_measured
 from dmae.reconstruction.pipeline import capture
@@ -44,37 +45,53 @@ def test_merging_keeps_the_older_track_and_fills_gaps_from_the_younger():
     xyz = standing(frames=4, persons=3)
     assigned = np.broadcast_to(np.arange(3)[:, None, None], (4, 3, 2, 25)).copy()
     assigned[2:, 0], xyz[2:, 0] = NONE, np.nan
-    merged = merge(Tracks(assigned, xyz, ~np.isnan(xyz[..., 0, 0])), np.array([0, 0, 2]))
+    merged = merge(Tracks(assigned, xyz, np.where(np.isnan(xyz[..., 0, 0]), np.inf, 0)), np.array([0, 0, 2]))
     assert merged.assigned[:, :, 0, 0].tolist() == [[0, 2], [0, 2], [1, 2], [1, 2]]
     np.testing.assert_array_equal(merged.xyz[1:3, 0], xyz[[1, 2], [0, 1]])
     np.testing.assert_array_equal(merged.xyz[:, 1], xyz[:, 2])
-    assert merged.supported.all()
+    assert (merged.chance == 0).all()
 
 
 def tracks_of(xyz: np.ndarray, assigned: np.ndarray | None = None) -> Tracks:
     """Tracks of which the views agree in all frames."""
     assigned = np.zeros((*xyz.shape[:2], 2, 25), int) if assigned is None else assigned
-    return Tracks(assigned, xyz, np.ones(xyz.shape[:2], bool))
+    return Tracks(assigned, xyz, np.zeros(xyz.shape[:2]))
 
 
-def test_people_are_supported_in_some_of_their_frames():
-    """Among many ghosts views agree beyond chance in some frames of a person, and in one or two of a ghost."""
-    tracks = tracks_of(standing(persons=3))
-    tracks.supported[5:, 1], tracks.supported[2:, 2] = False, False
-    measured = well_measured(tracks, 4).sum(1)
-    assert measured.tolist() == [[40, 40, 40], [40, 5, 2]]
-    assert too_brief(measured, 40, FPS, 0.3).tolist() == [False, False, True]
+def test_ghosts_that_come_and_go_agree_in_few_frames_of_a_track():
+    """The four tracks last for 40 frames; in so many of them, views agree as well as by chance in a tenth of frames."""
+    tracks = tracks_of(standing(persons=4))
+    for person, good in enumerate((40, 20, 4, 1)):
+        tracks.chance[:, person] = 10.0
+        tracks.chance[:: 40 // good, person] = 0.1
+    measured, surprises = well_measured(tracks, 4).sum(1)
+    assert measured.tolist() == [40] * 4
+    assert passing_ghosts(measured, surprises, 40, 0.1).tolist() == [False, False, True, True]
+    assert not passing_ghosts(measured, surprises, 40, None).any()
+
+
+def test_a_long_recording_has_more_ghosts_that_agree():
+    """Four frames of a person of whom views agree as well as by chance in a twentieth of frames."""
+    measured, surprises = np.array([4.0]), 4 * surprise(np.array([0.05]))
+    assert not passing_ghosts(measured, surprises, 100, 0.1)[0]
+    assert passing_ghosts(measured, surprises, 100_000, 0.1)[0]
+
+
+def test_the_best_of_all_frames_does_not_decide_alone():
+    chance = np.full((12, 1), 5.0)
+    chance[3] = 1e-18
+    assert passing_ghosts(np.array([12.0]), surprise(chance).sum(0), 60, 0.1)[0]
 
 
 def test_tracks_measured_for_a_moment_are_too_brief():
     xyz = standing(persons=3)
     xyz[5:, 1] = np.nan
     xyz[:, 2, 3:] = np.nan
-    assert too_brief(well_measured(tracks_of(xyz), 4).sum(1), len(xyz), FPS, 0.3).tolist() == [False, True, True]
+    assert too_brief(well_measured(tracks_of(xyz), 4)[0].sum(0), len(xyz), FPS, 0.3).tolist() == [False, True, True]
 
 
 def test_half_of_a_short_clip_is_long_enough():
-    assert not too_brief(well_measured(tracks_of(standing(frames=3)), 4).sum(1), 3, FPS, 0.3).any()
+    assert not too_brief(well_measured(tracks_of(standing(frames=3)), 4)[0].sum(0), 3, FPS, 0.3).any()
 
 
 def test_views_of_a_coincidence_agree_on_few_joints():
