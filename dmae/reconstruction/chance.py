@@ -191,9 +191,10 @@ def expected_by_chance(projections, focal, size, xy, assigned, xyz, used, figure
 
     with e_k the elementary symmetric polynomial, the sum over all choices of k views, and p the mean of p_v over the
     views that agree. It is computed with r the residual that half of the joints have at most, and with r that of four
-    fifths of them, where s is small; the smaller E counts. This is the a contrario rule of Desolneux, Moisan & Morel
-    (IJCV 2000). Probabilities were measured on figures of random poses, directions, sizes and places, in the images and
-    on the floor.
+    fifths of them, where s is small; and of the k views with the smallest residuals, for each k: a view in which half
+    of the joints are elsewhere, for example with left and right exchanged, says nothing against the others. The
+    smallest E counts. This is the a contrario rule of Desolneux, Moisan & Morel (IJCV 2000). Probabilities were
+    measured on figures of random poses, directions, sizes and places, in the images and on the floor.
 
     People with more views are tested first; among people with equally many views, those with smaller residuals. The
     first is supported if E is at most `most`. The figures of supported people are explained, so they do not count for
@@ -214,13 +215,13 @@ def expected_by_chance(projections, focal, size, xy, assigned, xyz, used, figure
     persons, views, _ = assigned.shape
     expected = np.full(persons, np.inf)
     depth, agrees = np.zeros((persons, views)), np.zeros((persons, views), np.bool_)
-    radius2, key = np.zeros((persons, len(_SHARES))), np.zeros(persons)
-    chance, polynomial, order = np.zeros(views), np.zeros(views + 1), np.zeros(persons, np.int64)
+    squares, key = np.zeros((persons, len(_SHARES), views)), np.zeros(persons)
+    polynomial, order, best = np.zeros(views + 1), np.zeros(persons, np.int64), np.zeros(views, np.int64)
     for p in range(persons):
-        _measure(projections, focal, xy, assigned[p], xyz[p], used[p], depth[p], agrees[p], radius2[p])
-        key[p] = radius2[p, 0]
+        _measure(projections, focal, xy, assigned[p], xyz[p], used[p], depth[p], agrees[p], squares[p])
         for v in range(views):
-            key[p] -= agrees[p, v]
+            if agrees[p, v]:
+                key[p] += min(squares[p, 0, v], 1.0) / views - 1
     _ascending(key, order)
     found, explained = 0, 0.0
     for rank in range(persons):
@@ -231,22 +232,25 @@ def expected_by_chance(projections, focal, size, xy, assigned, xyz, used, figure
         if count < 2:
             continue
         for share in range(len(_SHARES)):
-            shape = _SHAPES[share, 0] * np.sqrt(radius2[p, share]) ** _SHAPES[share, 1]
-            place = 0.0
-            for k in range(views + 1):
-                polynomial[k] = 1.0 if k == 0 else 0.0
-            for v in range(views):
-                near = 0.0
-                if depth[p, v] > 0:
-                    near = min(1.0, shape * 4 * np.pi * radius2[p, share] * focal[v] / (size[v, 0] * depth[p, v] ** 2))
-                if agrees[p, v]:
-                    place += near / count
-                chance[v] = max(figures[v], 0.0) * near
-            for v in range(views):
-                for k in range(v + 1, 0, -1):
-                    polynomial[k] += polynomial[k - 1] * chance[v]
-            pairs = min(1.0, radius2[p, share] / _PAIRS[share] ** 2)
-            least = min(least, polynomial[count] * pairs / place**2)
+            _ascending(squares[p, share], best)
+            square = squares[p, share, best[0]]
+            for n in range(2, count + 1):
+                square += squares[p, share, best[n - 1]]
+                radius2 = max(square / n, _LEAST_RADIUS**2)
+                shape, place = _SHAPES[share, 0] * np.sqrt(radius2) ** _SHAPES[share, 1], 0.0
+                for k in range(views + 1):
+                    polynomial[k] = 1.0 if k == 0 else 0.0
+                for i in range(views):
+                    v, near = best[i], 0.0
+                    if depth[p, v] > 0:
+                        near = min(1.0, shape * 4 * np.pi * radius2 * focal[v] / (size[v, 0] * depth[p, v] ** 2))
+                    if i < n:
+                        place += near / n
+                    for k in range(i + 1, 0, -1):
+                        polynomial[k] += polynomial[k - 1] * max(figures[v], 0.0) * near
+                pairs = min(1.0, radius2 / _PAIRS[share] ** 2)
+                if place > 0:
+                    least = min(least, polynomial[n] * pairs / place**2)
         known = explained / max(explained + total, 1.0)
         expected[p] = least / (1 + known * found)
         if expected[p] <= most:
@@ -257,9 +261,9 @@ def expected_by_chance(projections, focal, size, xy, assigned, xyz, used, figure
 
 
 @compiled()
-def _measure(projections, focal, xy, assigned, xyz, used, depth, agrees, radius2):
-    """Write the depth of a person in each view, m, the views that agree, and the squared residual, m^2, that each of
-    `_SHARES` of the joints in these views has at most.
+def _measure(projections, focal, xy, assigned, xyz, used, depth, agrees, of_views):
+    """Write the depth of a person in each view, m, the views that agree, and to `of_views` (shares, V) the squared
+    residual, m^2, that each of `_SHARES` of the joints in a view has at most; inf in views that do not agree.
 
     A view shows the detection with most joints there. It agrees if three joints or more, and half of those that it and
     another view detect, were triangulated from that detection.
@@ -295,9 +299,7 @@ def _measure(projections, focal, xy, assigned, xyz, used, depth, agrees, radius2
         if agrees[v]:
             for j in range(joints):
                 counts[j] += assigned[v, j] == figure[v]
-    squares, order, judged = np.empty(joints), np.empty(joints, np.int64), 0
-    for share in range(len(_SHARES)):
-        radius2[share] = 0.0
+    squares, order = np.empty(joints), np.empty(joints, np.int64)
     for v in range(views):
         number = 0
         for j in range(joints):
@@ -314,13 +316,9 @@ def _measure(projections, focal, xy, assigned, xyz, used, depth, agrees, radius2
                 square = counts[j] / (2 * counts[j] - 3) * (dx * dx + dy * dy) * (z / focal[v]) ** 2
             squares[number] = min(square, _DISAGREEMENT**2)
             number += 1
-        if number:
-            judged += 1
-            _ascending(squares, order)
-            for share in range(len(_SHARES)):
-                radius2[share] += squares[order[min(int(_SHARES[share] * number), number - 1)]]
-    for share in range(len(_SHARES)):
-        radius2[share] = max(radius2[share] / judged, _LEAST_RADIUS**2) if judged else _DISAGREEMENT**2
+        _ascending(squares, order)
+        for share in range(len(_SHARES)):
+            of_views[share, v] = squares[order[min(int(_SHARES[share] * number), number - 1)]] if number else np.inf
 
 
 @compiled()
