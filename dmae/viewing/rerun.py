@@ -52,14 +52,19 @@ def write_recording(clip: Clip, path: Path, layers: Layers) -> None:
                     _log_marks(recording, name, "detections", xy[np.isfinite(xy).all(-1)], DETECTED)
 
 
+def _camera(name: str, *parts: str) -> list[str]:
+    """Return the path of an entity of a camera; in a list names may have spaces, dots and slashes."""
+    return ["world", f"camera_{name}", *parts]
+
+
 def _log_cameras(recording: rr.RecordingStream, rig: CameraRig) -> None:
     for view, name in enumerate(rig.names):
         turn = rr.Transform3D(translation=rig.centers[view], mat3x3=rig.cam_from_world[view, :3, :3].T)
-        recording.log(f"world/camera_{name}", turn, static=True)
+        recording.log(_camera(name), turn, static=True)
         lens = rr.Pinhole(
             image_from_camera=rig.K[view], resolution=rig.size[view].tolist(), camera_xyz=rr.ViewCoordinates.RDF
         )
-        recording.log(f"world/camera_{name}/image", lens, static=True)
+        recording.log(_camera(name, "image"), lens, static=True)
 
 
 def _log_images(recording: rr.RecordingStream, names: tuple[str, ...], images) -> None:
@@ -67,7 +72,7 @@ def _log_images(recording: rr.RecordingStream, names: tuple[str, ...], images) -
         pixels = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
         _, jpeg = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
         image = rr.EncodedImage(contents=jpeg.tobytes(), media_type="image/jpeg")
-        recording.log(f"world/camera_{name}/image", image)
+        recording.log(_camera(name, "image"), image)
 
 
 def _log_poses(recording: rr.RecordingStream, clip: Clip, frame: int, layers: Layers) -> None:
@@ -132,7 +137,7 @@ def _log_bones(recording, path: str, poses: Poses3D, xyz: np.ndarray, known: np.
 def _log_marks(recording, camera: str, layer: str, points: np.ndarray, colours, labels=None) -> None:
     """Log marks in a view; labels appear on hovering only, as hundreds would cover the image."""
     marks = rr.Points2D(np.reshape(points, (-1, 2)), colors=colours, labels=labels, radii=4.0, show_labels=False)
-    recording.log(f"world/camera_{camera}/image/{layer}", marks)
+    recording.log(_camera(camera, "image", layer), marks)
 
 
 def _joint(poses: Poses3D, joint: int) -> str:

@@ -164,6 +164,16 @@ def test_the_viewer_s_recording_holds_people_and_cameras(tmp_path: Path):
         assert entity in data
 
 
+def test_the_viewer_takes_the_names_of_cameras_as_they_are(tmp_path: Path, capfd):
+    """A path with a space, a dot or a bracket is one that Rerun corrects, with a warning for each frame and layer."""
+    pytest.importorskip("rerun")
+    clip = captured_clip()
+    names = ("cam 1", "left[a]", "b.c", "d/e")[: len(clip.rig)]
+    clip = replace(clip, rig=replace(clip.rig, names=names), true_rig=None)
+    verbs.show(clip, tmp_path, verbs.ShowConfig(rerun=True, frames=1))
+    assert "WARN" not in capfd.readouterr().err
+
+
 class _Recorder:
     """Stands in for a `rerun.RecordingStream`: notes what is logged."""
 
@@ -184,6 +194,7 @@ class _Recorder:
         self.time = sequence if duration is None else self.time
 
     def log(self, path, what, *, static=False):
+        path = path if isinstance(path, str) else "/".join(path)
         self.logged.append((path, what, "static" if static else self.time))
 
 
