@@ -24,6 +24,7 @@ _UNIT_M = 0.001
 _UNIT_PX = 0.5
 _UNIT_SPREAD_M = 0.0005
 _LARGEST = 32000
+_FAR = 20  # Multiple of the longest side of the images; detections farther away are not shown
 
 
 def window(frames: int, most: int, centre: int) -> slice:
@@ -55,7 +56,7 @@ def player_data(clip: Clip, first: int = 0, error: np.ndarray | None = None, not
         "cameras": [_camera(clip.rig, view) | {"video": videos[view]} for view in range(len(clip.rig))],
         "poses": None if poses is None else _poses(poses, with_source=True),
         "truth": None if truth is None else _poses(truth, with_source=False),
-        "detections": _detections(clip.detections),
+        "detections": _detections(clip.detections, _FAR * int(clip.rig.size.max())),
         "error": errors,
         "notes": [*notes, *([problem] if problem else [])],
     }
@@ -109,8 +110,10 @@ def _spread(poses: Poses3D) -> np.ndarray:
     return roots[..., rows, columns]
 
 
-def _detections(detections: Detections2D) -> dict:
-    places = _steady(detections.xy)
+def _detections(detections: Detections2D, reach: int) -> dict:
+    """Return detections within `reach` px: a joint far outside the images would take the precision of all others."""
+    with np.errstate(invalid="ignore"):
+        places = _steady(np.where((np.abs(detections.xy) <= reach).all(-1, keepdims=True), detections.xy, np.nan))
     unit = max(_UNIT_PX, float(np.nanmax(np.abs(places), initial=0)) / _LARGEST)
     return {
         "joints": detections.skeleton.joints,

@@ -40,6 +40,17 @@ def test_a_wide_scene_keeps_its_shape():
     assert data["unit"] == pytest.approx(0.001, rel=10)
 
 
+def test_a_detection_far_outside_the_images_costs_no_precision():
+    clip = full_clip()
+    xy = clip.detections.xy.copy()
+    xy[3, 0, 0, 5] = 9e6, 40
+    data = player_data(replace(clip, detections=replace(clip.detections, xy=xy)))["detections"]
+    assert data["unit"] < 1
+    found = unpacked(data["xy"], (len(xy), xy.shape[1], data["number"], *xy.shape[3:])) * data["unit"]
+    assert np.isnan(found[3, 0, :, 5]).all(-1).any()
+    assert np.nanmax(np.abs(found)) < 20 * clip.rig.size.max()
+
+
 def test_windows_hold_their_centre_and_lie_in_the_clip():
     assert window(100, 200, 50) == slice(0, 100)
     assert window(100, 20, 50) == slice(40, 60)
