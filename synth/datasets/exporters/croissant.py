@@ -217,13 +217,14 @@ def _record_sets(out: Path, summary: dict) -> list[dict]:
         if summary["exporter"] == "huggingface":
             file = f"{split}/metadata.jsonl"
             with (out / file).open() as lines:
-                first = json.loads(next(lines, "{}"))
+                rows = map(json.loads, lines)
+                first = next(rows, {})
+                # Images of a clip in which nobody is seen say nothing of persons.
+                persons = first.get("persons") or next((row["persons"] for row in rows if row.get("persons")), {})
             sources = {
                 key: (kind, {"column": column}, transform)
                 for key, (kind, column, transform) in _IMAGE_FIELDS.items()
-                if transform.get("jsonPath") in first.get("persons", ())
-                or column not in ("persons", "depth_file_name")
-                or key in first
+                if transform.get("jsonPath") in persons or column not in ("persons", "depth_file_name") or key in first
             }
             found.append(_record_set(split, file, sources))
         if summary["exporter"] == "coco":

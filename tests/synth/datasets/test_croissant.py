@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -68,6 +69,21 @@ def test_metadata_follows_from_the_provenance_of_the_clips(rows):
     assert cited.startswith("@misc{Hidden-people-2nd-ed., title={Hidden people, 2nd ed.}, ")
     citation = yaml.safe_load((rows / "CITATION.cff").read_text())
     assert (citation["title"], citation["authors"]) == (ABOUT.name, [{"name": ABOUT.creator}])
+
+
+def test_fields_of_persons_are_known_if_the_first_clip_shows_nobody(rows, tmp_path):
+    out = Path(shutil.copytree(rows, tmp_path / "export"))
+    summary = json.loads((out / "export.json").read_text())
+    (split,) = summary["splits"]
+
+    def fields() -> list[str]:
+        made = metadata(out, summary, dict.fromkeys(("dataCollection", "rights"), ""), ABOUT)
+        return [field["name"] for field in made["recordSet"][0]["field"]]
+
+    before, lines = fields(), (out / split / "metadata.jsonl").read_text()
+    nobody = json.dumps(json.loads(lines.splitlines()[0]) | {"persons": {}})
+    (out / split / "metadata.jsonl").write_text(f"{nobody}\n{lines}")
+    assert fields() == before and "keypoints" in before
 
 
 @pytest.mark.parametrize(
