@@ -3,8 +3,9 @@
     python docs/tools/wrong_joints.py            # all, into docs/results/wrong_joints.json: 10 minutes
     python docs/tools/wrong_joints.py shelf      # one of them
 
-A limb is wrong as strict PCP says, after completion. Of each wrong limb the end with the larger error is classified,
-once if it ends two wrong limbs. The first class that fits counts, in the order of `CLASSES`.
+A limb is wrong as strict PCP says, after completion as `dmae complete` runs by default. Of each wrong limb the end with
+the larger error is classified, once if it ends two wrong limbs. The first class that fits counts, in the order of
+`CLASSES`.
 """
 
 import json
@@ -72,7 +73,7 @@ def classified(clips: Iterable[dmae.Clip], cameras: int) -> dict:
     config = EvaluateConfig(views=[cameras])
     limbs = wrong_limbs = 0
     counts, joints = Counter(), Counter()
-    methods = load_methods(["dmae"])
+    methods = load_methods(["dmae_denoise"])
     for trial, filled in chain.from_iterable(filled_trials([clip], config, methods) for clip in clips):
         (poses,), truth = filled.values(), convert(trial.truth, SHELF14).xyz.astype(np.float64)
         actors = list(range(truth.shape[1])) if trial.actors is None else list(trial.actors)
