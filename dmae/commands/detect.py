@@ -8,7 +8,7 @@ import numpy as np
 
 from dmae.commands.config import DetectCommand
 from dmae.commands.data_sets import ClipSet, check_apart, finished, settings_of
-from dmae.data.clip import Detections2D
+from dmae.data.clip import Clip, Detections2D
 from dmae.data.resume import claim_folder
 from dmae.data.skeleton import encode, option_skeleton
 from dmae.data.store import clip_folders, load_clip, save_clip
@@ -103,19 +103,25 @@ def _detect_clips(config: DetectCommand, out: Path, least: int) -> None:
     settings["options"] |= _settings(config)
     made = ClipSet(out, settings if several else None)
     if made.alone:
+        # What is refused must not reserve the folder.
+        _check_cameras(load_clip(folders[0]), folders[0], least)
         claim_folder(out / _CLAIM, _settings(config) | {"clip": settings["data"]}, "detections")
     with made:
         for folder in folders:
             if folder.name in made.whole:
                 continue
             pieces, clip = out / (_PIECES if made.alone else f".{folder.name}.{_PIECES}"), load_clip(folder)
-            if len(clip.rig) < least:
-                raise ValueError(_TOO_FEW.format(folder, counted(len(clip.rig), "camera")))
+            _check_cameras(clip, folder, least)
             detected = detect_clip(clip, config.detector, pieces, config.output.skeleton, config.workers)
             made.write(detected, folder.name)
             shutil.rmtree(pieces, ignore_errors=True)
             _print(detected.id, detected.detections)
     print(out)
+
+
+def _check_cameras(clip: Clip, folder: Path, least: int) -> None:
+    if len(clip.rig) < least:
+        raise ValueError(_TOO_FEW.format(folder, counted(len(clip.rig), "camera")))
 
 
 def _detect_photographs(config: DetectCommand, out: Path) -> None:

@@ -239,7 +239,7 @@ def test_a_clip_with_images_keeps_its_truth(session: Clip, tmp_path: Path):
     save_clip(replace(session, images=images).select(views=[0]), tmp_path / "one")
     with pytest.raises(ValueError, match="pictures of 1 camera; capture needs two or more"):
         run(RunCommand(clip=str(tmp_path / "one"), detector=PoseDetectorConfig(name="blazepose")), tmp_path / "all")
-    assert not (tmp_path / "all/detected/clip.json").exists()
+    assert not (tmp_path / "all/detected").exists()
 
 
 def test_a_clip_made_by_the_verb_is_that_of_the_command(session: Clip, tmp_path: Path, monkeypatch):
