@@ -111,6 +111,7 @@ def loaded_by(statement: str) -> set[str]:
         "import dmae.data.clip, dmae.data.store, dmae.data.conversion, dmae.data.rng",
         "import dmae.formats.reading, dmae.completion.methods, dmae.metrics",
         "import dmae.regression, dmae.regression.solvers",
+        "import dmae.commands.evaluate, dmae.commands.stress, dmae.commands.benchmark",
     ],
 )
 def test_importing_loads_nothing_heavy(statement):

@@ -8,7 +8,8 @@ from socketserver import StreamRequestHandler, TCPServer
 from typing import BinaryIO
 
 from dmae.commands.config import LiveCommand
-from dmae.completion.complete import SMOOTHING, completers
+from dmae.completion.complete import completers
+from dmae.completion.config import SMOOTHING
 from dmae.data.skeleton import get_skeleton
 from dmae.formats.calibrations import read_calibration
 from dmae.online.capture import OnlineCapture

@@ -373,9 +373,6 @@ def _of_few_views(poses: Poses3D) -> np.ndarray:
 
 # From weights to completed poses: load a completer, or find the shipped weights for a skeleton.
 
-SMOOTHING = 0.1
-"""s; light smoothing that suits people."""
-
 
 def load_completer(
     weights: Path, device: str = "auto", denoise: bool | None = False, reject: bool = False, smooth: float = 0.0

@@ -294,3 +294,5 @@ class TrainConfig:
 
 DELAY = 0.28
 """s; half a window of the default model."""
+SMOOTHING = 0.1
+"""s; light smoothing that suits people."""

@@ -3,7 +3,6 @@
 import numpy as np
 
 from dmae.completion.config import MaskingConfig
-from dmae.completion.training_data import mask_bursts
 from dmae.data.clip import Poses3D
 from dmae.numerics.paths import neighbours
 from dmae.numerics.statistics import ar1_filter
@@ -19,6 +18,8 @@ _OUTLIER_SIZE = (0.05, 0.5)  # m; log-uniform between these
 
 def cut_gaps(truth: Poses3D, fps: float, *, rng: np.random.Generator) -> Poses3D:
     """Return true poses with gaps drawn as in training. Each gap has a known sample before and after it."""
+    from dmae.completion.training_data import mask_bursts  # it loads torch
+
     known = ~np.isnan(truth.xyz).any(-1)
     hidden = mask_bursts(*known.shape[:2], truth.skeleton, fps, MaskingConfig(), rng=rng)
     before, after = neighbours(known & ~hidden)

@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 from provenance import measured
 
-from dmae.completion.complete import SMOOTHING, completers
+from dmae.completion.complete import completers
+from dmae.completion.config import SMOOTHING
 from dmae.completion.gaussian_process import place_limbs
 from dmae.completion.methods import find_method
 from dmae.completion.training_data import pose_pair

@@ -20,7 +20,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 import torch
 
-from dmae.completion.complete import SMOOTHING, Completer, completers
+from dmae.completion.complete import Completer, completers
+from dmae.completion.config import SMOOTHING
 from dmae.data.clip import Clip, Poses3D
 from dmae.formats.shelf import read_shelf
 from dmae.metrics.comparison import match, take_matched

@@ -18,10 +18,8 @@ from pathlib import Path
 import joblib
 import numpy as np
 
-from dmae.completion.complete import SMOOTHING
+from dmae.completion.config import SMOOTHING
 from dmae.completion.methods import find_method
-from dmae.completion.weights import PAPER as PAPER_WEIGHTS
-from dmae.completion.weights import weights_folder
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.conversion import convert
 from dmae.data.resources import read_preset
@@ -182,6 +180,8 @@ def contenders(config: StressConfig) -> list[Contender]:
     found = []
     for name in dict.fromkeys(config.methods):
         if name == PAPER:
+            from dmae.completion.weights import PAPER as PAPER_WEIGHTS  # it loads torch
+
             weights = config.paper_weights or PAPER_WEIGHTS
             about = f"Captured with the paper's thresholds, completed by its network, weights={weights}."
             found.append(Contender(PAPER, about, read_preset(CaptureConfig, "capture", "paper"), "dmae", weights))
@@ -193,9 +193,15 @@ def contenders(config: StressConfig) -> list[Contender]:
             weights = config.weights if method.learned else None
             found.append(Contender(name, method.help, config.capture, name, weights))
     for each in found:
-        if each.weights and not (weights_folder(each.weights) / "model.json").is_file():
+        if each.weights and not _record(each.weights).is_file():
             raise FileNotFoundError(f"{each.weights}: expected a folder that `dmae train` wrote, holding model.json")
     return found
+
+
+def _record(weights: str) -> Path:
+    from dmae.completion.weights import weights_folder  # it loads torch
+
+    return weights_folder(weights) / "model.json"
 
 
 @cache
@@ -212,7 +218,7 @@ def settings_of(contender: Contender) -> dict:
     if find_method(method).learned:
         # The descriptions of weights contain their checksums.
         folder = contender.weights
-        files = [weights_folder(folder) / "model.json"] if folder else sorted(_SHIPPED.glob("*/model.json"))
+        files = [_record(folder)] if folder else sorted(_SHIPPED.glob("*/model.json"))
         settings["weights"] = hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
     return settings
 

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from dmae.commands import complete as command
 from dmae.commands.config import CompleteCommand
 from dmae.completion import pieces
-from dmae.completion.complete import SMOOTHING, load_completer
+from dmae.completion.complete import load_completer
 from dmae.completion.config import (
+    SMOOTHING,
     AugmentConfig,
     MaskingConfig,
     TrainConfig,
