@@ -106,7 +106,11 @@ def test_damaged_frames_a_shorter_and_a_missing_camera_lose_nothing_else(session
     (tmp_path / "videos" / names[0] / "00005.png").write_bytes(b"damaged")
     done = dmae(tmp_path, "detect", *ARGUMENTS, "out=found", "output.images=false")
     assert done.returncode == 0, done.stderr
-    for said in ("are left out", "1 of 12 images cannot be read (5)", "cameras end at different frames"):
+    for said in (
+        "1 calibrated camera has no images and is left out: cam2",
+        "1 of 12 images cannot be read (5)",
+        "cameras end at different frames",
+    ):
         assert said in done.stdout
     seen = load_clip(tmp_path / "found").detections.observed.any((2, 3))
     assert seen.shape == (12, 2) and not seen[5, 0] and not seen[11, 1] and seen.sum() == 22

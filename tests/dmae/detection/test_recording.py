@@ -170,4 +170,4 @@ def test_a_video_without_a_calibration_and_one_camera_less(tmp_path: Path):
     (tmp_path / "another.mp4").unlink()
     found = open_recording(tmp_path, rig)
     assert found.rig.names == rig.names[:2]
-    assert "have no images and are left out" in found.notes[0]
+    assert found.notes[0] == f"1 calibrated camera has no images and is left out: {rig.names[2]}"
