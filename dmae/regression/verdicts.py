@@ -162,7 +162,7 @@ def check_case(solver: Callable, case: Case, seconds: float = SECONDS) -> Verdic
     except (Exception, SystemExit) as error:
         return Verdict(case, {}, {}, _raised(error))
     if xyz.shape != case.xyz.shape:
-        return Verdict(case, {}, {}, f"returned shape {xyz.shape}, expected {case.xyz.shape}")
+        return Verdict(case, {}, {}, f"returned shape {xyz.shape}, expected {case.xyz.shape} of xy {case.xy.shape}")
     infinite = np.isinf(xyz).any(-1)
     if infinite.any():
         return Verdict(case, {}, {}, f"{infinite.sum()} points are infinite, expected NaN where it refuses")
