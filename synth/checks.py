@@ -21,10 +21,12 @@ def check_pairs(
 ) -> None:
     """Raise ValueError unless fields are ascending pairs of numbers that `check_range` accepts."""
     for name in names:
-        pair = getattr(config, name)
+        found = getattr(config, name)
+        found = found if isinstance(found, int | float | str) else list(found)
+        pair = found if isinstance(found, list) else []
         if len(pair) != 2 or not (pair[0] <= pair[1] and all(_within(value, least, most, above) for value in pair)):
             bounds = _bounds(least, most, above, unit)
-            raise ValueError(f"{_path(group, name)}: expected [least, greatest], {bounds}, found {list(pair)}")
+            raise ValueError(f"{_path(group, name)}: expected [least, greatest], {bounds}, found {found}")
 
 
 def _path(group: str, name: str) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from copy import deepcopy
-from dataclasses import fields, replace
+from dataclasses import fields, is_dataclass, replace
 from difflib import get_close_matches
 from enum import Enum
 from functools import cache
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from dmae.cli import compose
 from dmae.data.cameras import CameraRig
-from dmae.data.clip import Clip
+from dmae.data.clip import Clip, as_clip
 from dmae.data.rng import Stream, generator
 from dmae.data.store import clip_folders, load_clip
 from dmae.parallel import in_parallel, running_on
@@ -104,6 +104,8 @@ def _configured(command: str, config: Any, given: dict[str, Any]) -> Any:
             if value not in choices.__members__:
                 raise ValueError(f"{name}={value!r}: expected one of {', '.join(choices.__members__)}")
             given[name] = choices[value]
+        if is_dataclass(choices) and not isinstance(value, choices):
+            raise TypeError(f"{name}: expected a synth.{choices.__name__}, found {value!r:.80}")
     config = replace(config, **given)
     return replace(config, scene=replace(config.scene, **of_scene)) if of_scene else config
 
@@ -363,6 +365,7 @@ def contact_sheet(clip: Clip, out: str | Path, *, frames: int = 4, width: int = 
     from dmae.viewing.overlay import LayersConfig, chosen_layers
     from dmae.viewing.sheet import write_sheet
 
+    clip = as_clip(clip)
     write_sheet(clip, Path(out), chosen_layers(clip, LayersConfig()), rows=frames, width=width, rooms=_rooms(clip))
 
 
@@ -389,7 +392,7 @@ def show(clip: Clip, out: str | Path, config: ShowConfig | None = None) -> list[
     from dmae.viewing.config import ShowConfig
     from dmae.viewing.show import show_clip
 
-    return show_clip(clip, Path(out), config or ShowConfig(), _rooms)
+    return show_clip(as_clip(clip), Path(out), config or ShowConfig(), _rooms)
 
 
 def _rooms(clip: Clip) -> list[np.ndarray] | None:

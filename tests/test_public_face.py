@@ -243,6 +243,33 @@ def test_the_wrong_type_is_named_with_what_to_do(verb: str, tmp_path: Path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("verb", ["show", "contact_sheet"])
+def test_the_wrong_type_is_named_by_synth_as_well(verb: str, tmp_path: Path):
+    with pytest.raises(TypeError, match=r"clip: expected a dmae\.Clip, found 'walk'; dmae\.load reads a clip"):
+        getattr(synth, verb)("walk", tmp_path / "a")
+
+
+@pytest.mark.parametrize("kind", ["ndarray", "PoseFile"])
+def test_an_array_or_a_file_of_poses_is_answered_with_how_to_give_it(kind: str, clip, tmp_path: Path):
+    poses = clip.truth.xyz if kind == "ndarray" else dmae.read_poses(dmae.export(clip, tmp_path / "a.npz")[0])
+    for call in (
+        lambda: dmae.evaluate(clip, poses),
+        lambda: dmae.draw(clip, poses),
+        lambda: dmae.export(clip, tmp_path / "b.npz", poses=poses),
+        lambda: dmae.complete(poses, 25),
+        lambda: dmae.to_skeleton(poses, "coco17"),
+    ):
+        with pytest.raises(TypeError, match=rf"^poses: expected dmae\.Poses3D, found {kind}; .*\(path\)\.poses are"):
+            call()
+
+
+def test_options_of_generate_of_another_type_are_named():
+    with pytest.raises(TypeError, match=r"^occlusion: expected a synth\.OcclusionConfig, found 0\.4"):
+        synth.generate(clips=1, occlusion=0.4)
+    with pytest.raises(ValueError, match=r"^scene\.persons: expected \[least, greatest\], .* found 2$"):
+        synth.generate(clips=1, persons=2)
+
+
 def test_stress_takes_one_clip_as_well(clip):
     config = dmae.StressConfig(axes=["cameras"], levels={"cameras": [1]}, pairs=[], methods=["linear"])
     assert dmae.stress(clip, None, config)["axes"] == dmae.stress([clip], None, config)["axes"]

@@ -282,3 +282,14 @@ def as_clip(found: object) -> Clip:
             f"clip: expected a dmae.Clip, found {found!r:.80}; dmae.load reads a clip, dmae.read a recording"
         )
     return found
+
+
+def as_poses(found: object) -> Poses3D:
+    """Return poses that a user gave; TypeError for anything else, as an array, with where poses come from."""
+    if not isinstance(found, Poses3D):
+        given = repr(found) if isinstance(found, str) else type(found).__name__
+        raise TypeError(
+            f"poses: expected dmae.Poses3D, found {given}; dmae.capture(clip) returns poses, "
+            "dmae.read_poses(path).poses are those of a file, and dmae.Poses3D(skeleton, xyz) are those of an array"
+        )
+    return found

@@ -7,6 +7,7 @@ from dataclasses import fields, replace
 from fnmatch import fnmatch
 from itertools import combinations
 from pathlib import Path
+from typing import overload
 
 import numpy as np
 
@@ -61,13 +62,21 @@ class Clips(Sequence):
     def part(self, numbers: range) -> "Clips":
         """Return only the clips of the data set with these numbers."""
         part = copy(self)
-        part.numbers, part.folders = numbers, [self.folders[number - self.numbers.start] for number in numbers]
+        part.numbers, part.folders = numbers, [self.folders[self.numbers.index(number)] for number in numbers]
         return part
 
     def __len__(self) -> int:
         return len(self.folders)
 
-    def __getitem__(self, index: int) -> Clip:
+    @overload
+    def __getitem__(self, index: int) -> Clip: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> "Clips": ...
+
+    def __getitem__(self, index: int | slice) -> "Clip | Clips":
+        if isinstance(index, slice):
+            return self.part(self.numbers[index])
         config, folder = self.config, self.folders[index]
         arguments = _arguments(config, self.reader, folder)
         try:

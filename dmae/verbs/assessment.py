@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dmae.data.clip import Clip, Poses3D, Source, as_clip
+from dmae.data.clip import Clip, Poses3D, Source, as_clip, as_poses
 from dmae.evaluation.config import StressConfig, TableConfig
 from dmae.evaluation.corruption import corrupt as corruption
 from dmae.evaluation.review import Decision, save_decisions, without_decided
@@ -47,7 +47,7 @@ def evaluate(clip: Clip, poses: Poses3D | None = None, *, skeleton: str | None =
     from dmae.evaluation.predictions import fitting
     from dmae.evaluation.scores import compared_truth, score, scored_actors
 
-    poses = as_clip(clip).poses if poses is None else poses
+    poses = as_clip(clip).poses if poses is None else as_poses(poses)
     if poses is None:
         raise ValueError(f"clip {clip.id!r} has no poses; run dmae.capture")
     truth = compared_truth(clip, skeleton)
@@ -112,7 +112,7 @@ def draw(clip: Clip, poses: Poses3D | None = None, frame: int | None = None) -> 
     from dmae.reporting.figures import views_figure
 
     clip = as_clip(clip).without_lost_images()
-    return views_figure(clip if poses is None else replace(clip, poses=poses), frame)
+    return views_figure(clip if poses is None else replace(clip, poses=as_poses(poses)), frame)
 
 
 def report(

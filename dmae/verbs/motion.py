@@ -14,7 +14,7 @@ from dmae.calibration.config import RefineConfig
 from dmae.commands.config import PretrainCommand
 from dmae.completion.config import TrainConfig
 from dmae.data.cameras import CameraRig
-from dmae.data.clip import Clip, Poses3D, as_clip
+from dmae.data.clip import Clip, Poses3D, as_clip, as_poses
 from dmae.data.skeleton import Skeleton
 from dmae.data.store import load_clip
 from dmae.detection.registry import PoseDetectorConfig
@@ -108,8 +108,7 @@ def complete(
     """
     from dmae.online.completion import complete_online
 
-    if not isinstance(poses, Poses3D):
-        raise TypeError(f"poses: expected dmae.Poses3D, found {poses!r:.80}; dmae.capture(clip) returns poses")
+    as_poses(poses)
     completer_for = completer(poses.skeleton, weights=weights, denoise=denoise, reject=reject, smooth=smooth)
     return complete_online(completer_for, poses, fps, delay) if online else completer_for(poses, fps)
 

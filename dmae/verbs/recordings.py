@@ -12,7 +12,7 @@ from typing import Any
 
 from dmae.completion.config import TrainConfig
 from dmae.data.cameras import CameraRig
-from dmae.data.clip import Clip, Poses3D, as_clip
+from dmae.data.clip import Clip, Poses3D, as_clip, as_poses
 from dmae.data.conversion import convert as convert_poses
 from dmae.data.resources import read_preset
 from dmae.data.skeleton import Skeleton, get_skeleton
@@ -264,7 +264,7 @@ def export(
         >>> np.load(files[0])["joints"].shape[-2:]
         (14, 3)
     """
-    given = as_clip(clip) if poses is None else replace(as_clip(clip), poses=poses)
+    given = as_clip(clip) if poses is None else replace(as_clip(clip), poses=as_poses(poses))
     done = write_poses(given, Path(out), format, skeleton=skeleton, unit=LengthUnit(unit), keep_mm=keep_mm, robot=robot)
     return list(done.files)
 
@@ -307,7 +307,7 @@ def to_skeleton(poses: Poses3D, skeleton: str | Skeleton) -> Poses3D:
         >>> dmae.to_skeleton(clip.truth, "coco17").xyz.shape[2]
         17
     """
-    return convert_poses(poses, get_skeleton(skeleton) if isinstance(skeleton, str) else skeleton)
+    return convert_poses(as_poses(poses), get_skeleton(skeleton) if isinstance(skeleton, str) else skeleton)
 
 
 def configuration(given: Any, expected: type, group: str | None = None) -> Any:

@@ -37,6 +37,19 @@ def test_a_data_set_is_its_clips_that_are_ok(data_set):
     assert Clips(config).data_set
 
 
+def test_a_slice_of_a_data_set_is_a_data_set(data_set):
+    save_clip(replace(full_clip(), id="d"), data_set / "d")
+    write_manifest(data_set, [{"id": each, "status": "ok"} for each in "abd"])
+    clips = Clips(DataConfig(path=str(data_set)))
+    for part in (slice(1), slice(1, None), slice(None, None, -1), slice(0, 3, 2), slice(5, 9)):
+        found = clips[part]
+        assert [clip.id for clip in found] == ["a", "b", "d"][part]
+        assert [clips.names[number] for number in found.numbers] == ["a", "b", "d"][part]
+        assert len(found) == len(found.folders) and found.total == 3
+    assert [clip.id for clip in clips[::2][1:]] == ["d"]
+    assert clips[::2].part(range(2, 3))[0].id == "d"
+
+
 def test_a_clip_is_itself(data_set):
     config = DataConfig(path=str(data_set / "b"))
     assert [clip.id for clip in Clips(config)] == ["b"]
