@@ -18,7 +18,10 @@ from dmae.reconstruction.config import CaptureConfig, DistanceUnit
 from dmae.reconstruction.evidence import Evidence, evidence_blocks
 from dmae.reconstruction.triangulation import project
 
-_SIGMA = 0.04  # m; standard deviation of the distance of joints from their expected places, including the noise of both
+_SIGMA, _SPEED = 0.04, 0.2
+"""m and m/s; standard deviation of the distance of joints from their expected places, including the noise of both, and
+how fast it grows while joints are predicted by the motion of the body."""
+_TURN_S = 0.3  # s; in a longer time somebody may turn round, so that places predicted for it say nothing about sides
 _MIN_EVIDENCE = 8.0
 """Smallest logarithm of the ratio of likelihoods, with sides exchanged and as detected, for a pair, a limb or the whole
 body to be exchanged. A pair that is exchanged alone is at least 11 cm wide."""
@@ -61,25 +64,31 @@ def _top(skeleton: Skeleton, joint: int) -> int:
     return joint
 
 
-def nearer_side(distance: np.ndarray, exchanged: np.ndarray, sides: Sides) -> np.ndarray:
+def nearer_side(distance: np.ndarray, exchanged: np.ndarray, sides: Sides, ahead_s: float = 0.0) -> np.ndarray:
     """Return distances (..., J), or where they are clearly smaller, the distances with left and right exchanged.
 
     Args:
         distance: (..., J) m, distances of detected joints from their expected places.
         exchanged: (..., J) m, distances from the expected places of their partners on the other side.
         sides: Sides of the skeleton.
+        ahead_s: s for which the expected places are predicted.
     """
     if not len(sides.pairs):
         return distance
     rows, others = (np.ascontiguousarray(each).reshape(-1, distance.shape[-1]) for each in (distance, exchanged))
-    row, pair = np.nonzero(judge_sides(rows, others, sides.pairs, sides.groups))
+    row, pair = np.nonzero(judge_sides(rows, others, sides.pairs, sides.groups, _sigma(ahead_s)))
     chosen, both = rows.copy(), (row[:, None], sides.pairs[pair])
     chosen[both] = others[both]
     return chosen.reshape(distance.shape)
 
 
+def _sigma(ahead_s: float) -> float:
+    """Return the standard deviation of the distance of joints from places predicted for so many seconds, m."""
+    return float(np.hypot(_SIGMA, _SPEED * ahead_s)) if ahead_s <= _TURN_S else np.inf
+
+
 def find_exchanged(
-    evidence: Evidence, assigned: np.ndarray, expected: np.ndarray, sides: Sides
+    evidence: Evidence, assigned: np.ndarray, expected: np.ndarray, sides: Sides, ahead_s: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
     """Find the pairs of joints with left and right exchanged in a minority of views, or in half of them.
 
@@ -90,6 +99,7 @@ def find_exchanged(
         assigned: (F, P, V, J) index of the detection that shows the joint in the view, or `NONE`.
         expected: (F, P, J, 3) m, expected places of the joints; NaN where unknown.
         sides: Of the skeleton.
+        ahead_s: s for which the expected places are predicted.
 
     Returns:
         exchanged: (F, P, V, n) True where the sides of a pair are exchanged.
@@ -103,14 +113,16 @@ def find_exchanged(
     expected, shown = np.ascontiguousarray(expected, np.float64), np.ascontiguousarray(detection, np.int64)
     found = measure_pairs(rig.projections, rig.focal, evidence.xy, expected, shown, pairs)
     rows, both = found.reshape(2, prod(detection.shape[:-1]), pairs.size), np.arange(pairs.size).reshape(pairs.shape)
-    wrong = judge_sides(rows[0], rows[1], both, sides.groups).reshape(detection.shape)
+    wrong = judge_sides(rows[0], rows[1], both, sides.groups, _sigma(ahead_s)).reshape(detection.shape)
     observing = (assigned != NONE).any(-1).sum(2)[:, :, None, None]
     return wrong & (2 * wrong.sum(2, keepdims=True) <= observing), detection
 
 
-def correct_sides(evidence: Evidence, assigned: np.ndarray, expected: np.ndarray, sides: Sides) -> Evidence:
+def correct_sides(
+    evidence: Evidence, assigned: np.ndarray, expected: np.ndarray, sides: Sides, ahead_s: float = 0.0
+) -> Evidence:
     """Return the evidence with left and right exchanged where `find_exchanged` says so."""
-    wrong, detection = find_exchanged(evidence, assigned, expected, sides)
+    wrong, detection = find_exchanged(evidence, assigned, expected, sides, ahead_s)
     if not wrong.any():
         return evidence
     frame, _, view, pair = np.nonzero(wrong)
@@ -184,7 +196,7 @@ def measure_pairs(projections, focal, xy, xyz, detection, pairs):
 
 
 @compiled()
-def judge_sides(distance, exchanged, pairs, groups):
+def judge_sides(distance, exchanged, pairs, groups, sigma):
     """Return (m, n) True for pairs of joints that are clearly nearer to their expected places with sides exchanged.
 
     The whole body is judged first, then its limbs, then each pair alone.
@@ -194,6 +206,7 @@ def judge_sides(distance, exchanged, pairs, groups):
         exchanged: (m, J) m, distances from the expected places of their partners.
         pairs: (n, 2) indices of the left and the right joint.
         groups: (G, n) True for the pairs that are exchanged together.
+        sigma: m, standard deviation of the distance of a joint from its expected place.
     """
     rows, number = len(distance), len(pairs)
     wrong = np.empty((rows, number), np.bool_)
@@ -205,7 +218,7 @@ def judge_sides(distance, exchanged, pairs, groups):
                 here, there = distance[i, pairs[pair, side]], exchanged[i, pairs[pair, side]]
                 if not (np.isnan(here) or np.isnan(there)):
                     here, there = min(here, _FARTHEST), min(there, _FARTHEST)
-                    evidence[pair] += (here * here - there * there) / (2 * _SIGMA * _SIGMA)
+                    evidence[pair] += (here * here - there * there) / (2 * sigma * sigma)
                     after[pair] += there
                     count[pair] += 1
             wrong[i, pair] = evidence[pair] > _MIN_EVIDENCE and after[pair] <= _MAX_DISTANCE * count[pair]

@@ -195,12 +195,15 @@ class Tracker:
             colours: Returns the colours (V, D, 3) of its detections; None without images.
         """
         config, state = evidence.config, self._state.predicted(self._dt)
-        assigned, owner = _propagate(evidence, state, self._sides, self._mirror)
-        evidence = correct_sides(evidence, assigned[None], state.xyz[None], self._sides)
+        assigned, primary = _propagate(evidence, state, self._sides, self._mirror, self._dt)
+        evidence = correct_sides(evidence, assigned[None], state.xyz[None], self._sides, self._dt)
         points = evidence.triangulate(assigned[None], _ITERATIONS)
         xyz, plausible = self._plausible(points.xyz[0], assigned, self._fewest)
         used, xyz[~plausible] = points.used[0], np.nan
-        free = (owner == NONE) | ~np.append(plausible, False)[owner]
+        # What is left over near a person, a fragment or a duplicate, may also show somebody behind or in front.
+        view, person = np.nonzero((primary != NONE) & plausible)
+        free = np.ones(evidence.xy.shape[1:3], bool)
+        free[view, primary[view, person]] = False
         groups = _match(evidence, free, colours, self._compared)
         if len(groups):
             points = evidence.triangulate(groups[None], _ITERATIONS)
@@ -287,9 +290,11 @@ def fewest_joints(joints: int) -> int:
     return min(MIN_JOINTS, fewer_of_few(joints))
 
 
-def _propagate(evidence: Evidence, state: TrackState, sides: Sides, mirror: list[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Identity propagation: return detections (T, V, J) of the tracks, and the track (V, D) of each detection, or
-    `NONE`.
+def _propagate(
+    evidence: Evidence, state: TrackState, sides: Sides, mirror: list[int], ahead_s: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Identity propagation: return detections (T, V, J) of the tracks, which were predicted for `ahead_s`, and the
+    detection (V, T) that each was matched with; `NONE` where there is none.
 
     Detections with left and right exchanged are assigned as well; `mirror` (J,) is the partner of each joint.
     """
@@ -298,10 +303,10 @@ def _propagate(evidence: Evidence, state: TrackState, sides: Sides, mirror: list
     distance = evidence.distances(state.xyz[None], config.th_d_unit)[0]
     if config.th_d_unit == DistanceUnit.metres:
         exchanged = evidence.distances(state.xyz[None][:, :, mirror], config.th_d_unit)[0]
-        distance = nearer_side(distance, exchanged, sides)
+        distance = nearer_side(distance, exchanged, sides, ahead_s)
     closeness = confidence[:, None] * np.maximum(1 - distance / config.th_d, -1)
     owner, primary = propagate(closeness, state.age > _CONFIRMATION_S)
-    return assign_joints(primary, owner, present, closeness), owner
+    return assign_joints(primary, owner, present, closeness), primary
 
 
 def _match(

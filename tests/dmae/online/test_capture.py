@@ -83,7 +83,7 @@ def test_a_track_of_a_moment_is_no_person():
 def test_figures_that_stay_in_the_images_are_soon_no_people():
     """Two people who stand, among figures that agree by chance in every frame."""
     standing = np.repeat(two_people(20)[10:11], 80, 0)
-    numbers = [len(frame.people) for frame in feed(haunted_clip(20, 80, True, 3000, standing))]
+    numbers = [len(frame.people) for frame in feed(haunted_clip(20, 80, True, 3002, standing))]
     assert max(numbers) > 2
     assert numbers[-20:] == [2] * 20
 

@@ -12,7 +12,7 @@ from dmae.reconstruction.chance import expected_by_chance
 from dmae.reconstruction.config import CaptureConfig, TrackingConfig
 from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.pipeline import capture, learn_noise
-from tests.support.clips import looking_at_origin, t_pose
+from tests.support.clips import looking_at_origin, looking_inwards, t_pose
 from tests.support.detected_people import detected_clip, errors, rows_of, walk
 from tests.support.ghosts import haunted_clip, two_people
 
@@ -67,6 +67,18 @@ def test_forty_people_within_70_cm_of_each_other_are_all_found():
     poses = capture(detected_clip(people, 5), CaptureConfig())
     assert poses.xyz.shape[1] == 40
     assert np.isfinite(errors(poses, people)).mean() > 0.97
+
+
+@pytest.mark.parametrize("apart", [0.3, 0.4])
+def test_somebody_who_appears_close_behind_a_person_is_found(apart):
+    """Cameras in front see both near each other, so the new detections lie near the first person in all of them."""
+    angle = np.radians([0, 25, -25])
+    rig = looking_inwards(np.stack([4 * np.cos(angle), 4 * np.sin(angle), np.full(3, 1.6)], -1))
+    people = np.stack([walk((0, 0), (0, 0), frames=20), walk((-apart, 0.05), (-apart, 0.05), frames=20)], 1)
+    people[:6, 1] = np.nan
+    poses = capture(detected_clip(people, rig=rig), CaptureConfig())
+    assert rows_of(poses, people) == [[0], [1]]
+    assert np.isfinite(errors(poses, people)[6:, 1]).mean() > 0.9
 
 
 def test_without_the_rule_coincidences_are_people():
