@@ -62,10 +62,13 @@ def _complete(config: CompleteCommand, folder: Path, frames: int | None = None) 
         raise ValueError(f"{folder}: has no poses to complete; run dmae capture on it first")
     decisions = load_decisions(folder, clip.poses)
     blanked = decided(clip.poses, decisions, ReviewVerdict.blank)
+    accepted = decided(clip.poses, decisions, ReviewVerdict.accept)
     clip = with_decisions(clip, folder)
+    # Joints that a reviewer saw smoothed are not smoothed again.
+    kept = (accepted | (clip.poses.source == Source.DENOISED)) & bool(decisions)
     if frames is not None:
         frames = min(frames, len(clip))
-        clip, blanked = clip.select(frames=range(frames)), blanked[:frames]
+        clip, blanked, kept = clip.select(frames=range(frames)), blanked[:frames], kept[:frames]
     completer_for = _completers(config.weights, config.denoise, config.reject, config.smooth)
     completer = completer_for(clip.poses.skeleton)
     notes = completer.notes(clip.poses, clip.fps)
@@ -75,6 +78,8 @@ def _complete(config: CompleteCommand, folder: Path, frames: int | None = None) 
     else:
         poses = completer(clip.poses, clip.fps)
     same = poses.skeleton == clip.poses.skeleton
+    if same and decisions:
+        poses = poses.taking(kept, clip.poses)
     replaced = int((clip.poses.measured & (poses.source == Source.COMPLETED)).sum()) if same else 0
     if replaced:
         notes.append(
