@@ -80,7 +80,7 @@ def listed_cameras(cameras: Sequence[CameraConfig], source: str) -> CameraRig:
 def _numbers(camera: CameraConfig, where: str) -> tuple[np.ndarray, np.ndarray]:
     """Return K (3, 3), px, and cam_from_world (4, 4), m, of a listed camera."""
     placed = bool(camera.position or camera.target)
-    expected = {"size": (2,), "dist": range(5, 9)}
+    expected = {"size": (2,), "dist": range(4, 9)}
     expected |= {"position": (3,), "target": (3,)} if placed else {"cam_from_world": (12,)}
     expected |= {"K": (9,)} if camera.focal is None else {}
     for name, lengths in expected.items():

@@ -64,6 +64,12 @@ def test_a_camera_has_its_position_and_looks_at_its_target_upright():
     assert rig.fisheye.all()
 
 
+def test_four_coefficients_of_a_lens_are_enough():
+    k = [-0.02, 0.005, -0.003, 0.001]
+    rig = make_rig(RigConfig(cameras=[CameraConfig(**LEFT | {"dist": k, "fisheye": True})]), rng=rng())
+    np.testing.assert_array_equal(rig.dist, [[*k, 0.0]])
+
+
 def test_a_camera_may_look_straight_down():
     camera = CameraConfig("top", [640, 480], focal=300.0, position=[0, 0, 4], target=[0, 0, 0])
     rig = make_rig(RigConfig(cameras=[camera]), rng=rng())
@@ -76,7 +82,7 @@ def test_a_camera_may_look_straight_down():
         ({"K": [1.0] * 8}, "expected 9 numbers of K, found 8"),
         ({"K": []}, "expected 9 numbers of K, found 0"),
         ({"cam_from_world": [0.0] * 16}, "expected 12 numbers of cam_from_world, found 16"),
-        ({"dist": [0.0] * 4}, "expected 5 or 6 or 7 or 8 numbers of dist, found 4"),
+        ({"dist": [0.0] * 3}, "expected 4 or 5 or 6 or 7 or 8 numbers of dist, found 3"),
         ({"cam_from_world": [0.0] * 12}, "holds no rotation"),
         ({"cam_from_world": [-x for x in AHEAD]}, "holds no rotation"),
         ({"K": [-50.0, 0, 32, 0, 50, 24, 0, 0, 1]}, "focal lengths must be positive"),
