@@ -348,7 +348,7 @@ def ghosts() -> dict:
         for frames, fixed, people in (
             (12, False, None), (12, True, None), (60, False, None), (60, True, None), (60, True, still)
         ):  # fmt: skip
-            number = 10 if count < 150 else 4 if count < 500 else int(frames == 12)
+            number = 20 if count < 150 else 4 if count < 500 else int(frames == 12)
             clips = [haunted_clip(count, frames, fixed, seed, people) for seed in range(1000, 1000 + number)]
             found = Counter(capture(clip, CONFIG).xyz.shape[1] for clip in clips)
             cells.append(", ".join(f"{people}: {times} of {number}" for people, times in sorted(found.items())) or "-")
