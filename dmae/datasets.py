@@ -1,6 +1,6 @@
 """What do I train on? Torch data sets of clips, windows of motion, and images. Items are read on demand."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -87,17 +87,29 @@ class ClipFile:
         return poses
 
 
-def clip_files(path: Path) -> Iterator[ClipFile]:
+def clip_files(path: Path, clips: Collection[str] | None = None) -> Iterator[ClipFile]:
     """Yield the clips of the data set at a path, or the single clip there. Only the file headers are read.
 
-    Raises FileNotFoundError if there is neither, or a clip of its manifest is missing, and ValueError for malformed
-    files.
+    `clips` are the names of those wanted, by default all. Raises FileNotFoundError if there is neither, or a clip of
+    its manifest is missing, and ValueError for malformed files and unknown names.
     """
-    for folder in clip_folders(Path(path)):
+    for folder in _folders(path, clips):
         meta = read_json(folder / META)
         if not isinstance(meta, dict) or meta.get("format") != FORMAT:
             raise ValueError(f"{folder / META}: expected a clip of format {FORMAT}")
         yield _head(folder, meta)
+
+
+def _folders(path: str | Path, clips: Collection[str] | None) -> list[Path]:
+    folders = clip_folders(Path(path))
+    if clips is None:
+        return folders
+    if isinstance(clips, str):
+        raise TypeError(f"clips={clips!r}: expected a list of names of clips, as a split of synth.split is")
+    unknown = sorted(set(clips) - {folder.name for folder in folders})
+    if unknown:
+        raise ValueError(f"{path}: clips={unknown}: there are no such clips in the data set")
+    return [folder for folder in folders if folder.name in set(clips)]
 
 
 def _head(folder: Path, meta: dict) -> ClipFile:
@@ -153,13 +165,21 @@ class ClipDataset(Dataset):
     Args:
         path: Path of a data set or of a clip.
         transform: Function that is applied to each clip. Without one the items are clips: use `batch_size=None`.
+        clips: Names of the clips to take, as `synth.split` returns them for each split; by default all.
 
     Raises:
         FileNotFoundError: the path is neither a clip nor a data set.
+        ValueError: there is no clip of one of the names.
     """
 
-    def __init__(self, path: str | Path, transform: Callable[[Clip], Any] | None = None):
-        self.folders = clip_folders(Path(path))
+    def __init__(
+        self,
+        path: str | Path,
+        transform: Callable[[Clip], Any] | None = None,
+        *,
+        clips: Collection[str] | None = None,
+    ):
+        self.folders = _folders(path, clips)
         self.transform = transform
 
     def __len__(self) -> int:
@@ -204,10 +224,11 @@ class WindowDataset(Dataset):
         every: A window begins this many frames after the one before.
         of: `truth` for the true poses, `poses` for the captured or completed poses.
         skeleton: Name of the skeleton of the joints; by default the first skeleton of the clip.
+        clips: As for `ClipDataset`.
 
     Raises:
         FileNotFoundError: the path is neither a clip nor a data set.
-        ValueError: no clip has these poses in enough frames, or a number is below 1.
+        ValueError: no clip has these poses in enough frames, a number is below 1, or a name is of no clip.
         KeyError: there is no skeleton of this name.
     """
 
@@ -218,12 +239,14 @@ class WindowDataset(Dataset):
         every: int = 15,
         of: Literal["truth", "poses"] = "truth",
         skeleton: str | None = None,
+        *,
+        clips: Collection[str] | None = None,
     ):
         if frames < 1 or every < 1:
             raise ValueError(f"expected 1 frame or more, found frames={frames}, every={every}")
         self.frames, self.every, self.of = frames, every, of
         self.skeleton: Skeleton | None = None if skeleton is None else get_skeleton(skeleton)
-        self.files: list[ClipFile] = list(clip_files(Path(path)))
+        self.files: list[ClipFile] = list(clip_files(Path(path), clips))
         starts = [max(0, (file.frames - frames) // every + 1) for file in self.files]
         counts = [count * file.persons.get(of, 0) for count, file in zip(starts, self.files, strict=True)]
         self._starts, self._ends = starts, np.cumsum(counts)
@@ -308,22 +331,30 @@ class FrameDataset(Dataset):
         every: Step between frames: 2 takes every second frame.
         masks: Whether targets have masks. Masks need id images.
         depth: Whether targets have depth. Depth needs depth images.
+        clips: As for `ClipDataset`.
 
     Raises:
         FileNotFoundError: the path is neither a clip nor a data set.
-        ValueError: a clip has no truth or no images; the message names the clip.
+        ValueError: a clip has no truth or no images, which the message names, or a name is of no clip.
         KeyError: there is no such skeleton.
     """
 
     def __init__(
-        self, path: str | Path, skeleton: str = "coco17", every: int = 1, masks: bool = False, depth: bool = False
+        self,
+        path: str | Path,
+        skeleton: str = "coco17",
+        every: int = 1,
+        masks: bool = False,
+        depth: bool = False,
+        *,
+        clips: Collection[str] | None = None,
     ):
         if every < 1:
             raise ValueError(f"expected every 1 or more, found {every}")
         self.every, self.masks, self.depth = every, masks, depth
         kinds = ("rgb", *(("ids",) if masks else ()), *(("depth",) if depth else ()))
         self.skeleton: Skeleton = get_skeleton(skeleton)
-        self.files: list[ClipFile] = list(clip_files(Path(path)))
+        self.files: list[ClipFile] = list(clip_files(Path(path), clips))
         for file in self.files:
             for kind in kinds:
                 if kind not in file.kinds:

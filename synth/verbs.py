@@ -297,6 +297,9 @@ def render(
     from synth.datasets.config import RenderConfig
     from synth.datasets.render import render as render_data_set
 
+    if not isinstance(data, str | Path):
+        raise TypeError(f"data: expected the folder of a data set or of a clip in it, found {type(data).__name__}")
+
     given = {"images": images, "quality": quality, "rgb": rgb, "imaging": imaging, "rig": rig, "workers": workers}
     config = _configured("render", config or RenderConfig(), given | {"data": str(data), "out": str(out)})
     render_data_set(config)

@@ -263,6 +263,19 @@ def test_an_array_or_a_file_of_poses_is_answered_with_how_to_give_it(kind: str, 
             call()
 
 
+def test_a_training_without_clips_is_answered_with_what_it_takes(clip, tmp_path: Path):
+    for given in (clip, tmp_path):
+        with pytest.raises(TypeError, match=r"^clips: expected several clips, as dmae\.load_dataset\(path\), found "):
+            train(given, tmp_path / "model")
+    with pytest.raises(ValueError, match=r"^nothing to learn from"):
+        train([], tmp_path / "model")
+
+
+def test_a_clip_to_render_is_given_by_its_folder(clip, tmp_path: Path):
+    with pytest.raises(TypeError, match=r"^data: expected the folder of a data set or of a clip in it, found Clip$"):
+        render(clip, out=tmp_path / "a")
+
+
 def test_options_of_generate_of_another_type_are_named():
     with pytest.raises(TypeError, match=r"^occlusion: expected a synth\.OcclusionConfig, found 0\.4"):
         synth.generate(clips=1, occlusion=0.4)
@@ -332,6 +345,8 @@ def test_errors_of_read_name_its_arguments(clip, tmp_path: Path):
     ):
         with pytest.raises((ValueError, FileNotFoundError), match=message):
             dmae.read(tmp_path / "walk", **given)
+    with pytest.raises(TypeError, match=r"^read: no option camera; did you mean cameras"):
+        dmae.read(tmp_path / "walk", camera=["0"])
     for name in ("clip.json", "intri.yml", "extri.yml"):
         (tmp_path / name).touch()
     with pytest.raises(ValueError, match=r"found clip, easymocap; name it by format=\.\.\.$"):

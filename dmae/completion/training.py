@@ -47,6 +47,7 @@ from dmae.completion.training_data import (
     TrainingSet,
     calibration_poses,
     read_training_set,
+    source_of,
     split,
     validation_batches,
 )
@@ -667,7 +668,7 @@ def _bodies(found: TrainingSet, skeleton: Skeleton, config: TrainConfig) -> np.n
     source, *target = skeleton.parts
     if np.isnan(bodies[:, : len(source)]).all():
         raise ValueError(
-            f"{config.data.path}: truth on {target[0].name!r} alone does not teach what {source.name!r} looks "
+            f"{source_of(config)}truth on {target[0].name!r} alone does not teach what {source.name!r} looks "
             "like; start from a model (init=...), or add simulated clips (extra_data=[...])"
         )
     return bodies

@@ -266,6 +266,11 @@ class TrainingSet:
         return self.pairs | self.extra | self.validation
 
 
+def source_of(config: TrainConfig) -> str:
+    """Return where the clips come from, to begin a message with; in Python they are given, and no path is."""
+    return "" if config.data.path == "???" else f"{config.data.path}: "
+
+
 def read_training_set(
     clips: Iterable[Clip], extra: Iterable[Clip], validation: Iterable[Clip], skeleton: Skeleton, config: TrainConfig
 ) -> TrainingSet:
@@ -278,7 +283,7 @@ def read_training_set(
     if twice:
         raise ValueError(_same_name(twice[0]))
     if not pairs:
-        raise ValueError(f"{config.data.path}: nothing to learn from, no clip has a person in it")
+        raise ValueError(f"{source_of(config)}nothing to learn from, no clip has a person in it")
     if config.examples.replay is not None and not more:
         raise ValueError(f"extra_data={config.extra_data}: nothing to replay, no clip has a person in it")
     return TrainingSet(pairs, more, {f"validation {name}": pair for name, pair in held_back.items()})

@@ -189,6 +189,8 @@ def train(
     """
     from dmae.completion.training import train as run
 
+    if isinstance(clips, Clip | str | Path):
+        raise TypeError(f"clips: expected several clips, as dmae.load_dataset(path), found {clips!r:.80}")
     return run(configuration(config, TrainConfig, "train"), clips, Path(out), validation_data, extra_data)
 
 

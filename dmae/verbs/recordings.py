@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, replace
+from difflib import get_close_matches
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -57,6 +58,9 @@ def read(path: str | Path, fps: float | None = None, format: str | None = None, 
         ('0', '2')
     """
     path = Path(path)
+    for name in options.keys() - _FIELDS:
+        near = get_close_matches(name, _FIELDS, 1)
+        raise TypeError(f"read: no option {name}{f'; did you mean {near[0]}?' if near else ''}")
     with _arguments_named():
         clips = Clips(DataConfig(name=format, path=str(path), fps=fps, **options))
         if len(clips) != 1:
@@ -64,7 +68,8 @@ def read(path: str | Path, fps: float | None = None, format: str | None = None, 
         return clips[0]
 
 
-_OPTION = re.compile(rf"(?<![\w/.])data(?:\.({'|'.join(each.name for each in fields(DataConfig))})\b|(?==\.\.\.))")
+_FIELDS = [each.name for each in fields(DataConfig)]
+_OPTION = re.compile(rf"(?<![\w/.])data(?:\.({'|'.join(_FIELDS)})\b|(?==\.\.\.))")
 
 
 @contextmanager

@@ -170,6 +170,19 @@ def test_clips_are_read_when_they_are_asked_for(clips, images, monkeypatch):
     assert [lengths[index] for index in range(3)] == list(LENGTHS)
 
 
+def test_a_split_is_the_clips_of_its_names(clips, images):
+    windows = WindowDataset(clips, frames=4, every=3, clips=["1"])
+    assert [file.folder.name for file in windows.files] == ["1"]
+    assert ClipDataset(clips, clips=["1", "0"]).folders == [clips / "0", clips / "1"]
+    name = FrameDataset(images).files[-1].folder.name
+    assert [file.folder.name for file in FrameDataset(images, clips=[name]).files] == [name]
+    for kind, path in ((ClipDataset, clips), (WindowDataset, clips), (FrameDataset, images)):
+        with pytest.raises(ValueError, match=r"clips=\['nine'\]: there are no such clips"):
+            kind(path, clips=["nine"])
+        with pytest.raises(TypeError, match=r"clips='train': expected a list of names"):
+            kind(path, clips="train")
+
+
 def test_bad_input_is_refused(clips, images, tmp_path):
     for kind in (ClipDataset, WindowDataset, FrameDataset):
         with pytest.raises(FileNotFoundError, match="expected a clip"):
