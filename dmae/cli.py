@@ -254,9 +254,9 @@ def _store(command: Command, options: Group) -> None:
     store = ConfigStore.instance()
     store.store(name=f"{command.name}_schema", node=_schema(command.configuration))
     groups = [{group: preset} for group, preset in command.presets.items()]
-    node = {"defaults": [f"{command.name}_schema", "base", *groups, "_self_"]}
+    node: dict = {"defaults": [f"{command.name}_schema", "base", *groups, "_self_"]}
     out = options.find("out")
-    if out is None or out.default is None:
+    if not isinstance(out, Option) or out.default is None:
         node["hydra"] = {"sweep": {"dir": f"runs/{command.name}"}}
     store.store(name=command.name, node=node)
     for group in {each.key for each in options.members} | command.registries.keys():
@@ -303,8 +303,9 @@ def _in_one_line(error: Exception) -> str:
     first, reason = first.rstrip("."), reason.rstrip(".")
     for each in filter(None, (error.__cause__, error)):
         kind = getattr(each, "object_type", None)  # of OmegaConf's errors of unknown keys
-        if is_dataclass(kind) and each.key not in (members := [member.name for member in fields(kind)]):
-            reason = f"{reason or first}; {choices(str(each.key), members)}"
+        key = getattr(each, "key", None)
+        if is_dataclass(kind) and key not in (members := [member.name for member in fields(kind)]):
+            reason = f"{reason or first}; {choices(str(key), members)}"
             break
     if "hydra/launcher/submitit" in first:
         reason = "pip install hydra-submitit-launcher"

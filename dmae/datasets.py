@@ -379,6 +379,7 @@ class FrameDataset(Dataset):
         """Return an image (3, H, W) float32, 0 to 1, and its labels."""
         number, view, frame = self.place(index)
         clip = self.files[number].read(frame, frame + 1, view)
+        assert clip.images is not None and clip.truth is not None
         (camera,) = clip.rig.names
         image = clip.images.at("rgb", camera, 0)
         ids = clip.images.at("ids", camera, 0) if "ids" in clip.images.kinds else None
@@ -386,7 +387,7 @@ class FrameDataset(Dataset):
         persons = [person for person in found if person.shown and person.box]
         target = self._target(persons)
         target["image_id"] = index % len(self)
-        if self.masks:
+        if self.masks and ids is not None:
             shown = np.array([1 + person.person for person in persons], ids.dtype)
             target["masks"] = torch.from_numpy(ids == shown[:, None, None])
         if self.depth:

@@ -207,7 +207,7 @@ class Ray:
         os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
         if not ray.is_initialized():
-            quiet = {"log_to_driver": False, "logging_level": "ERROR"}
+            quiet: dict = {"log_to_driver": False, "logging_level": "ERROR"}
             if not os.environ.get("RAY_ADDRESS"):
                 quiet |= {"num_cpus": processes, "include_dashboard": False}
             ray.init(**quiet)
@@ -265,7 +265,7 @@ class Dask:
 
 
 Cluster = Ray | Dask
-CLUSTERS = {"ray": Ray, "dask": Dask}
+CLUSTERS: dict[str, type[Cluster]] = {"ray": Ray, "dask": Dask}
 
 
 @cache

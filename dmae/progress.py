@@ -3,7 +3,7 @@
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sized
 from contextlib import contextmanager, nullcontext
 
 from rich.console import Console
@@ -19,7 +19,7 @@ def progress(items: Iterable, description: str, total: int | None = None) -> Ite
 
     `total` is by default the length of `items`, where it has one.
     """
-    if total is None and hasattr(items, "__len__"):
+    if total is None and isinstance(items, Sized):
         total = len(items)
     console, done = Console(stderr=True), 0
     if console.is_terminal:
@@ -101,7 +101,7 @@ def _lines(description: str, count: Callable[[], tuple[int, int | None]]) -> Ite
             if seconds >= (lines + 1) * LINE_EVERY:
                 if done > shown or _running[-1] is over:
                     print(progress_line(description, done, total, seconds, first), file=sys.stderr, flush=True)
-                shown, lines = done, seconds // LINE_EVERY
+                shown, lines = done, int(seconds // LINE_EVERY)
 
     with _watched(show):
         yield

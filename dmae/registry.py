@@ -119,10 +119,10 @@ class Registry(Mapping[str, E], Generic[E]):
         """The functions in the modules of the packages, from their source."""
         found = {}
         functions = [each for package in self._packages for each in _decorated(package)]
-        for module, function, call in (each for each in functions if each[2].func.id == self.decorator):
+        for _, module, function, call in (each for each in functions if each[0] == self.decorator):
             home = f"{module}:{function.name}"
             try:
-                settings = {each.arg: ast.literal_eval(each.value) for each in call.keywords}
+                settings = {str(each.arg): ast.literal_eval(each.value) for each in call.keywords}
             except ValueError:  # not a literal: import the module to get the value
                 import_module(module)
                 entry = self._imported[home]
@@ -155,14 +155,17 @@ def unknown(kind: str, name: str, known: Collection[str]) -> str:
 
 
 @cache
-def _decorated(package: str) -> list[tuple[str, ast.FunctionDef, ast.Call]]:
-    """The functions of a package's modules with a decorator that takes arguments: module, function, decorator."""
-    folder = Path(importlib.util.find_spec(package).submodule_search_locations[0])
+def _decorated(package: str) -> list[tuple[str, str, ast.FunctionDef, ast.Call]]:
+    """The functions of a package's modules whose decorator takes arguments: decorator, module, function, its call."""
+    spec = importlib.util.find_spec(package)
+    assert spec is not None and spec.submodule_search_locations is not None, package
+    folder = Path(spec.submodule_search_locations[0])
     return [
-        (f"{package}.{file.stem}", function, each)
+        (each.func.id, f"{package}.{file.stem}", function, each)
         for file in sorted(folder.glob("*.py"))
         for function in ast.parse(file.read_text(encoding="utf-8")).body
-        for each in getattr(function, "decorator_list", ())
+        if isinstance(function, ast.FunctionDef)
+        for each in function.decorator_list
         if isinstance(each, ast.Call) and isinstance(each.func, ast.Name)
     ]
 
@@ -212,7 +215,9 @@ def source_hash(name: str) -> str | None:
         spec = importlib.util.find_spec(module)
     except (ImportError, ValueError):
         return None
-    return hashlib.sha256(Path(spec.origin).read_bytes()).hexdigest() if spec and spec.has_location else None
+    if spec is None or spec.origin is None or not spec.has_location:
+        return None
+    return hashlib.sha256(Path(spec.origin).read_bytes()).hexdigest()
 
 
 def _look_here() -> None:

@@ -509,8 +509,9 @@ def fit_detector(
     from synth.detector.fitting import fit
     from synth.detector.statistics import measure
 
-    how = {"rounds": rounds, "seed": seed, "workers": workers, "reference": ErrorReference(truth)}
-    return fit(measure(recording, how["reference"]), clips, start or DetectorConfig(), **how)
+    reference = ErrorReference(truth)
+    how: dict[str, Any] = {"rounds": rounds, "seed": seed, "workers": workers, "reference": reference}
+    return fit(measure(recording, reference), clips, start or DetectorConfig(), **how)
 
 
 def realism(
@@ -646,7 +647,7 @@ def plan(
     from synth.planning.page import write_plan
     from synth.planning.plan import make_plan
 
-    given = {"arena": None if arena is None else str(arena), "views": views, "persons": persons}
+    given: dict[str, Any] = {"arena": None if arena is None else str(arena), "views": views, "persons": persons}
     given |= {"seconds": seconds, "detector": detector, "seed": seed, "workers": workers}
     config = _configured("plan", config, given | options)
     return make_plan(config) if out is None else write_plan(config, Path(out))

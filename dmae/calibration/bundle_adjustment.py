@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -118,7 +118,8 @@ class Freedom:
         """Return the freedom of the parameters, named as in `PARTS`, that are True, of all views or of some."""
         free = np.zeros((views, Q), bool)
         for name, each in wanted.items():
-            free[slice(None) if only is None else only, PARTS[name]] = each
+            part: Any = PARTS[name]
+            free[slice(None) if only is None else only, part] = each
         return cls(free, np.full((views, Q), np.inf))
 
 

@@ -314,7 +314,7 @@ def examined(hypothesis: Hypothesis) -> tuple[Examination, ImageTracks] | None:
         return None
     tracks = match_tracks(hypothesis.clip())
     found = examine(tracks, Calibration.of(hypothesis.rig)) if tracks.xy.shape[1] else None
-    return found and (found, tracks)
+    return None if found is None else (found, tracks)
 
 
 def named_camera(
@@ -480,7 +480,7 @@ def disagreeing_cameras(
     suspects = [view for view, x in enumerate(best) if 0 <= x < max(SOUND / 2, min(SOUND, usual / 2))]
     if len(suspects) == views:
         return tuple(suspects), ()
-    disagreeing, apart = [], ()
+    disagreeing, apart = [], []
     for view in suspects:
         # Check whether this camera looks at the people that the other cameras measure.
         others = people[~(ends[found.pair] == view).any(1)].reshape(1, -1, 3)
@@ -490,7 +490,7 @@ def disagreeing_cameras(
             disagreeing.append(view)
         else:
             apart += camera.names
-    return tuple(disagreeing), apart
+    return tuple(disagreeing), tuple(apart)
 
 
 def unexplained_fault(hypothesis: Hypothesis, views: tuple[int, ...]) -> Finding:
@@ -512,23 +512,25 @@ def world_faults(
 
     `has_options` is whether unit and up are options of the files' format.
     """
-    findings, unknown, names = [], (), hypothesis.rig.names
+    findings, unknown, names = [], [], hypothesis.rig.names
     ratio, standing = relative_size(people, hypothesis.skeleton), upright_direction(people, hypothesis.skeleton)
     if ratio is None:
-        unknown += ("too few people are measured to determine the unit of length",)
+        unknown.append("too few people are measured to determine the unit of length")
     elif what := unit_remedy(ratio, hypothesis.convention, has_options):
         findings.append(Finding(Fault.unit, names, f"people are {ratio:.3g} times as large as adults", what))
     if standing is None or standing[1] < UPRIGHT:
-        unknown += ("too few people stand upright to determine the vertical axis",)
+        unknown.append("too few people stand upright to determine the vertical axis")
     elif what := up_remedy(standing[0], hypothesis.convention, has_options):
         axis = ", ".join(f"{x:.2f}" for x in standing[0])
         findings.append(Finding(Fault.up, names, f"people stand along ({axis}), not along z", what))
-    return findings, unknown
+    return findings, tuple(unknown)
 
 
 def tilt_fault(floor: Floor, names: tuple[str, ...]) -> list[Finding]:
     """Return the finding of a tilted world for all cameras, if it is one. Its height is the calibrator's choice."""
-    if floor.tilt_deg is None or floor.tilt_interval_deg[0] <= _SOUND_TILT_DEG:
+    if floor.up is None or floor.tilt_deg is None or floor.tilt_interval_deg is None:
+        return []
+    if floor.tilt_interval_deg[0] <= _SOUND_TILT_DEG:
         return []
     low, high = floor.tilt_interval_deg
     axis = ", ".join(f"{x:.3f}" for x in floor.up)
@@ -633,7 +635,7 @@ def unit_remedy(ratio: float, before: Convention, has_options: bool) -> str | No
             return f"data.unit={unit}"
     power = 10.0 ** -np.round(np.log10(ratio))
     if low <= ratio * power <= high:
-        length = {0.001: LengthUnit.mm, 0.01: LengthUnit.cm}.get(power * METRES[before.unit])
+        length = {0.001: LengthUnit.mm, 0.01: LengthUnit.cm}.get(float(power * METRES[before.unit]))
         reason = f": they are in {length}" if length else ""
         return f"multiply the translations of all cameras by {power:g}{reason}"
     return (

@@ -228,7 +228,7 @@ def score_pairs(hypothesis: Hypothesis, frames: np.ndarray, pairs: Pairs) -> Pai
 
 def mean_agreement(scores: PairScores) -> float:
     """Return the mean agreement, from 0 to 1, of the detections of pairs of views; 0 without detections."""
-    total, detections = sum(scores.values()).sum(-1)
+    total, detections = sum(scores.values(), np.zeros((2, 1))).sum(-1)
     return float(total / max(detections, 1))
 
 
@@ -273,8 +273,8 @@ def draw_arrows(hypothesis: Hypothesis, title: str, images: list[np.ndarray | No
         width, height = hypothesis.rig.size[view]
         figure = Figure(figsize=(8, 8 * height / width + 0.5), layout="constrained")
         axes = figure.subplots()
-        if images is not None and images[view] is not None:
-            axes.imshow(images[view], extent=(-0.5, width - 0.5, height - 0.5, -0.5), alpha=0.6)
+        if images is not None and (image := images[view]) is not None:
+            axes.imshow(image, extent=(-0.5, width - 0.5, height - 0.5, -0.5), alpha=0.6)
         every = slice(None, None, len(start) // _MOST_ARROWS + 1)
         length = np.linalg.norm(way, axis=-1)
         if len(start):

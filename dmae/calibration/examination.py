@@ -225,7 +225,7 @@ def _measured_limits(observations: Observations, state: Adjusted, expected: np.n
     Expected costs count the noise of velocities as motion, although people that stand still hardly move.
     """
     limits, xyz = np.full(len(expected), np.inf), _start(observations, state)
-    for view in np.flatnonzero(np.isfinite(expected)):
+    for view in np.flatnonzero(np.isfinite(expected)).tolist():
         step = np.where(np.arange(Q) == OFFSET, expected[view], 0)
         late = (state.calibration.with_step(view, sign * step) for sign in (-1, 1))
         costs = [adjust(observations, each, iterations=5, xyz=xyz, tolerance=1e-4).cost for each in late]

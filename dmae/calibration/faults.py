@@ -241,17 +241,17 @@ def refine_offsets(hypothesis: Hypothesis, offsets: np.ndarray, frames: np.ndarr
     A view gets 0 if the others do not find the same offset for it.
     """
     offsets, pairs = offsets.copy(), pairs_to_compare(len(offsets))
-    for view in np.flatnonzero(offsets != _most_common(offsets)):
+    for view in np.flatnonzero(offsets != _most_common(offsets)).tolist():
         usual = _most_common(offsets)
         tried = {usual, *range(offsets[view] - _REFINED_FRAMES, offsets[view] + _REFINED_FRAMES + 1)}
         own, one = [pair for pair in pairs if view in pair], np.arange(len(offsets)) == view
         fit = {
             k: mean_agreement(score_pairs(hypothesis.delayed(np.where(one, k, offsets)), frames, own)) for k in tried
         }
-        best = max(fit, key=fit.get)
+        best = max(fit, key=fit.__getitem__)
         offsets[view] = best if fit[best] >= fit[usual] + MIN_OFFSET_GAIN else usual
     offsets -= _most_common(offsets)
-    for view in np.flatnonzero(offsets):
+    for view in np.flatnonzero(offsets).tolist():
         if _inconsistency(hypothesis.delayed(offsets), view) > max(_INCONSISTENT_FRAMES, abs(offsets[view]) / 2):
             offsets[view] = 0
     return offsets
@@ -308,18 +308,18 @@ def find_fault(hypothesis: Hypothesis, max_offset: int) -> tuple[Correction | No
 
     candidates = [(gain(each), each) for each in [*offsets, *binary_corrections(hypothesis)]]
     most, likely = max(candidates, key=lambda pair: pair[0], default=(0.0, None))
-    if most < _CLEAR_GAIN or mean_agreement(_corrected_scores(base, likely, frames)) < SOUND:
+    if likely is None or most < _CLEAR_GAIN or mean_agreement(_corrected_scores(base, likely, frames)) < SOUND:
         candidates += [(gain(each), each) for each in _corrections_with_amount(hypothesis, frames, base)]
     candidates.sort(key=lambda pair: -pair[0])
     many = hypothesis.sample_frames(CHECKED_FRAMES)
     before = score_pairs(hypothesis, many, pairs)
     checked = [(_checked_gain(before, many, each), each) for _, each in candidates[:_CHECKED_CANDIDATES]]
     best, correction = max(checked, key=lambda pair: pair[0], default=(0.0, None))
-    if best > 0 and correction.fault == Fault.delay:
+    if correction is not None and best > 0 and correction.fault == Fault.delay:
         delay = refine_offsets(hypothesis, correction.hypothesis.offsets - hypothesis.offsets, many)
         views = tuple(int(view) for view in np.flatnonzero(delay))
         correction = Correction(Fault.delay, views, hypothesis.delayed(delay))
-    return (correction if best > 0 and correction.views else None), sensitivity
+    return (correction if correction is not None and best > 0 and correction.views else None), sensitivity
 
 
 def _corrected_scores(base: PairScores, correction: Correction, frames: np.ndarray) -> PairScores:
@@ -341,10 +341,11 @@ def _checked_gain(before: PairScores, frames: np.ndarray, correction: Correction
     if has_amount and (agreement < _MIN_AGREEMENT_OF_AMOUNT or left < max(_MIN_DETECTIONS, detected / 2)):
         return 0.0
     blocks = np.array_split(np.arange(len(frames)), min(_BLOCKS, len(frames)))
-    gains = [
-        np.subtract(*(mean_agreement({p: x[:, block] for p, x in scores.items()}) for scores in (after, same)))
-        for block in blocks
-    ]
+
+    def agreement_in(block: np.ndarray, scores: PairScores) -> float:
+        return mean_agreement({pair: score[:, block] for pair, score in scores.items()})
+
+    gains = [agreement_in(block, after) - agreement_in(block, same) for block in blocks]
     error = np.std(gains, ddof=1) / np.sqrt(len(gains)) if len(gains) > 2 else np.inf
     if gain < _CLEAR_GAIN and np.mean(gains) < _SIGMAS * error:
         return 0.0
@@ -358,7 +359,8 @@ def _corrections_with_amount(hypothesis: Hypothesis, frames: np.ndarray, base: P
     def scaled(hypothesis: Hypothesis, part: list[int], log_scale: float) -> Hypothesis:
         return rescale(hypothesis, part, np.exp(log_scale))
 
-    searches = [(Fault.scale, scaled, part, _LOG_SCALES, _SCALE_STEP) for part in [views, *([view] for view in views)]]
+    parts = [views, *([view] for view in views)]
+    searches: list[tuple] = [(Fault.scale, scaled, part, _LOG_SCALES, _SCALE_STEP) for part in parts]
     pinholes = np.flatnonzero(~hypothesis.rig.distorted).tolist()
     if pinholes:
         searches.append((Fault.distorted, _with_lens, pinholes, _K1, _K1_STEP))
@@ -370,7 +372,7 @@ def _corrections_with_amount(hypothesis: Hypothesis, frames: np.ndarray, base: P
         def cost(amount: float, frames: np.ndarray, correct=correct, pairs=pairs, part=part) -> float:
             return -mean_agreement(score_pairs(correct(hypothesis, part, amount), frames, pairs))
 
-        best = min(amounts, key=lambda amount, cost=cost: cost(amount, frames[::3]))
+        best = min(amounts, key=partial(cost, frames=frames[::3]))
         if best != 0:
             bounds = (best - step, best + step)
             best = minimize_scalar(cost, bounds=bounds, args=(frames,), method="bounded", options={"maxiter": 8}).x

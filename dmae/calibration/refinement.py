@@ -117,6 +117,7 @@ def refine(clip: Clip, config: RefineConfig | None = None) -> Refined:
         calibration = adjusted.calibration
         if not views:
             break
+    assert before is not None and tracks is not None
     covariance = covariance_of_cameras(observations, adjusted, freedom)
     after = adjust(observations, calibration, iterations=5, tolerance=1e-4)
     changes = _changes(origin, calibration, covariance, views, before, after, clip.fps)
@@ -124,8 +125,9 @@ def refine(clip: Clip, config: RefineConfig | None = None) -> Refined:
     floor = turned = None
     if config.level:
         floor = find_floor(capture(replace(clip, rig=rig), CaptureConfig()), clip.fps)
-        if floor.up is not None and floor.height_m is not None:
-            rig = place_rig(rig, upright_world(floor))
+        world = upright_world(floor)
+        if world is not None and floor.up is not None and floor.height_m is not None:
+            rig = place_rig(rig, world)
         else:
             rig = place_world(calibration.rig, after.xyz, tracks.skeleton, config.stature, level=True)
         new_from_old = rig.cam_from_world[0, :3, :3].T @ calibration.rig.cam_from_world[0, :3, :3]

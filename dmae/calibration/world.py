@@ -37,9 +37,9 @@ def relative_size(people: np.ndarray, skeleton: Skeleton) -> float | None:
         for side in (side for side in "lr" if {f"{side}_{start}", f"{side}_{end}"} <= set(skeleton.joints)):
             first, second = skeleton.index(f"{side}_{start}", f"{side}_{end}")
             ratios.append(np.linalg.norm(people[:, first] - people[:, second], axis=-1) / adult)
-    ratios = np.concatenate(ratios) if ratios else np.empty(0)
-    ratios = ratios[np.isfinite(ratios)]
-    return float(np.median(ratios)) if len(ratios) >= _MIN_COUNT else None
+    known = np.concatenate(ratios) if ratios else np.empty(0)
+    known = known[np.isfinite(known)]
+    return float(np.median(known)) if len(known) >= _MIN_COUNT else None
 
 
 def upright_direction(people: np.ndarray, skeleton: Skeleton) -> tuple[np.ndarray, float] | None:
@@ -78,7 +78,7 @@ _STRAIGHT = 0.95  # Smallest distance from hip to ankle of a straight leg, as a 
 _LEG = 1.3  # Smallest length of a straight leg, relative to the trunk; adults have 1.7, small children 1.4
 _FOOT_SIGMA, _ANKLE_SIGMA = 0.010, 0.015
 """m; error of the height of a sole in a window, by heels and toes or by the ankle alone."""
-_STANDING_SIGMA, _STEPPING_SIGMA = np.radians(1.5), np.radians(3.5)
+_STANDING_SIGMA, _STEPPING_SIGMA = float(np.radians(1.5)), float(np.radians(3.5))
 """rad; deviation of a person from the usual posture, when standing and when walking."""
 _STANCE_SOLE, _STANCE_POSTURE = 0.005, np.radians(0.8)
 """m, rad; the part of these errors that is common to the windows of one stance."""
@@ -165,8 +165,7 @@ def _soles(middle: np.ndarray, resting: np.ndarray, variance: np.ndarray, skelet
     """Return the feet that rest in windows (W, P, J, 3)."""
     found = []
     for foot, side in enumerate("lr"):
-        joints = {part: _index(skeleton, f"{side}_{part}") for part in SOLE}
-        joints = {part: joint for part, joint in joints.items() if joint is not None}
+        joints = {part: joint for part in SOLE if (joint := _index(skeleton, f"{side}_{part}")) is not None}
         if not joints:
             continue
         index, above = list(joints.values()), np.array([SOLE[part] for part in joints])
@@ -185,11 +184,11 @@ def _soles(middle: np.ndarray, resting: np.ndarray, variance: np.ndarray, skelet
         found.append((mean[rows], person, sigma[rows], np.full(len(person), foot)))
     if not found:
         return Soles(np.empty((0, 3)), np.empty(0, int), np.empty(0), np.empty(0), np.empty(0, int))
-    xyz, person, sigma, foot = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    xyz, person, sigma, feet = (np.concatenate(parts) for parts in zip(*found, strict=True))
     chosen = evenly_spaced(len(xyz), _MOST)
-    xyz, person, sigma, foot = xyz[chosen], person[chosen], sigma[chosen], foot[chosen]
+    xyz, person, sigma, feet = xyz[chosen], person[chosen], sigma[chosen], feet[chosen]
     near = np.linalg.norm(xyz[:, None, :2] - xyz[None, :, :2], axis=-1) < _SAME_PLACE_M
-    same_foot = (person[:, None] == person) & (foot[:, None] == foot)
+    same_foot = (person[:, None] == person) & (feet[:, None] == feet)
     same = (near & same_foot).sum(1)
     return Soles(xyz, person, np.sqrt(sigma**2 + same * _STANCE_SOLE**2), same, _spots(xyz, person))
 
@@ -197,8 +196,8 @@ def _soles(middle: np.ndarray, resting: np.ndarray, variance: np.ndarray, skelet
 def _postures(middle: np.ndarray, resting: np.ndarray, skeleton: Skeleton) -> Postures:
     """Return the bodies in windows (W, P, J, 3) that stand on straight legs."""
     names = [f"{side}_{part}" for part in ("shoulder", "hip", "knee", "ankle") for side in "lr"]
-    index = [_index(skeleton, name) for name in names]
-    if None in index:
+    index = [joint for name in names if (joint := _index(skeleton, name)) is not None]
+    if len(index) < len(names):
         return Postures(np.empty((0, 3)), np.empty(0), np.empty(0, int), np.empty(0), np.empty(0), np.empty(0, int))
     shoulders, hips, knees, ankles = np.split(middle[:, :, index], 4, axis=2)
     bent = np.linalg.norm(hips - ankles, axis=-1) / (
@@ -211,14 +210,15 @@ def _postures(middle: np.ndarray, resting: np.ndarray, skeleton: Skeleton) -> Po
     heading = body_heading(middle, skeleton)
     window, person = np.nonzero(standing & np.isfinite(heading))
     chosen = evenly_spaced(len(window), _MOST)
-    rows = window, person = window[chosen], person[chosen]
+    window, person = window[chosen], person[chosen]
+    rows = window, person
     direction = line[rows] / np.linalg.norm(line[rows], axis=-1, keepdims=True)
-    still = resting[:, :, index[6:]].all(-1)[rows]
-    sigma, place, angle = np.where(still, _STANDING_SIGMA, _STEPPING_SIGMA), ankles.mean(2)[rows], heading[rows]
+    still = np.all(resting[:, :, index[6:]], -1)[rows]
+    place, angle = ankles.mean(2)[rows], heading[rows]
     near = np.linalg.norm(place[:, None, :2] - place[None, :, :2], axis=-1) < _SAME_PLACE_M
     same_heading = np.abs(np.angle(np.exp(1j * (angle[:, None] - angle)))) < _SAME_HEADING
     same = (near & same_heading & (person[:, None] == person)).sum(1)
-    sigma = np.sqrt(sigma**2 + same * _STANCE_POSTURE**2)
+    sigma = np.sqrt(np.where(still, _STANDING_SIGMA, _STEPPING_SIGMA) ** 2 + same * _STANCE_POSTURE**2)
     return Postures(direction, angle, person, sigma, same, _spots(place, person))
 
 
@@ -279,10 +279,10 @@ class Floor:
         """Return one line on tilt and height."""
         tilt = "tilt not determined: too few people stand upright for long enough"
         height = "height of the floor not determined: feet rest in too few places"
-        if self.tilt_deg is not None:
+        if self.tilt_deg is not None and self.tilt_interval_deg is not None:
             low, high = self.tilt_interval_deg
             tilt = f"z is tilted by {self.tilt_deg:.1f} degrees (95 %: {low:.1f} to {high:.1f})"
-        if self.height_m is not None:
+        if self.height_m is not None and self.height_interval_m is not None:
             low, high = self.height_interval_m
             height = f"the floor is at z = {_cm(self.height_m)} cm (95 %: {_cm(low)} to {_cm(high)})"
         return f"{tilt}; {height}"

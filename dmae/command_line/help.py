@@ -47,7 +47,7 @@ def command_help(command: Command, options: Group, topic: str = "") -> str:
     lines = [f"usage: {command}{needed} [key=value ...]", "", *_documentation(options.meaning), ""]
     plain = [member for member in options.members if isinstance(member, Option)]
     groups = [member for member in options.members if isinstance(member, Group)]
-    sections = {
+    sections: dict[str, Sequence[Option | Group]] = {
         "Required": [option for option in plain if option.default == REQUIRED],
         "Options": [option for option in plain if option.default != REQUIRED],
         "Presets (key=NAME), and the options that they set (key.option=value)": [g for g in groups if g.presets],

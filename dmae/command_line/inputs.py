@@ -7,6 +7,7 @@ below, or "skeleton", the name or file of one; `words` are names that it takes i
 from collections.abc import Collection, Iterator
 from dataclasses import fields, is_dataclass
 from pathlib import Path
+from typing import Any
 
 from dmae.command_line.options import REQUIRED, Group
 from dmae.command_line.spelling import similar_path
@@ -19,7 +20,7 @@ _KINDS = {
 }
 
 
-def check_inputs(configuration: object, options: Group) -> None:
+def check_inputs(configuration: Any, options: Group) -> None:
     """Check each path that a configuration of a command with these options names.
 
     Raises FileNotFoundError where there is none, with the most similar name; ValueError where it holds something else.
@@ -31,14 +32,15 @@ def check_inputs(configuration: object, options: Group) -> None:
             _check_skeleton(key, path)
             continue
         if not Path(path).exists():
-            meaning = options.find(key).meaning.partition(". ")[0].rstrip(".")
+            option = options.find(key)
+            meaning = option.meaning.partition(". ")[0].rstrip(".") if option else ""
             similar = similar_path(path, words)
             raise FileNotFoundError(f"{key}={path}: no such file or folder{similar} Expected: {meaning}")
         if found := _instead(key, Path(path), kind):
             raise ValueError(f"{key}={path}: expected {_KINDS[kind]}, found {found}")
 
 
-def _inputs(configuration: object, prefix: str) -> Iterator[tuple[str, str, Collection[str], str]]:
+def _inputs(configuration: Any, prefix: str) -> Iterator[tuple[str, str, Collection[str], str]]:
     """Yield key, kind, words and path of all that is read."""
     for each in fields(configuration):
         value, key = getattr(configuration, each.name), f"{prefix}{each.name}"

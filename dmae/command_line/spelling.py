@@ -10,7 +10,7 @@ import re
 from collections.abc import Collection, Iterable, Sequence
 from difflib import SequenceMatcher, get_close_matches
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from dmae.command_line.options import REQUIRED, Group, Option
 
@@ -83,7 +83,8 @@ def like(options: Group, key: str) -> str:
     sure = [each for each in similar if _sure(each, last)]
     if meant := [f"{group}.{each}" for each in sure] if inside else similar:
         return f"did you mean {'one of ' * (len(meant) > 1)}{', '.join(meant[:6])}?"
-    members = (options.find(group) if inside else options).members
+    found = options.find(group) if inside else options
+    members = found.members if isinstance(found, Group) else ()
     listed = ", ".join(each.key + ".*" * (bool(inside) and isinstance(each, Group)) for each in members)
     elsewhere = ", ".join([each for each in keys if each.rpartition(".")[2] == last][:6])
     return f"there are {listed}" + f"; elsewhere there is {elsewhere}" * bool(elsewhere)
@@ -159,7 +160,8 @@ def checked(options: Group, overrides: Iterable[str], flags: Collection[str] = (
     taken = [_checked(options, override, sweeps(flags)) for override in overrides]
     missing = required(options, {override.lstrip("+").partition("=")[0] for override in overrides})
     if missing and not presets and _LOOKING.isdisjoint(flags):
-        texts = (f"{key}=... ({options.find(key).meaning.partition('. ')[0].strip(' .')})" for key in missing)
+        wanted = (option for option in map(options.find, missing) if option)
+        texts = (f"{option.key}=... ({option.meaning.partition('. ')[0].strip(' .')})" for option in wanted)
         raise ValueError(f"expected {', '.join(texts)}; --help lists all options")
     return taken
 
@@ -215,7 +217,7 @@ def _readable(override: str) -> bool:
 def _values(override: Override) -> list[tuple[str, object]]:
     """Return the values that are tried in turn, as typed and as read; none where they need Hydra's configuration."""
     if not override.is_sweep_override():
-        return [(override.input_line.partition("=")[2], override.value())]
+        return [(str(override.input_line).partition("=")[2], override.value())]
     each = override.sweep_string_iterator() if override.is_choice_sweep() else ()
     return [(text, _read(f"{override.key_or_group}={text}").value()) for text in each]
 
@@ -303,7 +305,7 @@ def _check_preset(group: Group, text: str, value: str) -> None:
         raise ValueError(f"{group.key}={text}: no such choice; {choices(value, group.presets)}{hint}")
 
 
-def _check_value(option: Option, text: str, value: object) -> None:
+def _check_value(option: Option, text: str, value: Any) -> None:
     from omegaconf import BooleanNode, FloatNode, IntegerNode
     from omegaconf.errors import ValidationError
 
@@ -312,7 +314,7 @@ def _check_value(option: Option, text: str, value: object) -> None:
     listed, wrong = isinstance(value, list), ValueError(f"{option.key}={text}: expected {_expected(option)}")
     if value is None or isinstance(value, dict) or (option.many != listed and not option.may_be_one):
         raise wrong
-    node = {"whole number": IntegerNode, "number": FloatNode, "true or false": BooleanNode}.get(option.kind)
+    node: Any = {"whole number": IntegerNode, "number": FloatNode, "true or false": BooleanNode}.get(option.kind)
     for each in value if listed else [value]:
         # A user's module:function is checked when it is imported.
         if option.choices and str(each) not in option.choices and ":" not in str(each):

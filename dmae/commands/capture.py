@@ -79,6 +79,7 @@ def run(config: CaptureCommand, out: Path) -> None:
             for note in [*captured.provenance.get("notes", ()), *exchanges]:
                 print(f"{captured.id}: {note}")
             poses = captured.poses
+            assert poses is not None
             size = f"{counted(len(captured), 'frame')}, {counted(poses.xyz.shape[1], 'person', 'people')}"
             print(f"{captured.id}: {size}, {describe_joints(poses)}")
             if made.alone:
@@ -142,7 +143,7 @@ def _capture(config: CaptureCommand, clips: Clips, frames: int | None = None) ->
     if config.fill != "none":
         poses = find_method(config.fill).load()(poses, clip.fps)
     notes = [f"{note}, put right by the other cameras" for note in describe_sides(clip, measured)]
-    seeing = by_frames(lambda score: np.isfinite(score).any((2, 3)), clip.detections.score).any(0)
+    seeing = np.any(by_frames(lambda score: np.isfinite(score).any((2, 3)), clip.detections.score), 0)
     if seeing.any() and not seeing.all():
         blind = ", ".join(name for name, sees in zip(clip.rig.names, seeing, strict=True) if not sees)
         notes.append(f"no detections of {blind}: the files hold no people, or only joints of confidence 0")
@@ -150,7 +151,7 @@ def _capture(config: CaptureCommand, clips: Clips, frames: int | None = None) ->
     clip = replace(clip, poses=smooth(poses, clip.fps, config.smooth))
     world = upright_world(floor) if config.level else None
     levelled = world is not None
-    clip = place_clip(clip, world) if levelled else clip
+    clip = clip if world is None else place_clip(clip, world)
     known = clip.provenance | {"noise": noise.summary(clip.rig.names), "floor": asdict(floor) | {"levelled": levelled}}
     return replace(clip, provenance=known), notes
 

@@ -62,28 +62,24 @@ def _complete(config: CompleteCommand, folder: Path, frames: int | None = None) 
         raise ValueError(f"{folder}: has no poses to complete; run dmae capture on it first")
     decisions = load_decisions(folder, clip.poses)
     blanked = decided(clip.poses, decisions, ReviewVerdict.blank)
-    accepted = decided(clip.poses, decisions, ReviewVerdict.accept)
     clip = with_decisions(clip, folder)
-    # Joints that a reviewer saw smoothed are not smoothed again.
-    kept = (accepted | (clip.poses.source == Source.DENOISED)) & bool(decisions)
     if frames is not None:
         frames = min(frames, len(clip))
-        clip, blanked, kept = clip.select(frames=range(frames)), blanked[:frames], kept[:frames]
-    completer_for = _completers(config.weights, config.denoise, config.reject, config.smooth)
-    completer = completer_for(clip.poses.skeleton)
-    notes = completer.notes(clip.poses, clip.fps)
+        clip, blanked = clip.select(frames=range(frames)), blanked[:frames]
+    given = clip.poses
+    assert given is not None
+    completer = _completers(config.weights, config.denoise, config.reject, config.smooth)(given.skeleton)
+    notes = completer.notes(given, clip.fps)
     if config.online:
         notes.append(f"each frame is completed from the frames until {config.delay:g} s after it")
-        poses = complete_online(completer, clip.poses, clip.fps, config.delay)
+        poses = complete_online(completer, given, clip.fps, config.delay)
     else:
-        poses = completer(clip.poses, clip.fps)
-    same = poses.skeleton == clip.poses.skeleton
-    if same and decisions:
-        poses = poses.taking(kept, clip.poses)
-    replaced = int((clip.poses.measured & (poses.source == Source.COMPLETED)).sum()) if same else 0
+        poses = completer(given, clip.fps)
+    same = poses.skeleton == given.skeleton
+    replaced = int((given.measured & (poses.source == Source.COMPLETED)).sum()) if same else 0
     if replaced:
         notes.append(
-            f"{counted(replaced, 'measured joint')} ({replaced / clip.poses.measured.sum():.1%}) contradicted the "
+            f"{counted(replaced, 'measured joint')} ({replaced / given.measured.sum():.1%}) contradicted the "
             "frames around or stated a larger error than completed ones; completed instead (reject=false keeps them)"
         )
     return replace(clip, poses=poses.without(blanked)), notes

@@ -15,7 +15,11 @@ def run(config: ConvertCommand, out: Path) -> None:
     several = own and Clips(config.data).data_set
     with ClipSet(out, settings_of("dmae convert", config, Path(config.data.path)) if several else None) as made:
         for clip, name, folder in each_clip(config.data, out, "converting"):
-            lacking = made.write(clip, name) if own else write_recording(clip, folder, config.format)
+            lacking = None
+            if own:
+                made.write(clip, name)
+            else:
+                lacking = write_recording(clip, folder, config.format)
             size = f"{counted(len(clip), 'frame')}, {counted(len(clip.rig), 'camera')}"
             print(f"{folder}: {size}, {clip.detections.skeleton.name}")
             for note in clip.provenance.get("notes", ()):

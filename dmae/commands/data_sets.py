@@ -79,7 +79,7 @@ class ClipSet:
     def __init__(self, out: Path, settings: dict | None):
         self.out, self.lines, self.alone, self.whole = Path(out), {}, settings is None, set()
         """`whole`: names of the clips that are done."""
-        if self.alone:
+        if settings is None:
             if (self.out / MANIFEST).is_file():
                 raise ValueError(f"out={out}: expected a folder for one clip, found a data set; choose another folder")
             return

@@ -32,11 +32,12 @@ def run(config: DemoCommand, out: Path) -> None:
     steps = 8 if config.shelf is None else 9
     methods = ["measured", "linear", "dmae", model]
     say("simulate people to learn from", 1, steps)
-    length = {"seconds": 2} if small else {}
+    length: dict = {"seconds": 2} if small else {}
     synth.generate(clips=3 if small else 24, seed=1, **length, workers=config.workers, out=out / "train")
     say("simulate others, and render them", 2, steps)
-    three = {"rig": synth.preset("rig", "ring", ring=synth.RingConfig(views=3)), "persons": [3, 3]} if small else {}
-    images = {"images": ["rgb"], "quality": "draft"}
+    ring = synth.preset("rig", "ring", ring=synth.RingConfig(views=3))
+    three: dict = {"rig": ring, "persons": [3, 3]} if small else {}
+    images: dict = {"images": ["rgb"], "quality": "draft"}
     clips, seconds = (1, 2) if small else (2, 3)
     synth.generate(clips=clips, seed=2, seconds=seconds, **three, **images, workers=config.workers, out=out / "test")
     for number, name in ((3, "train"), (4, "test")):
@@ -68,10 +69,10 @@ def run(config: DemoCommand, out: Path) -> None:
         print_tables([overview(read_scores(folder))])
     say("report", steps, steps)
     page, scores = out / "report.html", [read_scores(folder) for folder, _ in scored]
-    clips = Clips(DataConfig(name="clip", path=str(out / "completed")))
+    shown = Clips(DataConfig(name="clip", path=str(out / "completed")))
     duration = training(read_json(out / "model/model.json")["steps"], small)
     about = what_to_look_at(scores[0], Path(model).name, duration)
-    write_clips_report(page, clips, scores, title="The demo: simulated people, captured and completed", about=about)
+    write_clips_report(page, shown, scores, title="The demo: simulated people, captured and completed", about=about)
     print(f"Look at {page}; what the steps printed is in {out / LOG}")
 
 

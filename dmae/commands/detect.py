@@ -48,19 +48,20 @@ def run(config: DetectCommand, out: Path, name: str | None = None, least: int = 
     make_detector(config.detector)
     output_skeleton(config.output.skeleton)
     if config.clip is not None:
-        _detect_clips(config, out, least)
+        _detect_clips(config, Path(config.clip), out, least)
         return
     if config.photos is not None and config.calibration is None:
-        _detect_photographs(config, out)
+        _detect_photographs(config, Path(config.photos), out)
         return
     rig = None
     if config.calibration is not None:
         rig = read_calibration(Path(config.calibration), **asdict(config.world))
-    if config.photos is not None:
-        recording = open_sets(Path(config.photos), rig, config.fps)
+    source = Path(str(config.photos or config.videos))
+    if config.photos is not None and rig is not None:
+        recording = open_sets(source, rig, config.fps)
     else:
-        recording = open_recording(Path(config.videos), rig, config.fps, config.offsets)
-    name = name or recording_name(Path(config.photos or config.videos))
+        recording = open_recording(source, rig, config.fps, config.offsets)
+    name = name or recording_name(source)
     for note in recording.notes:
         print(note)
     if len(recording.cameras) < least:
@@ -95,11 +96,11 @@ def interrupted(config: DetectCommand, out: Path) -> str:
     return f"done: {counted(pieces, 'photograph') if config.photos else done}; the same command continues"
 
 
-def _detect_clips(config: DetectCommand, out: Path, least: int) -> None:
-    folders = clip_folders(Path(config.clip))
-    several = folders != [Path(config.clip)]
-    check_apart(out, Path(config.clip))
-    settings = settings_of("dmae detect", config, Path(config.clip))
+def _detect_clips(config: DetectCommand, data: Path, out: Path, least: int) -> None:
+    folders = clip_folders(data)
+    several = folders != [data]
+    check_apart(out, data)
+    settings = settings_of("dmae detect", config, data)
     settings["options"] |= _settings(config)
     made = ClipSet(out, settings if several else None)
     if made.alone:
@@ -124,8 +125,8 @@ def _check_cameras(clip: Clip, folder: Path, least: int) -> None:
         raise ValueError(_TOO_FEW.format(folder, counted(len(clip.rig), "camera")))
 
 
-def _detect_photographs(config: DetectCommand, out: Path) -> None:
-    photographs = find_photographs(Path(config.photos))
+def _detect_photographs(config: DetectCommand, photos: Path, out: Path) -> None:
+    photographs = find_photographs(photos)
     files = {each.name: [str(each.path), *each.size, _bytes(each.path)] for each in photographs.cameras}
     claim_folder(out / _CLAIM, _settings(config) | {"photos": files}, "detections")
     detections, notes = detect_photographs(

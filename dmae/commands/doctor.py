@@ -59,7 +59,7 @@ def run(config: DoctorCommand, out: Path) -> None:
 def _print(clip: Clip, diagnosis: Diagnosis, has_options: bool) -> None:
     for note in clip.provenance.get("notes", ()):
         print(f"{clip.id}: {note}")
-    header = ("cameras", "residual px", "agreeing", "agreement", "detections")
+    header: tuple[str, ...] = ("cameras", "residual px", "agreeing", "agreement", "detections")
     rows = [_row(fit) for fit in diagnosis.pairs]
     if diagnosis.findings:
         header += ("corrected: residual px", "agreeing", "agreement")
@@ -132,7 +132,7 @@ def _cameras(clip: Clip, diagnosis: Diagnosis) -> Table:
 
 
 def _images(clip: Clip) -> list[np.ndarray | None]:
-    if not clip.has_images:
+    if clip.images is None or not clip.has_images:
         return [None] * len(clip.rig)
     return [next(iter(clip.images.select([0], (name,)).read("rgb", name)), None) for name in clip.rig.names]
 

@@ -22,12 +22,13 @@ def run(config: ExportCommand, out: Path) -> None:
     folder = Path(config.clip)
     clip = load_clip(folder)
     kept = with_decisions(clip, folder)
-    options = {"skeleton": config.skeleton, "unit": config.unit, "keep_mm": config.keep_mm, "robot": config.robot}
-    written = write_poses(kept, out, config.format, **options)
+    written = write_poses(
+        kept, out, config.format, skeleton=config.skeleton, unit=config.unit, keep_mm=config.keep_mm, robot=config.robot
+    )
     frames, persons = written.poses.xyz.shape[:2]
     size = f"{counted(frames, 'frame')}, {counted(persons, 'person', 'people')}"
     named = config.skeleton if config.skeleton in writer.rigs else written.poses.skeleton.name
     print(f"{', '.join(map(str, written.files))}: {size}, {named}")
-    if kept is not clip:
+    if kept is not clip and kept.poses is not None and clip.poses is not None:
         left_out = int((kept.poses.source != clip.poses.source).sum())
         print(f"{left_out} joints are left out by the decisions of dmae review")

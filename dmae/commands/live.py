@@ -3,9 +3,10 @@
 import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict
+from io import BufferedIOBase
 from pathlib import Path
 from socketserver import StreamRequestHandler, TCPServer
-from typing import BinaryIO
+from typing import Any
 
 from dmae.commands.config import LiveCommand
 from dmae.completion.complete import completers
@@ -45,12 +46,12 @@ def run(config: LiveCommand, out: None) -> None:
 
     host, _, port = config.listen.rpartition(":")
     with TCPServer((host, int(port)), Handler) as server:
-        host, port = server.server_address[:2]
-        print(f"listening on {host}:{port}", flush=True)
+        address: Any = server.server_address
+        print(f"listening on {address[0]}:{address[1]}", flush=True)
         server.serve_forever()
 
 
-def lines_of(stream: BinaryIO) -> Iterator[str]:
+def lines_of(stream: BufferedIOBase) -> Iterator[str]:
     """Yield the lines of a stream. A longer line is cut and then refused, so that no sender can fill the memory."""
     while part := stream.readline(LONGEST + 1):
         yield part.decode(errors="replace")

@@ -64,7 +64,8 @@ def run(config: PretrainCommand, out: Path) -> None:
     for name, plan in (("scores", captured), ("scores_true", true_poses)):
         with logged(out):
             run_step(evaluate, replace(plan, methods=["dmae"], weights=None), out / f"{name}_shipped")
-        gate = compare_scores(*(read_scores(out / f"{name}{each}") for each in ("_shipped", "")), ["methods"])
+        shipped, yours = (read_scores(out / f"{name}{each}") for each in ("_shipped", ""))
+        gate = compare_scores(shipped, yours, ["methods"])
         own = [line for line in (*map(str, gate.changes), *gate.refused) if line.startswith("dmae,")]
         print(*(f"your weights beside those of the package: {line}" for line in own), sep="\n")
     card = model_card(out / "model", [out / "scores", out / "scores_true"], command)

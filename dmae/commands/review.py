@@ -29,7 +29,7 @@ def run(config: ReviewCommand, out: Path) -> None:
     clip = load_clip(folder)
     decisions = load_decisions(folder, clip.poses)
     ranking = rank_doubts(clip, decisions)
-    if new := _new_decisions(config, ranking):
+    if clip.poses is not None and (new := _new_decisions(config, ranking)):
         decisions += new
         save_decisions(folder, clip.poses, decisions)
         print(f"{folder / DECISIONS}: {len(decisions)} decisions, {len(new)} of them new")

@@ -18,7 +18,7 @@ def run(config: TrainConfig, out: Path, since: float | None = None) -> None:
     paths = (config.extra_data, config.validation_data)
     if not config.examples.damaged:
         for path in (config.data.path, *config.extra_data, *config.validation_data):
-            refuse_damaged(path, "examples.damaged=true")
+            refuse_damaged(Path(path), "examples.damaged=true")
     extra, validation = ([Clips(DataConfig(path=path)) for path in group] for group in paths)
     # The time that the user waits begins with the command, not when torch is loaded.
     since = since or interruption.began or time.monotonic()

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from math import ceil
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -29,6 +30,9 @@ from dmae.numerics.body import rotate_z
 from dmae.numerics.filling import are_stills, fill_stills, present, resample
 from dmae.numerics.paths import gap_lengths
 from dmae.parallel import one_thread
+
+if TYPE_CHECKING:
+    from dmae.completion.paper import PaperCompleter
 
 # Prediction: a network's corrections of a whole recording, blended over overlapping windows.
 
@@ -100,7 +104,7 @@ def _corrections(model: DMAE, rows: Rows, needed: np.ndarray) -> np.ndarray:
     start = rows.starts % length
     needed = np.concatenate([needed, np.zeros((length - count, *needed.shape[1:]), bool)])
     needed = needed.swapaxes(0, 1).reshape(rows.observed.shape) & rows.present[:, None]
-    useful = needed.any(1)[rows.starts[:, None] + np.arange(frames)].any(1)
+    useful = np.any(needed, 1)[rows.starts[:, None] + np.arange(frames)].any(1)
     starts = rows.starts[useful & ((start % stride(model) == 0) | (start == length - frames))]
     triangle = np.minimum(np.arange(1, frames + 1), np.arange(frames, 0, -1)).astype(float)
 
@@ -219,7 +223,7 @@ class Completer:
             poses = self._as_source(poses)
         poses = self._evidence(poses, fps)
         if self.target:
-            return self._fuse(poses, fps, frames)
+            return self._fuse(poses, fps, frames, self.target)
         absent = ((poses.source == Source.ABSENT) & present(poses, fps)[..., None])[frames]
         moved = _of_few_views(poses)[frames] & self.denoise
         if not (absent | moved).any():
@@ -272,22 +276,22 @@ class Completer:
 
     def _as_source(self, poses: Poses3D) -> Poses3D:
         """Return poses that have all the joints of the first of two skeletons, on that skeleton."""
-        wanted, found = self.skeleton.parts[0], poses.skeleton
+        (wanted, target), found = self.skeleton.parts, poses.skeleton
         if not set(wanted.joints) <= set(found.joints):
             raise ValueError(
-                f"the weights turn {wanted.name!r} into {self.target.name!r}, the poses are {found.name!r}; convert "
+                f"the weights turn {wanted.name!r} into {target.name!r}, the poses are {found.name!r}; convert "
                 "them (dmae.data.conversion.convert), or train on their skeleton"
             )
         return convert(poses, wanted)
 
-    def _fuse(self, poses: Poses3D, fps: float, frames: slice) -> Poses3D:
-        there, count = present(poses, fps)[frames], len(self.target)
+    def _fuse(self, poses: Poses3D, fps: float, frames: slice, target: Skeleton) -> Poses3D:
+        there, count = present(poses, fps)[frames], len(target)
         if not there.any():
-            return fusion.absent(self.target, *there.shape)
+            return fusion.absent(target, *there.shape)
         wanted = np.repeat(there[..., None], count, -1)
-        predicted = predict(self.model, poses, fps, frames, wanted, self.target)
+        predicted = predict(self.model, poses, fps, frames, wanted, target)
         xyz, scale = (part[:, :, -count:] for part in predicted)
-        done = fusion.fused(poses.select(frames), self.target, xyz, there)
+        done = fusion.fused(poses.select(frames), target, xyz, there)
         return _with_covariances(done, there[..., None], self._deviation(poses, fps, scale, frames))
 
     def _evidence(self, poses: Poses3D, fps: float) -> Poses3D:
@@ -314,7 +318,10 @@ class Completer:
             ) from None
         poses = poses.select(frames)
         taken = common | ((done.source != Source.ABSENT) & ~poses.measured)
-        return poses.taking(taken, done)
+        joints = {}
+        for name, new in done.arrays.items():
+            joints[name] = np.where(taken.reshape(*taken.shape, *(1,) * (new.ndim - 3)), new, poses.arrays[name])
+        return Poses3D(poses.skeleton, **joints)
 
     def _on_floor(self, xyz: np.ndarray, poses: Poses3D) -> np.ndarray:
         """Return completed joints (F, P, J, 3) with legs that no camera ever detected on the floor."""
@@ -373,7 +380,7 @@ def _of_few_views(poses: Poses3D) -> np.ndarray:
 
 def load_completer(
     weights: Path, device: str = "auto", denoise: bool | None = False, reject: bool = False, smooth: float = 0.0
-) -> Completer:
+) -> "Completer | PaperCompleter":
     """Return the completer of a folder that `dmae train` wrote, or of the shipped weights `paper`.
 
     The paper's network has no use for `denoise` and `reject`.
@@ -416,7 +423,7 @@ def load_completer(
     return Completer(model.to(where), skeleton, denoise, factors, reject, smooth)
 
 
-def completers(weights: Path | None, **options) -> Callable[[Skeleton], Completer]:
+def completers(weights: Path | None, **options) -> Callable[[Skeleton], Any]:
     """Return a function from the skeleton of poses to their completer.
 
     Without a folder of weights, each skeleton has the weights that come with the package

@@ -156,4 +156,4 @@ def smooth_by_noise(filled: Poses3D, noisy: np.ndarray, fps: float, seconds: flo
 
 def near_measurement(poses: Poses3D, fps: float) -> np.ndarray:
     """Return (F, P, 1) True where a joint of the person is measured within 0.2 s."""
-    return (np.minimum(*frames_away(poses.measured.any(-1))) <= _NEAR * fps)[..., None]
+    return (np.minimum(*frames_away(np.any(poses.measured, -1))) <= _NEAR * fps)[..., None]

@@ -219,6 +219,8 @@ def _inputs(bodies: Bodies, joint: int, seen: np.ndarray) -> tuple[int | None, l
         while anchor not in torso and not seen[anchor] and parents[anchor] >= 0:
             part.append(anchor)
             anchor = parents[anchor]
+    if anchor is None:
+        return None, [], []
     lost = {other for other in part if not seen[other]}
     inputs, origins = [], []
     for other in bodies.attached:

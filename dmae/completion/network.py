@@ -23,7 +23,7 @@ The default network is the same class with `residual`: it predicts what to add t
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 import torch.nn.functional as F
@@ -44,7 +44,7 @@ class Prediction(NamedTuple):
 class Chosen(NamedTuple):
     """Some of the tokens of each window, padded to the largest number in the batch."""
 
-    index: Tensor
+    places: Tensor
     """(B, n) of the chosen tokens, in order."""
     valid: Tensor
     """(B, n) False for padding."""
@@ -58,17 +58,18 @@ class Chosen(NamedTuple):
 
     def take(self, x: Tensor) -> Tensor:
         """Return the chosen ones (B, n, C) of tokens (B, N, C)."""
-        return x.gather(1, self.index[..., None].expand(-1, -1, x.shape[-1]))
+        return x.gather(1, self.places[..., None].expand(-1, -1, x.shape[-1]))
 
     def put(self, x: Tensor, tokens: int) -> Tensor:
         """Return chosen tokens (B, n, C) in their places (B, N, C), zero elsewhere."""
         x = torch.where(self.valid[..., None], x, 0)
-        places = x.new_zeros(len(x), tokens, x.shape[-1])
-        return places.scatter_add(1, self.index[..., None].expand_as(x), x)
+        return x.new_zeros(len(x), tokens, x.shape[-1]).scatter_add(1, self.places[..., None].expand_as(x), x)
 
 
 class FourierCode(nn.Module):
     """[cos 2πBx, sin 2πBx] of x (..., D), with a fixed Gaussian matrix B (C/2, D) that is saved with the weights."""
+
+    B: Tensor
 
     def __init__(self, inputs: int, channels: int, sigma: float):
         super().__init__()
@@ -82,6 +83,9 @@ class FourierCode(nn.Module):
 class ContextCode(nn.Module):
     """γ(j) + γ(t): the codes of joint and time of each token; both indices are scaled to [0, 1]."""
 
+    t: Tensor
+    j: Tensor
+
     def __init__(self, config: CodesConfig, frames: int, places: Tensor, channels: int, with_all: bool = False):
         super().__init__()
         self.joint = FourierCode(1, channels, config.joint_sigma) if with_all or not config.no_joint else None
@@ -91,7 +95,7 @@ class ContextCode(nn.Module):
 
     def forward(self, joints: int) -> Tensor | float:
         """Return the codes (N, C) of the tokens of the first joints."""
-        code = 0.0
+        code: Tensor | float = 0.0
         if self.joint is not None:
             code = code + self.joint(self.j[:joints])
         if self.time is not None:
@@ -193,6 +197,12 @@ class DMAE(nn.Module):
     The observed tokens are gathered to the largest number in the batch and padded, as attention is quadratic in tokens.
     """
 
+    rest: Tensor
+    """m; mean pose of the training data, see `dmae.completion.windows.rest_pose`."""
+    pose_covariance: Tensor
+    """m^2; covariance of poses about it, see `dmae.completion.pose_prior.pose_covariance`."""
+    offset_scale: Tensor
+
     def __init__(self, config: ModelConfig, joints: int, namesakes: Sequence[int] | None = None):
         """
         Args:
@@ -205,10 +215,8 @@ class DMAE(nn.Module):
         places = places if namesakes is None else places[list(namesakes)]
         encoder, decoder, residual = config.encoder, config.decoder, config.residual
         self.register_buffer("rest", torch.zeros(joints, 3))
-        """m; mean pose of the training data, see `dmae.completion.windows.rest_pose`."""
         if residual:
             self.register_buffer("pose_covariance", torch.zeros(3 * joints, 3 * joints))
-            """m^2; covariance of poses about it, see `dmae.completion.pose_prior.pose_covariance`."""
         self.signal = FourierCode(3, 2 * config.codes.signal, config.codes.signal_sigma)
         self.embed = nn.Linear(2 * config.codes.signal + residual * (3 + len(_OBSERVED_NOISE)), encoder.dim)
         self.encoder_context = ContextCode(config.codes, config.frames, places, encoder.dim)
@@ -232,8 +240,9 @@ class DMAE(nn.Module):
         self.head = nn.Linear(decoder.dim, 3 + residual)
         scale_inputs = decoder.dim + residual * _SCALE_FEATURES
         self.scale_head = nn.Sequential(nn.Linear(scale_inputs, 64), nn.GELU(), nn.Linear(64, 1))
-        nn.init.zeros_(self.scale_head[-1].weight)
-        nn.init.constant_(self.scale_head[-1].bias, math.log(_ERROR_SCALE))
+        last: Any = self.scale_head[-1]
+        nn.init.zeros_(last.weight)
+        nn.init.constant_(last.bias, math.log(_ERROR_SCALE))
         if residual:
             self.register_buffer("offset_scale", torch.tensor(_OFFSET_SCALE), persistent=False)
             self.embed_hidden = nn.Linear(2 * config.codes.signal + 3 + _HIDDEN_FEATURES, decoder.dim)
@@ -269,14 +278,14 @@ class DMAE(nn.Module):
         """
         chosen = None if wanted is None else Chosen.where(wanted.flatten(1))
         if self.config.residual:
-            tokens, xyz, features = self._residual(
-                x, observed, base, *self._ablated(gap, ray, candidate_offset, noise_level), chosen
-            )
+            gap, ray, candidate_offset, noise_level = self._ablated(gap, ray, candidate_offset, noise_level)
+            assert base is not None
+            tokens, xyz, features = self._residual(x, observed, base, gap, ray, candidate_offset, noise_level, chosen)
         else:
             encoded = self.encode(self.signal(x.flatten(1, 2)), observed)
             tokens = self.decode(encoded, self.mask_token, observed, chosen)
             heights = (self.rest[: x.shape[2]] * self.rest.new_tensor((0, 0, 1))).repeat(x.shape[1], 1)
-            xyz = self.head(tokens) + (heights if chosen is None else heights[chosen.index])
+            xyz = self.head(tokens) + (heights if chosen is None else heights[chosen.places])
             features = tokens[..., :0]
         # Detached: learning the scale of errors cost accuracy where the two shared features.
         log_scale = self.scale_head(torch.cat([tokens.detach(), features], -1))
@@ -331,9 +340,9 @@ class DMAE(nn.Module):
 
         duration = torch.log1p(gap) / math.log(1000)
         offsets = (candidate_offset / self.offset_scale[:, None]).clamp(-5, 5).flatten(3)
-        features = (part.flatten(1, 2) for part in (duration, ray, offsets, noise_level))
+        parts = (part.flatten(1, 2) for part in (duration, ray, offsets, noise_level))
         hidden = self.mask_token.expand_as(encoded)
-        hidden = hidden + self.embed_hidden(torch.cat([self._coordinates(base), *features], -1))
+        hidden = hidden + self.embed_hidden(torch.cat([self._coordinates(base), *parts], -1))
         tokens = self.decode(encoded, hidden, observed, chosen)
 
         def of_chosen(part: Tensor) -> Tensor:
@@ -347,8 +356,8 @@ class DMAE(nn.Module):
         predicted = self.head(tokens)
         return tokens, base + torch.where(known, 1, scale) * (predicted[..., :3] + predicted[..., 3:] * ray), features
 
-    def _ablated(self, *features: Tensor) -> list[Tensor]:
-        fields = dict(zip(_FIELDS, features, strict=True))
+    def _ablated(self, *features: Tensor | None) -> list[Any]:
+        fields: dict[str, Any] = dict(zip(_FIELDS, features, strict=True))
         for name in self.config.ablate:
             field, part = FEATURES[name]
             fields[field] = fields[field].clone()

@@ -91,7 +91,7 @@ def paper_rows(pairs: Sequence[PosePair], frames: int) -> PaperRows:
         source, fuses = len(pair.truth.skeleton.parts[0]), captured and len(pair.truth.skeleton.parts) > 1
         truth = pair.truth.xyz if fuses else pair.truth.xyz[:, :, :source]
         given = np.full(truth.shape, np.nan)
-        given[:, :, :source] = pair.captured.xyz if captured else truth
+        given[:, :, :source] = pair.captured.xyz if captured and pair.captured else truth
         if fuses:
             truth = np.where(np.arange(truth.shape[2])[:, None] < source, np.nan, truth)
         count, people = truth.shape[:2]
@@ -108,7 +108,8 @@ def paper_rows(pairs: Sequence[PosePair], frames: int) -> PaperRows:
         offset += len(given)
     if not parts:
         return PaperRows(np.zeros((0, 0, 3), np.float32), np.zeros((0, 0, 3), np.float32), np.zeros(0, int), False)
-    return PaperRows(*map(np.concatenate, zip(*parts, strict=True)), captured)
+    given, truth, starts = map(np.concatenate, zip(*parts, strict=True))
+    return PaperRows(given, truth, starts, captured)
 
 
 def hips(skeleton: Skeleton) -> list[int]:
@@ -205,7 +206,7 @@ class PaperBatches(Dataset):
         if self.captured:
             # Masked tokens come last in the order in which tokens are shown.
             order = rng.random(shape) + mask_captured(shape, config, rng=rng)
-            most = rng.integers(*_MOST, endpoint=True)
+            most = int(rng.integers(*_MOST, endpoint=True))
         else:
             order = mask_scattered(shape, config.joints, config.frames, rng.random() < config.released, rng=rng)
         order, parts = order.swapaxes(0, 1)[self.share], []

@@ -14,7 +14,7 @@ import re
 import sys
 import time
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
 from functools import partial
@@ -95,10 +95,11 @@ def fit_factors(complete: Completer, held_back: Iterable[tuple[Poses3D, Poses3D]
     if len(ratio) < _FEWEST:
         return None
     everything = np.ones(len(ratio), bool)
-    return tuple(
-        tuple(factor((number == i) & kind, number == i, kind, everything) for i in range(CLASSES))
-        for kind in (noisy == 0, noisy == 1)
-    )
+
+    def of(kind: np.ndarray) -> tuple[float, ...]:
+        return tuple(factor((number == i) & kind, number == i, kind, everything) for i in range(CLASSES))
+
+    return of(noisy == 0), of(noisy == 1)
 
 
 # Checkpoints of training: each with its checksum, and the one before it kept.
@@ -151,8 +152,8 @@ def newest_checkpoint(folder: Path) -> Path | None:
         except ValueError as error:
             errors.append(error)
             continue
-        for error in errors:
-            print(f"{error}; training continues from {path.name}, the one before it", file=sys.stderr)
+        for damage in errors:
+            print(f"{damage}; training continues from {path.name}, the one before it", file=sys.stderr)
         return path
     if errors:
         names = " and ".join(path.name for path in found)
@@ -362,7 +363,7 @@ class Learner(lightning.LightningModule):
         return self._rows[id(pairs)]
 
     def val_dataloader(self) -> DataLoader:
-        return DataLoader(self.validation, batch_size=None)
+        return DataLoader(self.validation, batch_size=None)  # type: ignore[arg-type]  # a list serves
 
     def training_step(self, batch: Examples, _: int) -> Tensor:
         predicted, weight = self._predict(batch), self.train_config.learning.observed_weight
@@ -498,8 +499,8 @@ def errors_of_processes():
 
 # The whole of a training.
 
-_PRECISION = {Precision.single: "32-true", Precision.bf16: "bf16-mixed"}
-_QUIET = {"enable_progress_bar": False, "enable_model_summary": False}
+_PRECISION: dict[Precision, Any] = {Precision.single: "32-true", Precision.bf16: "bf16-mixed"}
+_QUIET: dict[str, Any] = {"enable_progress_bar": False, "enable_model_summary": False}
 _ONES = ((1.0,) * CLASSES,) * 2  # Factors of uncertainty that change nothing
 
 
@@ -604,7 +605,7 @@ def train(
     return out
 
 
-def _fit(learner: Learner, config: TrainConfig, out: Path) -> tuple[int, dict[str, float]]:
+def _fit(learner: Learner, config: TrainConfig, out: Path) -> tuple[int, Mapping[str, float]]:
     """Train the learner, from the checkpoint in the folder if there is one; return its steps and validation scores."""
     learning, checkpoint = config.learning, newest_checkpoint(out)
     with quiet_lightning():

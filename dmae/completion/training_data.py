@@ -3,7 +3,7 @@
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -12,7 +12,7 @@ from torch.utils.data import Dataset
 
 from dmae.completion.config import AugmentConfig, ExamplesConfig, MaskingConfig, ModelConfig, TrainConfig
 from dmae.completion.fusion import true_pair
-from dmae.completion.windows import Rows, Windows, join_rows, make_rows
+from dmae.completion.windows import Rows, join_rows, make_rows
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.conversion import convert
 from dmae.data.rng import Stream, generator
@@ -157,14 +157,14 @@ def augment(pair: PosePair, config: AugmentConfig, fps: float, *, rng: np.random
     """
     speed, backwards = np.exp(rng.uniform(-config.speed, config.speed)), rng.random() < config.reverse
     persons = pair.truth.xyz.shape[1]
-    mirrored = rng.random(persons) < config.mirror
+    mirrored = rng.random((persons,)) < config.mirror
     size = np.exp(rng.normal(0, config.scale, (persons, 1, 1)))
     angle = rng.uniform(-np.pi, np.pi, (persons, 1))
 
     def varied(poses: Poses3D) -> Poses3D:
         new = resample(poses, fps, fps * speed)
 
-        def move(points: np.ndarray, size: np.ndarray) -> np.ndarray:
+        def move(points: np.ndarray, size: np.ndarray | float) -> np.ndarray:
             points = points.astype(np.float64)[:: -1 if backwards else 1]
             swapped = points[:, :, list(poses.skeleton.mirror)] * (1, -1, 1)
             return rotate_z(np.where(mirrored[:, None, None], swapped, points) * size, angle)
@@ -204,7 +204,8 @@ class Recipe:
 class Examples(NamedTuple):
     """Windows and the truth in them."""
 
-    windows: Windows
+    windows: Any
+    """`Windows`, or those of the paper's network."""
     truth: Tensor
     """(B, T, J, 3) m, zero where unknown."""
     hidden: Tensor
@@ -217,7 +218,8 @@ def masked_poses(pair: PosePair, recipe: Recipe, *, rng: np.random.Generator) ->
     """Return the captured poses of a pair, or else the true ones with noise, with joints masked."""
     source = pair.truth.skeleton.parts[0]
     measured = pair.captured or with_noise(convert(pair.truth, source), recipe.augment.noise, rng=rng)
-    masked = mask(*measured.xyz.shape[:2], source, recipe.model.fps, recipe.masking, rng=rng)
+    frames, persons = measured.xyz.shape[:2]
+    masked = mask(frames, persons, source, recipe.model.fps, recipe.masking, rng=rng)
     # A single camera still detects some masked joints, as it does many of those that capture leaves out.
     detected = rng.random((1, *measured.xyz.shape[1:3])) < _KEPT_RAYS
     rays = np.where((masked & ~detected)[..., None, None], np.nan, measured.rays)
@@ -376,7 +378,7 @@ class TrainingBatches(Dataset):
         self.recipe, self.seed, self.first, self.steps, self.batch = recipe, seed, epoch * steps, steps, batch
         rng = generator(seed, epoch, Stream.MASKING)
         pool, windows = [], batch * max(min(steps, steps if taken is None else taken), 1)
-        for group, share in ((pairs, 1 - replay), (extra, replay)):
+        for group, share in ((pairs, 1 - replay), (extra or [], replay)):
             size, order = 0, []
             # Twice as many rows as windows are drawn: neighbouring windows differ little.
             while size < 2 * windows * share:

@@ -12,6 +12,8 @@ _LONGEST_EMPTY = 1_000_000
 _MOST_SHOWN = 8  # Longest tuple that is printed whole
 ANY = -1
 """Marks an axis of any length in an expected shape."""
+UNSET: Any = None
+"""Default of an array that `__post_init__` makes."""
 
 
 def set_array(owner: Any, name: str, dtype: type, shape: tuple[int, ...], default: float | None = None) -> None:
@@ -61,7 +63,7 @@ def _short(value: Any) -> str:
     return value.name if hasattr(value, "joints") else repr(value)
 
 
-def _full(shape: tuple[int, ...], value: float, dtype: type) -> np.ndarray:
+def _full(shape: tuple[int, ...], value: float | None, dtype: type) -> np.ndarray:
     """Return an array filled with one value. A large array is read-only and takes no memory."""
     filled = np.broadcast_to(np.array(value, dtype), shape)
     return filled if filled.nbytes >= LARGE else filled.copy()

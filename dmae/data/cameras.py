@@ -7,7 +7,7 @@ from math import prod
 import cv2
 import numpy as np
 
-from dmae.data.array_fields import ANY, set_array, short_repr
+from dmae.data.array_fields import ANY, UNSET, set_array, short_repr
 from dmae.files.checks import LEAST_FOCAL, MOST_DISTORTION, MOST_FOCAL, MOST_METRES, MOST_SIZE, check_numbers
 
 # OpenCV's default criteria leave up to 0.07 px; these converge to 1e-10.
@@ -41,7 +41,7 @@ class CameraRig:
     dist: np.ndarray
     cam_from_world: np.ndarray
     size: np.ndarray
-    fisheye: np.ndarray = None
+    fisheye: np.ndarray = UNSET
 
     __repr__ = short_repr
 
@@ -113,7 +113,7 @@ class CameraRig:
     @cached_property
     def undistorted(self) -> "CameraRig":
         """The pinhole cameras with the same K, for the pixels that `undistort` returns."""
-        return replace(self, dist=np.zeros((len(self), 5)), fisheye=None) if self.distorted.any() else self
+        return replace(self, dist=np.zeros((len(self), 5)), fisheye=UNSET) if self.distorted.any() else self
 
     @cached_property
     def centers(self) -> np.ndarray:
@@ -240,7 +240,7 @@ class CameraRig:
         xy = np.asarray(xy)
         size = self.size.reshape(1, len(self), *(1,) * (xy.ndim - 3), 2)
         with np.errstate(invalid="ignore"):
-            return ((xy >= -0.5) & (xy <= size - 0.5)).all(-1)
+            return np.all((xy >= -0.5) & (xy <= size - 0.5), -1)
 
 
 def _read_only(values: np.ndarray) -> np.ndarray:
@@ -259,7 +259,7 @@ def _radial_reach(dist: tuple[float, ...]) -> float:
     return np.inf if growing.all() else np.sqrt(square[growing.argmin()])
 
 
-def _distorted_angle(k: np.ndarray, angle: np.ndarray) -> np.ndarray:
+def _distorted_angle(k: np.ndarray | tuple[float, ...], angle: np.ndarray) -> np.ndarray:
     """Return the distorted angles, rad, of angles off axis, rad, for a fisheye with coefficients k1..k4."""
     square = angle**2
     return angle * (1 + square * (k[0] + square * (k[1] + square * (k[2] + square * k[3]))))

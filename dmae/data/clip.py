@@ -6,7 +6,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from dmae.data.array_fields import ANY, check_type, set_array, short_repr
+from dmae.data.array_fields import ANY, UNSET, check_type, set_array, short_repr
 from dmae.data.cameras import CameraRig
 from dmae.data.images import Images
 from dmae.data.labels import DetectionLabels, OcclusionLabels
@@ -90,10 +90,10 @@ class Poses3D:
 
     skeleton: Skeleton
     xyz: np.ndarray
-    source: np.ndarray = None
-    cov: np.ndarray = None
-    views: np.ndarray = None
-    rays: np.ndarray = None
+    source: np.ndarray = UNSET
+    cov: np.ndarray = UNSET
+    views: np.ndarray = UNSET
+    rays: np.ndarray = UNSET
 
     __repr__ = short_repr
 
@@ -136,14 +136,7 @@ class Poses3D:
             here = dropped.reshape(*dropped.shape, *(1,) * (values.ndim - 3))
             return by_frames(lambda here, values: np.where(here, absent, values), here, values)
 
-        return replace(self, **{name: cut(name) for name in ("xyz", "source", "cov", "views")})
-
-    def taking(self, where: np.ndarray, other: "Poses3D") -> "Poses3D":
-        """Return these poses with the joints of others of the same skeleton where True, (F, P, J)."""
-        joints = {}
-        for name, new in other.arrays.items():
-            joints[name] = np.where(where.reshape(*where.shape, *(1,) * (new.ndim - 3)), new, self.arrays[name])
-        return Poses3D(self.skeleton, **joints)
+        return replace(self, xyz=cut("xyz"), source=cut("source"), cov=cut("cov"), views=cut("views"))
 
     @property
     def arrays(self) -> dict[str, np.ndarray]:

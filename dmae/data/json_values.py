@@ -43,7 +43,7 @@ def decode(kind: Any, value: Any, name: str = "") -> Any:
             return None
         (kind,) = (one for one in inner if one is not type(None))
         return decode(kind, value, name)
-    if is_dataclass(kind):
+    if isinstance(kind, type) and is_dataclass(kind):
         names = {f.name for f in fields(kind)}
         needed = {f.name for f in fields(kind) if f.default is MISSING and f.default_factory is MISSING}
         if not isinstance(value, dict) or not needed <= set(value) <= names:

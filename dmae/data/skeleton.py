@@ -332,7 +332,7 @@ def encode(skeleton: Skeleton) -> str | dict:
         "joints": {
             joint: names[parent] if parent >= 0 else None for joint, parent in zip(names, skeleton.parents, strict=True)
         },
-        "mirror": [[names[left], names[right]] for left, right in skeleton.pairs],
+        "mirror": [[names[left], names[right]] for left, right in skeleton.pairs or ()],
         "stretching": [names[joint] for joint in skeleton.stretching],
     }
     if skeleton.torso is not None:
@@ -401,13 +401,13 @@ def _joints(values: object, names: list[str], key: str) -> tuple[int, ...]:
 
 
 def _name(value: object, key: str) -> str:
-    fine = isinstance(value, str) and 0 < len(value) <= _LONGEST_NAME and value.isprintable()
-    if not fine or value != value.strip() or set(value) & set("+./\\\t,"):
-        raise ValueError(
-            f"{key}: expected a name of up to {_LONGEST_NAME} characters without + . , / and \\, found "
-            f"{_short(value)}; names such as no, on and 1 stand in quotes"
-        )
-    return value
+    if isinstance(value, str) and 0 < len(value) <= _LONGEST_NAME and value.isprintable():  # noqa: SIM102
+        if value == value.strip() and not set(value) & set("+./\\\t,"):
+            return value
+    raise ValueError(
+        f"{key}: expected a name of up to {_LONGEST_NAME} characters without + . , / and \\, found "
+        f"{_short(value)}; names such as no, on and 1 stand in quotes"
+    )
 
 
 def _size(value: object) -> float | None:

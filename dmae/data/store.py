@@ -5,6 +5,7 @@ import json
 import os
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from safetensors import SafetensorError
@@ -126,7 +127,7 @@ def assemble_clip(folder: Path, meta: dict, arrays: dict[str, np.ndarray]) -> Cl
         raise ValueError("expected an id that is a text, and a provenance that is an object")
     if not isinstance(meta["objects"], list) or not all(isinstance(name, str) for name in meta["objects"]):
         raise ValueError("expected objects to be a list of texts")
-    parts = {name: _part(name, skeleton, arrays) for name, skeleton in meta["skeletons"].items()}
+    parts: dict[str, Any] = {name: _part(name, skeleton, arrays) for name, skeleton in meta["skeletons"].items()}
     images = meta["images"]
     if images:
         listed = {name: tuple(images[name]) for name in ("views", "frames", "kinds", "parts")}
@@ -159,14 +160,14 @@ def _rig(name: str, meta: dict, arrays: dict[str, np.ndarray]) -> CameraRig:
 
 def _part(name: str, skeleton: str | dict, arrays: dict[str, np.ndarray]) -> Detections2D | Poses3D:
     kind = Detections2D if name == "detections" else Poses3D
-    values = {f.name: arrays[f"{name}.{f.name}"] for f in fields(kind)[1:] if f.name != "rays"}
+    values: dict[str, Any] = {f.name: arrays[f"{name}.{f.name}"] for f in fields(kind)[1:] if f.name != "rays"}
     if kind is Poses3D:
         # The array of rays is not stored if it contains no ray.
         values["rays"] = arrays.get(f"{name}.rays")
     return kind(decode_skeleton(skeleton, name), **values)
 
 
-def _labels(part: str, kind: type, arrays: dict[str, np.ndarray], **more) -> OcclusionLabels | DetectionLabels | None:
+def _labels(part: str, kind: type, arrays: dict[str, np.ndarray], **more) -> Any:
     """Return the labels of a clip; None if their first array was not stored."""
     first, *_ = _LABELS[part].values()
     if first not in arrays:

@@ -67,8 +67,8 @@ def cameras_of(images: Images, sizes: np.ndarray) -> list[CameraImages]:
     """Return the cameras of a clip with images; `sizes` (V, 2) px are the sizes in its rig."""
     numbers = np.arange(len(images.frames), dtype=float)
     return [
-        CameraImages(name, images.folder, tuple(map(int, size)), numbers, None, partial(_read_images, images, name))
-        for name, size in zip(images.views, sizes, strict=True)
+        CameraImages(name, images.folder, (int(width), int(height)), numbers, None, partial(_read_images, images, name))
+        for name, (width, height) in zip(images.views, sizes, strict=True)
     ]
 
 

@@ -5,6 +5,7 @@ import io
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -242,7 +243,7 @@ def _search_piece(
     file: Path,
 ) -> None:
     """Search people at expected places in some images, and write those found to a file."""
-    detector = make_detector(config)
+    detector: Any = make_detector(config)  # with the method `find_at`
     start, stop = min(wanted), max(wanted) + 1
     found = {number: np.empty((0, len(detector.skeleton), 3)) for number in wanted}
     for number, image in zip(range(start, stop), camera.read(start, stop), strict=True):

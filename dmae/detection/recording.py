@@ -137,7 +137,7 @@ def _calibrated(
 
 
 def _fitting(camera: CameraImages, one: CameraRig) -> Fitting:
-    calibrated = tuple(map(int, one.size[0]))
+    calibrated = (int(one.size[0, 0]), int(one.size[0, 1]))
     if camera.size == calibrated:
         return Fitting()
     numbers = evenly_spaced(len(camera), _SAMPLED).tolist()
@@ -214,7 +214,7 @@ def detect_clip(
 
     Raises ValueError if the clip has no colour images.
     """
-    if not clip.has_images:
+    if clip.images is None or not clip.has_images:
         raise ValueError(f"clip {clip.id!r} has no colour images; make it with images=rgb")
     cameras = {camera.name: camera for camera in cameras_of(clip.images, clip.rig.size)}
     frames = (np.arange(len(clip)),) * len(clip.rig)
@@ -225,8 +225,8 @@ def detect_clip(
         (Fitting(),) * len(clip.rig),
         (),
     )
-    detections, notes = detect_recording(recording, config, pieces, skeleton, workers, "frame")
-    notes = [*clip.provenance.get("notes", ()), *notes]
+    detections, added = detect_recording(recording, config, pieces, skeleton, workers, "frame")
+    notes = [*clip.provenance.get("notes", ()), *added]
     provenance = clip.provenance | {"detector": config.name, "notes": notes}
     return replace(clip, detections=detections, poses=None, detection_labels=None, provenance=provenance)
 
@@ -263,7 +263,8 @@ def recording_name(folder: Path) -> str:
 
 def make_clip(name: str, recording: Recording, detections: Detections2D, notes: Sequence[str], detector: str) -> Clip:
     """Return the clip of a calibrated recording, without images."""
-    provenance = {"notes": [*recording.notes, *notes], "detector": detector}
+    assert recording.rig is not None
+    provenance: dict = {"notes": [*recording.notes, *notes], "detector": detector}
     provenance["videos"] = {camera.name: camera.path.name for camera in recording.cameras}
     return Clip(name, recording.alignment.fps, recording.rig, detections, provenance=provenance)
 
@@ -276,6 +277,7 @@ def write_images(recording: Recording, folder: Path, workers: int = 1) -> Images
     """
     (folder / "rgb").mkdir(parents=True, exist_ok=True)
     rig, alignment = recording.rig, recording.alignment
+    assert rig is not None
     tasks = []
     for view, camera in enumerate(recording.cameras):
         to = child(folder / "rgb", f"{rig.names[view]}.mp4", "camera")
@@ -382,7 +384,7 @@ def coco(detections: Detections2D, entries: Sequence[tuple[int, int, str, tuple[
         {"id": image, "file_name": name, "width": size[0], "height": size[1]}
         for image, (_, _, name, size) in enumerate(entries)
     ]
-    there = detections.observed.any(-1)
+    there = np.any(detections.observed, -1)
     people = [
         (image, frame, view, number)
         for image, (frame, view, _, _) in enumerate(entries)

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -96,10 +97,11 @@ def filled_by(
 
 def _trials(clips: Sequence[Clip], config: EvaluateConfig) -> Iterator[Trial]:
     synthetic = config.input != Input.captured_poses
+    data_set: Any = clips
     # A plain list of clips is not part of a larger data set.
     total, numbers = getattr(clips, "total", len(clips)), getattr(clips, "numbers", range(len(clips)))
-    ids = [folder.name for folder in clips.folders] if total > 1 else [clips[0].id]
-    paths = predictions_of(Path(config.poses), clips.names if total > 1 else ids) if config.poses else {}
+    ids = [folder.name for folder in data_set.folders] if total > 1 else [clips[0].id]
+    paths = predictions_of(Path(config.poses), data_set.names if total > 1 else ids) if config.poses else {}
     for number, clip, name in zip(numbers, clips, ids, strict=True):
         path = paths.get(name)
         if synthetic:
@@ -195,7 +197,7 @@ def evaluate(config: EvaluateConfig) -> dict:
 
 def _score_clip(config: EvaluateConfig, clips: Sequence[Clip], shown: bool) -> tuple[str, dict, str, list]:
     """Return the id of the clip, facts about it, the skeleton, and method, number of views and scores of each run."""
-    entries, facts = [], None
+    entries, facts = [], {}
     methods = _loaded(tuple(config.methods), config.weights, config.poses)
     truth = angles = None
     for trial, filled in filled_trials(clips, config, methods, shown=shown):

@@ -10,6 +10,7 @@ from collections.abc import Collection
 from dataclasses import asdict, dataclass
 from functools import reduce
 from operator import getitem
+from typing import Any
 
 import numpy as np
 
@@ -219,7 +220,7 @@ def compare_scores(baseline: dict, scores: dict, changed: Collection[str] = ()) 
 
 def _check_content(scores: dict, what: str) -> None:
     """Raise ValueError if scores are not what `dmae evaluate` writes."""
-    results = scores.get("results") if isinstance(scores, dict) else None
+    results: Any = scores.get("results") if isinstance(scores, dict) else None
     whole = isinstance(results, list) and {"options", "clips", "skeleton"} <= set(scores)
     for result in results if whole else ():
         whole = whole and isinstance(result, dict) and {"method", "views", "mean", "runs"} <= set(result)
@@ -270,8 +271,9 @@ def _without_interval(where: str, old: dict, new: dict) -> list[str]:
     lines = []
     for metric in metrics():
         for column in metric.columns if metric.name not in FIGURES else ():
-            pair = [column.value(each["mean"][metric.name]) for each in (old, new) if metric.name in each["mean"]]
-            if len(pair) == 2 and None not in pair and abs(pair[1] - pair[0]) > _SMALLEST:
+            values = (column.value(each["mean"][metric.name]) for each in (old, new) if metric.name in each["mean"])
+            pair = [value for value in values if value is not None]
+            if len(pair) == 2 and abs(pair[1] - pair[0]) > _SMALLEST:
                 unit = f" {column.unit}" if column.unit else ""
                 lines.append(f"{where}: {column.heading} {pair[0]:.1f} -> {pair[1]:.1f}{unit}, has no interval")
     return lines

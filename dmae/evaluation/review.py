@@ -94,6 +94,7 @@ def with_decisions(clip: Clip, folder: Path) -> Clip:
 
 def without_decided(clip: Clip, decisions: Sequence[Decision]) -> Clip:
     """Return a clip without the joints that decisions blank or hand back."""
+    assert clip.poses is not None
     left_out = decided(clip.poses, decisions, ReviewVerdict.blank, ReviewVerdict.hand_back)
     return replace(clip, poses=clip.poses.without(left_out))
 
@@ -102,7 +103,7 @@ def checksum(poses: Poses3D) -> str:
     """Return a checksum of the positions and sources of the joints. Decisions refer to poses by this checksum."""
     digest = hashlib.sha256()
     for array in (poses.xyz, poses.source):
-        digest.update(np.ascontiguousarray(array))
+        digest.update(np.ascontiguousarray(array).data)
     return digest.hexdigest()
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from dmae.data.array_fields import UNSET
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.conversion import convert
 from dmae.data.skeleton import get_skeleton
@@ -101,6 +102,7 @@ def score(
     if actors is None:
         actors = annotated_persons(truth)
     skeleton = truth.skeleton
+    matches = UNSET if matches is None else matches
     comparison = Comparison(
         convert(poses, skeleton), convert(captured, skeleton), truth, actors, matches, fps, compared, angles
     )

@@ -21,7 +21,8 @@ def cut_gaps(truth: Poses3D, fps: float, *, rng: np.random.Generator) -> Poses3D
     from dmae.completion.training_data import mask_bursts  # it loads torch
 
     known = ~np.isnan(truth.xyz).any(-1)
-    hidden = mask_bursts(*known.shape[:2], truth.skeleton, fps, MaskingConfig(), rng=rng)
+    frames, persons = known.shape[:2]
+    hidden = mask_bursts(frames, persons, truth.skeleton, fps, MaskingConfig(), rng=rng)
     before, after = neighbours(known & ~hidden)
     hidden &= (before >= 0) & (after < len(known))
     return Poses3D(truth.skeleton, np.where(hidden[..., None], np.nan, truth.xyz))
@@ -30,7 +31,7 @@ def cut_gaps(truth: Poses3D, fps: float, *, rng: np.random.Generator) -> Poses3D
 def perturb(poses: Poses3D, fps: float, *, rng: np.random.Generator) -> Poses3D:
     """Return poses with errors like those of capture: correlated noise, drift next to gaps, and outliers."""
     xyz = poses.xyz.astype(np.float64)
-    error = _noise(xyz.shape, fps, rng) + _drift(~np.isnan(xyz).any(-1), fps, rng) + _outliers(xyz.shape, fps, rng)
+    error = _noise(xyz.shape, fps, rng) + _drift(~np.any(np.isnan(xyz), -1), fps, rng) + _outliers(xyz.shape, fps, rng)
     return Poses3D(poses.skeleton, xyz + error)
 
 

@@ -58,14 +58,14 @@ LEAST_RATE, MOST_RATE = 1e-4, 100_000.0
 def check_numbers(what: str, values, most: float | np.ndarray, least: float | None = None) -> None:
     """Raise ValueError, which names `what`, unless all numbers except NaN are from `least` (or -`most`) to `most`."""
     array = np.asarray(values)
-    least = -most if least is None else least
+    lowest = -most if least is None else least
     for part in frame_blocks(array) if array.ndim > np.ndim(most) else [...]:
         here = array[part]
         with np.errstate(invalid="ignore"):
-            wrong = (here > most) | (here < least)
+            wrong = (here > most) | (here < lowest)
         if wrong.any():
             most = np.broadcast_to(most, here.shape)[wrong].flat[0]
-            raise ValueError(f"{what}: expected numbers from {least:g} to {most:g}, found {here[wrong].flat[0]:g}")
+            raise ValueError(f"{what}: expected numbers from {lowest:g} to {most:g}, found {here[wrong].flat[0]:g}")
 
 
 def numbers_of(found) -> np.ndarray:

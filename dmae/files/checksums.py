@@ -165,7 +165,7 @@ def refuse_damaged(path: Path, instead: str | None) -> None:
     """
     path = Path(path)
     if (path / "clip.json").is_file():
-        found = [(None, what) for what in find_damage(path, fast=True)]
+        found: list[tuple[str | None, str]] = [(None, what) for what in find_damage(path, fast=True)]
     elif not (path / MANIFEST).is_file():
         return
     else:

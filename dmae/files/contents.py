@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import lru_cache, wraps
 from pathlib import Path
+from typing import Any
 
 MOST_BYTES = 4 << 30
 """Largest size of a file that is read whole, bytes."""
@@ -58,7 +59,7 @@ def cached_until_changed(most: int, path_of: Callable = Path) -> Callable:
                 return function(first, *given, **options)
             return cached((state.st_mtime_ns, state.st_size, state.st_ino), first, *given, **options)
 
-        found.cache_clear = cached.cache_clear
+        found.__dict__["cache_clear"] = cached.cache_clear
         return found
 
     return decorate
@@ -104,7 +105,7 @@ def read_unpacked(path: Path, most: int) -> bytes:
     try:
         # Files may contain several streams in sequence; xz pads them with zeros.
         while data := data.lstrip(b"\0") if xz and parts else data:
-            engine = (
+            engine: Any = (
                 lzma.LZMADecompressor(lzma.FORMAT_XZ, _UNPACKING_MEMORY)
                 if xz
                 else zlib.decompressobj(zlib.MAX_WBITS | 16)

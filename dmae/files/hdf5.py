@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from functools import wraps
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -32,7 +32,7 @@ def _refused(read: Callable[P, T]) -> Callable[P, T]:
             return read(*args, **kwargs)
         # h5py raises errors of many types for damaged files. The methods only read them.
         except Exception as error:
-            file = args[0]
+            file: Any = args[0]
             raise ValueError(f"{file.path}: expected {file.what}; {error}") from None
 
     return method

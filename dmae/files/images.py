@@ -40,7 +40,7 @@ def read_image(path: Path, channels: tuple[int, ...] = ()) -> np.ndarray:
     except cv2.error as error:
         raise ValueError(f"{path}: this image is damaged, {error}") from None
     found = None if image is None else 1 if image.ndim == 2 else image.shape[2]
-    if found not in (channels or (3,)):
+    if image is None or found not in (channels or (3,)):
         wanted = " or ".join(map(str, channels or (3,)))
         raise ValueError(f"{path}: expected a readable image of {wanted} channels, found {found or 'none'}")
     return image
@@ -135,7 +135,7 @@ class VideoFrames:
         packets = [packet for packet in self._container.demux(video=0) if packet.pts is not None]
         self._times = sorted(packet.pts for packet in packets)
         self._keyframes = sorted(packet.pts for packet in packets if packet.is_keyframe)
-        self._decoded = iter(())
+        self._decoded: Iterator = iter(())
         self._last: int | None = None
         """Time of the frame that was decoded last."""
 

@@ -97,6 +97,7 @@ def by_frames(function: Callable[..., np.ndarray], *arrays: np.ndarray) -> np.nd
         if result is None:
             result = empty((len(arrays[0]), *done.shape[1:]), done.dtype)
         result[part] = done
+    assert result is not None
     return result
 
 

@@ -8,8 +8,10 @@ functions that NumPy's pickles call are compared by name and never looked up.
 import io
 import pickletools
 import warnings
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from math import prod
+from typing import Any
 
 import numpy as np
 
@@ -84,7 +86,8 @@ def _interpret(data: bytes):
     stack: list = []
     below: list[list] = []  # The stacks below the marks
     memo: dict[int, object] = {}
-    for opcode, argument, position in pickletools.genops(io.BytesIO(data)):
+    opcodes: Iterator[tuple[pickletools.OpcodeInfo, Any, Any]] = pickletools.genops(io.BytesIO(data))
+    for opcode, argument, position in opcodes:
         name = opcode.name
         if name in _PUSHED:
             stack.append(argument)
@@ -122,7 +125,8 @@ def _interpret(data: bytes):
             elif name == "SETITEMS":
                 _expect(stack[-1], dict).update(_dictionary(items))
             elif name != "POP_MARK":
-                stack.append({"LIST": list, "TUPLE": tuple, "DICT": _dictionary}[name](items))
+                made: dict[str, Callable] = {"LIST": list, "TUPLE": tuple, "DICT": _dictionary}
+                stack.append(made[name](items))
         elif name in ("GLOBAL", "STACK_GLOBAL"):
             asked = argument.split(" ", 1) if name == "GLOBAL" else [stack.pop(-2), stack.pop()]
             if not all(isinstance(part, str) for part in asked) or tuple(asked) not in _GLOBALS:
@@ -176,7 +180,7 @@ def _call(function, arguments):
 def _array(shape, kind, fortran, contents) -> np.ndarray:
     if not (isinstance(shape, tuple) and len(shape) <= 16 and all(type(n) is int and n >= 0 for n in shape)):
         raise ValueError("it holds an array without a shape")
-    count, order = prod(shape), "F" if fortran else "C"
+    count = prod(shape)
     if count == 0 and max(shape) > _MOST_EMPTY:
         raise ValueError(f"it holds an empty array of shape {shape}")
     dtype = _expect(kind, _Type).dtype()
@@ -192,7 +196,7 @@ def _array(shape, kind, fortran, contents) -> np.ndarray:
         if len(_expect(contents, bytes)) != count * dtype.itemsize:
             raise ValueError(f"it holds an array of shape {shape} and {dtype} with {len(contents)} bytes")
         array = np.frombuffer(contents, dtype).astype(dtype.newbyteorder("="))
-    return array.reshape(shape, order=order)
+    return array.reshape(shape, order="F" if fortran else "C")
 
 
 def _dictionary(items: list) -> dict:

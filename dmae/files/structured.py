@@ -6,6 +6,7 @@ Repeated keys are refused, and so are YAML's aliases, with which a kilobyte can 
 import json
 import re
 import tomllib
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -49,8 +50,8 @@ def _unique(pairs: list[tuple]) -> dict:
     """Refuse repeated keys: `json` would keep only the last of two cameras with one name."""
     found = dict(pairs)
     if len(found) < len(pairs):
-        seen = set()
-        raise ValueError(f"key {next(key for key, _ in pairs if key in seen or seen.add(key))!r} twice in an object")
+        count = Counter(key for key, _ in pairs)
+        raise ValueError(f"key {next(key for key in count if count[key] > 1)!r} twice in an object")
     return found
 
 

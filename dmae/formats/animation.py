@@ -165,13 +165,13 @@ def _of_a_person(one: Poses3D, known: np.ndarray, person: int) -> JointRotations
     body = motion.body
     seen = {joint for joint, there in zip(one.skeleton.joints, known, strict=True) if there}
     points = [n for n, joint in enumerate(body.joints) if joint in seen]
-    kept = {0}
+    above = {0}
     for point in points:
         segment = body.on[point]
         while segment >= 0:
-            kept.add(segment)
+            above.add(segment)
             segment = body.parents[segment]
-    kept, names, parents, offsets = sorted(kept), [], [], []
+    kept, names, parents, offsets = sorted(above), [], [], []
     _, turned = body.place(motion.root, motion.local)
     rest, world = {}, []
     for segment in kept:
@@ -181,9 +181,9 @@ def _of_a_person(one: Poses3D, known: np.ndarray, person: int) -> JointRotations
         cos, sin = np.cos(angle), np.sin(angle)
         rest[segment] = ISB @ np.array([[1, 0, 0], [0, cos, -sin], [0, sin, cos]])
         names.append(side + _NODES[bare])
-        above = body.parents[segment]
-        parents.append(kept.index(above) if above >= 0 else -1)
-        offsets.append(rest[above] @ body.origins[segment] if above >= 0 else np.zeros(3))
+        parent = body.parents[segment]
+        parents.append(kept.index(parent) if parent >= 0 else -1)
+        offsets.append(rest[parent] @ body.origins[segment] if parent >= 0 else np.zeros(3))
         world.append(turned[:, segment] @ rest[segment].T)
     for point in points:
         if body.joints[point] not in names:

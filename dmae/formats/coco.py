@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -81,7 +81,7 @@ def image_entry(image: LabelledImage, number: int, file_name: str) -> dict:
 def annotation_entry(person: PersonLabel, number: int, image: int) -> dict:
     """Return the entry of an annotation, to 0.001 px. `docs/reference/exports.md` lists the additional keys."""
     box = [0, 0, 0, 0] if person.box is None else list(person.box)
-    entry = {
+    entry: dict[str, Any] = {
         "id": number,
         "image_id": image,
         "category_id": 1,
@@ -100,7 +100,7 @@ def annotation_entry(person: PersonLabel, number: int, image: int) -> dict:
         entry |= {"track_id": person.person, "joint_source": person.sources.tolist()}
     if person.cov is not None:
         entry["joint_covariance"] = covariance_entry(person.cov)
-    if person.cause is not None:
+    if person.cause is not None and person.occluder is not None:
         entry |= {"visibility": person.cause.tolist(), "hidden_by": person.occluder.tolist()}
     for name in ("visible_pixels", "amodal_pixels"):
         if getattr(person, name) is not None:
@@ -222,7 +222,7 @@ def _parts(file: Path, content) -> tuple[list | None, list]:
     """Return images and annotations; images are None if the file is only a list of results."""
     if isinstance(content, list):
         return None, content
-    parts = [content.get(key) if isinstance(content, dict) else None for key in ("images", "annotations")]
+    parts: list[Any] = [content.get(key) if isinstance(content, dict) else None for key in ("images", "annotations")]
     if not all(isinstance(part, list) for part in parts):
         raise ValueError(f"{file}: expected lists of images and annotations, found {content!r:.60}")
     return parts[0], parts[1]

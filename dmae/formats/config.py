@@ -62,7 +62,7 @@ class Convention:
         self, unit: LengthUnit | None = None, up: UpDirection | None = None, inverse: bool | None = None
     ) -> "Convention":
         """Return the convention with the values that are given."""
-        given = {"unit": unit, "up": up, "inverse": inverse}
+        given: dict = {"unit": unit, "up": up, "inverse": inverse}
         return replace(self, **{name: value for name, value in given.items() if value is not None})
 
     def points(self, xyz: np.ndarray) -> np.ndarray:

@@ -164,7 +164,8 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
     files = {name: sorted(folder.glob("*.json")) for name, folder in folders.items()}
     unreadable: dict[str, list[str]] = {}
     sizes: dict[str, tuple[int, int]] = {}
-    people, notes = People(files, skeleton or BODY25), ()
+    people = People(files, skeleton or BODY25)
+    notes: tuple[str, ...] = ()
     for name, number, file, content in json_frames(path, files, unreadable):
         people.frame(name, number)
         for i, person in enumerate(listed(file, content, "annots")):
@@ -204,7 +205,7 @@ def write_easymocap(clip: Clip, path: Path) -> None:
     found, first = clip.detections, clip.provenance.get("first_frame", 0)
     values = np.concatenate([found.xy.astype(np.float64), found.score[..., None]], -1)
     boxes = np.concatenate([np.fmin.reduce(values[..., :2], -2), np.fmax.reduce(values[..., :2], -2)], -1)
-    seen = found.observed.any(-1)
+    seen = np.any(found.observed, -1)
     folders = [child(Path(path) / ANNOTATIONS, name, "camera") for name in clip.rig.names]
     values, boxes = np.round(np.nan_to_num(values), 4), np.round(boxes, 4)
     for frame, views in enumerate(progress(values, "writing detections", len(values))):

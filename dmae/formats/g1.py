@@ -134,7 +134,7 @@ def write_episodes(folder: Path, given: Sequence[Episode], fps: float) -> None:
     )
     starts = np.cumsum([0, *(len(each.qpos) for each in given)]).tolist()
     files = [start // _FILE_FRAMES for start in starts[:-1]]
-    columns = []
+    columns: list[dict[str, np.ndarray]] = []
     for number, each in enumerate(given):
         count, angles = len(each.qpos), each.qpos[:, 7:]
         quaternion = continuous(each.qpos[:, [4, 5, 6, 3]])

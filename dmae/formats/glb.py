@@ -51,9 +51,10 @@ class GltfFile:
     """The content of a glTF file under construction: its JSON and its only buffer."""
 
     def __init__(self, times: np.ndarray):
-        self.json = {"asset": {"version": "2.0", "generator": "dmae-synth"}, "scene": 0, "scenes": [{"nodes": []}]}
+        asset = {"version": "2.0", "generator": "dmae-synth"}
+        self.json: dict = {"asset": asset, "scene": 0, "scenes": [{"nodes": []}]}
         self.json |= {name: [] for name in ("nodes", "meshes", "materials", "skins", "accessors", "bufferViews")}
-        self.animation = {"name": "motion", "channels": [], "samplers": []}
+        self.animation: dict = {"name": "motion", "channels": [], "samplers": []}
         self.buffer = bytearray()
         # A sampler needs at least one sample, and the smallest and largest time.
         self.times = self.accessor(times.astype(np.float32), "SCALAR", bounds=True) if len(times) else None
@@ -64,9 +65,9 @@ class GltfFile:
 
     def accessor(self, array: np.ndarray, type: str, component: int = FLOAT, target: int = 0, bounds=False) -> int:
         data = array.astype({FLOAT: "<f4", BYTE: "u1", INT: "<u4"}[component]).tobytes()
-        view = {"buffer": 0, "byteOffset": len(self.buffer), "byteLength": len(data)}
+        part = {"buffer": 0, "byteOffset": len(self.buffer), "byteLength": len(data)}
         self.buffer += data + bytes(-len(data) % 4)
-        view = self.add("bufferViews", **view, **({"target": target} if target else {}))
+        view = self.add("bufferViews", **part, **({"target": target} if target else {}))
         limits = {}
         if bounds:
             rows = array.reshape(len(array), -1)
@@ -160,8 +161,8 @@ def _bones(rest: np.ndarray, parents: tuple[int, ...]) -> tuple[np.ndarray, np.n
             continue
         along = rest[joint] - rest[parent]
         across = np.cross(along, np.eye(3)[np.abs(along).argmin()])
-        across *= _THICKNESS * np.linalg.norm(along) / max(np.linalg.norm(across), 1e-9)
-        axes = np.stack([across, np.cross(along, across) / max(np.linalg.norm(along), 1e-9)])
+        across *= _THICKNESS * np.linalg.norm(along) / max(float(np.linalg.norm(across)), 1e-9)
+        axes = np.stack([across, np.cross(along, across) / max(float(np.linalg.norm(along)), 1e-9)])
         corners = rest[parent] + 0.2 * along + _CORNERS[:4, :2] @ axes
         faces = np.concatenate([faces, _FACES + len(points)])
         points = np.concatenate([points, corners, [rest[joint], rest[parent]]])
@@ -208,26 +209,27 @@ def _body(rest: np.ndarray, joints: tuple[str, ...]) -> tuple[np.ndarray, np.nda
         half = np.mean([np.linalg.norm(at[f"l_{part}"] - at[f"r_{part}"]) / 2 for part in ("hip", "shoulder")])
         height, wide, deep = np.array(_TRUNK).T
         places = hips + height[:, None] * (shoulders - hips)
-        bound = np.where(height < 0.2, node["mid_hip"], node["spine"])
-        tubes.append((places, half * 1.15 * wide, half * 1.15 * deep, shoulders - hips, bound))
+        on = [node["mid_hip" if share < 0.2 else "spine"] for share in height]
+        tubes.append((places, half * 1.15 * wide, half * 1.15 * deep, shoulders - hips, on))
         if "head" in at:
             tall = np.linalg.norm(shoulders - hips)
             turn = np.linspace(0, np.pi, 8)
             places = at["head"] + tall * np.stack([0 * turn, 0.19 - 0.24 * np.cos(turn), 0.05 + 0 * turn], -1)
             tubes.append((places, 0.155 * tall * np.sin(turn), 0.19 * tall * np.sin(turn), np.array([0, 1.0, 0]),
                           [node["head"]] * 8))  # fmt: skip
-    points, faces, bound = [], [], []
+    points, faces, bound, first = [], [], [], 0
     for places, wide, deep, along, on in tubes:
-        ring, start = np.linspace(0, 2 * np.pi, _SIDES, endpoint=False), sum(map(len, points))
+        ring = np.linspace(0, 2 * np.pi, _SIDES, endpoint=False)
         across = np.array([1.0, 0, 0]) if abs(along[0]) < 0.7 * np.linalg.norm(along) else np.array([0, 0, 1.0])
         other = np.cross(along, across) / np.linalg.norm(np.cross(along, across))
         points.append((places[:, None] + wide[:, None, None] * np.cos(ring)[:, None] * across
                        + deep[:, None, None] * np.sin(ring)[:, None] * other).reshape(-1, 3))  # fmt: skip
         for row in range(len(places) - 1):
-            a = start + row * _SIDES + np.arange(_SIDES)
-            b = start + row * _SIDES + (np.arange(_SIDES) + 1) % _SIDES
+            a = first + row * _SIDES + np.arange(_SIDES)
+            b = first + row * _SIDES + (np.arange(_SIDES) + 1) % _SIDES
             quads = [np.stack([a, b, b + _SIDES], -1), np.stack([a, b + _SIDES, a + _SIDES], -1)]
             # Faces look outwards.
             faces += [face if np.dot(np.cross(across, other), along) > 0 else face[:, ::-1] for face in quads]
         bound.append(np.repeat(on, _SIDES))
+        first += len(points[-1])
     return np.concatenate(points), np.concatenate(faces), np.concatenate(bound)

@@ -182,11 +182,13 @@ class LabelledImage:
     def encoded(self, suffix: str) -> bytes:
         """Return `rgb` encoded as `jpg` (quality 95) or `png`; or `depth` as `depth.png`, 16 bit, in mm, 0 for NaN."""
         png = [cv2.IMWRITE_PNG_COMPRESSION, 1]
+        image = self.depth if suffix == DEPTH else self.rgb
+        assert image is not None
         if suffix == DEPTH:
-            written, data = cv2.imencode(".png", depth_steps(self.depth), png)
+            written, data = cv2.imencode(".png", depth_steps(image), png)
         else:
             quality = {"jpg": [cv2.IMWRITE_JPEG_QUALITY, 95], "png": png}[suffix]
-            written, data = cv2.imencode(f".{suffix}", cv2.cvtColor(self.rgb, cv2.COLOR_RGB2BGR), quality)
+            written, data = cv2.imencode(f".{suffix}", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), quality)
         if not written:
             raise OSError(f"frame {self.number} of camera {self.camera}: could not write {suffix}")
         return data.tobytes()
@@ -213,7 +215,7 @@ def read_labelled_images(
     first = clip.provenance.get("first_frame", 0)
     for view, name in enumerate(clip.rig.names):
         size = tuple(clip.rig.size[view].tolist())
-        streams = {kind: images.read(kind, name) if kind in kinds else repeat(None) for kind in SHOWN}
+        streams = {kind: images.read(kind, name) if images and kind in kinds else repeat(None) for kind in SHOWN}
         for frame, *read in zip(frames, *streams.values(), strict=False):
             for kind, image in zip(SHOWN, read, strict=True):
                 if image is not None and image.shape[1::-1] != size:
@@ -281,8 +283,8 @@ def _pixels(
     ids: np.ndarray | None, shown: np.ndarray | None, amodal: np.ndarray | None, person: int, masks: bool
 ) -> dict:
     """Return the fields of `PersonLabel` that images of ids and of whole persons give for one person."""
-    found = {}
-    if ids is not None:
+    found: dict = {}
+    if ids is not None and shown is not None:
         mask = ids == 1 + person
         found = {"visible_pixels": int(shown[1 + person]), "box": mask_box(mask)}
         if masks:

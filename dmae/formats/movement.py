@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dmae.data.array_fields import UNSET
 from dmae.data.clip import Clip, Poses3D, Source, person_name
 from dmae.data.skeleton import Skeleton
 from dmae.files.checks import MOST_METRES, check_numbers, check_rate
@@ -70,7 +71,7 @@ def read_movement_poses(path: Path) -> PoseFile:
         fine = (source == np.round(source)) & (source >= 0) & (source <= 255)
         source = np.where(fine, source, 255).astype(np.uint8)[:, :, index]
     try:
-        poses = Poses3D(skeleton, xyz, source)
+        poses = Poses3D(skeleton, xyz, UNSET if source is None else source)
         poses.check_numbers()
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None

@@ -134,7 +134,7 @@ def write_people(
     values = np.round(np.where(np.isnan(values), 0, values), 4)
     written = []
     for number in np.flatnonzero(detections.observed[frame, view].any(-1)):
-        person = {"person_id": [-1 if sources is None else int(number)]}
+        person: dict[str, list] = {"person_id": [-1 if sources is None else int(number)]}
         person["pose_keypoints_2d"] = values[number].ravel().tolist()
         if sources is not None:
             person["joint_source"] = sources[frame, number].tolist()

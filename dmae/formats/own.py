@@ -12,6 +12,7 @@ from zipfile import ZIP_DEFLATED, ZipFile
 import numpy as np
 from numpy.lib.format import header_data_from_array_1_0, write_array_header_1_0
 
+from dmae.data.array_fields import UNSET
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.store import load_clip, save_clip
 from dmae.files.arrays import read_arrays
@@ -72,7 +73,7 @@ def read_npz(path: Path) -> tuple[Poses3D, float]:
     if [*skeleton.joints] != joints:
         raise ValueError(f"{path}: expected the joints of {skeleton.name}, {[*skeleton.joints]}, found {joints}")
     try:
-        poses = Poses3D(skeleton, arrays["joints"], arrays["source"], arrays.get("cov"), arrays["views"])
+        poses = Poses3D(skeleton, arrays["joints"], arrays["source"], arrays.get("cov", UNSET), arrays["views"])
         poses.check_numbers()
         return poses, check_rate("fps", arrays["fps"].item())
     except (ValueError, TypeError, OverflowError) as error:

@@ -7,7 +7,7 @@ from dataclasses import fields, replace
 from fnmatch import fnmatch
 from itertools import combinations
 from pathlib import Path
-from typing import overload
+from typing import Any, overload
 
 import numpy as np
 
@@ -85,7 +85,7 @@ class Clips(Sequence):
             else:
                 clip = self._with_cameras(folder, **arguments)
             if self.reader.cameras and config.calibration is not None:
-                clip = _with_calibration(clip, config)
+                clip = _with_calibration(clip, config, Path(config.calibration))
             clip.check_numbers()
             if config.videos is not None:
                 clip = with_videos(clip, Path(config.videos))
@@ -202,20 +202,20 @@ def _arguments(config: DataConfig, entry: RecordingReader, path: Path) -> dict:
 
 
 def _calibration_source(config: DataConfig) -> CalibrationSource:
-    size = tuple(config.size) if config.size else None
+    size: Any = tuple(config.size) if config.size else None
     return CalibrationSource(config.calibration, size, config.unit, config.up, config.inverse)
 
 
-def _with_calibration(clip: Clip, config: DataConfig) -> Clip:
+def _with_calibration(clip: Clip, config: DataConfig, calibration: Path) -> Clip:
     """Return a clip with the cameras of another calibration, by name, and without its poses, which were captured with
     the old ones; ValueError if a camera is missing, or its images have another size."""
     source = _calibration_source(config)
     try:
-        rig = source.read(Path(config.calibration))
+        rig = source.read(calibration)
     except LacksSize:
         if (clip.rig.size != clip.rig.size[0]).any():
             raise
-        rig = replace(source, size=tuple(clip.rig.size[0].tolist())).read(Path(config.calibration))
+        rig = replace(source, size=tuple(clip.rig.size[0].tolist())).read(calibration)
     missing = [name for name in clip.rig.names if name not in rig.names]
     if missing:
         raise ValueError(
@@ -241,7 +241,7 @@ def offsets_of_all(offsets: Sequence[int | str] | None, names: Sequence[str]) ->
     Raises ValueError if an entry is malformed, or its camera is unknown or named twice.
     """
     if offsets is None or all(isinstance(each, int) for each in offsets):
-        return None if offsets is None else list(offsets)
+        return None if offsets is None else [int(each) for each in offsets]
     found = {}
     for each in offsets:
         name, _, frames = str(each).rpartition(":")
@@ -320,7 +320,7 @@ def select_views(clip: Clip, cameras: Sequence[int | str] | None) -> Clip:
 def camera_indices(clip: Clip, cameras: Sequence[int | str], option: str) -> list[int]:
     """Return the indices of cameras that an option gives by name, in its order. Raises as `select_views`."""
     names = clip.rig.names
-    index_of = {int(name): index for index, name in enumerate(names) if name.isdecimal()}
+    index_of: dict[int | str, int] = {int(name): index for index, name in enumerate(names) if name.isdecimal()}
     index_of |= {name: index for index, name in enumerate(names)}
     index = [index_of.get(str(camera), index_of.get(camera)) for camera in cameras]
     found = [each for each in index if each is not None]

@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -49,7 +50,7 @@ def match_cameras(
             f"{path}: expected a calibration of each camera that has {what}, found {both}: {', '.join(lacking)} "
             f"{have} none; give the cameras the same names, or name other files by {options}"
         )
-    numbers = [[_number(name) for name in part] for part in (names, rig.names)]
+    numbers: list[list[Any]] = [[_number(name) for name in part] for part in (names, rig.names)]
     ranks, how = [_ranks([natural(name) for name in part]) for part in (names, rig.names)], "in order of their names"
     if all(None not in part and len(set(part)) == len(part) for part in numbers):
         steps = {a - b for a, b in zip(*map(sorted, numbers), strict=True)}
@@ -315,8 +316,8 @@ def to_clip(found: NumberedDetections, rig: CameraRig, fps: float, path: Path) -
             )
     check_span(path, numbers, max(len(view) for view in found.views.values()))
     first, frames = min(numbers), max(numbers) - min(numbers) + 1
-    for name, view in zip(found.views, index, strict=True):
-        expected = tuple(rig.size[view].tolist())
+    for name, place in zip(found.views, index, strict=True):
+        expected = tuple(rig.size[place].tolist())
         if found.sizes.get(name, expected) != expected:
             raise ValueError(
                 f"{path}: camera {name!r}: expected images of {expected} px as its calibration says, found "
@@ -332,7 +333,7 @@ def to_clip(found: NumberedDetections, rig: CameraRig, fps: float, path: Path) -
         fps=fps,
         rig=rig[sorted(index)],
         detections=Detections2D(found.skeleton, values[..., :2], values[..., 2]),
-        truth=None if found.truth is None else _truth(found.truth, found.truth_skeleton, first, frames),
+        truth=_truth(found, first, frames),
         provenance={"path": str(path), "first_frame": first, "notes": notes},
     )
 
@@ -350,14 +351,17 @@ def _stack(views: list[dict[int, np.ndarray]], first: int, frames: int, joints: 
     return values
 
 
-def _truth(truth: dict[int, np.ndarray], skeleton: Skeleton, first: int, frames: int) -> Poses3D:
-    counts = [len(found) for found in truth.values()]
+def _truth(found: NumberedDetections, first: int, frames: int) -> Poses3D | None:
+    truth, skeleton = found.truth, found.truth_skeleton
+    if truth is None or skeleton is None:
+        return None
+    counts = [len(people) for people in truth.values()]
     persons = max(counts, default=0)
     _check_array_size("true persons", frames * persons, persons, sum(counts))
     xyz = np.full((frames, persons, len(skeleton), 3), np.nan)
-    for number, found in truth.items():
+    for number, people in truth.items():
         if first <= number < first + frames:
-            xyz[number - first] = found
+            xyz[number - first] = people
     return Poses3D(skeleton, xyz)
 
 

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations, product
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -31,7 +31,6 @@ from dmae.numerics.paths import linear, neighbours, pchip, runs
 if TYPE_CHECKING:
     import mink
     import mujoco
-    from mink.tasks.task import BaseTask
 
 SIDES = ("left", "right")
 _MOTORS = {"hip_pitch": 32, "hip_roll": 20, "hip_yaw": 32, "knee": 20, "ankle": 37, "waist_yaw": 32, "waist": 37,
@@ -137,9 +136,9 @@ def load_robot(path: str | None = None) -> "mujoco.MjModel":
         raise ValueError("robots need mink: pip install 'dmae-synth[robots]'")
     import mujoco
 
-    path = find_model(path)
+    file = find_model(path)
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
+        spec = mujoco.MjSpec.from_file(str(file))
         for geom in list(spec.geoms):
             if geom.type == mujoco.mjtGeom.mjGEOM_MESH:
                 spec.delete(geom)
@@ -153,9 +152,9 @@ def load_robot(path: str | None = None) -> "mujoco.MjModel":
             spec.body(f"{side}_wrist_yaw_link").add_site(name=f"{side}_hand", pos=place)
         model = spec.compile()
     except ValueError as error:
-        raise ValueError(f"{path}: expected the MJCF of a Unitree G1; {str(error).splitlines()[0]}") from None
+        raise ValueError(f"{file}: expected the MJCF of a Unitree G1; {str(error).splitlines()[0]}") from None
     if model.nq != 7 + 29:
-        raise ValueError(f"{path}: expected a Unitree G1 with 29 motors on a free base, found {model.nq - 7} angles")
+        raise ValueError(f"{file}: expected a Unitree G1 with 29 motors on a free base, found {model.nq - 7} angles")
     return model
 
 
@@ -190,8 +189,8 @@ class _Robot:
         sole = ends[:, 2].min() - ankle[0, 2]
         heel_tip = np.array([[ends[:, 0].min() - ankle[0, 0], 0, sole], [ends[:, 0].max() - ankle[0, 0], 0, sole]])
         limbs = ((hip, knee), (knee, ankle), (shoulder, elbow), (elbow, hand))
-        lengths = [float(np.linalg.norm(start - end, axis=-1).mean()) for start, end in limbs]
-        return cls(hip - pelvis, waist - pelvis, shoulder - waist, *lengths, heel_tip)
+        thigh, shin, arm, forearm = (float(np.linalg.norm(start - end, axis=-1).mean()) for start, end in limbs)
+        return cls(hip - pelvis, waist - pelvis, shoulder - waist, thigh, shin, arm, forearm, heel_tip)
 
 
 def _ends(model: "mujoco.MjModel", data: "mujoco.MjData", geom: int) -> np.ndarray:
@@ -527,7 +526,7 @@ def _solve(
 
 def speeds(model: "mujoco.MjModel") -> dict[str, float]:
     """Return the speed of each motor without load, rad/s, by joint."""
-    found = {}
+    found: dict[str, float] = {}
     for number in range(1, model.njnt):
         name = model.joint(number).name
         part = name.removeprefix("left_").removeprefix("right_")
@@ -535,7 +534,7 @@ def speeds(model: "mujoco.MjModel") -> dict[str, float]:
     return found
 
 
-def _momentum_task(model: "mujoco.MjModel") -> "BaseTask":
+def _momentum_task(model: "mujoco.MjModel") -> Any:
     """Return the task to go on as fast as before, unless a target needs another speed. Without it, limbs jerk."""
     from mink.tasks.task import BaseTask, Objective
 
@@ -702,7 +701,7 @@ class _Follower:
         # A step is linear. Where legs turn fast it leaves a standing foot off its place; further ones correct that.
         for _ in range(_CORRECTIONS):
             self.momentum.step = self.moved - moved
-            problem = mink.build_ik(self.configuration, tasks, dt, _DAMPING, self.limits)
+            problem: Any = mink.build_ik(self.configuration, tasks, dt, _DAMPING, self.limits)
             rows, bounds, costs = _apart(self, others, dt)
             # Overlap costs as its square does: where it cannot be avoided, feet and limits come first.
             slack = np.eye(len(bounds))
@@ -711,7 +710,8 @@ class _Follower:
             problem.G = np.block([[problem.G, np.zeros((len(problem.h), len(slack)))], [rows, -slack]])
             problem.h = np.r_[problem.h, bounds]
             problem.lb, problem.ub = (np.r_[sign * dt * fastest - moved, sign * np.inf + bounds] for sign in (-1, 1))
-            velocity = qpsolvers.solve_problem(problem, "daqp").x[: len(moved)] / dt
+            solution: Any = qpsolvers.solve_problem(problem, "daqp")
+            velocity = solution.x[: len(moved)] / dt
             self.configuration.integrate_inplace(velocity, dt)
             self.moved_shapes = None
             moved += dt * velocity
@@ -760,12 +760,12 @@ class _Follower:
             place, total = palms[side], min(sum(weights[side]), 1.0)
             away = np.zeros(3)
             if total:
-                there = np.average(led[side], 0, weights[side])
-                place = there if np.isnan(place).any() else place
-                away = total * (there - place)
+                target = np.average(led[side], 0, weights[side])
+                place = target if np.isnan(place).any() else place
+                away = total * (target - place)
             # Where contacts begin, end or change parts their places jump; a hand led that fast would drag the feet.
             change = away - self.led[side]
-            self.led[side] += change * min(1.0, _LEAD_SPEED * dt / max(np.linalg.norm(change), 1e-9))
+            self.led[side] += change * min(1.0, _LEAD_SPEED * dt / max(float(np.linalg.norm(change)), 1e-9))
             place = place + self.led[side]
             if np.isfinite(place).all():
                 _set(task, place)

@@ -124,11 +124,11 @@ def as_rig(motion: JointRotations, rig: str, name: str) -> JointRotations:
     world, place, axes = [], [], []
     for node in nodes:
         world.append(turned[:, ours[node.turns]] if node.turns else np.broadcast_to(np.eye(3), (frames, 3, 3)))
-        at = np.zeros(3)
+        joint = np.zeros(3)
         if node.at:
             start = rest[ours[node.at[0]]]
-            at = start if len(node.at) == 1 else start + node.at[2] * (rest[ours[node.at[1]]] - start)
-        place.append(at + node.offset)
+            joint = start if len(node.at) == 1 else start + node.at[2] * (rest[ours[node.at[1]]] - start)
+        place.append(joint + node.offset)
         axes.append(_axes(node.name) @ Y_UP if rig == "lafan1" else np.eye(3))
     offsets = np.zeros((len(nodes), 3))
     rotations = np.empty((frames, len(nodes), 3, 3))

@@ -262,9 +262,9 @@ def assemble(counts: Sequence[int], affinities: Sequence[np.ndarray]) -> np.ndar
         members[gone], joints[gone] = [], 0
     found = sorted(filter(None, members), key=len, reverse=True)
     assembled = np.full((len(found), len(counts)), -1)
-    candidate = np.array(list(chain.from_iterable(found)), int)
-    row, column = np.repeat(np.arange(len(found)), [len(candidates) for candidates in found]), joint[candidate]
-    assembled[row, column] = candidate - first[column]
+    chosen = np.array(list(chain.from_iterable(found)), int)
+    row, column = np.repeat(np.arange(len(found)), [len(candidates) for candidates in found]), joint[chosen]
+    assembled[row, column] = chosen - first[column]
     return assembled
 
 

@@ -57,7 +57,7 @@ OF_25_JOINTS = (BODY25, BODY25B)
 """Skeletons with 25 joints, the most common first. Only the positions of the joints distinguish them."""
 
 
-def default_skeleton(path: Path, joints: int) -> Skeleton:
+def default_skeleton(path: Path | str, joints: int | None) -> Skeleton:
     """Return the default skeleton of a number of joints; ValueError, with the path, if there is none."""
     if joints not in _BY_COUNT:
         known = ", ".join(f"{count} ({skeleton.name})" for count, skeleton in sorted(_BY_COUNT.items()))
@@ -128,7 +128,7 @@ class NamedDetections:
 
     names: Sequence[str]  # Names of the J joints
     people: np.ndarray  # (F, D, J, 3) x and y in px, confidence; NaN where absent
-    frames: Sequence[int] | None = None  # (F,) numbers of the frames; by default they count from 0
+    frames: Sequence[int] | np.ndarray | None = None  # (F,) numbers of the frames; by default they count from 0
     edges: Sequence[tuple[int, int]] = ()  # Pairs of indices of connected joints, the parent first
     skeleton: Skeleton | None = None  # The skeleton that the file names; None if it names none
 
@@ -159,6 +159,7 @@ def named_detections(
         there = ~np.isnan(people[..., 0]).all(-1)
         frames = range(len(people)) if found.frames is None else found.frames
         views[camera] = {int(n): each[shown] for n, each, shown in zip(frames, people, there, strict=True)}
+    assert wanted is not None, "no file"
     return NumberedDetections(wanted, views, notes=notes)
 
 
@@ -224,7 +225,7 @@ def _can_be_mirrored(pair: list[str], pairs: list[list[str]], parents: dict[str,
     above = [parents[joint] for joint in pair]
     if above[0] == above[1]:
         return True
-    return above in pairs and _can_be_mirrored(above, pairs, parents)
+    return any(each == above and _can_be_mirrored(each, pairs, parents) for each in pairs)
 
 
 def _other_side(name: str) -> str | None:

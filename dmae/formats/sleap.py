@@ -51,7 +51,7 @@ def _read(file: Path) -> NamedDetections:
                 raise ValueError(f"{file}: expected point_scores of shape {xy.shape[:-1]}, found {score.shape}")
             # Points that people placed have no score.
             score = np.where(np.isnan(score) | (score == 0), 1.0, score)
-        edges = analysis.array("edge_inds") if "edge_inds" in analysis else np.empty(0)
+        edges = analysis.array("edge_inds") if "edge_inds" in analysis else np.empty((0, 2))
     animals = np.concatenate([xy, score[..., None]], -1)
     if edges.size == 0:
         return NamedDetections(names, animals)

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from dmae.data.array_fields import UNSET
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import SKELETONS, Skeleton, encode, read_skeleton
 from dmae.files.checks import MOST_METRES, check_numbers, check_rate
@@ -90,7 +91,7 @@ def read_trc(path: Path, skeleton: Skeleton | None = None) -> tuple[Poses3D, flo
     xyz[:, 0, joints] = rows[:, :, _WORLD] * metre
     xyz[np.isnan(xyz).any(-1)] = np.nan
     try:
-        source, known = None, read_provenance(path, [skeleton.joints[joint] for joint in joints], len(xyz))
+        source, known = UNSET, read_provenance(path, [skeleton.joints[joint] for joint in joints], len(xyz))
         if known is not None:
             source = np.zeros(xyz.shape[:-1], np.uint8)
             source[:, 0, joints] = known
@@ -279,11 +280,11 @@ def _write_cov(path: Path, names: list[str], cov: np.ndarray, metre: float, firs
     write_atomic(_covariance_table(path), written(lines()))
 
 
-def _read_cov(path: Path, xyz: np.ndarray, joints: list[int], metre: float) -> np.ndarray | None:
-    """Return the covariances (F, 1, J, 3, 3) m^2 beside a TRC, NaN where unknown; None if there is no table."""
+def _read_cov(path: Path, xyz: np.ndarray, joints: list[int], metre: float) -> np.ndarray:
+    """Return the covariances (F, 1, J, 3, 3) m^2 beside a TRC, NaN where unknown; `UNSET` if there is no table."""
     table = _covariance_table(path)
     if not table.is_file():
-        return None
+        return UNSET
     lines, columns = [line.split(",") for line in read_text(table).splitlines()[1:]], 1 + len(_ENTRIES) * len(joints)
     if len(lines) != len(xyz) or any(len(line) != columns for line in lines):
         raise ValueError(

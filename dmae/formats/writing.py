@@ -79,14 +79,12 @@ def write_poses(
     """
     writer, path = pose_writer.find(format), export_path(path, format)
     poses = exported_poses(clip)
-    if poses is None:
-        raise ValueError(f"clip {clip.id!r} has neither poses nor truth to export; run dmae capture on it first")
     if writer.table and not poses.source.size:
         frames, persons, _ = poses.source.shape
         raise ValueError(
             f"clip {clip.id!r}: found {persons} people in {frames} frames, and format={writer.name} needs one at least"
         )
-    options = {}
+    options: dict = {}
     if skeleton in writer.rigs:
         options["rig"], skeleton = skeleton, None
         if unit not in (LengthUnit.m, LengthUnit.cm):
@@ -136,17 +134,20 @@ def write_recording(clip: Clip, path: Path, format: str = "clip") -> str:
     return " ".join(f"data.{option}={values[option]}" for option in writer.lacks)
 
 
-def exported_poses(clip: Clip) -> Poses3D | None:
-    """Return the poses that `write_poses` writes: the captured or completed poses, or else the truth."""
-    return clip.truth if clip.poses is None else clip.poses
+def exported_poses(clip: Clip) -> Poses3D:
+    """Return the poses that `write_poses` writes: captured or completed, or else the truth; ValueError if none."""
+    poses = clip.truth if clip.poses is None else clip.poses
+    if poses is None:
+        raise ValueError(f"clip {clip.id!r} has neither poses nor truth to export; run dmae capture on it first")
+    return poses
 
 
 def _skeleton(writer: PoseWriter, poses: Poses3D, wanted: str | None) -> Skeleton:
     only = writer.skeleton
     if only and wanted not in (None, only):
         raise ValueError(f"skeleton={wanted}: format={writer.name} is always of {only}; leave it out")
-    if only or wanted:
-        skeleton = get_skeleton(only or wanted)
+    if name := only or wanted:
+        skeleton = get_skeleton(name)
         common = set(skeleton.joints) & set(poses.skeleton.joints)
         if only and poses.skeleton.defined and 2 * len(common) < len(skeleton):
             raise ValueError(

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from dmae.data.array_fields import UNSET
 from dmae.data.clip import Poses3D, Source
 from dmae.data.conversion import scale_of
 from dmae.data.skeleton import Skeleton
@@ -91,7 +92,7 @@ class Comparison:
     truth: Poses3D  # T true persons
     actors: tuple[int, ...]  # True persons that PCP is averaged over
     # (F, T) index of the prediction that matches each true person, -1 for none; by default from `match`
-    matches: np.ndarray = None
+    matches: np.ndarray = UNSET
     fps: float = GAP_RATE  # Frames per second
     compared: np.ndarray | None = None  # (F, T, J) True where joints count for the error by gap; None for all
     # (F, T, 3, 2) true angles from `dmae.metrics.angles.leg_angles`, degrees; None if they are not scored

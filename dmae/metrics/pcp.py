@@ -34,7 +34,7 @@ def limb_ends(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
         mid_hip = xyz[..., skeleton.index("l_hip", "r_hip"), :].mean(-2, keepdims=True)
         xyz = np.concatenate([xyz, mid_hip], -2)
         joints = (*skeleton.joints, "mid_hip")
-        bones = [[joints.index(end) for end in limb.split("-")] for limb in _SHELF_LIMBS]
+        bones: Sequence[Sequence[int]] = [[joints.index(end) for end in limb.split("-")] for limb in _SHELF_LIMBS]
     else:
         bones = skeleton.bones
     return xyz[..., np.asarray(bones, int), :]

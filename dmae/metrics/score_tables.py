@@ -117,7 +117,7 @@ def _columns_table(results: Sequence[dict], table: str, caption: str) -> Table:
 def _gaps_table(results: Sequence[dict], poses: str) -> Table:
     """Return the table of errors by length of gap; after the methods of each number of views, the compared joints."""
     caption = f"MPJPE, mm, of joints unmeasured{poses}, by frames at 25/s; only those that all methods filled"
-    rows = []
+    rows: list[Sequence[str]] = []
     for views in dict.fromkeys(result["views"] for result in results):
         some = [result for result in results if result["views"] == views]
         columns = list(zip(*(result["mean"]["gaps"] for result in some), strict=True))

@@ -12,6 +12,7 @@ far they vary from one time to another. Evaluation, stress test, benchmark and t
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -124,21 +125,22 @@ def score_of(
     """
     if not len(table):
         return Score(np.nan, np.full(draws, np.nan), [])
-    average = list(average)
-    groups = table[average].drop_duplicates()
+    keys = list(average)
+    groups = table[keys].drop_duplicates()
     # A ratio has the weight 1 / (number of subsets x clips of its subset x persons of its clip).
-    parts = [groups.groupby(average[:n])[average[n]].transform("nunique") for n in range(1, len(average))]
-    share = 1 / np.prod([*parts, np.full(len(groups), groups[average[0]].nunique())], 0)
-    codes = [groups.groupby(average[:n], sort=False).ngroup().to_numpy() for n in range(1, len(average) + 1)]
+    parts = [groups.groupby(keys[:n])[keys[n]].transform("nunique").to_numpy() for n in range(1, len(keys))]
+    share = 1 / np.prod([*parts, np.full(len(groups), groups[keys[0]].nunique())], 0)
+    codes = [groups.groupby(keys[:n], sort=False).ngroup().to_numpy() for n in range(1, len(keys) + 1)]
     levels = list(pairwise([np.zeros(len(groups), int), *codes]))
     stratum, _ = pd.factorize(groups[within])
     blocks = table[[within, draw]].drop_duplicates()
     number = blocks.groupby(within, sort=False).cumcount().to_numpy()
     sizes = blocks.groupby(within, sort=False).size().tolist()
-    group = table.groupby(average, sort=False).ngroup()
+    group = table.groupby(keys, sort=False).ngroup().to_numpy()
     block = number[table.groupby([within, draw], sort=False).ngroup()]
     sums = np.zeros((2, len(groups), max(sizes)))
-    np.add.at(sums, (slice(None), group, block), table[[value, count]].to_numpy(float).T)
+    place: Any = slice(None), group, block
+    np.add.at(sums, place, table[[value, count]].to_numpy(float).T)
 
     def mean(total: np.ndarray, counts: np.ndarray) -> np.ndarray:
         """Average ratios (draws, groups)."""

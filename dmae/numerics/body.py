@@ -283,7 +283,7 @@ class Bodies:
             hidden = np.isnan(xyz[..., 0])
             frame, person = np.nonzero(hidden & ~np.isnan(self.rays[:, :, joint, 0, 0]))
             start, ray = estimate[frame, person], self.rays[frame, person, joint]
-            bone = (np.nan, np.nan)
+            bone = np.full(3, np.nan), np.full(1, np.nan)
             if parent is not None and joint not in self.stretching:
                 lengths = median_bone_lengths(self.xyz, [(parent, joint)])[:, 0]
                 bone = self.filled[frame, person, parent], lengths[person]

@@ -16,7 +16,7 @@ def compiled(fastmath: bool = False) -> Callable[[Callable], Callable]:
             or infinite.
     """
     # Checks for division by zero would prevent the vectorisation of loops.
-    options = {"nogil": True, "error_model": "numpy"}
+    options: dict = {"nogil": True, "error_model": "numpy"}
     if fastmath:
         options["fastmath"] = {"reassoc", "contract", "nsz", "arcp", "nnan", "ninf"}
 

@@ -220,9 +220,9 @@ def _template(skeleton: Skeleton) -> Body:
     for joint in skeleton.joints:
         side, part = (joint[0], joint[2:]) if joint[:2] in ("l_", "r_") else ("", joint)
         if part in places:
-            segment, place = places[part]
+            carrier, place = places[part]
             joints.append(joint)
-            on.append(names.index(f"{side}_{segment}" if f"{side}_{segment}" in names else segment))
+            on.append(names.index(f"{side}_{carrier}" if f"{side}_{carrier}" in names else carrier))
             landmarks.append(_mirrored(place, side))
     lean, thighs = np.radians(_STANDING)
     return Body(tuple(names), tuple(parents), np.array(origins, float), np.array(prior), tuple(joints), tuple(on),
@@ -240,8 +240,8 @@ def _scaled(body: Body, xyz: np.ndarray) -> Body:
     place = {joint: xyz[:, number] for number, joint in enumerate(body.joints)}
 
     def length(*pairs: tuple[str, str]) -> float:
-        found = [np.linalg.norm(place[a] - place[b], axis=-1) for a, b in pairs if a in place and b in place]
-        found = np.concatenate(found) if found else np.empty(0)
+        each = [np.linalg.norm(place[a] - place[b], axis=-1) for a, b in pairs if a in place and b in place]
+        found = np.concatenate(each) if each else np.empty(0)
         return float(np.median(found[~np.isnan(found)])) if np.isfinite(found).any() else np.nan
 
     origins, number = body.origins.copy(), {name: i for i, name in enumerate(body.segments)}
@@ -358,7 +358,7 @@ def _precision(poses: Poses3D, person: int, given: list[int]) -> np.ndarray:
     """Return the square roots (F, J, 3, 3) of the inverse covariances of joints, 1/m; zero where absent."""
     cov = poses.cov[:, person][:, given].astype(np.float64)
     source = poses.source[:, person][:, given]
-    unknown = np.isnan(cov).any((-1, -2))
+    unknown = np.any(np.isnan(cov), (-1, -2))
     default = np.zeros(source.shape)
     for kind, error in _UNKNOWN_ERROR.items():
         default[source == kind] = error**2
@@ -656,7 +656,7 @@ def defining_joints(body: Body, segment: str) -> list[str]:
     number = body.segments.index(segment)
     both = {number, body.parents[number]}
     ends = {child for child, parent in enumerate(body.parents) if parent == number}
-    at_origin = ~body.landmarks.any(-1)
+    at_origin = ~np.any(body.landmarks, -1)
     return [
         joint
         for joint, on, end in zip(body.joints, body.on, at_origin, strict=True)

@@ -34,7 +34,7 @@ class TorsoColours:
     """
 
     def __init__(self, clip: Clip):
-        if not clip.has_images:
+        if clip.images is None or not clip.has_images:
             raise ValueError(f"clip {clip.id!r} has no rgb images")
         skeleton = clip.detections.skeleton
         joints = skeleton.index(*(joint for joint in _TORSO if joint in skeleton.joints))

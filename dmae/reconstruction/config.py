@@ -174,7 +174,8 @@ class CaptureConfig:
         capture_method.check(self.method, ADAPTIVE)
         if self.method in capture_method:
             others = [each for each in fields(self) if each.name not in ("method", "th_p")]
-            usual = {each.name: each.default_factory() if each.default is MISSING else each.default for each in others}
+            made = {each.name: each.default_factory() for each in others if each.default_factory is not MISSING}
+            usual = {each.name: each.default for each in others} | made
             if changed := [name for name, value in usual.items() if getattr(self, name) != value]:
                 raise ValueError(f"method={self.method} takes th_p and no other option; leave out {', '.join(changed)}")
         if self.persons is not None and self.persons < 1:

@@ -118,7 +118,7 @@ def explain_capture(clip: Clip, config: CaptureConfig) -> Explanation:
 
 
 def _suggestions_without_pairs(clip: Clip, config: CaptureConfig, enough: np.ndarray) -> tuple[str, ...]:
-    detecting = [name for name, some in zip(clip.rig.names, enough.any((0, 2)), strict=True) if some]
+    detecting = [name for name, some in zip(clip.rig.names, np.any(enough, (0, 2)), strict=True) if some]
     if len(detecting) < max(2, config.th_v):
         return (
             f"people of {MIN_JOINTS} joints or more are detected by {len(detecting)} cameras only: "
@@ -176,7 +176,7 @@ def _bodies(evidence: Evidence, rig: CameraRig, skeleton: Skeleton, frames: np.n
 
 def _other_readings(evidence: Evidence, skeleton: Skeleton, frames: np.ndarray, found: _Compared) -> list[str]:
     """Return suggested changes that make the cameras agree, if a usual mistake explains the disagreement."""
-    best, suggestions = max(2 * found.joints, 10 * len(frames)), []
+    best, suggestions = max(2.0 * found.joints, 10.0 * len(frames)), []
     readings = sorted(product(_SCALES, _INVERSES, _ZOOMS), key=lambda r: (r[0] != 1) + r[1] + (r[2] != 1))
     for scale, inverse, zoom in readings[1:]:
         world = np.linalg.inv(evidence.rig.cam_from_world) if inverse else evidence.rig.cam_from_world.copy()

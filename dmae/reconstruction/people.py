@@ -41,7 +41,7 @@ def steps_to_people(
     yield "people", tracks
     if config.volume is not None:
         tracks = inside_volume(tracks, config.volume)
-        tracks = tracks.select((known_joints(tracks.xyz) > 0).any(0))
+        tracks = tracks.select(np.any(known_joints(tracks.xyz) > 0, 0))
         yield "volume", tracks
     measured, surprises = well_measured(tracks, tracking.births(len(skeleton))).sum(1, dtype=float)
     lasting = ~too_brief(measured, len(clip), fps, tracking.min_duration_s)
@@ -84,7 +84,7 @@ def same_person(
     label = np.arange(xyz.shape[1])
     lengths = symmetric_bone_lengths(xyz, skeleton)
     reentries = []
-    for a, b in permutations(np.flatnonzero(present.any(0)), 2):
+    for a, b in permutations(np.flatnonzero(present.any(0)).tolist(), 2):
         both = present[:, a] & present[:, b]
         last, first = np.flatnonzero(present[:, a])[-1], np.flatnonzero(present[:, b])[0]
         if both.any():
@@ -237,6 +237,7 @@ def leg_lengths(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
 
 
 def _person_at(xyz: np.ndarray, rig: CameraRig, subject: SubjectConfig) -> int:
+    assert subject.at is not None
     frame, *place = subject.at
     if frame != int(frame) or not 0 <= frame < len(xyz):
         raise ValueError(f"subject.at={subject.at}: expected a frame from 0 to {len(xyz) - 1}, found {frame:g}")

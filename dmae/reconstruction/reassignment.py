@@ -95,7 +95,7 @@ def most_confident_rays(
         evidence.rig.world_from_pixel[view] @ np.append(pixels, np.ones_like(pixels[..., :1]), -1)[..., None]
     )[..., 0]
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
-    unknown = np.isnan(confidence).all(-1)[..., None, None]
+    unknown = np.all(np.isnan(confidence), -1)[..., None, None]
     return np.where(unknown, np.nan, np.stack([evidence.rig.centers[view], directions], -2))
 
 

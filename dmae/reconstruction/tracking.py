@@ -265,7 +265,7 @@ def track(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None = None
         for part in in_steps(evidence_blocks(clip)):
             evidence = Evidence.of(clip, config.th_p, config, part, noise)
             yield [
-                tracker.step(evidence.at(frame - part.start), colours and partial(colours, frame))
+                tracker.step(evidence.at(frame - part.start), None if colours is None else partial(colours, frame))
                 for frame in islice(numbers, part.stop - part.start)
             ]
 
@@ -358,7 +358,7 @@ def _reenter(new: np.ndarray, state: TrackState, unmeasured: np.ndarray) -> tupl
     offset = np.linalg.norm(new[:, None] - state.xyz[None], axis=-1)
     distance = median_known(offset[..., None])[..., 0]
     distance = np.where(np.isnan(distance), np.inf, distance)
-    duplicate = (distance[:, ~unmeasured] < _DUPLICATE_DISTANCE).any(-1)
+    duplicate = np.any(distance[:, ~unmeasured] < _DUPLICATE_DISTANCE, -1)
     reachable = distance < _REENTRY_DISTANCE + _WALKING_SPEED * state.unseen
     allowed = unmeasured & ~duplicate[:, None] & reachable
     track = np.full(len(new), NONE)

@@ -12,7 +12,7 @@ from dmae.reconstruction.triangulation import triangulate
 
 def ours(*, K, dist, cam_from_world, size, xy, confidence) -> np.ndarray:
     """Triangulate by `dmae.reconstruction.triangulation`: robust, weighted by confidence, with every view."""
-    rig = CameraRig(tuple(range(len(K))), K, dist, cam_from_world, size)
+    rig = CameraRig(tuple(map(str, range(len(K)))), K, dist, cam_from_world, size)
     return triangulate(rig, rig.undistort(xy), confidence).xyz
 
 

@@ -31,7 +31,9 @@ def views_figure(clip: Clip, frame: int | None = None) -> Figure:
     views = len(clip.rig)
     rows = -(-(views + 2) // _COLUMNS)
     width, height = clip.rig.size[0]
-    figure = Figure(figsize=(4 * _COLUMNS, rows * (4 * height / width + 0.3)), layout="constrained")
+    figure = Figure(figsize=(4 * _COLUMNS, rows * (4 * height / width + 0.3)))
+    # Numbers and names beside two of the panels do not move their columns; all columns have room for them.
+    figure.set_layout_engine("constrained", w_pad=0.16, h_pad=0.1, rect=(0.015, 0, 0.97, 1))
     axes = figure.subplots(rows, _COLUMNS, squeeze=False).ravel()
     for panel in axes:
         panel.set_box_aspect(height / width)
@@ -41,8 +43,6 @@ def views_figure(clip: Clip, frame: int | None = None) -> Figure:
         axes[view].set_title(camera_label(name), fontsize=10)
     _draw_world(axes[views], clip, frame, (0, 2), "side")
     _draw_world(axes[views + 1], clip, frame, (0, 1), "top")
-    # Numbers and names beside two of the panels do not move their columns; all columns have room for them.
-    figure.get_layout_engine().set(w_pad=0.16, h_pad=0.1, rect=(0.015, 0, 0.97, 1))
     for panel in axes[views : views + 2]:
         for artist in (panel.xaxis, panel.yaxis, *panel.texts):
             artist.set_in_layout(False)
@@ -90,8 +90,9 @@ def plain(axes: Axes) -> None:
 
 
 def _draw_view(axes: Axes, clip: Clip, frame: int, view: int, pixels: np.ndarray) -> None:
+    assert clip.poses is not None
     width, height = clip.rig.size[view]
-    if clip.has_images:
+    if clip.images is not None and clip.has_images:
         # Images of another size than the calibration's are stretched over it.
         place = (-0.5, width - 0.5, height - 0.5, -0.5)
         axes.imshow(clip.images.at("rgb", clip.rig.names[view], frame), aspect="auto", extent=place)
@@ -103,6 +104,7 @@ def _draw_view(axes: Axes, clip: Clip, frame: int, view: int, pixels: np.ndarray
 
 def _draw_world(axes: Axes, clip: Clip, frame: int, plane: tuple[int, int], title: str) -> None:
     """Draw an orthographic view along the axis that is not in `plane`."""
+    assert clip.poses is not None
     axes.set_title(title, fontsize=10)
     _draw_bones(axes, clip.poses, frame, clip.poses.xyz[frame][..., plane])
     axes.set_aspect("equal", adjustable="datalim")

@@ -171,7 +171,7 @@ def small_videos(clip: Clip) -> tuple[list[str | None], str | None]:
 
     Frame i of a video is frame i of the clip. Keyframes are half a second apart, so that a player can seek quickly.
     """
-    if not clip.has_images or not len(clip):
+    if clip.images is None or not clip.has_images or not len(clip):
         return [None] * len(clip.rig), None
     videos: list[str | None] = []
     lost = []
@@ -181,10 +181,10 @@ def small_videos(clip: Clip) -> tuple[list[str | None], str | None]:
     for name, size in zip(progress(clip.rig.names, f"images of {clip.id}"), clip.rig.size, strict=True):
         width, height = (int(side) for side in size)
         scale = min(1, greatest / max(width, height))
-        even = tuple(max(2, round(side * scale / 2) * 2) for side in (width, height))  # as H.264 requires
+        width, height = (max(2, round(side * scale / 2) * 2) for side in (width, height))  # as H.264 requires
         try:
             frames = (convert() for convert in clip.images.video(name))
-            video = _encoded(frames, clip.fps, even, rate)
+            video = _encoded(frames, clip.fps, (width, height), rate)
             videos.append(base64.b64encode(video).decode())
         except (OSError, KeyError, av.FFmpegError):
             videos.append(None)
@@ -211,7 +211,7 @@ def _encoded(frames: Iterator[np.ndarray], fps: float, size: tuple[int, int], ra
         }
         stream.codec_context.thread_count = 1
         for image in frames:
-            small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+            small = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
             container.mux(stream.encode(av.VideoFrame.from_ndarray(small, format="rgb24")))
         container.mux(stream.encode())
     return buffer.getvalue()

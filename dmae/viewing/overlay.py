@@ -25,7 +25,8 @@ _FAR = 20  # Multiple of the image width; points farther outside the image are n
 
 
 def _rgb(text: str) -> RGB:
-    return tuple(int(text[i : i + 2], 16) for i in (1, 3, 5))
+    red, green, blue = (int(text[i : i + 2], 16) for i in (1, 3, 5))
+    return red, green, blue
 
 
 RED = _rgb(COMPLETED)
@@ -130,6 +131,7 @@ MEANINGS = {
 
 def occluder_name(clip: Clip, frame: int, view: int, person: int, joint: int) -> str:
     """Return the name of the occluder of a joint in a view; an empty text if nothing hides it."""
+    assert clip.occlusion is not None and clip.occlusion.occluder is not None
     at = (frame, view, person, joint)
     by = int(clip.occlusion.occluder[at])
     match Visibility(clip.occlusion.visibility[at]):
@@ -144,6 +146,7 @@ def occluder_name(clip: Clip, frame: int, view: int, person: int, joint: int) ->
 
 def occlusion_summary(clip: Clip, frame: int, view: int, person: int, joints: list[int]) -> list[tuple[str, RGB]]:
     """Return counts of a person's joints in a view by occluder, with their colours, the most frequent first."""
+    assert clip.occlusion is not None
     code = clip.occlusion.visibility[frame, view, person, joints]
     if (code == Visibility.ABSENT).all():
         return [("absent", FAINT)]
@@ -216,7 +219,7 @@ def first_joints(poses: Poses3D) -> list[int]:
     return [i for i, name in enumerate(poses.skeleton.joints) if name.rpartition(".")[0] == first]
 
 
-def drawn_plainly(pixels: np.ndarray, bones: list[tuple[int, int]], mark: Mark, colours: Sequence[RGB]) -> Drawn:
+def drawn_plainly(pixels: np.ndarray, bones: Sequence[tuple[int, int]], mark: Mark, colours: Sequence[RGB]) -> Drawn:
     """Return the drawing of detections or true joints (P, J, 2), px: marks in a colour each person, with thin lines."""
     drawn = Drawn()
     for joints, colour in zip(pixels, colours, strict=True):
@@ -289,7 +292,7 @@ class Overlay:
     def tiles(self, frame: int, images: Sequence[np.ndarray | None]) -> list[np.ndarray]:
         """Return drawings (h, width, 3) uint8 of all views of one frame, over their images (H, W, 3) or the room."""
         truth, poses = (
-            part and (rig.project(part.xyz[frame : frame + 1, :, first_joints(part)])[0][0])
+            None if part is None else rig.project(part.xyz[frame : frame + 1, :, first_joints(part)])[0][0]
             for part, rig in (
                 (self.clip.truth if self.layers.truth else None, self.clip.actual_rig),
                 (self.clip.poses if self.layers.poses else None, self.clip.rig),
@@ -332,15 +335,15 @@ class Overlay:
         if self.layers.detections:
             found = clip.detections.xy[frame, view]
             yield drawn_plainly(found, clip.detections.skeleton.bones, Mark.CROSS, [DETECTED] * len(found)), 1
-        if truth is not None:
+        if truth is not None and clip.truth is not None:
             joints = first_joints(clip.truth)
-            if self.layers.occlusion:
+            if self.layers.occlusion and clip.occlusion is not None:
                 codes = clip.occlusion.visibility[frame, view][:, joints]
                 yield drawn_occlusion(truth, codes, self.bones(clip.truth)), thick
             else:
                 colours = [TRUE if self.layers.poses else person_colour(person) for person in range(len(truth))]
                 yield drawn_plainly(truth, self.bones(clip.truth), Mark.RING, colours), 1
-        if poses is not None:
+        if poses is not None and clip.poses is not None:
             source = clip.poses.source[frame][:, first_joints(clip.poses)]
             yield drawn_poses(poses, source, self.bones(clip.poses), self.layers), thick
 
@@ -368,7 +371,7 @@ class Overlay:
     @property
     def _foot(self) -> int:
         """Height of the text under a view, px."""
-        lines = self.clip.truth.xyz.shape[1] if self.layers.occlusion else 1
+        lines = self.clip.truth.xyz.shape[1] if self.layers.occlusion and self.clip.truth else 1
         return lines * self._line + self._line // 2
 
     def _number_people(
@@ -377,7 +380,7 @@ class Overlay:
         width, height = self.clip.actual_rig.size[view]
         for person, joints in enumerate([] if pixels is None else pixels):
             inside = np.isfinite(joints).all(-1) & ((joints >= 0) & (joints < (width, height))).all(-1)
-            if self.layers.occlusion:
+            if self.layers.occlusion and self.clip.occlusion and self.clip.truth:
                 codes = self.clip.occlusion.visibility[frame, view, person, first_joints(self.clip.truth)]
                 inside &= codes <= Visibility.HIDDEN_BY_OBJECT
             if inside.any():
@@ -392,7 +395,7 @@ class Overlay:
 
     def _write_below(self, draw: ImageDraw.ImageDraw, frame: int, view: int, top: int) -> None:
         letters = font(self._line - 3)
-        if self.layers.occlusion:
+        if self.layers.occlusion and self.clip.truth:
             joints = first_joints(self.clip.truth)
             rows = [
                 [(person_name(person), INK), *occlusion_summary(self.clip, frame, view, person, joints)]
@@ -414,7 +417,7 @@ class Overlay:
         if self.layers.detections:
             people = int(clip.detections.observed[frame, view].any(-1).sum())
             words.append((f"{people} detected", DETECTED))
-        if self.layers.poses:
+        if self.layers.poses and clip.poses:
             joints = first_joints(clip.poses)
             completed = (clip.poses.source[frame][:, joints] == Source.COMPLETED).sum()
             measured = clip.poses.measured[frame][:, joints].sum()

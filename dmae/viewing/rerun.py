@@ -52,7 +52,7 @@ def write_recording(clip: Clip, path: Path, layers: Layers) -> None:
                     _log_marks(recording, name, "detections", xy[np.isfinite(xy).all(-1)], DETECTED)
 
 
-def _camera(name: str, *parts: str) -> list[str]:
+def _camera(name: str, *parts: str) -> list[object]:
     """Return the path of an entity of a camera; in a list names may have spaces, dots and slashes."""
     return ["world", f"camera_{name}", *parts]
 
@@ -76,6 +76,7 @@ def _log_images(recording: rr.RecordingStream, names: tuple[str, ...], images) -
 
 
 def _log_poses(recording: rr.RecordingStream, clip: Clip, frame: int, layers: Layers) -> None:
+    assert clip.poses is not None
     poses, joints = clip.poses, first_joints(clip.poses)
     source = poses.source[frame][:, joints]
     completed = source == Source.COMPLETED
@@ -93,14 +94,15 @@ def _log_poses(recording: rr.RecordingStream, clip: Clip, frame: int, layers: La
         _log_bones(recording, f"world/{person_name(person)}/bones", poses, xyz, known, person_colour(person))
     for kind in (kind for kind in kinds if wanted[kind]):
         for view, name in enumerate(clip.rig.names):
-            person, joint = np.nonzero(kinds[kind] & np.isfinite(pixels[view]).all(-1))
-            colours = [RED if kind == "completed" else person_colour(p) for p in person]
-            labels = [f"{person_name(p)} {_joint(poses, joints[j])}" for p, j in zip(person, joint, strict=True)]
-            _log_marks(recording, name, kind, pixels[view][person, joint], colours, labels)
+            shown = np.nonzero(kinds[kind] & np.isfinite(pixels[view]).all(-1))
+            colours = [RED if kind == "completed" else person_colour(p) for p in shown[0].tolist()]
+            labels = [f"{person_name(p)} {_joint(poses, joints[j])}" for p, j in zip(*shown, strict=True)]
+            _log_marks(recording, name, kind, pixels[view][shown], colours, labels)
 
 
 def _log_truth(recording: rr.RecordingStream, clip: Clip, rig: CameraRig, frame: int, layers: Layers) -> None:
     """Log true joints. If occlusion is known, a joint that more cameras see is drawn larger."""
+    assert clip.truth is not None
     truth, joints = clip.truth, first_joints(clip.truth)
     radii = np.full((truth.xyz.shape[1], len(joints)), 0.015)
     if clip.occlusion is not None:
@@ -114,7 +116,7 @@ def _log_truth(recording: rr.RecordingStream, clip: Clip, rig: CameraRig, frame:
     pixels = rig.project(truth.xyz[frame : frame + 1][:, :, joints])[0][0]
     for view, name in enumerate(rig.names):
         shown = np.isfinite(pixels[view]).all(-1)
-        if layers.occlusion:
+        if layers.occlusion and clip.occlusion is not None:
             codes = clip.occlusion.visibility[frame, view][:, joints]
             shown &= codes <= Visibility.HIDDEN_BY_OBJECT
         colours, labels = [], []

@@ -92,7 +92,7 @@ def written_whole(path: Path) -> Iterator[Path]:
 
 def images_of(clip: Clip, frames: np.ndarray) -> Iterator[Sequence[np.ndarray | None]]:
     """Yield the images of all views, frame by frame; None for a view without images."""
-    if not clip.has_images:
+    if clip.images is None or not clip.has_images:
         return repeat([None] * len(clip.rig), len(frames))
     images = clip.images.select(frames, clip.rig.names)
     return zip(*(images.read("rgb", name) for name in clip.rig.names), strict=True)
@@ -157,9 +157,10 @@ def _legend(overlay: Overlay) -> list[list[Item]]:
     items: list[Item] = [("detected", (Mark.CROSS, DETECTED))] if layers.detections else []
     if not layers.poses:
         there = [] if overlay.shown is None else np.isfinite(overlay.shown.xyz).any((0, 2, 3))
-        items += [(f"true {person_name(p)}", (Mark.RING, person_colour(p))) for p in np.flatnonzero(there)]
+        items += [(f"true {person_name(p)}", (Mark.RING, person_colour(p))) for p in np.flatnonzero(there).tolist()]
         return [items] if items else []
     items += [("true", (Mark.RING, TRUE))] if layers.truth else []
+    assert clip.poses is not None
     source = clip.poses.source[:, :, first_joints(clip.poses)]
     there = (source != Source.ABSENT).any(-1)
     total = max(1, there.sum() * source.shape[-1])
@@ -174,12 +175,14 @@ def _legend(overlay: Overlay) -> list[list[Item]]:
 
 
 def _occlusion_legend(overlay: Overlay) -> list[list[Item]]:
-    clip, joints = overlay.clip, first_joints(overlay.clip.truth)
+    clip = overlay.clip
+    assert clip.truth is not None and clip.occlusion is not None
+    joints = first_joints(clip.truth)
     codes = clip.occlusion.visibility[..., joints]
     there = np.isfinite(clip.truth.xyz[:, :, joints]).all(-1)
     visible_views = clip.occlusion.visible_views[..., joints][there]
     seen = np.bincount(visible_views, minlength=len(clip.rig) + 1) / max(1, there.sum())
-    legend = [
+    legend: list[Item] = [
         (f"{meaning} {np.mean(codes == cause):.0%}", (Mark.DISC, COLOURS[cause])) for cause, meaning in MEANINGS.items()
     ]
     if overlay.layers.detections:

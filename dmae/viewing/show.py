@@ -13,7 +13,7 @@ from dmae.viewing.config import ShowConfig
 from dmae.viewing.overlay import chosen_layers
 from dmae.viewing.sheet import write_overlay_video, write_sheet
 
-Rooms = Callable[[Clip], Sequence[np.ndarray]]
+Rooms = Callable[[Clip], Sequence[np.ndarray] | None]
 """Function that draws the room of a clip and returns an image (H, W, 3) uint8 for each view."""
 
 

@@ -37,8 +37,8 @@ def run(config: FitDetectorCommand, out: Path) -> None:
     recording = read_recording(Path(config.detections), config.frames)
     real = measure(recording, config.truth)
     clips = _clips(config, recording, out)
-    how = {"rounds": config.rounds, "seed": config.seed, "workers": config.workers, "reference": config.truth}
-    fitted = fit(real, clips, config.detector, **how)
+    how: dict = {"rounds": config.rounds, "seed": config.seed, "workers": config.workers}
+    fitted = fit(real, clips, config.detector, **how, reference=config.truth)
     rows = compare(real, fitted.statistics, Limits())
     print_tables([table(rows)])
     what = f"{len(recording)} frames of {recording.id} in {len(recording.rig)} views"

@@ -29,7 +29,7 @@ def run(config: RealismCommand, out: Path) -> None:
         raise ValueError(f"{config.data}: in no image is a person in plain sight, there is nothing to look at")
     rows = rates(judged)
     print_tables([Table(f"{config.detector.name} on {len(judged)} people", HEAD, [described(row) for row in rows])])
-    numbers = {"detector": config.detector.name, "rows": [asdict(row) for row in rows]}
+    numbers: dict = {"detector": config.detector.name, "rows": [asdict(row) for row in rows]}
     if config.real:
         real = photographed(Path(config.real), _REAL_IMAGES)
         clips = [path for folder in folders for path in Clips(DataConfig("clip", str(folder))).folders]

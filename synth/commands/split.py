@@ -47,7 +47,7 @@ def _shares(config: SplitCommand) -> dict[str, float]:
 
 
 def _check(config: SplitCommand, data: Path, out: Path) -> None:
-    path = Path(config.check)
+    path = Path(str(config.check))
     splits = read_splits(path, [folder.name for folder in clip_folders(data)])
     text = [str(leak) for leak in find_leaks(data, splits, [config.by])]
     write_atomic(out, json.dumps({"leaks": text}, indent=1))

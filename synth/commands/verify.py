@@ -41,6 +41,6 @@ def run(config: VerifyCommand, out: Path) -> None:
             print(f"sha256 of all: {found.number}")
         return
     more = f"; {len(found.problems) - _SHOWN} more of them are in {out}" if len(found.problems) > _SHOWN else ""
-    failing = f"{len(found.again)} of {counted(len(found.clips), 'clip')}"
-    failing += " and in the data set's own files" if any(problem.clip == DATA_SET for problem in found.problems) else ""
-    raise ValueError(f"{config.data}: {counted(len(found.problems), 'problem')} in {failing}{more}")
+    where = f"{len(found.again)} of {counted(len(found.clips), 'clip')}"
+    where += " and in the data set's own files" if any(problem.clip == DATA_SET for problem in found.problems) else ""
+    raise ValueError(f"{config.data}: {counted(len(found.problems), 'problem')} in {where}{more}")

@@ -180,7 +180,7 @@ def image_cost(
         begun, took, sizes = time.perf_counter() - start, [], []
         for count in (1, few):
             start = time.perf_counter()
-            how = {"kinds": config.kinds, "rgb": config.rgb.value}
+            how: dict = {"kinds": config.kinds, "rgb": config.rgb.value}
             how["sensors"] = [Sensor(config.imaging, 0, 0, view) for view in range(len(rig))]
             images = render_images(renderer, state.qpos[:count], rig, folder / str(count), clip.fps, **how).images
             took.append(time.perf_counter() - start)

@@ -105,7 +105,7 @@ def add_images(
     shutil.rmtree(partial, ignore_errors=True)
     try:
         with Renderer(scene.model, scene.geom_ids, rig, options.quality, options.imaging) as renderer:
-            how = {"kinds": missing, "rgb": options.rgb.value, "seen": seen}
+            how: dict = {"kinds": missing, "rgb": options.rgb.value, "seen": seen}
             how["sensors"] = [Sensor(options.imaging, spec.seed, spec.clip, view) for view in range(len(rig))]
             images, visible, amodal = render_images(renderer, state.qpos, rig, partial, clip.fps, **how)
         for kind in missing:
@@ -122,9 +122,9 @@ def add_images(
         parts=images.parts or (clip.images.parts if clip.images else ()),
         rgb=images.rgb if "rgb" in missing or not clip.images else clip.images.rgb,
     )
-    if visible is not None:
+    if visible is not None and clip.occlusion is not None:
         clip = replace(clip, occlusion=replace(clip.occlusion, visible_pixels=visible, amodal_pixels=amodal))
-    painted = {"quality": options.quality.name, "opengl": find_backend() or "none, rays were cast"}
+    painted: dict = {"quality": options.quality.name, "opengl": find_backend() or "none, rays were cast"}
     if "rgb" in missing:
         painted["imaging"] = asdict(options.imaging)
     elif clip.images and "imaging" in clip.provenance["images"]:

@@ -80,9 +80,9 @@ def take_tracks(
         raise ValueError(f"{path}: no take is called {' or '.join(names)}; there are {there}")
     firsts: dict[tuple[int, int], Path] = {}
     kept, again = [], []
-    for file in sorted(chosen, key=lambda file: _FORMATS.index(format_of(file))):
-        take = subject_and_trial(take_name(file))
-        first = firsts.setdefault(take, file) if any(take) else file
+    for file in sorted(chosen, key=lambda file: _FORMATS.index(str(format_of(file)))):
+        named = subject_and_trial(take_name(file))
+        first = firsts.setdefault(named, file) if any(named) else file
         # Files of the same take in the same folder are all kept. Conversions of a take are in other folders.
         if first.parent == file.parent:
             kept.append(file)
@@ -161,8 +161,8 @@ class Difference:
 
     quantity: Quantity
     # real, sim: Quantiles of 5, 50 and 95 %
-    real: tuple[float, float, float]
-    sim: tuple[float, float, float]
+    real: tuple[float, ...]
+    sim: tuple[float, ...]
     wasserstein: float  # Wasserstein-1 distance, in the quantity's unit
     ks: float  # Kolmogorov-Smirnov distance: the greatest difference of the distribution functions
     # halves_wasserstein, halves_ks: The same distances between two random halves of the recorded tracks, medians over
@@ -210,12 +210,14 @@ def compare(real: Sequence[Sample], sim: Sequence[Sample], *, rng: np.random.Gen
         both = np.concatenate(parts), np.concatenate([each.values[quantity.name] for each in sim])
         if not min(map(len, both)):
             continue
-        quantiles = (tuple(map(float, np.quantile(values, _QUANTILES))) for values in both)
+        of_real, of_sim = (tuple(map(float, np.quantile(values, _QUANTILES))) for values in both)
         halves = [
             _distances(*(np.concatenate([parts[i] for i in half]) for half in np.array_split(order, 2)))
             for order in orders
         ]
-        differences.append(Difference(quantity, *quantiles, *_distances(*both), *map(float, np.median(halves, axis=0))))
+        wasserstein, ks = _distances(*both)
+        of_halves = map(float, np.median(halves, axis=0))
+        differences.append(Difference(quantity, of_real, of_sim, wasserstein, ks, *of_halves))
     return differences
 
 
@@ -266,7 +268,8 @@ def _draw_panel(
 ) -> None:
     low, high = quantity.span
     edges = np.geomspace(low, high, _BINS + 1) if quantity.log else np.linspace(low, high, _BINS + 1)
-    for samples, style in ((real, {"color": _REAL, "fill": True}), (sim, {"color": _SIM, "linewidth": 1.6})):
+    filled: dict = {"color": _REAL, "fill": True}
+    for samples, style in ((real, filled), (sim, {"color": _SIM, "linewidth": 1.6})):
         values = np.concatenate([each.values[quantity.name] for each in samples])
         # Light smoothing, because shapes are compared, not single bins.
         shares = gaussian_filter1d(np.histogram(values, edges)[0] / max(1, len(values)), 0.7, mode="nearest")

@@ -48,7 +48,7 @@ def summary(visibility: np.ndarray, config: OcclusionConfig) -> dict:
     BODY_25 that are hidden in 0, 1, ... V cameras; and `hidden_in_by_others`, the same without occlusion by a person's
     own body. If the configuration has a `target`: also `target`, `views`, `by_self`, and the achieved `share`.
     """
-    found = {code.name.lower(): round(float((visibility == code).mean()), 4) for code in Visibility}
+    found: dict = {code.name.lower(): round(float((visibility == code).mean()), 4) for code in Visibility}
     joints = visibility[..., DETECTED]
     found["hidden_in"] = histogram(joints).round(4).tolist()
     found["hidden_in_by_others"] = histogram(joints, by_self=False).round(4).tolist()

@@ -123,5 +123,5 @@ def make_labels(folder: Path, kinds: Sequence[str] = KINDS) -> PhysicalLabels:
     if "surface" in kinds:
         points = surface_points(scene, [person.body for person in spec.persons])
         surface = surface_labels(scene, points, state.qpos, rig)
-    found = {"contacts": contacts, "forces": forces, "surface": surface}
+    found: dict = {"contacts": contacts, "forces": forces, "surface": surface}
     return PhysicalLabels(**{kind: found[kind] for kind in kinds})

@@ -68,10 +68,10 @@ def forecast_rendering(config: RenderConfig) -> Forecast:
     clip, state = load_clip(middle), load_state(middle)
     if config.rig != NO_RIG:
         clip = _relabelled(config, settings, clip, state)
-    with tempfile.TemporaryDirectory() as folder:
-        save_clip(replace(clip, images=None), Path(folder) / "clip")
-        labels, label_bytes = (time.perf_counter() - start) / len(clip), bytes_in(Path(folder) / "clip")
-        cost = image_cost(config, clip, state, len(clip), Path(folder) / "images")
+    with tempfile.TemporaryDirectory() as place:
+        save_clip(replace(clip, images=None), Path(place) / "clip")
+        labels, label_bytes = (time.perf_counter() - start) / len(clip), bytes_in(Path(place) / "clip")
+        cost = image_cost(config, clip, state, len(clip), Path(place) / "images")
     each = [
         cost.clip_seconds + number * (cost.frame_seconds + labels * labelled)
         for number, labelled in sorted(zip(frames, new, strict=True))
@@ -134,7 +134,7 @@ def _render(config: RenderConfig, settings: dict, folder: Path) -> dict:
     if config.rig == NO_RIG:
         # Without images, and without the numbers of pixels that were counted in them.
         bare = {key: value for key, value in clip.provenance.items() if key != "images"}
-        occlusion = replace(clip.occlusion, visible_pixels=None, amodal_pixels=None)
+        occlusion = clip.occlusion and replace(clip.occlusion, visible_pixels=None, amodal_pixels=None)
         clip = replace(clip, images=None, occlusion=occlusion, provenance=bare)
     else:
         clip = _relabelled(config, settings, clip, state)

@@ -3,7 +3,7 @@
 import io
 import json
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import reduce
 from pathlib import Path
@@ -55,14 +55,14 @@ def clip_contacts(state: BodyState) -> ClipContacts:
 def spread(clips: Sequence[ClipContacts]) -> dict[str, float]:
     """Return the number of clips, and of each measure of contact its least, median and greatest value."""
     shares = np.array([clip.touching / clip.frames for clip in clips])
-    found = {"clips": len(clips), "frames": sum(clip.frames for clip in clips)}
+    found: dict[str, float] = {"clips": len(clips), "frames": sum(clip.frames for clip in clips)}
     measures = {"share": shares, "touches": [clip.touches for clip in clips], "force": [clip.force for clip in clips]}
     for name, values in measures.items():
         found |= {f"{name}_{which}": float(take(values)) for which, take in _SPREAD.items()}
     return found
 
 
-_SPREAD = {"least": np.min, "median": np.median, "most": np.max}
+_SPREAD: dict[str, Callable] = {"least": np.min, "median": np.median, "most": np.max}
 
 
 # Counts and histograms of clips. They can be added over a data set with constant memory.
@@ -130,8 +130,8 @@ class Statistics:
         return Statistics(
             joints=self.joints or other.joints,
             counts=self.counts + other.counts,
-            causes=sum(known) if known else None,
-            histograms={name: self.histograms.get(name, 0) + other.histograms.get(name, 0) for name in names},
+            causes=np.sum(known, 0) if known else None,
+            histograms={name: np.add(self.histograms.get(name, 0), other.histograms.get(name, 0)) for name in names},
             occluders=self.occluders + other.occluders,
             scenes=self.scenes + other.scenes,
             contacts={kind: self.contacts.get(kind, ()) + other.contacts.get(kind, ()) for kind in kinds},
@@ -173,7 +173,7 @@ def measure_clip(clip: Clip) -> Statistics:
     views = len(clip.rig)
     found = Statistics(counts=Counter(clips=1, frames=len(clip), images=views * len(clip)))
     found.counts[f"cameras={views}"] += 1
-    found.counts["seconds"] += len(clip) / clip.fps
+    found.counts["seconds"] += len(clip) / clip.fps  # type: ignore[assignment]  # the only one that is no integer
     spec = clip.provenance.get("spec")
     if spec:
         together = spec.get("interaction", {}).get("kind", "none")
@@ -198,6 +198,7 @@ def _add(found: Statistics, name: str, values) -> None:
 
 
 def _measure_people(clip: Clip, found: Statistics) -> None:
+    assert clip.truth is not None
     rig = clip.actual_rig
     part = clip.truth.skeleton.parts[0]
     xyz = clip.truth.xyz[:, :, : len(part)].astype(np.float64)
@@ -220,6 +221,7 @@ def _measure_people(clip: Clip, found: Statistics) -> None:
 
 
 def _measure_occlusion(clip: Clip, found: Statistics) -> None:
+    assert clip.truth is not None and clip.occlusion is not None
     part = clip.truth.skeleton.parts[0]
     found.joints = part.joints
     code = clip.occlusion.visibility[..., : len(part)]

@@ -52,6 +52,7 @@ def check_images(clip: Clip) -> list[str]:
 
 def _check_view(clip: Clip, kind: str, view: int, name: str) -> list[str]:
     """Check one kind of images of one view. The images are read once."""
+    assert clip.images is not None
     width, height = clip.rig.size[view].tolist()
     occlusion = clip.occlusion
     # Without labels, the objects are unknown.
@@ -81,6 +82,7 @@ def _check_view(clip: Clip, kind: str, view: int, name: str) -> list[str]:
 
 def _check_parts(clip: Clip, name: str) -> list[str]:
     """Check the body parts of one view: all have names, and only pixels of persons have a part."""
+    assert clip.images is not None
     persons = clip.images.read("ids", name) if "ids" in clip.images.kinds else repeat(None)
     for frame, (parts, ids) in enumerate(zip(clip.images.read("parts", name), persons, strict=False)):
         if parts.max() > len(clip.images.parts):
@@ -97,12 +99,13 @@ def _check_parts(clip: Clip, name: str) -> list[str]:
 def check_surplus(clip: Clip) -> Iterator[str]:
     """Check that the image folder of a clip contains no other files."""
     images = clip.images
+    assert images is not None
     for path in sorted(images.folder.glob("rgb/*.mp4")) if "rgb" in images.kinds else ():
         # `check_images` reports unreadable videos.
         with suppress(OSError, IndexError, av.FFmpegError), av.open(str(path)) as container:
-            found, expected = container.streams.video[0].frames, len(images.frames)
-            if found > expected:
-                yield f"rgb/{path.name}: expected {expected} frames, found {found}"
+            count, expected = container.streams.video[0].frames, len(images.frames)
+            if count > expected:
+                yield f"rgb/{path.name}: expected {expected} frames, found {count}"
     found = {path for ending in ("png", "mp4", "jpg") for path in images.folder.rglob(f"*.{ending}")}
     surplus = sorted(found - image_files(images))
     if surplus:
@@ -140,7 +143,7 @@ def check_numbers(clip: Clip) -> Iterator[str]:
 def check_labels(clip: Clip) -> list[str]:
     """Check that codes and occluders exist, and that margins are known for hidden joints and only for these."""
     wrong = {}
-    if clip.occlusion is not None:
+    if clip.occlusion is not None and clip.truth is not None:
         wrong |= _wrong_occlusion(clip.occlusion, clip.truth)
     if clip.detection_labels is not None:
         wrong |= _wrong_detection_labels(clip.detection_labels, clip.detections.observed)
@@ -184,7 +187,7 @@ def _wrong_detection_labels(labels: DetectionLabels, observed: np.ndarray) -> di
 
 def check_projection(clip: Clip) -> list[str]:
     """Check that the projections of joints agree with their labels: in the image, outside it, or behind the camera."""
-    if clip.occlusion is None:
+    if clip.occlusion is None or clip.truth is None:
         return []
     visibility = clip.occlusion.visibility
     rig = clip.actual_rig

@@ -54,9 +54,9 @@ def compare(real: DetectorStatistics, sim: DetectorStatistics, limits: Limits) -
                 rows.append(_plain(f"missed {name}: {kind}", a, b))
     if real.views.size and real.views.shape == sim.views.shape:
         for kind, *shares in zip(real.kinds, real.views, sim.views, strict=True):
-            means = [float(each @ np.arange(len(each))) for each in shares]
+            a, b = (float(each @ np.arange(len(each))) for each in shares)
             distance = float(np.abs(np.cumsum(shares[0] - shares[1])).max())
-            rows.append(Row(f"views that detect: {kind}", *means, distance, limits.views))
+            rows.append(Row(f"views that detect: {kind}", a, b, distance, limits.views))
         for view, (a, b) in enumerate(zip(np.nanmean(real.missed, 1), np.nanmean(sim.missed, 1), strict=True)):
             rows.append(_plain(f"missed in view {view}", float(a), float(b)))
     few = min(len(real.miss_seconds), len(sim.miss_seconds)) < ENOUGH

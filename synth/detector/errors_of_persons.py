@@ -127,7 +127,7 @@ class Merges:
         event, side, rest = np.moveaxis(multiscale_noise((frames, len(pairs), 3), view.fps, times, rng=rng), -1, 0)
         limbs = multiscale_noise((frames, len(pairs), len(_LIMBS)), view.fps, times, rng=rng) < 0
         low, high = box(view.xy)
-        free = view.observed.any(-1)
+        free = np.any(view.observed, -1)
         arrays = {name: getattr(view, name).copy() for name in ("xy", "score", "owner", "kind")}
         for i, (a, b) in enumerate(pairs):
             both = np.clip(np.minimum(high[:, a], high[:, b]) - np.maximum(low[:, a], low[:, b]), 0, None).prod(-1)

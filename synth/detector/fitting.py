@@ -9,6 +9,7 @@ import json
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, is_dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -125,7 +126,7 @@ def corrected_times(
 
 
 def _applied(
-    config: DetectorConfig, corrections: dict[str, Callable[[], object]], kept: Collection[str]
+    config: DetectorConfig, corrections: dict[str, Callable[[], Any]], kept: Collection[str]
 ) -> DetectorConfig:
     """Return the detector with these parameters changed, `<error>.<parameter>` each, except those in `kept`."""
     for name, correction in corrections.items():
@@ -191,7 +192,7 @@ def _corrected_part(part: PartConfig, real: DetectorStatistics, sim: DetectorSta
     spread = float(scores[0].var() / max(scores[1].var(), 1e-6))
     return replace(
         part,
-        noise=round(_towards(part.noise, *middle, 1e-4, 0.2), 5),
+        noise=round(_towards(part.noise, middle[0], middle[1], 1e-4, 0.2), 5),
         tail=round(_towards(part.tail, tails[1], tails[0], 1.5, 30), 2),
         score=_rounded(_beta(part.score, float(scores[0].mean() - scores[1].mean()), spread)),
         miss=[
@@ -213,7 +214,7 @@ def _correlation(time: float, real: DetectorStatistics, sim: DetectorStatistics)
         -0.2 / np.log(np.clip((both.autocorrelation[0.2] - both.constant) / (1 - both.constant), 0.02, 0.98))
         for both in (real, sim)
     ]
-    return _towards(max(time, 0.01), *times, 0.01, 5.0)
+    return _towards(max(time, 0.01), times[0], times[1], 0.01, 5.0)
 
 
 def _rank_correlation(statistics: DetectorStatistics) -> float:
@@ -238,7 +239,7 @@ def _burst_times(times: Sequence[float], real: np.ndarray, sim: np.ndarray) -> l
         return list(times)
     long, short = times
     held = [max(seconds[seconds >= 0.6].sum() / seconds.sum(), 0.01) for seconds in (real, sim)]
-    return [_towards(long, *held, 0.2, 20), _towards(short, real.mean(), sim.mean(), 0.02, 5)]
+    return [_towards(long, held[0], held[1], 0.2, 20), _towards(short, real.mean(), sim.mean(), 0.02, 5)]
 
 
 def _pairs(statistics: DetectorStatistics, *pairs: str) -> float:
@@ -275,6 +276,7 @@ class Fit:
 
 def redetect(clip: Clip, config: DetectorConfig, seed: int) -> Clip:
     """Return the clip with new detections, from the simulated detector `config`."""
+    assert clip.truth is not None and clip.occlusion is not None
     rng = generator(seed, int(clip.id), Stream.DETECTOR)
     rig = clip.actual_rig
     detected = detect(clip.truth, clip.occlusion, rig, clip.fps, config, rng=rng)
@@ -315,6 +317,7 @@ def fit(
         if best is None or off < best[0]:
             best = off, Fit(config, undetermined, sim)
         config = corrected(config, real, sim, undetermined)
+    assert best is not None
     return best[1]
 
 

@@ -112,7 +112,7 @@ def body25_columns(truth: Poses3D) -> list[int]:
 
 def _shown(view: View) -> tuple[View, np.ndarray]:
     """Return the view as reported, detections in random order, and the person of each detection (F, D), -1 for none."""
-    detected, lost = view.observed.any(-1), view.shown < 0
+    detected, lost = np.any(view.observed, -1), view.shown < 0
     order = np.argsort(view.random(ErrorStream.ORDER).uniform(size=detected.shape) + ~detected, axis=1)
     place = view.shown[:, None], order[view.shown]
     arrays = {name: getattr(view, name)[place] for name in ("xy", "score", "owner", "kind")}

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -213,6 +214,7 @@ def _share(event: np.ndarray, counted: np.ndarray, joints: np.ndarray, axis: tup
 def _reference(clip: Clip, reference: ErrorReference) -> Poses3D:
     """Return annotated poses, or captured ones with short gaps filled."""
     if reference == ErrorReference.annotated:
+        assert clip.truth is not None
         return convert(clip.truth, clip.detections.skeleton)
     poses = capture(clip, CaptureConfig())
     short = gap_lengths(poses.measured) <= _LONGEST_GAP * clip.fps
@@ -233,7 +235,9 @@ def _errors(clip: Clip, view: int, reference: ErrorReference) -> tuple:
     size = np.linalg.norm(off, axis=-1)
     known = ~np.isnan(size)
     inverted = (size > GROSS) & (across < size / 2) & (mirror != np.arange(len(mirror)))
-    energies = {lag: _correlation(off, size, round(lag * clip.fps)) for lag in (0.04, 0.2)}
+    energies: dict[float | str, tuple[float, float]] = {
+        lag: _correlation(off, size, round(lag * clip.fps)) for lag in (0.04, 0.2)
+    }
     fine = np.where((size < GROSS)[..., None], off, np.nan)
     count = (~np.isnan(fine[..., 0])).sum(0)
     total = np.where(np.isnan(fine), 0, fine)
@@ -323,13 +327,13 @@ def pool(parts: Sequence[DetectorStatistics], frames: Sequence[int]) -> Detector
         ]
     values = {f.name: [getattr(part, f.name) for part in parts] for f in fields(DetectorStatistics)}
 
-    def mean(name: str):
+    def mean(name: str) -> Any:
         if isinstance(values[name][0], dict):
             return {key: _mean([part[key] for part in values[name]], frames) for key in values[name][0]}
         return _mean(values[name], frames)
 
     shared = {"name": values["name"][0], "fps": values["fps"][0], "kinds": values["kinds"][0]}
-    pooled = {name: np.concatenate(values[name]) for name in _SAMPLES}
+    pooled: dict[str, Any] = {name: np.concatenate(values[name]) for name in _SAMPLES}
     return DetectorStatistics(
         **shared, **pooled, **{name: mean(name) for name in values if name not in shared | pooled}
     )

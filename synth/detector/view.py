@@ -6,6 +6,7 @@ from enum import IntEnum
 
 import numpy as np
 
+from dmae.data.array_fields import UNSET
 from dmae.data.labels import JointError, Visibility
 
 
@@ -68,14 +69,14 @@ class View:
     minimum_score: float  # Joints with a lower confidence are not reported
     # Function that returns a new generator for a stream of this view, at its beginning
     random: Callable[[ErrorStream], np.random.Generator]
-    xy: np.ndarray = None  # (F, D, 25, 2) detected joints, px; NaN where missed
-    score: np.ndarray = None  # (F, D, 25) confidence; NaN where missed
-    owner: np.ndarray = None  # (F, D, 25) int16 index of the person that each detected joint belongs to; -1 in ghosts
+    xy: np.ndarray = UNSET  # (F, D, 25, 2) detected joints, px; NaN where missed
+    score: np.ndarray = UNSET  # (F, D, 25) confidence; NaN where missed
+    owner: np.ndarray = UNSET  # (F, D, 25) int16 index of the person that each detected joint belongs to; -1 in ghosts
     # (F, D, 25) uint8 `JointError`; GOOD if no joint or person was confused, even if the joint is far off
-    kind: np.ndarray = None
-    person: np.ndarray = None  # (D,) int16 index of the person of each detection; -1 for ghosts
-    error_rank: np.ndarray = None  # (F, P, 25) rank of the size of each joint's noise in its distribution, from 0 to 1
-    shown: np.ndarray = None  # (F,) index of the frame with the detections that each frame shows; -1 for none
+    kind: np.ndarray = UNSET
+    person: np.ndarray = UNSET  # (D,) int16 index of the person of each detection; -1 for ghosts
+    error_rank: np.ndarray = UNSET  # (F, P, 25) rank of the size of each joint's noise in its distribution, from 0 to 1
+    shown: np.ndarray = UNSET  # (F,) index of the frame with the detections that each frame shows; -1 for none
 
     def __post_init__(self):
         if self.xy is None:
@@ -110,7 +111,7 @@ class View:
     def inside(self, xy: np.ndarray) -> np.ndarray:
         """Return (...) True where pixels (..., 2) are in the image; False for NaN."""
         with np.errstate(invalid="ignore"):
-            return ((xy >= -0.5) & (xy <= self.size - 0.5)).all(-1)
+            return np.all((xy >= -0.5) & (xy <= self.size - 0.5), -1)
 
     @property
     def observed(self) -> np.ndarray:

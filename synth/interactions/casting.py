@@ -250,7 +250,7 @@ def _together(pair: tuple[Motion, ...]) -> list[Motion]:
 
 def _draw(role: Role, body: Body, cast: Cast, config: MotionConfig, *, rng: np.random.Generator) -> tuple[Motion, bool]:
     """Return the first of a few motions at the body's size that fits the role, or the last, and whether it fits."""
-    span = {"seconds": len(cast.seconds) / cast.fps, "fps": cast.fps, "rng": rng}
+    span: dict = {"seconds": len(cast.seconds) / cast.fps, "fps": cast.fps, "rng": rng}
     length = np.linalg.norm(np.diff(role.path[:, :2], axis=0), axis=1).sum()
     speed = float(np.clip(length / max(cast.seconds[-1], 1e-9) * body.tempo, *_PROCEDURAL_WALK))
     ways = replace(

@@ -160,7 +160,7 @@ def _through(cast: Cast, heading: float, speed: float, side: float, late: float 
 def handshake(cast: Cast, *, rng: np.random.Generator) -> Script:
     """Two people walk up to each other and shake their right hands; some lay the left hand on the other's arm."""
     come, when, parting = meeting(cast, 0.8, rng=rng)
-    apart = rng.uniform(1.1, 1.25) * np.mean([arm_length(body) for body in cast.bodies])
+    apart = float(rng.uniform(1.1, 1.25) * np.mean([arm_length(body) for body in cast.bodies]))
     roles, ahead = face_to_face(cast, apart, 0.0, come=come, when=when, rng=rng)
     height = rng.uniform(0.61, 0.66) * np.mean([body.stature for body in cast.bodies])
     rate, move = rng.uniform(1.6, 2.6), min(0.6, 0.3 * max(cast.seconds[-1], 1e-9))

@@ -56,16 +56,16 @@ class InteractionConfig:
 
         Raises ValueError if the interaction takes none of the requested numbers; the message lists what it takes.
         """
-        wanted = tuple(asked or usual)
+        least, most = asked or usual
         if not self.together:
-            return wanted
+            return least, most
         takes = find_interaction(self.kind).persons
         if asked and not (asked[0] <= takes[1] and takes[0] <= asked[1]):
             raise ValueError(
                 f"scene.persons={list(asked)}: interaction={self.kind} takes {people(takes)}; give scene.persons="
                 f"{list(takes)} or leave it out. interaction.bystanders=N adds people who do not take part"
             )
-        return tuple(min(max(number, takes[0]), takes[1]) for number in wanted)
+        return min(max(least, takes[0]), takes[1]), min(max(most, takes[0]), takes[1])
 
     @property
     def together(self) -> bool:

@@ -110,7 +110,8 @@ def hand_over(
         return reaches
 
     grips = (Grip(people[0], -1.0, taken + 0.4, _LOW), Grip(people[1], taken, float(seconds[-1]) + 1.0, _HIGH))
-    return Load(_BOX, tuple(float(x) for x in middle[0]), float(turned[0]), half_width + _CLOTH, grips), hold
+    x, y, z = (float(each) for each in middle[0])
+    return Load(_BOX, (x, y, z), float(turned[0]), half_width + _CLOTH, grips), hold
 
 
 # At a shelf
@@ -156,9 +157,9 @@ def shelving(cast: Cast, *, rng: np.random.Generator) -> Script:
         gap = rng.uniform(*_NEAR, len(moves) + 1)
         angle = first + 2 * np.pi * person / count + _held(aside, moves, seconds)
         gap = _held(gap, moves, seconds) + random_drift(rng, seconds, 0.03, 0.4)
-        away, begin, speed = rng.uniform(*_AWAY), rng.uniform(0.05, 0.7) * last, rng.uniform(0.5, 1.0)
-        here = np.ones(len(seconds)) if person < 2 else ease((seconds - begin) * speed / away)
-        away = away + random_drift(rng, seconds, 0.1, 0.3)
+        off, begin, speed = rng.uniform(*_AWAY), rng.uniform(0.05, 0.7) * last, rng.uniform(0.5, 1.0)
+        here = np.ones(len(seconds)) if person < 2 else ease((seconds - begin) * speed / off)
+        away = off + random_drift(rng, seconds, 0.1, 0.3)
         moves = _moves(last, rng=rng)
         astray = _FACING * np.tanh(rng.normal(0, 0.9, len(moves) + 1))
         astray = _held(astray, moves, seconds) + random_drift(rng, seconds, np.radians(4), 0.3)
@@ -322,7 +323,7 @@ def table(cast: Cast, *, rng: np.random.Generator) -> Script:
                     lifted = np.array((*(0.06 * ahead + 0.05 * sign * left), 0.22)) + 0.04 * beat * (0, 0, 1)
                     palm = palm + share * lifted
                 shoulder = poses.origins[:, person, SEGMENTS.index(f"{side}_upper_arm"), 2].min()
-                elbow = {"elbow": _OUT} if shoulder < top + _SHOULDER else {}
+                elbow: dict = {"elbow": _OUT} if shoulder < top + _SHOULDER else {}
                 reaches.append(Reach(person, side, np.ones(len(seconds)), palm, normal, **elbow))
         return reaches
 

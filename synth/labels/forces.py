@@ -170,7 +170,7 @@ def solve(places: Places, chosen: np.ndarray, centre: np.ndarray, needed: np.nda
     around = np.cos(angle)[:, None] * across[:, None] + np.sin(angle)[:, None] * np.cross(normal, across)[:, None]
     edges = normal[:, None] + places.friction[chosen, None, None] * around
     moments = np.cross((places.point[chosen] - centre)[:, None], edges)
-    doubt = 1 + (places.gap[chosen].clip(0) / _GAP) ** 2 + (places.speed[chosen] / _SPEED) ** 2
+    doubt = 1 + (places.gap[chosen].clip(0) / _GAP) ** 2 + (np.asarray(places.speed)[chosen] / _SPEED) ** 2
     balance = np.concatenate([edges, moments / _MOMENT_LENGTH], axis=-1).reshape(-1, 6).T
     even = np.diag(np.repeat(np.sqrt(_EVENNESS_WEIGHT * doubt), _EDGES))
     wanted = np.concatenate([needed[:3], needed[3:] / _MOMENT_LENGTH, np.zeros(len(even))]) / weight
@@ -260,7 +260,7 @@ def owners(names: Sequence[str]) -> np.ndarray:
 
 def join(parts: Sequence[PeopleContacts]) -> PeopleContacts:
     """Join contacts with the same names, and sort them by frame."""
-    columns = {
+    columns: dict = {
         name: np.concatenate([getattr(part, name) for part in parts])
         for name in ("frame", "between", "point", "force", "depth", "source")
     }

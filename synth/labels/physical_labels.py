@@ -1,6 +1,7 @@
 """Physical labels in the folder of a clip: contacts, support forces of people, and points on their surfaces."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -39,7 +40,7 @@ class PhysicalLabels:
         return tuple(kind for kind in KINDS if getattr(self, kind) is not None)
 
 
-def check_kinds(kinds: list[str] | tuple[str, ...]) -> tuple[str, ...]:
+def check_kinds(kinds: Sequence[str]) -> tuple[str, ...]:
     """Return kinds of labels in the order of `KINDS`. Raises ValueError if a kind is unknown, or there is none."""
     if not kinds or set(kinds) - set(KINDS):
         raise ValueError(f"labels: expected a list of {', '.join(KINDS)}; found {list(kinds)}")
@@ -87,7 +88,8 @@ def physical_labels(clip: str | Path) -> PhysicalLabels:
             if not isinstance(words, dict) or words.get("format") != FORMAT:
                 raise ValueError(f"expected physical labels of format {FORMAT}")
             arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-        return PhysicalLabels(**{kind: _part(kind, arrays, words) for kind in check_kinds(words["kinds"])})
+        parts: dict = {kind: _part(kind, arrays, words) for kind in check_kinds(words["kinds"])}
+        return PhysicalLabels(**parts)
     except (SafetensorError, ValueError, KeyError, TypeError, IndexError) as error:
         raise ValueError(f"{path}: {error}") from None
 

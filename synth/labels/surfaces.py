@@ -1,6 +1,7 @@
 """512 named points on each person's visible surface, clothes and hair included: who sees them, and what they touch."""
 
 import copy
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -32,8 +33,8 @@ _RAY_START = 1.0
 
 class _Rings(NamedTuple):
     directions: tuple[str, ...]  # Names of the directions around the axis, evenly spaced
-    first: tuple[int, int, int]  # The first direction, in T-pose
-    second: tuple[int, int, int]  # The direction towards which the following ones turn, on the left side of the body
+    first: Sequence[int]  # (3,); the first direction, in T-pose
+    second: Sequence[int]  # (3,); the direction towards which the following ones turn, on the left side of the body
     shares: tuple[float, ...]  # Positions of the rings along the axis: 0 at its beginning, 1 at its end
 
 
@@ -116,10 +117,10 @@ def _points_of(scene: Scene, model: mujoco.MjModel, data: mujoco.MjData, person:
         # The surface near a joint may belong to either of its segments. Rays pass through the others' surfaces.
         own = [SEGMENTS.index(each) for each in _TRUNK] if name in _TRUNK else [number]
         near = [i for i, parent in enumerate(PARENTS) if parent in own or i in (*own, PARENTS[number])]
-        own, near = (
+        groups = [
             np.where((scene.geom_ids == 1 + person) & np.isin(model.geom_bodyid, ids[which]), 0, 5)
             for which in (own, near)
-        )
+        ]
         rings = _RINGS[name]
         start, end = (data.xpos[ids[number]] + point for point in _axis(body, number))
         angles = 2 * np.pi * np.arange(len(rings.directions)) / len(rings.directions)
@@ -127,7 +128,7 @@ def _points_of(scene: Scene, model: mujoco.MjModel, data: mujoco.MjData, person:
         for share in rings.shares:
             for angle in angles:
                 outward = np.cos(angle) * np.array(rings.first) + np.sin(angle) * second
-                for model.geom_group in (own, near):
+                for model.geom_group in groups:
                     met = _meet(model, data, start + share * (end - start), outward)
                     if met[0] >= 0:
                         break
@@ -148,7 +149,8 @@ def _axis(body: Body, number: int) -> tuple[np.ndarray, np.ndarray]:
     """Return both ends of the axis of a segment, relative to its joint, in T-pose, m."""
     side, name = side_and_name(SEGMENTS[number])
     if name == "foot":
-        return tuple(np.array(end) * body.stature for end in _FOOT)
+        heel, toe = (np.array(end) * body.stature for end in _FOOT)
+        return heel, toe
     if name == "head":
         end = np.array((0, 0, HEAD_HEIGHT * body.head)) * body.stature
     elif name == "hand":
@@ -287,8 +289,10 @@ def agreement(clip: Clip, surface: SurfaceLabels | None = None) -> PixelAgreemen
         points, visibility, hidden_by, margin = surface.xyz, surface.visibility, surface.hidden_by, 2
         which = np.ones(len(surface.names), bool)
     else:
+        assert clip.truth is not None and clip.occlusion is not None and clip.occlusion.occluder is not None
         points, visibility, hidden_by, margin = clip.truth.xyz, clip.occlusion.visibility, clip.occlusion.occluder, 5
         which = np.array([not name.endswith("top_head") for name in clip.truth.skeleton.joints])
+    assert clip.images is not None
     rig = clip.actual_rig
     xy, _ = rig.project(points)
     neighbourhood = np.ones((2 * margin + 1, 2 * margin + 1), np.uint8)

@@ -54,6 +54,7 @@ def joint_visibility(
     visibility[np.isnan(along)] = Visibility.ABSENT
     occluder = np.full(visibility.shape, -1, np.int16)
     margin = np.full(visibility.shape, np.nan, np.float32)
+    labels: tuple[np.ndarray, ...] = (visibility, occluder, margin)
     limbs = _limbs(model, bodies, depth.shape)
 
     opaque = opaque_model(model, geom_ids)
@@ -63,7 +64,7 @@ def joint_visibility(
         block = slice(first, first + some)
         sought = np.nonzero(visibility[block] == Visibility.VISIBLE)
         found = _first_hits(opaque, data, qpos[block], rig.centers, joints[block], sought, depth, limbs, geom_ids)
-        for label, value in zip((visibility, occluder, margin), found, strict=True):
+        for label, value in zip(labels, found, strict=True):
             label[block][sought] = value
     return OcclusionLabels(visibility, occluder, margin, objects=objects)
 

@@ -291,15 +291,15 @@ def step_along(
     root[:, :2] = path[:, :2] + 0.3 * aside[:, None] * left
     pelvis = about("z", heading)
     offsets = np.stack([body.offsets[SEGMENTS.index(f"{side}_thigh")] for side in SIDES])
-    lengths = tuple(float(np.linalg.norm(body.offsets[SEGMENTS.index(f"l_{part}")])) for part in ("shin", "foot"))
+    thigh, shin = (float(np.linalg.norm(body.offsets[SEGMENTS.index(f"l_{part}")])) for part in ("shin", "foot"))
     sockets = pelvis[:, None] @ offsets[..., None]
     level = np.linalg.norm(root[:, None, :2] + sockets[..., :2, 0] - ankles[..., :2], axis=-1)
 
     def reach(share: float) -> np.ndarray:
-        up = np.sqrt(np.maximum((share * sum(lengths)) ** 2 - level**2, 0.04))
+        up = np.sqrt(np.maximum((share * (thigh + shin)) ** 2 - level**2, 0.04))
         return ankles[..., 2] + up - sockets[..., 2, 0]
 
-    if ahead > 0:
+    if ahead > 0 and hips is not None:
         # Feet that do not reach the floor hang above it.
         hanging = hips[:, None] > reach(_RESTING)
         ankles[..., 2] += np.where(hanging, hips[:, None] - reach(_HANGING), 0)
@@ -311,7 +311,7 @@ def step_along(
     for leg in range(2):
         hip = root + sockets[:, leg, :, 0]
         foot = turns[:, leg]
-        knee, ankle = np.swapaxes(two_bone_ik(hip, ankles[:, leg], lengths, foot[..., 0] + pelvis[..., 0]), 0, 1)
+        knee, ankle = np.swapaxes(two_bone_ik(hip, ankles[:, leg], (thigh, shin), foot[..., 0] + pelvis[..., 0]), 0, 1)
         for place, along in ((0, knee - hip), (1, ankle - knee)):
             legs[:, leg, place] = aligned(along, foot[..., 0] + pelvis[..., 0] + (0, 0, 0.3), (0, 0, -1))
         legs[:, leg, 2] = foot
@@ -341,17 +341,17 @@ def _footsteps(
         moved = np.linalg.norm(holds[k, :2] - holds[k - 1, :2])
         if moved < _SHORTEST and abs(holds[k, 2] - holds[k - 1, 2]) < _LEAST_TURN:
             holds[k] = holds[k - 1]
-    k = np.clip(np.searchsorted(lifts, seconds, side="right") - 1, 0, count - 1)
-    share = np.clip((seconds - lifts[k]) / (_SWING * _PERIOD), 0, 1)
-    start, end = holds[k], holds[k + 1]
+    step = np.clip(np.searchsorted(lifts, seconds, side="right") - 1, 0, count - 1)
+    share = np.clip((seconds - lifts[step]) / (_SWING * _PERIOD), 0, 1)
+    start, end = holds[step], holds[step + 1]
     length = np.linalg.norm(end[:, :2] - start[:, :2], axis=1)
     stepping = (length > 0) | (start[:, 2] != end[:, 2])
     place = start + minimum_jerk(share)[:, None] * (end - start)
     forward = ((end - start)[:, :2] * forwards(place[:, 2])).sum(1)
     # The heel rises before the foot does. The foot meets the floor with the heel first and then rolls flat.
-    following = np.minimum(k + 1, count - 1)
+    following = np.minimum(step + 1, count - 1)
     next_forward = ((holds[following + 1] - holds[following])[:, :2] * forwards(holds[following, 2])).sum(1)
-    rising = np.clip((seconds - lands[k]) / stance, 0, 1)
+    rising = np.clip((seconds - lands[step]) / stance, 0, 1)
     off = -_ROLL_OFF * np.clip(forward, 0, 0.8)
     strike = _STRIKE * np.clip(forward, 0, 0.8)
     in_air = off * (1 - smoothstep(share / 0.55)) + strike * smoothstep((share - 0.55) / 0.45)

@@ -118,7 +118,7 @@ def reach_with_arm(
         elbow: Direction in which the elbow bends, in the chest's frame, y outward; not towards the palm.
     """
     sign = SIDES[side]
-    lengths = tuple(
+    above, below = (
         float(np.linalg.norm(body.offsets[SEGMENTS.index(f"{side}_{part}")])) for part in ("forearm", "hand")
     )
     offset = PALM * (1, sign * body.arms, 1) * body.stature
@@ -127,7 +127,7 @@ def reach_with_arm(
     for _ in range(6):
         forearm = _with_palm(along, normal, sign)
         hand = forearm if straight else _flexed(forearm, normal)
-        joint, tip = np.swapaxes(two_bone_ik(shoulder, palm - hand @ offset, lengths, outward), 0, 1)
+        joint, tip = np.swapaxes(two_bone_ik(shoulder, palm - hand @ offset, (above, below), outward), 0, 1)
         along = tip - joint
     forearm = _with_palm(along, normal, sign)
     hand = forearm if straight else _flexed(forearm, normal)

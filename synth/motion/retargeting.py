@@ -39,14 +39,14 @@ def level_floor(ankles: np.ndarray, fps: float, ankle_height: float) -> tuple[np
     """
     speed = np.linalg.norm(np.gradient(ankles, 1 / fps, axis=0), axis=2) if len(ankles) > 1 else np.zeros((1, 2))
     standing = (speed < _STANDING_SPEED) & (ankles[..., 2] < ankles[..., 2].min(1, keepdims=True) + 0.05)
-    spots = []
+    medians = []
     for foot in range(2):
         for first, last in runs(standing[:, foot]):
             if last - first >= _STANDING_TIME * fps:
-                spots.append(np.median(ankles[first:last, foot], axis=0))
-    if not spots:
+                medians.append(np.median(ankles[first:last, foot], axis=0))
+    if not medians:
         return np.eye(3), float(np.percentile(ankles[..., 2].min(1), 5)) - ankle_height
-    spots = np.array(spots)
+    spots = np.array(medians)
     # The lowest level is the lowest that enough ankles share; the lowest ankle alone if no two share one.
     ordered = np.sort(spots[:, 2])
     enough = min(max(2, _LOWEST * len(ordered)), len(ordered))

@@ -36,7 +36,7 @@ def load_motion(
         ValueError: a file is malformed, or has an unknown skeleton.
     """
     if config.kind == PROCEDURAL:
-        span = {"seconds": seconds, "fps": fps, "rng": rng}
+        span: dict = {"seconds": seconds, "fps": fps, "rng": rng}
         if not config.actions:
             return make_motion(config.procedural, **span)
         return make_sequence(config.actions, config.weights, speed=config.procedural.speed, seated=seated, **span)

@@ -120,8 +120,8 @@ class Body:
             self._check(name, low, high)
         if not self.mass > 0:
             raise ValueError(f"body: mass must be above 0 kg, found {self.mass}")
-        heavy = [self.mass * (girth / self.girth) ** 2 for girth in _GIRTHS]
-        self._check("mass", *heavy, f" kg at {self.stature} m and {self.age:g} years")
+        light, heavy = (self.mass * (girth / self.girth) ** 2 for girth in _GIRTHS)
+        self._check("mass", light, heavy, f" kg at {self.stature} m and {self.age:g} years")
 
     def _check(self, name: str, low: float, high: float, where: str = "") -> None:
         if not low <= getattr(self, name) <= high:

@@ -79,7 +79,7 @@ def sample_looks(feminine: float, *, child: bool = False, rng: np.random.Generat
     skin, hair = _shade(_SKINS, 0.005, rng=rng), str(rng.choice(HAIRSTYLES, p=weights))
     colour = _shade(_HAIRS[:-1] if child else _HAIRS, rng=rng)
     if sum(skin) < _DARK and max(colour) - min(colour) > _GREY:
-        colour = tuple(round(0.3 * c, 3) for c in colour)
+        colour = _darker(colour, 0.3)
     return PersonLooks(
         skin=skin,
         hair="short" if child and hair == "bald" else hair,
@@ -94,15 +94,18 @@ def sample_looks(feminine: float, *, child: bool = False, rng: np.random.Generat
 
 def sample_hands(*, rng: np.random.Generator) -> tuple[str, str]:
     """Draw the shapes of both hands of a person."""
-    return tuple(str(hand) for hand in rng.choice(HANDS, 2, p=(0.62, 0.16, 0.1, 0.06, 0.06)))
+    left, right = rng.choice(HANDS, 2, p=(0.62, 0.16, 0.1, 0.06, 0.06)).tolist()
+    return left, right
 
 
-def _darker(colour: tuple[float, float, float]) -> tuple[float, float, float]:
-    """Return the colour at 78 % of its brightness."""
-    return tuple(round(0.78 * c, 3) for c in colour)
+def _darker(colour: tuple[float, float, float], share: float = 0.78) -> tuple[float, float, float]:
+    """Return the colour at a share of its brightness."""
+    red, green, blue = (round(share * c, 3) for c in colour)
+    return red, green, blue
 
 
 def _shade(palette, hue: float = 0.015, *, rng: np.random.Generator) -> tuple[float, float, float]:
     """Draw a colour of the palette, a little lighter or darker and off hue: by a standard deviation of `hue`."""
     colour = np.array(palette[rng.integers(len(palette))]) * rng.uniform(0.85, 1.12) + rng.normal(0, hue, 3)
-    return tuple(float(c) for c in np.round(np.clip(colour, 0.02, 0.98), 3))
+    red, green, blue = np.round(np.clip(colour, 0.02, 0.98), 3).tolist()
+    return red, green, blue

@@ -90,7 +90,7 @@ def limit_joints(rotations: np.ndarray, fps: float | None = None) -> tuple[np.nd
     jumping = _find_jumps(quats, fps) if fps else np.zeros_like(far)
     if not far.any() and not jumping.any():
         return rotations, 0.0
-    if jumping.any():
+    if fps and jumping.any():
         quats = _smoothed(quats, jumping, fps)
         turned, farther = _limited(quats)
         quats[farther] = turned.as_quat(scalar_first=True)

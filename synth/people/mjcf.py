@@ -28,7 +28,7 @@ from synth.textures import add_texture, paint
 # capsule fills; it is as wide as the trunk.
 _ACROSS = {"pelvis": [(0.0, 1.0)], "spine": [(0.105, 1.0)], "chest": [(0.21, 1.0), (0.283, 0.75)]}
 # Segment: (from, to, radius) in fractions of stature; left side. Radii widen with the body's girth.
-_CAPSULES = {
+_CAPSULES: dict[str, list[tuple]] = {
     "head": [((0, 0, 0), (0.010, 0, 0.050), 0.031), ((0.008, 0, 0.075), (0.004, 0, 0.100), 0.052)],
     "upper_arm": [((0, 0, 0), (0, UPPER_ARM_LENGTH, 0), 0.028)],
     "forearm": [((0, 0, 0), (0, FOREARM_LENGTH, 0), 0.021)],

@@ -127,8 +127,8 @@ def _kept(sheet: _Sheet, field: np.ndarray, *others: np.ndarray) -> tuple:
 def _only(sheet: _Sheet, which: np.ndarray, *fields: np.ndarray) -> tuple:
     """Return some triangles (T,) of a sheet, and fields at their vertices."""
     used, faces = np.unique(sheet.faces[which], return_inverse=True)
-    values = (sheet.points, sheet.normals, sheet.weights, sheet.along)
-    return _Sheet(*(value[used] for value in values), faces.reshape(-1, 3)), *(field[used] for field in fields)
+    points, normals, weights, along = (each[used] for each in sheet[:4])
+    return _Sheet(points, normals, weights, along, faces.reshape(-1, 3)), *(field[used] for field in fields)
 
 
 def _cut(sheet: _Sheet, field: np.ndarray, *others: np.ndarray) -> tuple[_Sheet, list[np.ndarray]]:
@@ -152,12 +152,12 @@ def _cut(sheet: _Sheet, field: np.ndarray, *others: np.ndarray) -> tuple[_Sheet,
         flat = values.reshape(len(values), -1)
         return np.concatenate([flat, flat[low] + share * (flat[high] - flat[low])]).reshape(-1, *values.shape[1:])
 
-    values = [both(value) for value in (sheet.points, sheet.normals, sheet.weights, sheet.along)]
+    points, normals, weights, along = (both(each) for each in sheet[:4])
     fields = [both(each) for each in others]
     for each, other in zip(fields, others, strict=True):
         if other is field:
             each[len(field) :] = 0
-    return _Sheet(*values, triangles), fields
+    return _Sheet(points, normals, weights, along, triangles), fields
 
 
 # Clothes. A garment is the part of the skin where a field, m, is above 0; it grows with the distance from the hem.

@@ -168,7 +168,7 @@ def inverse_dynamics(
         mujoco.mj_comVel(model, data)
         mujoco.mj_rne(model, data, 1, forces[k])
         feet[k] = joints.feet(data.xipos)
-    return tuple(interpolate_steps(values, _EVERY)[:steps] for values in (forces, feet))
+    return interpolate_steps(forces, _EVERY)[:steps], interpolate_steps(feet, _EVERY)[:steps]
 
 
 # Plain numpy: a step of the controller takes a seventh of the time of the physics steps that follow it. A compiled loop

@@ -123,7 +123,8 @@ def plan_motions(spec: SceneSpec, motions: list[Motion], obstacles: np.ndarray) 
             lock_feet(body, root[:, p], rotations[:, p], standing[p], PLAN_FPS, recorded=recorded)
             for p, body in enumerate(bodies)
         ]
-        return tuple(np.stack(part, axis=1) for part in zip(*each, strict=True))
+        roots, turns = (np.stack(part, axis=1) for part in zip(*each, strict=True))
+        return roots, turns
 
     locked = with_locked_feet()
     if recorded and not spec.interaction.together:
@@ -135,5 +136,6 @@ def plan_motions(spec: SceneSpec, motions: list[Motion], obstacles: np.ndarray) 
                 break
             root[..., :2] += shift
             locked = with_locked_feet()
-    weight = [weight_on_feet(body, *(a[:, p] for a in locked), standing[p], PLAN_FPS) for p, body in enumerate(bodies)]
-    return PlannedMotion(*locked, np.stack(weight, axis=1), beyond)
+    roots, turns = locked
+    weight = [weight_on_feet(body, roots[:, p], turns[:, p], standing[p], PLAN_FPS) for p, body in enumerate(bodies)]
+    return PlannedMotion(roots, turns, np.stack(weight, axis=1), beyond)

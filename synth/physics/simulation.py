@@ -229,9 +229,9 @@ def simulate(
     planned, shifts, overlaps = _run(scene, data, holding, leading, states, steps, spec.planned_frames)
     joints = joint_positions(scene.model, states.qpos, bodies)
     judged = joints if spec.fps == PLAN_FPS else joint_positions(scene.model, planned, bodies)
-    planned = zip(bodies, plan.root.swapaxes(0, 1), plan.rotations.swapaxes(0, 1), strict=True)
+    motion = zip(bodies, plan.root.swapaxes(0, 1), plan.rotations.swapaxes(0, 1), strict=True)
     # Clips are judged at the rate of the plan, so that the same clips are fit for use at any frame rate.
-    wanted = np.stack([reference_joints(body, root, rotations) for body, root, rotations in planned], axis=1)
+    wanted = np.stack([reference_joints(body, root, rotations) for body, root, rotations in motion], axis=1)
     return Simulation(
         model=scene.model,
         fps=spec.fps,

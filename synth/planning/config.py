@@ -138,5 +138,5 @@ class PlanConfig(ProcessesConfig):
 
     def setting(self) -> SceneConfig:
         """Return the configuration of scenes, with `arena` and `persons` filled in."""
-        given = {"arena": self.arena or self.scene.arena}
-        return replace(self.scene, **given, persons=list(self.persons) or list(self.scene.persons))
+        persons = list(self.persons) or list(self.scene.persons)
+        return replace(self.scene, arena=self.arena or self.scene.arena, persons=persons)

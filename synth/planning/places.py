@@ -149,6 +149,7 @@ def _levels(heights: list[float]) -> np.ndarray:
 
 def _on_walls(config: MountConfig, outline: _Outline) -> np.ndarray:
     """Return (K, 3) places in front of the walls, m."""
+    assert config.walls is not None
     angle = 2 * np.pi * np.flatnonzero(outline.walled) / _DIRECTIONS
     # The distance is measured along the ray, so that places in corners are in front of the wall as well.
     reach = outline.reach[outline.walled] - _WALL_DISTANCE * np.sqrt(2)
@@ -244,7 +245,7 @@ def aimed_cameras(
 
     Raises ValueError if people can be seen from fewer than two places.
     """
-    centers, aims, place, angles = [], [], [], []
+    centers, aims, numbers, angles = [], [], [], []
     for number, at in enumerate(places.at):
         ahead = np.append(middle, _TARGET_HEIGHT) - at
         ahead = ahead[:2] / max(np.linalg.norm(ahead[:2]), 1e-9)
@@ -253,11 +254,12 @@ def aimed_cameras(
             for angle in lens.view_deg:
                 centers.append(at)
                 aims.append([*(middle + _AIM_OFFSET * radius * offset), _TARGET_HEIGHT])
-                place.append(number)
+                numbers.append(number)
                 angles.append(angle)
-    centers, place = np.array(centers), np.array(place)
+    place = np.array(numbers)
     names = [f"c{number}" for number in range(len(centers))]
-    rig = aimed(names, [lens.matrix(angle) for angle in angles], centers, np.array(aims), lens.size)
+    K = np.array([lens.matrix(angle) for angle in angles])
+    rig = aimed(names, K, np.array(centers), np.array(aims), lens.size)
     found = CandidateCameras(rig, place, places.kind[place], np.array(angles))
     faulty = set(find_faults(rig, stage))
     kept = [c for c in range(len(rig)) if c not in faulty and found.tilt_deg[c] >= -steepest]

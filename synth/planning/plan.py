@@ -58,7 +58,7 @@ class Expected:
 def measure(captured: Poses3D, truth: Poses3D, fps: float) -> dict[str, float]:
     """Return the `FIGURES` of one capture against the truth (F, T), on its skeleton. A figure without data is NaN."""
     filled = convert(smooth(fill_world(captured, fps, linear), fps, _SMOOTH), truth.skeleton)
-    actors = tuple(np.flatnonzero(np.isfinite(truth.xyz).all(-1).any((0, 2))))
+    actors = tuple(np.flatnonzero(np.isfinite(truth.xyz).all(-1).any((0, 2))).tolist())
     compared = Comparison(filled, convert(captured, truth.skeleton), truth, actors, fps=fps)
     correct, known = correct_limbs(compared.matched, truth.xyz, truth.skeleton)
     error = np.linalg.norm(compared.matched - truth.xyz.astype(np.float64), axis=-1)
@@ -93,6 +93,7 @@ def _check_clip(config: PlanConfig, cameras: CameraRig, rigs: list[list[int]], n
 
 def capture_all(clip: Clip, rigs: Sequence[Sequence[int]]) -> list[dict[str, float]]:
     """Return the figures of a clip for each subset of its cameras in `rigs`; of a fused skeleton on its last part."""
+    assert clip.truth is not None
     truth = convert(clip.truth, clip.truth.skeleton.parts[-1])
     return [measure(capture(clip.select(views=list(rig)), CaptureConfig()), truth, clip.fps) for rig in rigs]
 
@@ -248,10 +249,10 @@ def find_candidates(config: PlanConfig) -> CandidateCameras:
     else:
         places = find_places(config.mount, arena, middle, scene.radius)
         found = aimed_cameras(places, config.lens, middle, scene.radius, stage, steepest=config.mount.steepest_deg)
-    places = len(set(found.place.tolist()))
-    if config.views[1] > places:
+    count = len(set(found.place.tolist()))
+    if config.views[1] > count:
         raise ValueError(
-            f"views={list(config.views)}: there are {places} "
+            f"views={list(config.views)}: there are {count} "
             + ("cameras in the rig" if config.rig != NO_RIG else "places for cameras; raise mount.places")
         )
     return found

@@ -118,6 +118,7 @@ def gather(rehearsal: Rehearsal, candidates: CandidateCameras, detector: Detecto
         done.model, done.qpos[chosen], joints, done.depth[:, DETECTED], done.geom_ids,
         all_round, done.bodies[:, DETECTED], done.objects,
     )  # fmt: skip
+    assert seen.occluder is not None
     xy, along = candidates.rig.project(joints)
     inside = candidates.rig.inside(xy) & (along > 0)
     parts = by_joint(detector.parts)

@@ -56,6 +56,7 @@ def observe(clip: Clip) -> DetectorObservations:
     seen = sightings(clip)
     body = convert_detections(clip.detections, BODY25)
     true = replace(clip, rig=clip.actual_rig, detections=body, poses=None, detection_labels=None)
+    assert clip.truth is not None
     match = match_detections(true, convert(clip.truth, BODY25))
     # Joints that the detector's skeleton lacks, for example small toes, do not count as misses.
     reported = (~np.isnan(match.score)).any((0, 1, 2))
@@ -102,7 +103,7 @@ def _is_cut(xy: np.ndarray, seen: Sightings) -> np.ndarray:
     off = np.linalg.norm(seen.xy[:, :, None] - xy[:, :, :, None], axis=-1) / seen.height[:, :, None, :, None]
     known = ~np.isnan(off)
     middle = np.nanmedian(np.where(known.any(-1, keepdims=True), off, np.inf), -1)
-    return (middle < FRAGMENT).any(-1)
+    return np.any(middle < FRAGMENT, -1)
 
 
 def pooled(parts: Sequence[DetectorObservations]) -> DetectorObservations:

@@ -168,7 +168,7 @@ def crops(clip: Clip, seen: Sightings, detector: ImageDetector, every: int = 1) 
 
     Raises ValueError if the clip has no colour images.
     """
-    if not clip.has_images:
+    if clip.images is None or not clip.has_images:
         raise ValueError(f"clip {clip.id!r} has no colour images; make it with images=rgb")
     chosen = in_plain_sight(seen)
     for frame in range(0, len(clip), every):
@@ -217,7 +217,8 @@ def _looked_for(
     true, height = seen.xy[place], seen.height[place]
     low, high = np.nanmin(true, 0), np.nanmax(true, 0)
     side = max(round(wide * float((high - low).max())), _LEAST)
-    corner = tuple(int(x) for x in np.round((low + high) / 2 - side / 2))
+    left, top = np.round((low + high) / 2 - side / 2)
+    corner = (int(left), int(top))
     square = cut(image, corner, side)
     if hasattr(detector, "in_boxes"):
         # A model of a user is told where the person is. Otherwise BlazePose's finder would decide who is found.
@@ -436,6 +437,7 @@ def draw_sheet(judged: Sequence[Judged], columns: int = 6) -> np.ndarray:
     for folder in dict.fromkeys(each.clip for each in judged):
         clip = Clips(DataConfig("clip", str(folder)))[0]
         seen = sightings(clip)
+        assert clip.images is not None
         for each in judged:
             if each.clip == folder:
                 crop = each.crop
@@ -459,8 +461,8 @@ def _tile(square: np.ndarray, each: Judged, true: np.ndarray) -> np.ndarray:
         places = (joints - crop.corner + 0.5) * scale - 0.5
         for a, b in BODY25.bones:
             if np.isfinite(places[[a, b]]).all():
-                ends = [tuple(int(v) for v in np.round(places[i])) for i in (a, b)]
-                cv2.line(tile, *ends, colour, 1, cv2.LINE_AA)
+                start, end = np.round(places[[a, b]]).astype(int).tolist()
+                cv2.line(tile, start, end, colour, 1, cv2.LINE_AA)
     tile[_TILE:] = _PAPER
     words = f"{crop.near} of {crop.counted.sum()} near" if crop.found else "not found"
     text = f"{words}, {each.groups['direction']}, {each.groups['posture']}"

@@ -92,8 +92,11 @@ def rendered(folders: Sequence[Path], every: int) -> list[list[dict[str, float]]
     found = []
     for folder in progress(folders, "silhouettes", len(folders)):
         clip = Clips(DataConfig("clip", str(folder)))[0]
+        assert clip.images is not None
         cameras = cameras_of(clip.images, clip.rig.size)
-        found += [list(people(islice(camera.read(0, len(camera)), 0, None, every))) for camera in cameras]
+        for camera in cameras:
+            images = islice(camera.read(0, len(camera)), 0, None, every)
+            found.append(list(people(image for image in images if image is not None)))
     return found
 
 

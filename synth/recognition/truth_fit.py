@@ -92,8 +92,8 @@ def real_distances(recordings: Sequence[Clip], others: Sequence[Clip], workers: 
 
     A simulated detector cannot be expected to be nearer to the real one than the real one is to itself.
     """
-    measured = [_measured([on_body25(clip) for clip in clips], workers) for clips in (recordings, others)]
-    return compare(*measured, LIMITS)
+    one, other = (_measured([on_body25(clip) for clip in clips], workers) for clips in (recordings, others))
+    return compare(one, other, LIMITS)
 
 
 def on_body25(clip: Clip) -> Clip:
@@ -194,7 +194,7 @@ def _corrected_part(
     ratios = [large[i] / max(middle[i], 1e-6) for i in (0, 1)]
     tail = float(np.clip(tail * (ratios[1] / ratios[0]) ** (2 * _STEP), 1.0, 30))
     shape = [round(each, 4) for each in _beta(score, real.score.to_numpy(), sim.score.to_numpy())]
-    values = {"noise": round(noise, 5), "tail": round(tail, 2), "score": shape}
+    values: dict = {"noise": round(noise, 5), "tail": round(tail, 2), "score": shape}
     return replace(part, **{group + name: value for name, value in values.items()})
 
 

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import warnings
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -114,7 +115,8 @@ class OpenGLPainter:
             int(owner): self._moving & (owners == owner) & (model.geom_group < _DRAWN)
             for owner in np.unique(owners[self._moving & (model.geom_group < _DRAWN)])
         }
-        self._still = self._known = None
+        self._still: Any = None
+        self._known: Any = None
         self._alone: dict[int, tuple] = {}
         self._planes = np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE)
         self._cameras = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, camera_name(name)) for name in rig.names]
@@ -166,7 +168,7 @@ class OpenGLPainter:
         if set(kinds) - {"rgb"}:
             geoms, nearness = self._identify(data, view)
             depth = self._metres(nearness) if {"depth", "flow"} & set(kinds) else None
-        if "normals" in kinds:
+        if normals is not None:
             normals[geoms == 0] = np.nan
         return rgb, depth, geoms, normals
 
@@ -190,9 +192,10 @@ class OpenGLPainter:
             still = self._drawn(data, view, ~self._moving, (slice(None), slice(None)))
             self._still = (view, *(layer.copy() for layer in still))
         geoms, nearness = self._still[1].copy(), self._still[2].copy()
-        parts = {owner: self._around(data, view, mask) for owner, mask in self._movers.items()}
+        around = {owner: self._around(data, view, mask) for owner, mask in self._movers.items()}
+        parts = {owner: part for owner, part in around.items() if part}
         self._alone = {}
-        for together in _separate_groups({owner: part for owner, part in parts.items() if part}):
+        for together in _separate_groups(parts):
             mask = np.any([self._movers[owner] for owner in together], axis=0)
             whole = _hull([parts[owner] for owner in together])
             found, near = self._drawn(data, view, mask, whole)
@@ -250,7 +253,7 @@ class OpenGLPainter:
 
     def _read(
         self, view: int, drawing: mujoco.MjrContext, *, identify: bool = False, deep: bool = False, part=None
-    ) -> tuple[np.ndarray, np.ndarray | None]:
+    ) -> tuple[np.ndarray, Any]:
         """Draw the scene; return colours (H, W, 3), or segment numbers, and the depth buffer (H, W), or a `part` of
         both."""
         rect = self._rects[view]
@@ -267,7 +270,7 @@ class OpenGLPainter:
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, drawing)
         mujoco.mjr_render(rect, self._scene, drawing)
         mujoco.mjr_readPixels(colours, nearness, read, drawing)
-        return colours[::-1], nearness[::-1] if deep else None
+        return colours[::-1], None if nearness is None else nearness[::-1]
 
     def _geoms(self, colours: np.ndarray) -> np.ndarray:
         """Return (H, W) uint16 1 + index of the geom at each pixel of an image of segment numbers, 0 for none."""
@@ -345,7 +348,7 @@ class OpenGLPainter:
         right = np.cross(forward, np.eye(3)[np.abs(forward).argmin()])
         right /= np.linalg.norm(right)
         axes = np.stack([right, np.cross(forward, right), forward])
-        row, column = (index[::8, ::8].ravel() for index in np.indices(depth.shape))
+        row, column = np.indices(depth.shape)[:, ::8, ::8].reshape(2, -1)
         z = depth[row, column]
         points = np.stack([(column - K[0, 2]) / K[0, 0], (row - K[1, 2]) / K[1, 1], np.ones_like(z)], -1) * z[:, None]
         points = (points[z > 0] - pose[:3, 3]) @ pose[:3, :3]

@@ -37,7 +37,7 @@ class RayPainter:
         self._moving = np.flatnonzero(drawn & moves)
         self._colour, self._ids = _colours(model), geom_ids
         self._rig, self._step = rig, step
-        self._view = None
+        self._view: int | None = None
 
     def paint(self, data: mujoco.MjData, view: int, kinds: tuple[str, ...]) -> tuple[np.ndarray, ...]:
         """Return colour (H, W, 3) uint8, depth (H, W) m, geoms (H, W) and normals (H, W, 3) from the same rays.

@@ -3,7 +3,7 @@
 import copy
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import mujoco
@@ -39,17 +39,21 @@ class LensPainter(OpenGLPainter):
     def paint_alone(self, data: mujoco.MjData, view: int, owner: int) -> np.ndarray:
         """Return (H, W) True for the pixels that geoms with the id `owner` would cover if nothing else were there."""
         images = [super(LensPainter, self).paint_alone(data, part, owner) for part in self._parts[view]]
-        return self._bent([image.astype(np.uint16) for image in images], view) > 0
+        bent = self._bent([image.astype(np.uint16) for image in images], view)
+        assert bent is not None
+        return bent > 0
 
-    def _bent(self, images: list[np.ndarray | None], view: int) -> np.ndarray | None:
+    def _bent(self, images: list[Any], view: int) -> np.ndarray | None:
         """Return the distorted image from the images of the pinholes. Only colours are interpolated."""
-        if images[0] is None or self._maps[view] is None:
+        maps = self._maps[view]
+        if images[0] is None or maps is None:
             return images[0]
         how = cv2.INTER_LINEAR if images[0].dtype == np.uint8 else cv2.INTER_NEAREST
-        nothing = (np.nan,) * 4 if images[0].dtype == np.float32 else 0
-        bent = None
-        for image, pixels in zip(images, self._maps[view], strict=True):
-            part = cv2.remap(image, pixels, None, how, borderMode=cv2.BORDER_CONSTANT, borderValue=nothing)
+        nothing: Any = (np.nan,) * 4 if images[0].dtype == np.float32 else 0
+        bent: Any = None
+        for image, pixels in zip(images, maps, strict=True):
+            border = {"borderMode": cv2.BORDER_CONSTANT, "borderValue": nothing}
+            part = cv2.remap(image, pixels, None, how, **border)  # type: ignore[call-overload]  # one map of x and y
             if bent is None:
                 bent = part
             else:
@@ -73,7 +77,8 @@ class SurfaceFlow:
         self._later = copy.copy(model)
         self._skin = Skin(self._later)
         self._moves = np.concatenate([[False], model.body_weldid[model.geom_bodyid] > 0])
-        self._view, self._rays = None, np.empty(0)
+        self._view: int | None = None
+        self._rays = np.empty(0)
 
     def __call__(
         self, data: mujoco.MjData, following: np.ndarray | None, view: int, depth: np.ndarray, geoms: np.ndarray
@@ -185,7 +190,7 @@ class Renderer:
         model = copy.copy(model)
         backend = find_backend()
         if backend:
-            self._painter = LensPainter(model, geom_ids, rig, backend, settings, imaging)
+            self._painter: LensPainter | RayPainter = LensPainter(model, geom_ids, rig, backend, settings, imaging)
         else:
             self._painter = RayPainter(model, geom_ids, rig, step)
         self._model, self._data = model, mujoco.MjData(model)
@@ -219,10 +224,11 @@ class Renderer:
         if "rgb" in kinds and motion is not None and motion.any():
             blurred = self._exposed(qpos, motion, view)
             kinds = tuple(kind for kind in kinds if kind != "rgb")
-        rgb = depth = geoms = normals = None
+        painted: tuple[Any, ...] = (None,) * 4
         if kinds:
             self._move(qpos)
-            rgb, depth, geoms, normals = self._painter.paint(self._data, view, kinds)
+            painted = self._painter.paint(self._data, view, kinds)
+        rgb, depth, geoms, normals = painted
         flow = None
         if "flow" in kinds:
             flow = self._flow(self._data, following, view, depth, geoms)
@@ -256,10 +262,11 @@ class Renderer:
         seen = (camera.inside(ends[0]) & camera.inside(ends[1]))[0, 0]
         far = np.linalg.norm(ends[1] - ends[0], axis=-1)[0, 0, seen].max(initial=0.0)
         count = int(np.clip(np.ceil(far / _BLUR_STEP), 1, _MOST))
-        light = 0.0
+        light: Any = 0.0
         for number in range(count):
             move((number + 0.5) / count)
-            light = light + decode(self._painter.paint(self._data, view, ("rgb",))[0])
+            rgb: Any = self._painter.paint(self._data, view, ("rgb",))[0]
+            light = light + decode(rgb)
         return encode(light / count)
 
     def motion(self, qpos: np.ndarray, frame: int, fps: float) -> np.ndarray:
@@ -336,7 +343,7 @@ def render_images(
     counted = "ids" in kinds
     visible, amodal = (np.zeros((len(qpos), len(rig), renderer.persons), np.int32) for _ in range(2))
 
-    def rendered(view: int) -> Iterator[np.ndarray | None]:
+    def rendered(view: int) -> Iterator[Any]:
         """Render the images of a view, write all that are not in a video, and yield the colours."""
         for frame, state in enumerate(qpos):
             following = qpos[frame + 1] if frame + 1 < len(qpos) else None

@@ -68,5 +68,5 @@ class Sensor:
         if self._config.jpeg:
             quality = [cv2.IMWRITE_JPEG_QUALITY, self._config.jpeg]
             _, stored = cv2.imencode(".jpg", np.ascontiguousarray(found[..., ::-1]), quality)
-            found = np.ascontiguousarray(cv2.imdecode(stored, cv2.IMREAD_COLOR)[..., ::-1])
+            found = np.ascontiguousarray(np.asarray(cv2.imdecode(stored, cv2.IMREAD_COLOR))[..., ::-1])
         return found

@@ -33,7 +33,7 @@ class Stage:
         return f"the people's area (up to {self.radius:g} m from the middle, up to {_TALLEST:g} m high)"
 
 
-def stage_of(arena: Path, middle: Sequence[float], radius: float) -> Stage:
+def stage_of(arena: Path, middle: Sequence[float] | np.ndarray, radius: float) -> Stage:
     """Return the stage of people within a radius of `middle`, x and y, in a room, m.
 
     Cameras look at the origin, so the area is the circle around the origin that contains the people.
@@ -98,7 +98,7 @@ def check_rig(rig: CameraRig, source: str, stage: Stage, origin: Sequence[float]
     if not faults:
         return
     hint, meeting = "", None if origin is None else meeting_point(rig)
-    if meeting is not None and np.hypot(*meeting[:2]) > stage.radius:
+    if origin is not None and meeting is not None and np.hypot(*meeting[:2]) > stage.radius:
         x, y, z = meeting + origin
         hint = (
             f". The cameras' axes meet at about ({x:.2f}, {y:.2f}, {z:.2f}) m of the rig's world, and people are "
@@ -140,12 +140,12 @@ def _surroundings(arena: Path | None, center: np.ndarray, points: np.ndarray) ->
     geom, distance, _ = cast_rays(model, data, center, rays / reach[:, None], EVERY_GROUP)
     # A ray to a point on the floor ends at the floor: that point is not hidden.
     hidden = (geom >= 0) & (distance < reach - 1e-3)
-    return None, _name(model, np.bincount(geom[hidden]).argmax()) if hidden.all() else None
+    return None, _name(model, int(np.bincount(geom[hidden]).argmax())) if hidden.all() else None
 
 
-def _name(model: mujoco.MjModel, geom: int) -> str:
-    geom = model.geom(geom)
-    return geom.name or model.body(geom.bodyid[0]).name or f"geom {geom.id}"
+def _name(model: mujoco.MjModel, number: int) -> str:
+    geom = model.geom(number)
+    return geom.name or model.body(geom.bodyid[0]).name or f"geom {number}"
 
 
 @cached_until_changed(8)

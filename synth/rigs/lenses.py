@@ -53,7 +53,7 @@ def _pinholes(camera: CameraRig) -> CameraRig:
         raise _unfit(camera)
     K = camera.K.copy()
     K[0, :2, 2] -= low
-    return replace(camera.undistorted, K=K, size=[high - low + 1])
+    return replace(camera.undistorted, K=K, size=np.array([high - low + 1]))
 
 
 def _unfit(camera: CameraRig) -> ValueError:

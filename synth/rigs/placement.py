@@ -67,11 +67,11 @@ def listed_cameras(cameras: Sequence[CameraConfig], source: str) -> CameraRig:
     try:
         return CameraRig(
             tuple(camera.name for camera in cameras),
-            [K for K, _ in parts],
-            [np.pad(camera.dist, (0, longest - len(camera.dist))) for camera in cameras],
-            [cam_from_world for _, cam_from_world in parts],
-            [camera.size for camera in cameras],
-            [camera.fisheye for camera in cameras],
+            np.array([K for K, _ in parts]),
+            np.array([np.pad(camera.dist, (0, longest - len(camera.dist))) for camera in cameras]),
+            np.array([cam_from_world for _, cam_from_world in parts]),
+            np.array([camera.size for camera in cameras]),
+            np.array([camera.fisheye for camera in cameras]),
         )
     except ValueError as error:
         raise ValueError(f"{source}: {error}") from None
@@ -194,8 +194,8 @@ def _draw(config: RandomConfig, view: int, stage: Stage, *, rng: np.random.Gener
             intrinsics(focal, config.size)[None],
             _distortion(lens, focal, config.size, rng=rng)[None],
             pose(look_at(center, target), center),
-            [config.size],
-            [lens is Lens.fisheye],
+            np.array([config.size]),
+            np.array([lens is Lens.fisheye]),
         )
         faults = find_faults(camera, stage)
         if not faults:

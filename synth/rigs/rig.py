@@ -1,6 +1,8 @@
 """The cameras of a clip: read from a file, listed, or placed; jittered, and miscalibrated."""
 
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -85,10 +87,9 @@ def make_rig(config: RigConfig, *, rng: np.random.Generator, stage: Stage = _MID
 
 
 def _read(config: RigConfig) -> CameraRig:
+    size: Any = tuple(config.size) or None
     try:
-        return read_calibration(
-            config.path, size=tuple(config.size) or None, unit=config.unit, up=config.up, inverse=config.inverse
-        )
+        return read_calibration(Path(config.path), size=size, unit=config.unit, up=config.up, inverse=config.inverse)
     except LacksSize as error:
         raise LacksSize(error.what, "rig.size") from None
 

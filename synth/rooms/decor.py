@@ -41,7 +41,8 @@ class Decor:
 
 
 def _plain(pattern: str, colour: Colour, shade: float = 0.9) -> Finish:
-    return Finish(pattern, (colour, tuple(round(shade * c, 3) for c in colour)))
+    red, green, blue = (round(shade * c, 3) for c in colour)
+    return Finish(pattern, (colour, (red, green, blue)))
 
 
 FINISHES = {
@@ -83,7 +84,8 @@ def _choices(arena: Path) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, 
         unknown = sorted(set(finishes[-1]) - set(FINISHES))
         if unknown or not finishes[-1]:
             raise ValueError(f"arena {arena}: text {name!r} names {unknown}; expected some of {sorted(FINISHES)}")
-    return *finishes, tuple(sorted(m.name for m in room.materials if m.name.startswith("tint")))
+    floor, walls = finishes
+    return floor, walls, tuple(sorted(m.name for m in room.materials if m.name.startswith("tint")))
 
 
 def sample_decor(arena: Path, *, randomize: bool, rng: np.random.Generator) -> Decor:

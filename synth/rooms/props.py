@@ -7,7 +7,7 @@ import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -165,7 +165,7 @@ def load_mesh(path: str, scale: float = 1.0, up: MeshUp = MeshUp.auto) -> tuple[
     with np.errstate(divide="ignore", invalid="ignore"):
         meshes = _read(path)
         try:
-            pieces = [(piece, _colour(mesh)) for mesh in meshes for piece in _pieces(mesh, path)]
+            pieces: list = [(piece, _colour(mesh)) for mesh in meshes for piece in _pieces(mesh, path)]
         # trimesh raises errors of many types for meshes that it has read.
         except Exception as error:
             if path in str(error):
@@ -258,11 +258,12 @@ def _check_size(path: str, size: np.ndarray, scale: float) -> None:
 
 
 def _colour(mesh: trimesh.Trimesh) -> tuple[float, float, float] | None:
-    if not mesh.visual.defined:
+    visual: Any = mesh.visual
+    if not visual.defined:
         return None
-    material = getattr(mesh.visual, "material", None)
-    colour = (material or mesh.visual).main_color
-    return tuple(round(int(channel) / 255, 3) for channel in colour[:3])
+    colour = (getattr(visual, "material", None) or visual).main_color
+    red, green, blue = (round(int(channel) / 255, 3) for channel in colour[:3])
+    return red, green, blue
 
 
 # Props of either kind

@@ -165,7 +165,7 @@ def _count(element: ElementTree.Element, depth: int) -> int:
     if depth > _MOST_DEPTH:
         raise ValueError(f"its elements are nested deeper than {_MOST_DEPTH}")
     inside = sum(_count(child, depth + 1) for child in element)
-    times = 1
+    times = 1.0
     if element.tag == "replicate":
         times = max(_numbers(element.get("count", "1")))
         if any(True for _ in element.iter("include")):

@@ -44,8 +44,8 @@ def place_props(
     obstacles, middle, radius = footprints(arena_file(config.arena)), config.middle, config.radius
     walked = (paths + avoid_collisions(paths, fps, clearance=clearance, obstacles=obstacles)).reshape(-1, 2)
     occupied = np.concatenate([obstacles, occupied])
-    cameras = np.array(cameras).reshape(-1, 2)
-    reach = radius + _EXTRA_RADIUS * bool(len(cameras))
+    lenses = np.array(cameras).reshape(-1, 2)
+    reach = radius + _EXTRA_RADIUS * bool(len(lenses))
     names = sorted(kinds)
     faces = np.array([kinds[name].face for name in names])
     weights = faces / faces.sum() if len(cameras) else None
@@ -53,15 +53,15 @@ def place_props(
     for _ in range(count):
         kind = str(rng.choice(names, p=weights))
         for _ in range(_PROP_DRAWS):
-            if len(cameras):
-                at, yaw = _between(walked, cameras, rng=rng)
+            if len(lenses):
+                at, yaw = _between(walked, lenses, rng=rng)
             else:
                 yaw = float(rng.uniform(-np.pi, np.pi))
                 at = middle + rng.uniform(-radius, radius, 2)
             discs = placed_discs(kinds[kind].discs, at, yaw)
             gaps = [
                 np.linalg.norm(points[:, None] - discs[:, :2], axis=-1) - discs[:, 2]
-                for points in (walked, occupied[:, :2], cameras)
+                for points in (walked, occupied[:, :2], lenses)
             ]
             gaps[1] -= occupied[:, 2:]
             free = all(gap.min(initial=np.inf) > least for gap, least in zip(gaps, _GAP, strict=True))
@@ -72,7 +72,7 @@ def place_props(
     return props
 
 
-def placed_discs(discs: np.ndarray, at: Sequence[float], yaw: float) -> np.ndarray:
+def placed_discs(discs: np.ndarray, at: Sequence[float] | np.ndarray, yaw: float) -> np.ndarray:
     """Return the (K, 3) discs of a prop after a turn by `yaw`, rad, and a shift to `at`, m."""
     turn = np.array([(np.cos(yaw), np.sin(yaw)), (-np.sin(yaw), np.cos(yaw))])
     return np.column_stack([discs[:, :2] @ turn + at, discs[:, 2]])
@@ -157,6 +157,7 @@ def place_persons(
                 f"no room for person {number} of {len(motions)}, moving as {motion.name!r}: {reason}. "
                 f"Fewer people, shorter clips or a larger scene.radius (now {radius} m) would help"
             )
+        assert best is not None
         placements.append(best)
         paths = np.concatenate([paths, kept[:, None]], axis=1)
         stools = np.concatenate([stools, stool_discs(motion, best)])
@@ -211,6 +212,7 @@ def place_script(
             f"no room for what {len(motions)} people do together: {reason}. "
             f"Fewer people, shorter clips, another scene or a larger scene.radius (now {radius} m) would help"
         )
+    assert best is not None
     yaw = best[1]
     return (
         [Placement(_moved(motion.root[0], *best), yaw, 0.0) for motion in motions],
@@ -235,6 +237,7 @@ def _draw(
             best = Placement((float(path[0, 0]), float(path[0, 1])), yaw, turn), path, outside
         if outside == 0:
             break
+    assert best is not None
     return best
 
 
@@ -248,7 +251,7 @@ def _crowding(path: np.ndarray, others: np.ndarray, obstacles: np.ndarray, clear
     return float(5 * start + 3 * blocked + 2 * meeting.mean(0).sum() + 0.2 * meeting.max(initial=0.0))
 
 
-def _moved(point: np.ndarray, at: Sequence[float], yaw: float) -> tuple[float, float]:
+def _moved(point: Sequence[float] | np.ndarray, at: Sequence[float] | np.ndarray, yaw: float) -> tuple[float, float]:
     """Return x and y, m, of a point (2 or more,) after a turn about the origin by `yaw`, rad, and a shift by `at`."""
     x, y, _ = placed_discs(np.array([(point[0], point[1], 0.0)]), at, yaw)[0]
     return float(x), float(y)

@@ -309,6 +309,12 @@ class _Followed:
     person: Person
     usual: float
 
+    @property
+    def region(self) -> Region:
+        """Where the next image is searched."""
+        assert self.person.region is not None
+        return self.person.region
+
     def now(self, person: Person) -> "_Followed":
         """Return the followed person with its detection in the next image."""
         return _Followed(person, _MEMORY * self.usual + (1 - _MEMORY) * clearness(person))
@@ -339,8 +345,8 @@ class PeopleDetector:
         self._new: list[Person] = []
         waiting, self._lost = self._lost, [(region, _RETRIES) for region in lost]
         for region, tries in waiting:
-            found = self._settled(pyramid, region, [each.person for each in people])
-            if not self._add(people, found) and tries > 1:
+            again = self._settled(pyramid, region, [each.person for each in people])
+            if not self._add(people, again) and tries > 1:
                 self._lost.append((region, tries - 1))
         height, width = self._size
         windows = windows_of(width, height, shares_of(self._config, width, height))
@@ -381,10 +387,11 @@ class PeopleDetector:
         It is added to them, and bodies that are parts of it are removed. Yield how many images back each one is.
         """
         for ago, (pyramid, known) in enumerate(reversed(self._before), 1):
-            found = self._person(pyramid, person.region)
-            if found.region is None or _known(found, known) or disagreement(found, person) > _JUMP:
+            assert person.region is not None
+            there = self._person(pyramid, person.region)
+            if there.region is None or _known(there, known) or disagreement(there, person) > _JUMP:
                 return
-            found = self._confirmed(pyramid, found)
+            found = self._confirmed(pyramid, there)
             if found is None or _known(found, known):
                 return
             known[:] = [*(each for each in known if not part_of(each, found)), found]
@@ -393,23 +400,23 @@ class PeopleDetector:
 
     def _follow(self, pyramid: list[np.ndarray]) -> tuple[list[_Followed], list[Region]]:
         """Return the people of the previous image at their current places, and the regions of lost people."""
-        seen = [(self._person(pyramid, each.person.region), each) for each in self._followed]
+        seen = [(self._person(pyramid, each.region), each) for each in self._followed]
         people: list[_Followed] = []
         lost: list[Region] = []
         for number, (person, before) in enumerate(sorted(seen, key=lambda pair: -clearness(pair[0]))):
             others = [each.person for each in people]
             if _known(person, others):
                 # The region moved to another person: search its own person with the other one painted over.
-                person = self._person(pyramid, before.person.region, others)
+                person = self._person(pyramid, before.region, others)
             if person.region is None or _known(person, others):
-                lost.append(before.person.region)
+                lost.append(before.region)
                 continue
             jumped = disagreement(before.person, person) > _JUMP
             if jumped or (self._number + number) % _CHECKED == 0 or person.presence < _MIN_PRESENCE:
                 again = self._person(pyramid, person.region)
                 limit = _STRAYED if person.presence >= _MIN_PRESENCE else _STEADY
                 if disagreement(person, again) > limit or clearness(person) < _CLEAR:
-                    lost.append(before.person.region)
+                    lost.append(before.region)
                     continue
             if clearness(person) < before.usual - _DROP:
                 person = self._again(pyramid, person, others)
@@ -418,6 +425,7 @@ class PeopleDetector:
 
     def _again(self, pyramid: list[np.ndarray], person: Person, others: Sequence[Person]) -> Person:
         """Search a person again around its place, and return the clearer of the two detections."""
+        assert person.region is not None
         for candidate in find_candidates(self._finder, pyramid, [_around(person.region, _CROWD[0])], others):
             found = self._settled(pyramid, candidate.region)
             if found is not None and not _known(found, others) and clearness(found) > clearness(person) + _CLEARER:
@@ -430,7 +438,7 @@ class PeopleDetector:
         for candidate in find_candidates(self._finder, pyramid, windows):
             region = candidate.region
             clear = [each for each in people if clearness(each.person) >= _DOUBTED]
-            if any(same_region(region, each.person.region) for each in clear):
+            if any(same_region(region, each.region) for each in clear):
                 continue
             if not self._add(people, self._settled(pyramid, region)):
                 failed.append(region)
@@ -440,7 +448,7 @@ class PeopleDetector:
                 beside = replace(
                     region, centre=region.centre + shift * region.radius * across, side=_NARROWER * region.side
                 )
-                if not any(same_region(beside, each.person.region) for each in people):
+                if not any(same_region(beside, each.region) for each in people):
                     self._add(people, self._confirmed(pyramid, self._settled(pyramid, beside)))
 
     def _search_crowds(self, pyramid: list[np.ndarray], people: list[_Followed]) -> None:
@@ -451,7 +459,7 @@ class PeopleDetector:
         looked = 0
         while looked < len(people):
             found = [each.person for each in people]
-            windows = [_around(person.region, share) for person in found[looked:] for share in _CROWD]
+            windows = [_around(each.region, share) for each in people[looked:] for share in _CROWD]
             if self._number >= _FULL_SEARCHES:
                 windows = [windows[self._number % len(windows)]]
             looked = len(people)
@@ -514,12 +522,13 @@ class PeopleDetector:
 
     def _alike(self, a: Person, b: Person) -> bool:
         """Return whether two passes are certain of a person and agree on most of its joints."""
+        assert b.region is not None
         apart = float(np.median(np.hypot(*(a.xy - b.xy).T))) / b.region.radius
         return min(a.presence, b.presence) >= _CERTAIN and apart < _ALIKE and self._clear(b) >= _CLEAR
 
     def _confirmed(self, pyramid: list[np.ndarray], found: Person | None) -> Person | None:
         """Return a person that the first network missed, if it is certain and is also found in the unpainted image."""
-        if found is None:
+        if found is None or found.region is None:
             return None
         again = self._person(pyramid, found.region)
         sure = min(found.presence, again.presence) >= _MIN_PRESENCE and again.region is not None
@@ -532,7 +541,8 @@ def _known(person: Person, others: Sequence[Person]) -> bool:
 
 def _around(region: Region, share: float) -> Region:
     side = share * region.side
-    return Region.upright(*(region.centre - side / 2), side)
+    left, top = region.centre - side / 2
+    return Region.upright(left, top, side)
 
 
 @pose_detector("blazepose")
@@ -569,5 +579,5 @@ class BlazePose:
         score = np.stack([confidence(person) for person in people])
         # A joint outside of the image was not seen: its place is a guess.
         height, width = self._size
-        inside = ((xy >= -0.5) & (xy <= (width - 0.5, height - 0.5))).all(-1)
+        inside = np.all((xy >= -0.5) & (xy <= (width - 0.5, height - 0.5)), -1)
         return np.where(inside[..., None], xy, np.nan), np.where(inside, score, np.nan)

@@ -121,6 +121,6 @@ def _skeleton(config: PoseDetectorConfig, joints: int) -> Skeleton:
             raise ValueError(f"{config.path}: finds {joints} joints, {found.name} has {len(found)}")
         return found
     try:
-        return default_skeleton(config.path, joints)
+        return default_skeleton(str(config.path), joints)
     except ValueError as error:
         raise ValueError(f"{error}; name it by detector.skeleton=...") from None

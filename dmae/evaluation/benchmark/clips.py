@@ -232,6 +232,7 @@ def check_clip(name: str, clip: Clip, file: Path) -> FrozenMatch:
 
 def _sample(clip: Clip) -> dict:
     """Return a small sample of a clip. It identifies the clip even if rounding differs."""
+    assert clip.truth is not None and clip.occlusion is not None
     frames = [0, len(clip) // 2, len(clip) - 1]
     middle = np.nanmean(clip.truth.xyz[frames].astype(np.float64), 2)
     return {

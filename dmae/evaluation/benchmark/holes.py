@@ -11,6 +11,7 @@ from functools import partial
 
 import numpy as np
 
+from dmae.data.array_fields import UNSET
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.conversion import convert
 from dmae.data.labels import OcclusionLabels, Visibility
@@ -106,7 +107,7 @@ class Holes:
     cause: np.ndarray  # (F, T, J) `Cause`; -1 outside holes
     part: np.ndarray  # (J,) index of `PARTS`
     # (F, T) index of the captured person that matches each true person, -1 for none. Only for holes of capture.
-    matches: np.ndarray | None = None
+    matches: np.ndarray = UNSET
 
 
 def holes_of_capture(clip: Clip, captured: Poses3D) -> Holes:

@@ -191,7 +191,7 @@ def _figure(completion: dict, classes: list[str], values, label: str) -> Figure:
     axes = figure.subplots()
     for number, (name, each) in enumerate(completion.items()):
         found = [np.nan if value is None else value for value in values(each)]
-        style = {"color": PERSONS[number % len(PERSONS)], "marker": _MARKERS[number % len(_MARKERS)]}
+        style: dict = {"color": PERSONS[number % len(PERSONS)], "marker": _MARKERS[number % len(_MARKERS)]}
         axes.plot(range(len(classes)), found, label=name, markersize=5, **style)
     axes.set_xticks(range(len(classes)), classes)
     axes.set(xlabel=label, ylabel="mean error [mm]")

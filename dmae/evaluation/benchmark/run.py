@@ -98,7 +98,9 @@ class HandIn:
         """
         where = f"{self.name}, clip {name}"
         if self.folder is not None:
-            found = read_poses(_file(self.folder, name))
+            file = _file(self.folder, name)
+            assert file is not None, "`check` refuses folders that lack clips"
+            found = read_poses(file)
             if found.fps is not None and not np.isclose(found.fps, given.fps, rtol=1e-3):
                 raise ValueError(f"{where}: expected {given.fps:g} frames per second, found {found.fps:g}")
             poses = found.poses
@@ -109,6 +111,7 @@ class HandIn:
             # A function of another project may raise any error. The message names the clip and the function.
             except Exception as error:
                 raise ValueError(f"{where}: {type(error).__name__}: {error}") from error
+        assert given.poses is not None
         return check_poses(poses, given.poses, self.task, where)
 
 
@@ -218,7 +221,7 @@ def capture_summary(levels: dict[str, int], cells: dict[str, dict]) -> dict:
 
 def cell_table(levels: dict[str, int], cells: dict[str, dict], axes: dict[str, list[str]] = AXES) -> pd.DataFrame:
     """Return the score table of clips: the columns `level`, `clip`, the axes, and a column for each sum over a cell."""
-    classes = pd.MultiIndex.from_product(axes.values(), names=axes).to_frame(index=False)
+    classes = pd.MultiIndex.from_product(list(axes.values()), names=list(axes)).to_frame(index=False)
     names = sorted(cells, key=lambda name: levels[name])
     parts = [
         classes.assign(level=levels[name], clip=name, **{k: v for k, v in cells[name].items() if isinstance(v, list)})
@@ -317,8 +320,10 @@ def benchmark(config: BenchmarkConfig, methods: Sequence[Callable] = (), capture
         FileNotFoundError: a folder of poses lacks clips, or the earlier scores do not exist.
     """
     definition = find_definition(config.name)
-    hand_ins = [find_hand_in(each, Task.completion, config.weights) for each in (*config.methods, *methods)]
-    hand_ins += [find_hand_in(each, Task.capture) for each in (*config.captures, *captures)]
+    completing: list[str | Callable] = [*config.methods, *methods]
+    capturing: list[str | Callable] = [*config.captures, *captures]
+    hand_ins = [find_hand_in(each, Task.completion, config.weights) for each in completing]
+    hand_ins += [find_hand_in(each, Task.capture) for each in capturing]
     names = [(each.task, each.name) for each in hand_ins]
     if len(set(names)) < len(names):
         raise ValueError(f"expected methods of different names, found {[name for _, name in names]}")
@@ -376,22 +381,24 @@ def score_clip(data: Path, name: str, hand_ins: list[HandIn], angles: bool = Fal
     scored as a capture: `capture + <method>`.
     """
     clip, given = clip_of(data, name), given_clip(data, name)
-    holes, sight = holes_of_capture(clip, given.poses), holes_of_sight(clip, given.poses.skeleton)
-    linear = find_method("linear").function(given.poses, given.fps)
+    captured = given.poses
+    assert captured is not None and clip.truth is not None
+    holes, sight = holes_of_capture(clip, captured), holes_of_sight(clip, captured.skeleton)
+    linear = find_method("linear").function(captured, given.fps)
     true = leg_angles(holes.truth)[0] if angles else None
     found: dict[str, dict] = {task.value: {} for task in Task}
     for hand_in in hand_ins:
         # Read the clip again for each method, so that no method gets data that another has changed.
         poses = hand_in.poses(name, given_clip(data, name))
         if hand_in.task == Task.completion:
-            cells = completion_cells(holes, given.poses, linear, poses)
-            turned = {} if true is None else {"angles": angle_cells(holes, true, given.poses, poses)}
+            cells = completion_cells(holes, captured, linear, poses)
+            turned = {} if true is None else {"angles": angle_cells(holes, true, captured, poses)}
             found[Task.completion][hand_in.name] = cells | turned
             found[Task.capture][f"{OURS} + {hand_in.name}"] = capture_cells(sight, poses)
         else:
             found[Task.capture][hand_in.name] = capture_cells(sight, poses)
     known = ~np.isnan(holes.truth.xyz).any(-1)
-    by_linear = completion_cells(holes, given.poses, linear, linear)
+    by_linear = completion_cells(holes, captured, linear, linear)
     return {
         "id": name,
         "frames": len(clip),

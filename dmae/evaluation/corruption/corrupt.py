@@ -59,14 +59,21 @@ def people_of(clip: Clip, config: CaptureConfig) -> Poses3D:
     They are the truth if it has the skeleton of the detections, otherwise the people that all cameras measure.
     """
     skeleton = clip.detections.skeleton
-    known = clip.truth is not None and skeleton.name in clip.truth.skeleton.name.split("+")
-    found = convert(clip.truth, skeleton) if known else capture(clip, config)
+    truth = clip.truth
+    known = truth is not None and skeleton.name in truth.skeleton.name.split("+")
+    found = convert(truth, skeleton) if truth is not None and known else capture(clip, config)
     return fill_body_frame(found, clip.fps, linear)
+
+
+def given_people(clip: Clip) -> Poses3D:
+    """Return `clip.poses`, the people that corruptions are given."""
+    assert clip.poses is not None
+    return clip.poses
 
 
 def pixels_of_people(clip: Clip) -> np.ndarray:
     """Return the pixels (F, V, P, J, 2) of `clip.poses` in the true cameras."""
-    return clip.actual_rig.project(clip.poses.xyz)[0]
+    return clip.actual_rig.project(given_people(clip).xyz)[0]
 
 
 def detections_of_people(clip: Clip) -> np.ndarray:

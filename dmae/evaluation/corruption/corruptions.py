@@ -12,6 +12,7 @@ from dmae.data.skeleton import Skeleton
 from dmae.evaluation.corruption.corrupt import (
     by_detection,
     detections_of_people,
+    given_people,
     heights,
     limb_of_joint,
     middle,
@@ -53,7 +54,7 @@ def objects(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
     Six round pillars from floor to ceiling stand between cameras and people, where people leave most room. All are as
     thick as it takes to hide that share of the joints. What a pillar hides is not detected.
     """
-    centres, people = clip.actual_rig.centers[:, :2], clip.poses.xyz[..., :2].astype(np.float64)
+    centres, people = clip.actual_rig.centers[:, :2], given_people(clip).xyz[..., :2].astype(np.float64)
     known = people[~np.isnan(people).any(-1)]
     if not len(known):
         return clip
@@ -78,7 +79,7 @@ def persons(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
     The other people are those of the clip, and for each person a passer-by who walks around at 0.8 m. All are as thick
     as it takes to hide that share of the joints. What a body hides is not detected, nor are passers-by.
     """
-    people, skeleton = clip.poses.xyz.astype(np.float64), clip.poses.skeleton
+    people, skeleton = given_people(clip).xyz.astype(np.float64), given_people(clip).skeleton
     count = people.shape[1]
     angle = 2 * np.pi * (rng.random(count) + np.arange(len(clip))[:, None] / (clip.fps * _TURN))
     around = [companion(people, person, _AROUND, angle[:, person], 0) for person in range(count)]
@@ -94,8 +95,10 @@ def own_body(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
     Limbs and trunk are as thick as it takes to hide that share of the joints. What they hide is not detected. Nothing
     is drawn at random.
     """
-    centres, people = clip.actual_rig.centers, clip.poses.xyz.astype(np.float64)
-    return undetected_nearest(clip, by_detection(clip, clearance_of_self(centres, people, clip.poses.skeleton)), level)
+    centres, people = clip.actual_rig.centers, given_people(clip).xyz.astype(np.float64)
+    return undetected_nearest(
+        clip, by_detection(clip, clearance_of_self(centres, people, given_people(clip).skeleton)), level
+    )
 
 
 @corruption("edges", order=13, unit="%", levels=(10, 20, 40, 60), small=(20, 40), most=100)
@@ -115,8 +118,8 @@ def bursts(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
 
     An arm, a leg, the head or the trunk of a person is missed by all cameras at the same time.
     """
-    limb = limb_of_joint(clip.poses.skeleton)
-    shape = (clip.poses.xyz.shape[1], limb.max(initial=-1) + 1)
+    limb = limb_of_joint(given_people(clip).skeleton)
+    shape = (given_people(clip).xyz.shape[1], limb.max(initial=-1) + 1)
     events = share_of_time(clip, shape, level, (1.0, 0.2), rng=rng)[..., limb]
     everywhere = np.broadcast_to(events[:, None], (len(clip), len(clip.rig), *events.shape[1:]))
     return undetected(clip, by_detection(clip, everywhere, False))
@@ -141,9 +144,9 @@ def closeness(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
 
     People are added as with `crowd`.
     """
-    people = clip.poses.xyz.shape[1]
+    people = given_people(clip).xyz.shape[1]
     delay = np.rint(rng.uniform(*_DELAY, people) * clip.fps).astype(int)
-    return _with_people(clip, np.full(people, 1 / level), rng.uniform(0, 2 * np.pi, people), delay)
+    return _with_people(clip, np.full(people, 1 / level), rng.uniform(0, 2 * np.pi, (people,)), delay)
 
 
 def _with_people(clip: Clip, distance: np.ndarray, angle: np.ndarray, delay: np.ndarray) -> Clip:
@@ -153,8 +156,8 @@ def _with_people(clip: Clip, distance: np.ndarray, angle: np.ndarray, delay: np.
     by frames (N or more,). Their joints have the error, scaled with the height in the image, and the confidence of the
     copied ones; none is detected behind another body or outside the image.
     """
-    rig, skeleton, found = clip.actual_rig, clip.poses.skeleton, clip.detections
-    people, count = clip.poses.xyz.astype(np.float64), clip.poses.xyz.shape[1]
+    rig, skeleton, found = clip.actual_rig, given_people(clip).skeleton, clip.detections
+    people, count = given_people(clip).xyz.astype(np.float64), given_people(clip).xyz.shape[1]
     if not count:
         return clip
     copied = [(number % count, int(frames)) for number, frames in enumerate(delay[: len(distance)])]
@@ -356,7 +359,7 @@ def merges(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
 
 def _events(clip: Clip, persons: np.ndarray, percent: float, *items: int, rng: np.random.Generator) -> np.ndarray:
     """Draw events (F, V, D, *items), True in `percent` of the time, for the persons (F, V, D) that detections show."""
-    shape = (len(clip.rig), clip.poses.xyz.shape[1] + 1, *items)
+    shape = (len(clip.rig), given_people(clip).xyz.shape[1] + 1, *items)
     return taken(share_of_time(clip, shape, percent, _TIMES, rng=rng), persons)
 
 

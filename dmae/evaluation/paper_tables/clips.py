@@ -30,7 +30,7 @@ class NamedClips(Sequence):
     def __len__(self) -> int:
         return len(self.members)
 
-    def __getitem__(self, index: int) -> Clip:
+    def __getitem__(self, index: int) -> Clip:  # type: ignore[override]  # clips are not read by slices
         clips, number = self.members[index]
         folder = self.folders[index]
         return replace(clips[number], id=f"{folder.parent.name}/{folder.name}")

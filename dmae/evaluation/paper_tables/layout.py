@@ -177,8 +177,8 @@ def _published(row: dict, columns: Sequence[TableColumn], reference: MeasuredRow
 def _cell(cell: Score | float | None) -> dict[str, float | None]:
     if isinstance(cell, Score):
         return cell.json(3)
-    known = cell is not None and not np.isnan(cell)
-    return {"value": round(float(cell), 3) if known else None, "low": None, "high": None}
+    value = None if cell is None or np.isnan(cell) else round(float(cell), 3)
+    return {"value": value, "low": None, "high": None}
 
 
 def terminal_tables(table: dict) -> list[Table]:
@@ -214,8 +214,8 @@ def _grid(table: dict, notes: dict[str, int] | None = None) -> tuple[list[str], 
     rows = []
     for row in table["rows"]:
         name = row["name"]
-        texts = [] if notes is None else filter(None, (row["source"], row["note"]))
-        if marks := [str(notes.setdefault(text, len(notes) + 1)) for text in texts]:
+        texts = filter(None, (row["source"], row["note"]))
+        if notes is not None and (marks := [str(notes.setdefault(text, len(notes) + 1)) for text in texts]):
             name += f" ({', '.join(marks)})"
         unknown = "-" if row["origin"] == Origin.published else Origin.missing
         cells = [_cell_text(row["cells"][column["key"]], unknown) for column in columns]

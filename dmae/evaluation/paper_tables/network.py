@@ -30,7 +30,7 @@ from dmae.evaluation.paper_tables.clips import NamedClips, captured, halves, loa
 from dmae.evaluation.paper_tables.layout import NOISE_NOTE, MeasuredRow, TableColumn, mean_score, paper_table
 from dmae.formats.reading import camera_subsets
 from dmae.metrics.position import PCK_THRESHOLD
-from dmae.metrics.table import block_of, tally
+from dmae.metrics.table import Score, block_of, tally
 from dmae.numerics.paths import linear
 from dmae.parallel import one_thread
 
@@ -116,6 +116,7 @@ def _stage(plan: TrainConfig, steps: int, lr: float) -> TrainConfig:
 
 def folds(clip: Clip) -> list[slice]:
     """Return parts of a recording with equally many annotated frames, which together are all of its frames."""
+    assert clip.truth is not None
     annotated = np.flatnonzero((~np.isnan(clip.truth.xyz).any(-1)).any((1, 2)))
     count = min(FOLDS, len(annotated))
     bounds = [0, *(int(annotated[len(annotated) * part // count]) for part in range(1, count)), len(clip)]
@@ -126,7 +127,7 @@ def others(clip: Clip, part: slice) -> Iterator[Clip]:
     """Yield the annotated pieces of a recording that are outside a part and not next to it."""
     for frames in (slice(0, max(part.start - APART, 0)), slice(part.stop + APART, len(clip))):
         piece = clip.select(frames=frames) if frames.start < frames.stop else None
-        if piece is not None and not np.isnan(piece.truth.xyz).all():
+        if piece is not None and piece.truth is not None and not np.isnan(piece.truth.xyz).all():
             yield replace(piece, id=f"{clip.id} frames {frames.start} to {frames.stop - 1}")
 
 
@@ -233,7 +234,7 @@ def codes_table(config: TableConfig, out: Path) -> dict:
 
 
 def _codes_row(name: str, table: pd.DataFrame) -> MeasuredRow:
-    cells = {}
+    cells: dict[str, Score | float] = {}
     for column in _CODE_COLUMNS:
         part = table[table["figure"] == column.key]
         cells[column.key] = mean_score(part) if column.unit == "%" else mean_score(part, scale=1.0)
@@ -242,7 +243,7 @@ def _codes_row(name: str, table: pd.DataFrame) -> MeasuredRow:
 
 def _masked_joints(model: DMAE, name: str, config: TableConfig, clips: NamedClips) -> pd.DataFrame:
     """Return the score table of masked joints: recall, and error in mm. The masks are the same for every row."""
-    skeleton, frames, fps = get_skeleton(PAPER.skeleton), PAPER.model.frames, PAPER.model.fps
+    skeleton, frames, fps = get_skeleton(str(PAPER.skeleton)), PAPER.model.frames, PAPER.model.fps
     rest, parts = model.rest.numpy().astype(np.float64), []
     for number, clip in enumerate(clips):
         pair = pose_pair(replace(clip, poses=None), skeleton, fps)
@@ -267,12 +268,12 @@ def _masks(kind: str, count: int, skeleton: Skeleton, rng: np.random.Generator) 
     if kind != "limbs_":
         shape = (frames, count, len(source))
         return mask_scattered(shape, 0.5, 0.5, kind == "released_", rng=rng).swapaxes(0, 1)
-    names = [("l_shoulder", "l_elbow", "l_wrist"), ("r_shoulder", "r_elbow", "r_wrist")]
+    names: list[tuple[str, ...]] = [("l_shoulder", "l_elbow", "l_wrist"), ("r_shoulder", "r_elbow", "r_wrist")]
     names += [("l_knee", "l_ankle", "l_heel", "l_big_toe"), ("r_knee", "r_ankle", "r_heel", "r_big_toe")]
     limbs = np.array([[joint in limb for joint in source.joints] for limb in names])
     two = rng.random((count, len(limbs))).argsort(1)[:, :2]
     inside = np.abs(np.arange(frames) - frames // 2) <= _LIMB_FRAMES // 2
-    return inside[:, None] & limbs[two].any(1)[:, None]
+    return inside[:, None] & np.any(limbs[two], 1)[:, None]
 
 
 def _predicted(

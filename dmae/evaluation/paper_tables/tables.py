@@ -43,7 +43,7 @@ from dmae.evaluation.scores import annotated_persons, figure_score, run_table, s
 from dmae.metrics.angles import leg_angles
 from dmae.metrics.pcp import better_limbs, correct_limbs, count_limbs, limb_names
 from dmae.metrics.registry import protocol
-from dmae.metrics.table import block_of, tally
+from dmae.metrics.table import Score, block_of, tally
 from dmae.numerics.statistics import evenly_spaced
 from dmae.progress import progress
 from dmae.reconstruction.config import CaptureConfig, capture_method
@@ -212,8 +212,9 @@ def actor_table(config: TableConfig, out: Path) -> dict:
     ]
     rows = []
     for name, table in tables.items():
-        cells = {column.key: mean_score(table[table["person"] == n]) for n, column in enumerate(columns)}
-        cells |= {"average": mean_score(table), "without_2": mean_score(table[table["person"] != 1])}
+        cells: dict[str, Score | float] = {"average": mean_score(table)}
+        cells |= {column.key: mean_score(table[table["person"] == n]) for n, column in enumerate(columns)}
+        cells["without_2"] = mean_score(table[table["person"] != 1])
         rows.append(MeasuredRow(name, cells, **remarks(name)))
     columns.append(TableColumn("average", f"average ({'+'.join(map(str, frames))} frames)", lead=True))
     if len(frames) > 2:
@@ -280,8 +281,8 @@ def fusion_table(config: TableConfig, out: Path) -> dict:
     columns += [TableColumn("mpjpe", "MPJPE", "mm", lead=True), *angle_columns(config)]
     rows = []
     for name, table in tables.items():
-        cells = {group: mean_score(table[table["limb"] == names.index(limb)]) for group, limb in GROUPS.items()}
-        cells |= {"average": mean_score(table)} | errors.get(name, {})
+        cells: dict[str, Score | float] = {"average": mean_score(table), **errors.get(name, {})}
+        cells |= {group: mean_score(table[table["limb"] == names.index(limb)]) for group, limb in GROUPS.items()}
         rows.append(MeasuredRow(name, cells, **remarks(name)))
     return _recording_table(config, clip, columns, rows, frames, trained=(*NETWORK[1:], BETTER))
 
@@ -366,7 +367,8 @@ def interaction_table(config: TableConfig, out: Path) -> dict:
     rows = []
     for name, scored_runs in runs.items():
         mean, table = summary(scored_runs)["mean"], run_table(scored_runs)
-        cells = {"pcp": mean_score(pd.concat(limbs[name])), "hidden_recall": figure_score(table, "recall")}
+        cells: dict[str, Score | float] = {"hidden_recall": figure_score(table, "recall")}
+        cells["pcp"] = mean_score(pd.concat(limbs[name]))
         cells |= {figure: figure_score(table, figure) for figure in ("mpjpe", "hidden", "angles")}
         cells |= {"recall": mean["pck"]["recall"], "precision": mean["pck"]["precision"]}
         rows.append(MeasuredRow(name, cells, **remarks(name)))

@@ -7,6 +7,7 @@ ranking shows a reviewer which joints may be off.
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
@@ -117,6 +118,7 @@ class Joints:
 def joints_of(clip: Clip) -> Joints:
     """Return the joints of a captured clip. Poses are compared on their own skeleton if the truth has it."""
     poses = clip.poses
+    assert poses is not None
     if clip.truth is None or not np.isfinite(clip.truth.xyz).any():
         gap = gap_frames(poses.measured, clip.fps)
         there = np.broadcast_to((poses.source != Source.ABSENT).any(-1, keepdims=True), poses.source.shape)
@@ -158,13 +160,14 @@ class Reprojection:
 
 def reprojection(clip: Clip) -> Reprojection:
     """Return the errors between poses and, in each frame and camera, the detections that fit them best."""
+    assert clip.poses is not None
     poses = convert(clip.poses, clip.detections.skeleton)
     poses = poses.without(np.isinf(poses.xyz).any(-1))
     frames, persons, joints = poses.source.shape
     measured: Groups = {}
     completed: Groups = {}
     worst, where = np.full((frames, persons), np.nan), np.zeros((frames, persons, 2), int)
-    cuts = {
+    cuts: dict[str, dict[str, Any]] = {
         "camera": {name: np.s_[:, view] for view, name in enumerate(clip.rig.names)},
         "person": {person_name(person): np.s_[:, :, person] for person in range(persons)},
         "joint": {name: np.s_[..., joint] for joint, name in enumerate(poses.skeleton.joints)},
@@ -219,7 +222,7 @@ def residual_tables(measured: Groups, completed: Groups, names: Sequence[str]) -
                 row = (group, f"{each.compared:,}", *(number_text(figure) for figure in figures))
                 more = (f"{other.compared:,}", number_text(other.mean))
                 rows.append(row + more if some_completed else row)
-        header = (name, "measured", "mean px", "median px", "90 % under")
+        header: tuple[str, ...] = (name, "measured", "mean px", "median px", "90 % under")
         if some_completed:
             header += ("completed", "completed mean px")
         if rows:
@@ -245,6 +248,7 @@ def signs(clip: Clip) -> dict[str, np.ndarray]:
     - jump: its distance from the middle of its positions just before and just after, the largest in that time.
     - reprojection: the median distance from its detections, at its depth.
     """
+    assert clip.poses is not None
     # Files cannot hold infinite coordinates, but users can.
     poses = clip.poses.without(np.isinf(clip.poses.xyz).any(-1))
     clip = replace(clip, poses=poses)
@@ -281,6 +285,7 @@ def _jump(poses: Poses3D, fps: float) -> np.ndarray:
 
 
 def _residual(clip: Clip) -> np.ndarray:
+    assert clip.poses is not None
     skeleton = clip.detections.skeleton
     poses = convert(clip.poses, skeleton)
     found = np.zeros(clip.poses.source.shape)
@@ -384,6 +389,7 @@ def check_ranking(clip: Clip, ranking: Sequence[Doubt]) -> RankingCheck | None:
     if clip.truth is None or not np.isfinite(clip.truth.xyz).any():
         return None
     poses, joints = clip.poses, joints_of(clip)
+    assert poses is not None
     judged, off = np.zeros((2, *poses.source.shape), bool)
     for index, name in enumerate(joints.skeleton.joints):
         if name not in poses.skeleton.joints:
@@ -479,7 +485,7 @@ class Findings:
 def examine(clip: Clip) -> Findings:
     """Return the findings of the report in a clip, captured or not."""
     state = state_of(clip)
-    facts = {
+    facts: dict[str, Any] = {
         "id": clip.id,
         "state": state,
         "frames": len(clip),
@@ -490,11 +496,12 @@ def examine(clip: Clip) -> Findings:
     }
     if state in (State.empty, State.not_captured, State.no_person):
         return Findings(**facts)
+    assert clip.poses is not None
     joints, reprojected = joints_of(clip), reprojection(clip)
     there = (clip.poses.source != Source.ABSENT).any(-1)
     error = np.where(joints.counted, joints.error, np.nan)
     against_truth, truth_error = {}, None
-    if facts["has_truth"]:
+    if clip.truth is not None and facts["has_truth"]:
         stated = likely_error(clip.truth.cov[np.isfinite(clip.truth.cov).all((-1, -2))])
         truth_error = 1000 * float(np.median(stated)) if len(stated) else None
         completed = joints.source == Source.COMPLETED
@@ -543,7 +550,7 @@ def breakdowns(clip: Clip, joints: Joints) -> Groups:
     gaps["whole person missed"] = np.broadcast_to(missed, joints.gap.shape)
     names = joints.skeleton.joints
     found = {BY_GAP: gaps, BY_JOINT: {name: np.arange(len(names)) == joint for joint, name in enumerate(names)}}
-    if clip.occlusion is None or joints.comparison is None:
+    if clip.occlusion is None or clip.truth is None or joints.comparison is None:
         found[BY_MEASURING] = _by_number(joints.views, int(joints.views.max(initial=0)))
     else:
         labelled = clip.truth.skeleton
@@ -593,6 +600,7 @@ def counts_in_regions(joints: Joints) -> dict[str, np.ndarray]:
 
 def worst_moments(clip: Clip, joints: Joints, reprojected: Reprojection) -> list[WorstMoment]:
     """Return at most six moments of each kind, the worst first, at least a second apart for one person."""
+    assert clip.poses is not None
     apart = max(1, round(clip.fps))
     found = []
     if joints.comparison is not None:

@@ -86,7 +86,7 @@ def write_clips_report(
         title,
         sections,
         summary=[*about, *(() if clips is None else summary(findings))],
-        players=[_played(clips[index], findings[index], cut) for index, cut in cuts.items()],
+        players=[] if clips is None else [_played(clips[index], findings[index], cut) for index, cut in cuts.items()],
     )
     return findings
 
@@ -266,8 +266,8 @@ def clips_section(findings: Sequence[Findings], played: Collection[str]) -> list
                 str(each.frames),
                 str(each.people) if each.sources else "-",
                 *(number_text(None if part is None else 100 * part) for part in shares),
-                *(number_text(error and error.mean, 0) for error in errors),
-                number_text(residual and residual.mean),
+                *(number_text(None if error is None else error.mean, 0) for error in errors),
+                number_text(None if residual is None else residual.mean),
             )
         )
     header = ("clip", "state", "frames", "people", "measured %", "completed %", "absent %", "error mm",
@@ -426,8 +426,9 @@ def _gap_figure(groups: dict[str, JointGroup]) -> Figure:
     figure = Figure(figsize=(5.2, 3), layout="constrained")
     axes = figure.subplots()
     places = range(len(shown))
-    axes.plot(places, [each.mean for each in shown.values()], "o-", color=PERSONS[0], label="mean")
-    axes.plot(places, [each.quantile(0.9) for each in shown.values()], "s--", color=COMPLETED, label="90 % under")
+    mean, most = np.array([(each.mean, each.quantile(0.9)) for each in shown.values()], float).T
+    axes.plot(places, mean, "o-", color=PERSONS[0], label="mean")
+    axes.plot(places, most, "s--", color=COMPLETED, label="90 % under")
     axes.set_xticks(places, [name.replace(" ", "\n", 1) for name in shown], fontsize=9)
     axes.set_ylabel("error [mm]")
     return _finished(figure)

@@ -140,7 +140,7 @@ def allowed(plan: Plan, clip: Clip) -> Plan:
                 notes.append(f"Left out {reason}.")
         if fits:
             yield replace(axis, levels=tuple(fits))
-        elif axis.asked:
+        elif axis.asked and refused is not None:
             raise refused
 
     axes, pairs = (tuple(kept for axis in part for kept in keep(axis)) for part in (plan.axes, plan.pairs))
@@ -179,6 +179,7 @@ def contenders(config: StressConfig) -> list[Contender]:
     """Return the contenders; ValueError if a method does not exist, FileNotFoundError if weights do not."""
     found = []
     for name in dict.fromkeys(config.methods):
+        weights: str | None
         if name == PAPER:
             from dmae.completion.weights import PAPER as PAPER_WEIGHTS  # it loads torch
 
@@ -214,12 +215,12 @@ def settings_of(contender: Contender) -> dict:
     """Return all settings on which the results of a contender depend, JSON-able."""
     method = contender.method
     files = [source_hash(name) for name in (method, contender.capture.method)]
-    settings = {"capture": asdict(contender.capture), "method": method, "files": files}
+    settings: dict = {"capture": asdict(contender.capture), "method": method, "files": files}
     if find_method(method).learned:
         # The descriptions of weights contain their checksums.
         folder = contender.weights
-        files = [_record(folder)] if folder else sorted(_SHIPPED.glob("*/model.json"))
-        settings["weights"] = hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
+        models = [_record(folder)] if folder else sorted(_SHIPPED.glob("*/model.json"))
+        settings["weights"] = hashlib.sha256(b"".join(file.read_bytes() for file in models)).hexdigest()
     return settings
 
 
@@ -274,6 +275,7 @@ def run_cell(subject: Subject, cell: Cell, contenders: Sequence[Contender]) -> d
         with one_thread():
             fill = _filling(contender.method, contender.weights)
             filled = filled_by(contender.method, fill, given, clip.fps, SMOOTHING)
+        assert clip.truth is not None
         filled = convert(filled, clip.truth.skeleton)
         found = score(filled, given, clip.truth, subject.actors, fps=clip.fps, angles=subject.angles)
         scores[contender.name] = {name: found[name] for name in KEPT}
@@ -303,7 +305,7 @@ class Cache:
                 self.results |= json.loads(line)
             except (TypeError, ValueError):
                 continue
-        if text and not text.endswith("\n"):
+        if file and text and not text.endswith("\n"):
             write_atomic(file, "".join(json.dumps({key: each}) + "\n" for key, each in self.results.items()))
 
     def put(self, key: str, scores: dict) -> None:
@@ -594,7 +596,7 @@ def _breaks(levels: np.ndarray, points: list[dict]) -> dict:
         np.stack([np.append(each[figure].value, each[figure].drawn) for each in points], 1)
         for figure in ("pcp", "hidden")
     )
-    breaks = {}
+    breaks: dict[str, list[float | None] | None] = {}
     for figure, margin in (("pcp", pcp - pcp[:, :1] + PCP_DROP), ("hidden", HIDDEN_ERROR - hidden)):
         if np.isnan(margin[0]).all():
             breaks[figure] = None

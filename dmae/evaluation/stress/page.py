@@ -190,7 +190,7 @@ def _draw(panel: Axes, axis: dict, figure: str) -> None:
     for number, (name, method) in enumerate(axis["methods"].items()):
         levels = [point["level"] for point in method["points"]]
         value, low, high = np.array([point[figure] for point in method["points"]], float).T
-        style = {"color": _COLOURS[number % len(_COLOURS)], "zorder": 3}
+        style: dict = {"color": _COLOURS[number % len(_COLOURS)], "zorder": 3}
         panel.plot(
             levels, value, f"{_MARKERS[number % len(_MARKERS)]}-", markersize=4.5, linewidth=1.6, label=name, **style
         )
@@ -261,7 +261,7 @@ def page_sections(result: dict) -> list[Section]:
 def _documentation(axis: dict) -> str:
     """Return the first two paragraphs of a corruption's docstring, or its line of help if it is not installed."""
     try:
-        text = find_corruption(axis["name"]).function.__doc__
+        text = find_corruption(axis["name"]).function.__doc__ or ""
     except ValueError:
         return axis["about"]
     return " ".join(" ".join(text.split("\n\n")[:2]).split())

@@ -252,7 +252,7 @@ class _People:
         if len(members) == 1:
             edges = {p: [self.fits(end, members[0], p) for end in ends] for p in self.joints}
             fitting = {p: sum(each) for p, each in edges.items() if min(each) >= 0 and sum(each) > 0}
-            best = max(fitting, key=fitting.get, default=None)
+            best = max(fitting, key=fitting.__getitem__, default=None)
         if best is None:
             best, self.next = self.next, self.next + 1
             self.joints[best] = self._nobody()

@@ -183,6 +183,6 @@ def as_poses(
     xyz = np.full((len(clip), len(free_from), len(skeleton), 3), np.nan, np.float32)
     used = np.zeros(xyz.shape[:-1], np.uint8)
     for frame, numbers in enumerate(tracks):
-        place = [column[track] for track in numbers.tolist()]
-        xyz[frame, place], used[frame, place] = found[frame], views[frame]
+        places = [column[track] for track in numbers.tolist()]
+        xyz[frame, places], used[frame, places] = found[frame], views[frame]
     return Poses3D(skeleton, xyz, views=np.where(np.isnan(xyz[..., 0]), 0, used))

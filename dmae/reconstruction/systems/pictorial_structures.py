@@ -65,7 +65,7 @@ def _parse(frame: Frame, rig: CameraRig, skeleton: Skeleton, prior) -> list[tupl
         left = [each[kept] for each, kept in zip(points, free, strict=True)]
         unary = [each[kept] for each, kept in zip(scores, free, strict=True)]
         chosen = max_product(unary, left, skeleton, prior)
-        joints = [joint for joint in np.flatnonzero(chosen >= 0) if unary[joint][chosen[joint]] > _LEAST_LOG]
+        joints = [joint for joint in np.flatnonzero(chosen >= 0).tolist() if unary[joint][chosen[joint]] > _LEAST_LOG]
         place = {joint: left[joint][chosen[joint]] for joint in joints}
         joints = [joint for joint in joints if _tied(joint, place, skeleton, prior)]
         if len(joints) < _LEAST_JOINTS * len(skeleton):

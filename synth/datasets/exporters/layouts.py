@@ -9,7 +9,7 @@ from collections import Counter
 from dataclasses import fields, replace
 from itertools import count
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 import numpy as np
 import yaml
@@ -24,8 +24,9 @@ from dmae.formats.labelled_images import LabelledImage, PersonLabel, file_part, 
 from dmae.formats.panoptic import write_poses
 from synth.datasets.exporters import exporter
 from synth.datasets.exporters.selection import ClipTask, Selection
-from synth.labels.forces import ContactSource
+from synth.labels.forces import ContactSource, PeopleContacts
 from synth.labels.physical_labels import FILE, PhysicalLabels, physical_labels
+from synth.labels.surfaces import SurfaceLabels
 
 KEYS = (
     "contacts", "weight", "ground_reaction", "centre_of_pressure", "residual", "surface_keypoints",
@@ -49,13 +50,13 @@ class PhysicalEntries:
     def __init__(self, folder: Path, rig: CameraRig):
         self._labels, self._rig = _physical_labels(folder), rig
         contacts = self._labels.contacts
-        self._persons = None if contacts is None else contacts.persons
+        self._persons = np.empty((0, 2)) if contacts is None else contacts.persons
 
     def of(self, image: LabelledImage, person: PersonLabel) -> dict:
         """Return the entry of a person in an image, with the known keys of `KEYS`."""
-        found = {}
+        found: dict[str, Any] = {}
         if self._labels.contacts is not None:
-            found["contacts"] = self._contacts(image.frame, person.person)
+            found["contacts"] = self._contacts(self._labels.contacts, image.frame, person.person)
         if (forces := self._labels.forces) is not None:
             at = image.frame, person.person
             found |= {"weight": round(float(forces.weights[person.person]), 2)}
@@ -64,11 +65,11 @@ class PhysicalEntries:
                 for name, digits in (("ground_reaction", 2), ("centre_of_pressure", 4), ("residual", 2))
             }
         if self._labels.surface is not None:
-            found |= self._surface(image, person.person)
+            found |= self._surface(self._labels.surface, image, person.person)
         return found
 
-    def _contacts(self, frame: int, person: int) -> list[dict]:
-        contacts, found = self._labels.contacts, []
+    def _contacts(self, contacts: PeopleContacts, frame: int, person: int) -> list[dict]:
+        found = []
         first, last = np.searchsorted(contacts.frame, (frame, frame + 1))
         for number in range(first, last):
             for side in (1, 0):
@@ -88,8 +89,8 @@ class PhysicalEntries:
                 )
         return found
 
-    def _surface(self, image: LabelledImage, person: int) -> dict:
-        surface, frame, view = self._labels.surface, image.frame, image.view
+    def _surface(self, surface: SurfaceLabels, image: LabelledImage, person: int) -> dict:
+        frame, view = image.frame, image.view
         xy = self._rig[view : view + 1].project(surface.xyz[frame, person][None])[0][0, 0]
         codes = surface.visibility[frame, view, person]
         flags = np.select([codes == Visibility.VISIBLE, codes <= Visibility.HIDDEN_BY_OBJECT], [2, 1], 0)
@@ -109,7 +110,7 @@ def _known(values: np.ndarray, digits: int) -> list[float] | None:
 
 def _world(person: PersonLabel) -> list[list[float] | None]:
     """Return the joints in the world, m, to 0.1 mm; None where absent."""
-    return [_known(joint, 4) for joint in person.xyz]
+    return [_known(joint, 4) for joint in np.asarray(person.xyz)]
 
 
 def _write_lines(path: Path, lines: list[dict]) -> None:
@@ -183,7 +184,7 @@ _KEYS = {"train": "train", "validation": "val", "test": "test"}
 def export_yolo(selection: Selection, out: Path) -> dict[str, Counter]:
     """YOLO pose: one line per person with class, box and joints, as fractions of the image."""
     found = selection.export(_write_yolo_clip, out)
-    content = {_KEYS.get(split, split): f"images/{split}" for split in selection.splits}
+    content: dict[str, Any] = {_KEYS.get(split, split): f"images/{split}" for split in selection.splits}
     content["names"] = {0: "person"}
     content["kpt_shape"] = [len(selection.skeleton), 3]
     content["flip_idx"] = list(selection.skeleton.mirror)
@@ -204,6 +205,7 @@ def _write_yolo_clip(task: ClipTask) -> Counter:
 def _line(person: PersonLabel, image: LabelledImage) -> str:
     """Return the line of a person: class, box centre and size, and x, y, v of each joint, as fractions from the image's
     corner."""
+    assert person.box is not None
     width, height = image.size
     x, y, box_width, box_height = person.box
     # A box around joints is in pixel coordinates, so its origin is the centre of a pixel.
@@ -333,6 +335,7 @@ def export_npz(selection: Selection, out: Path) -> dict[str, Counter]:
 
 def _write_npz_clip(task: ClipTask) -> Counter:
     clip = task.load()
+    assert clip.truth is not None
     frames = slice(None, None, task.every)
     labels = joint_labels(clip, clip.truth, task.skeleton)
     arrays = {
@@ -343,7 +346,8 @@ def _write_npz_clip(task: ClipTask) -> Counter:
         "joint_names": np.array(task.skeleton.joints),
         "joints": convert(clip.truth, task.skeleton).xyz[frames],
         "joints_2d": labels.xy[frames],
-        **({} if labels.cause is None else {"visibility": labels.cause[frames], "hidden_by": labels.occluder[frames]}),
+        **({} if labels.cause is None else {"visibility": labels.cause[frames]}),
+        **({} if labels.occluder is None else {"hidden_by": labels.occluder[frames]}),
         "objects": np.array(clip.occlusion.objects if clip.occlusion else (), dtype=str),
         **physical_arrays(task.folder, task.every),
     }
@@ -351,7 +355,7 @@ def _write_npz_clip(task: ClipTask) -> Counter:
     return Counter(clips=1, persons=clip.truth.xyz.shape[1])
 
 
-def physical_arrays(folder: Path, every: int = 1) -> dict[str, np.ndarray]:
+def physical_arrays(folder: Path, every: int = 1) -> dict[str, Any]:
     """Return arrays of the physical labels of a clip, for one frame in `every`: `contacts.*`, `forces.*`, `surface.*`.
 
     Contacts keep the frame numbers of the clip. The result is empty if the clip has no physical labels.
@@ -381,6 +385,7 @@ def export_panoptic(selection: Selection, out: Path) -> dict[str, Counter]:
 def _write_panoptic_clip(task: ClipTask) -> Counter:
     """Write one sequence, and return counts. Cameras without a name <panel>_<node> become nodes of panel 0."""
     clip = task.load()
+    assert clip.truth is not None
     counts = Counter(clips=1, persons=clip.truth.xyz.shape[1])
     taken = {name for name in clip.rig.names if re.fullmatch(r"\d\d_\d\d", name)}
     free = (name for node in count() if (name := f"00_{node:02}") not in taken)

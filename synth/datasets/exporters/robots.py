@@ -51,12 +51,13 @@ def _write_csv(task: ClipTask) -> Counter:
 def _write_part(task: ClipTask) -> Counter:
     motion, words, counts = _retargeted(task)
     each = episodes(motion, words)
+    parts: dict = {name: np.stack([getattr(one, name) for one in each]) for name in ("qpos", "flags", "measured")}
     np.savez(
         task.part("npz"),
         fps=task.load().fps / task.every,
         joints=np.array(motion.joints),
         task=words,
-        **{name: np.stack([getattr(one, name) for one in each]) for name in ("qpos", "flags", "measured")},
+        **parts,
     )
     return counts
 
@@ -64,6 +65,7 @@ def _write_part(task: ClipTask) -> Counter:
 def _retargeted(task: ClipTask) -> tuple[RobotMotion, str, Counter]:
     """Return the motion of a clip's people, one frame in `every`, and their interaction or actions in words."""
     clip, state = task.load(), load_state(task.folder)
+    assert clip.truth is not None
     contacts = hand_contacts(state)
     motion = retarget(convert(clip.truth, task.skeleton), clip.fps, load_robot(task.robot), contacts)
     kind = clip.provenance["spec"].get("interaction", {}).get("kind") or "none"
@@ -74,7 +76,7 @@ def _retargeted(task: ClipTask) -> tuple[RobotMotion, str, Counter]:
 
 def hand_contacts(state: BodyState) -> list[Contact]:
     """Return the contacts of hands with hands, arms and trunks of other people."""
-    points: dict[tuple, np.ndarray] = {}
+    points: dict[tuple[int, int, int, str, int], np.ndarray] = {}
     names = [name.partition("/") for name in state.contact_names]
     frames = len(state.qpos)
     for frame, pair, point in zip(state.contact_frame, state.contact_between, state.contact_point, strict=True):
@@ -91,4 +93,4 @@ def hand_contacts(state: BodyState) -> list[Contact]:
                 continue
             key = (int(person[6:]), "lr".index(hand[0]), int(partner[6:]), part, "lr".index(side))
             points.setdefault(key, np.full((frames, 3), np.nan))[frame] = point
-    return [Contact(*key, each) for key, each in points.items()]
+    return [Contact(*key, point=each) for key, each in points.items()]

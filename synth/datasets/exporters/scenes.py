@@ -131,6 +131,7 @@ def _scene(task: ClipTask) -> _SceneInMotion:
         places[frame], turns[frame] = data.xpos, data.xquat[:, [1, 2, 3, 0]]
         for person, skin in enumerate(persons):
             bones[frame, person] = skin.bones(data)
+    assert clip.truth is not None
     xyz = convert(clip.truth, task.skeleton).xyz[:: task.every].astype(np.float64)
     tracks = {
         f"person{person}: {joint}": xyz[:, person, number]
@@ -172,8 +173,8 @@ def _skin(model: mujoco.MjModel, skin: SkinOfPerson, bones: np.ndarray) -> _Skin
         each[:, 3:6] = normals @ turn.T
         each[:, 6], each[:, 6 + MOST_BONES] = bone, 1
         rows.append(each)
-    rows, number = np.unique(np.concatenate(rows), axis=0, return_inverse=True)
-    points, normals, which, weights = np.split(rows, [3, 6, 6 + MOST_BONES], axis=1)
+    vertices_of_all, number = np.unique(np.concatenate(rows), axis=0, return_inverse=True)
+    points, normals, which, weights = np.split(vertices_of_all, [3, 6, 6 + MOST_BONES], axis=1)
     looks, first = {}, 0
     for geom in [*skin.geoms.tolist(), *rigid]:
         vertices, faces = _mesh(model, geom)
@@ -316,10 +317,10 @@ def _write_glb(task: ClipTask) -> Counter:
             "WEIGHTS_0": file.accessor(skin.weights, "VEC4", target=VERTICES),
         }
         primitives = [painted(attributes, faces, name, colour) for name, (colour, faces) in skin.looks.items()]
-        unbend = np.linalg.inv(skin.bind)
-        unbend[:, :3, :3] = unbend[:, :3, :3] @ WORLD_Y_UP.T
+        binds = np.linalg.inv(skin.bind)
+        binds[:, :3, :3] = binds[:, :3, :3] @ WORLD_Y_UP.T
         # Matrices are stored column by column.
-        unbend = file.accessor(unbend.swapaxes(1, 2).reshape(-1, 16), "MAT4")
+        unbend = file.accessor(binds.swapaxes(1, 2).reshape(-1, 16), "MAT4")
         mesh = file.add("meshes", name=skin.name, primitives=primitives)
         number = file.add("skins", name=skin.name, joints=bones, inverseBindMatrices=unbend)
         file.json["scenes"][0]["nodes"].append(file.add("nodes", name=skin.name, mesh=mesh, skin=number))
@@ -385,7 +386,7 @@ def _write_usd(task: ClipTask) -> Counter:
         for frame in range(1 if still else len(places)):
             at = Usd.TimeCode.Default() if still else frame
             move.Set(Gf.Vec3d(*places[frame].tolist()), at)
-            if turn is not None:
+            if turn is not None and turns is not None:
                 *vector, w = turns[frame].tolist()
                 turn.Set(Gf.Quatf(w, *vector), at)
 
@@ -409,10 +410,10 @@ def _write_usd(task: ClipTask) -> Counter:
             mesh = mesh_of(named(path_of_body, piece.name), piece.points, piece.faces)
             mesh.CreateDisplayColorAttr([Gf.Vec3f(*piece.colour[:3].tolist())])
     for skin in scene.skins:
-        above = named("/scene", skin.name)
-        UsdSkel.Root.Define(stage, above)
-        skeleton = UsdSkel.Skeleton.Define(stage, f"{above}/skeleton")
-        motion = UsdSkel.Animation.Define(stage, f"{above}/motion")
+        root = named("/scene", skin.name)
+        UsdSkel.Root.Define(stage, root)
+        skeleton = UsdSkel.Skeleton.Define(stage, f"{root}/skeleton")
+        motion = UsdSkel.Animation.Define(stage, f"{root}/motion")
         UsdSkel.BindingAPI.Apply(skeleton.GetPrim()).CreateAnimationSourceRel().AddTarget(motion.GetPath())
         bones = [Tf.MakeValidIdentifier(bone) for bone in BONE_NAMES]
         # Matrices of USD multiply rows.
@@ -426,7 +427,7 @@ def _write_usd(task: ClipTask) -> Counter:
         for frame in range(len(scene.seconds)):
             places.Set(vectors(skin.places[frame]), frame)
             turns.Set(Vt.QuatfArray([Gf.Quatf(w, *vector) for *vector, w in skin.turns[frame].tolist()]), frame)
-        mesh = mesh_of(f"{above}/mesh", skin.points, np.concatenate([faces for _, faces in skin.looks.values()]))
+        mesh = mesh_of(f"{root}/mesh", skin.points, np.concatenate([faces for _, faces in skin.looks.values()]))
         mesh.CreateNormalsAttr(vectors(skin.normals))
         mesh.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
         colours = mesh.CreateDisplayColorPrimvar(UsdGeom.Tokens.uniform)

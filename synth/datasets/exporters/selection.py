@@ -42,6 +42,7 @@ class ClipTask:
         `counts` is increased by the numbers of images, persons shown, persons hidden, boxes of visible pixels and,
         for formats with masks, masks and amodal masks.
         """
+        assert clip.truth is not None
         labels = joint_labels(clip, clip.truth, self.skeleton)
         for image in read_labelled_images(clip, labels, every=self.every, depth=depth):
             shown = [person for person in image.persons if person.shown]

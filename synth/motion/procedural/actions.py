@@ -244,7 +244,7 @@ def lift(style: Style, *, rng: np.random.Generator) -> Action:
     top = (rng.uniform(105, 150), wide, 10, rng.uniform(15, 35), 0)
     floor = (lean + rng.uniform(-12, 8), wide, 5, 10, 0)
     at = np.cumsum([0, down, grip, up, 0.15, move, hold, move])
-    low = ((at[0], 0), (at[1], 1), (at[2], 1), (at[3], 0))
+    low: tuple[tuple[float, int], ...] = ((at[0], 0), (at[1], 1), (at[2], 1), (at[3], 0))
     keys = [(at[0], floor), (at[2], floor), (at[3], carried), (at[4], carried), (at[5], top), (at[6], top)]
     if not shelf:
         at = np.cumsum([0, down, grip, up, hold, down, grip, up])

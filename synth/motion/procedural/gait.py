@@ -300,10 +300,10 @@ def _walk(config: ProceduralConfig, rng: np.random.Generator, times: np.ndarray)
     """Draw a walk: its name for reports, the lower body, and (F, 2) lean of the trunk to the front and right, rad."""
     speed, radius = rng.uniform(*config.speed), rng.uniform(*config.radius) * rng.choice((-1, 1))
     distance = np.arange(-3, speed * times[-1] + 5, 0.01)
-    way = rng.uniform()
-    if way < config.straight:
+    drawn = rng.uniform()
+    if drawn < config.straight:
         curvature, way = np.zeros(len(distance)), "straight"
-    elif way < (1 + config.straight) / 2:
+    elif drawn < (1 + config.straight) / 2:
         curvature, way = np.full(len(distance), 1 / radius), f"on a circle of {abs(radius):.1f} m"
     else:
         waves = 2 * np.pi * (distance / rng.uniform(3, 6) + rng.uniform())

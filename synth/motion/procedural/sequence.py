@@ -373,7 +373,7 @@ def _gesturing(walk: AgendaItem, names: Sequence[str], style: Style, *, rng: np.
 
 def _draw(
     name: str, stance: Stance, style: Style, ground: _Ground, left: float, *, rng: np.random.Generator
-) -> list[tuple[Action | WalkTo | TurnTo, str]] | None:
+) -> Sequence[tuple[Action | WalkTo | TurnTo, str]] | None:
     """Return an action, after a turn if it needs one; None if there is no room or no time to sit."""
     here = stance.middle[:2]
     if name == "turn":
@@ -485,14 +485,14 @@ def make_sequence(
     times = np.arange(max(round(seconds * fps), 1)) / fps
     items, start = draw_agenda(actions, weights, style, seconds=times[-1] + 1 / fps, rng=rng)
     ease = np.stack([hang(rng, times, np.zeros(len(times))) for _ in SIDES], axis=1)
-    trajectories, actions, seats = [], [], []
+    trajectories, performed, seats = [], [], []
     walking, swing, swing_share = np.zeros(len(times)), np.zeros(len(times)), np.ones((len(times), 2))
     raised = np.zeros((len(times), 2))
     for item in items:
         frames = np.flatnonzero((times + start >= item.begin) & (times + start < item.end))
         if not len(frames):
             continue
-        actions.append((int(frames[0]), item.name))
+        performed.append((int(frames[0]), item.name))
         since = times[frames] + start - item.begin
         if isinstance(item.doing, Action):
             trajectories.append(perform_on_the_spot(item.doing, since, item.stance, ease[frames], fps))
@@ -514,9 +514,9 @@ def make_sequence(
     _add_sway(trajectory, walking, swing, swing_share, times, fps, rng=rng)
     trajectory = carried(trajectory, walking, raised, times, fps, rng=rng)
     motion = replace(trajectory, root=reachable_root(trajectory, fps)).motion(
-        ", ".join(name for _, name in actions), fps
+        ", ".join(name for _, name in performed), fps
     )
-    return replace(motion, seats=tuple(seats), actions=tuple(actions))
+    return replace(motion, seats=tuple(seats), actions=tuple(performed))
 
 
 def _add_sway(

@@ -165,11 +165,11 @@ def _parse_frames(path: Path, lines: list[str], bones: dict[str, Bone]) -> dict[
             f"{path}: expected frames of a number and a line for each of {', '.join(moving)}; the first holds {found}"
         )
     period = 1 + len(order)
-    for i, (line, row) in enumerate(zip(filled, words, strict=True)):
+    for i, (at, row) in enumerate(zip(filled, words, strict=True)):
         frame, bone = divmod(i, period)
         name = order[bone - 1] if bone else str(int(words[0][0]) + frame)
         if row[0] != name:
-            raise malformed(path, line, f"{name!r}", lines[line])
+            raise malformed(path, at, f"{name!r}", lines[at])
     if len(words) % period:
         raise malformed(path, len(lines) - 1, f"{period - 1} bones a frame until the file ends", lines[-1])
     values = {name: np.empty((len(words) // period, 0)) for name in bones}

@@ -129,9 +129,9 @@ def _decode(tree: _Hierarchy, values: np.ndarray) -> tuple[dict[int, np.ndarray]
         same_order.setdefault(order, []).append((joint, angles))
     same_order.pop("", None)
     for order, turned in same_order.items():
-        angles = values[:, [columns for _, columns in turned]].reshape(-1, len(order))
+        turns = values[:, [columns for _, columns in turned]].reshape(-1, len(order))
         # Intrinsic rotations: each channel turns about an axis that the preceding channels have turned.
-        matrices = Rotation.from_euler(order, angles, degrees=True).as_matrix()
+        matrices = Rotation.from_euler(order, turns, degrees=True).as_matrix()
         rotations[:, [joint for joint, _ in turned]] = matrices.reshape(len(values), len(turned), 3, 3)
     # Positions that are zero throughout add nothing to the offset; some programs write such channels for all joints.
     return {joint: place for joint, place in places.items() if not joint or place.any()}, rotations

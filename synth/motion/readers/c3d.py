@@ -9,6 +9,7 @@ import struct
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -125,7 +126,7 @@ def read_points(path: Path, fps: float | None = None) -> MarkerRecording:
     )
 
 
-def _one(parameters: dict[str, np.ndarray], name: str, default: float | str) -> float | str:
+def _one(parameters: dict[str, np.ndarray], name: str, default: Any) -> Any:
     """Return the first value of a parameter, or the default if there is none of its type."""
     values = parameters.get(name, np.empty(0))
     return values.flat[0].item() if values.size and isinstance(values.flat[0].item(), type(default)) else default
@@ -181,8 +182,8 @@ def _places(data: bytes, processor: int, parameters: dict[str, np.ndarray], path
             f"{path}: expected {frames} frames of {count} points, {needed} bytes, as the header states; "
             f"found {len(data)} bytes: the file is cut off, or its header wrong"
         )
-    values = _numbers(data[(start - 1) * _BLOCK : needed], width, processor).reshape(frames, columns)
-    values = values[:, : 4 * count].reshape(frames, count, 4)
+    numbers = _numbers(data[(start - 1) * _BLOCK : needed], width, processor).reshape(frames, columns)
+    values = numbers[:, : 4 * count].reshape(frames, count, 4)
     places = values[..., :3] * (scale if scale > 0 else 1.0)
     # A negative fourth number marks a point that was not seen; some writers put it at the origin instead.
     seen = (values[..., 3] >= 0) & (places != 0).any(2) & (np.abs(places) < _FARTHEST).all(2)
@@ -287,30 +288,30 @@ def segments(marker: dict[str, np.ndarray], path: Path) -> tuple[np.ndarray, np.
 
         bar, lower = wra - wrb, (wra + wrb) / 2 - elb
         arm, forearm = _distance(sho, elb), _distance(elb, (wra + wrb) / 2)
-        shoulder = sho + ribs @ (_SHOULDER * mirrored * arm)
-        wrist = elb + lower + aligned(lower, bar, out) @ (_WRIST * mirrored * forearm)
+        shoulder = sho + ribs @ (mirrored * _SHOULDER * arm)
+        wrist = elb + lower + aligned(lower, bar, out) @ (mirrored * _WRIST * forearm)
         elbow = elb
         # The first estimate of the joint centre gives an approximate hinge axis. The axis gives a better centre.
         for _ in range(2):
             upper, lower = elbow - shoulder, wrist - elbow
             prior = outward * np.cross(_unit(bar), _unit(lower))
             hinge = outward * np.cross(_unit(lower), _unit(upper)) + _HINGE_DOUBT * prior
-            elbow = elb + aligned(elb - sho, np.cross(outward * (elb - sho), hinge), out) @ (_ELBOW * mirrored * arm)
+            elbow = elb + aligned(elb - sho, np.cross(outward * (elb - sho), hinge), out) @ (mirrored * _ELBOW * arm)
         upper = elbow - shoulder
         turn[f"{side}_upper_arm"] = aligned(upper, np.cross(outward * upper, hinge), out)
         turn[f"{side}_forearm"] = aligned(wrist - elbow, bar, out)
         turn[f"{side}_hand"] = aligned(fin - wrist, bar, out) @ about("x", outward * _HAND_PITCH)
 
-        hip = middle("LFWT", "RFWT", "LBWT", "RBWT") + pelvis @ (_HIP * mirrored * waist)
+        hip = middle("LFWT", "RFWT", "LBWT", "RBWT") + pelvis @ (mirrored * _HIP * waist)
         shank, length = ank - kne, _distance(kne, ank)
         little = marker.get(f"{side.upper()}MT5")
         sole = np.cross(toe - hee, outward * (little - toe) if little is not None else pelvis[..., 1])
         foot = aligned(sole, toe - hee, (0, 0, 1))
-        ankle = ank + foot @ (_ANKLE * mirrored * length)
+        ankle = ank + foot @ (mirrored * _ANKLE * length)
         knee = kne
         for _ in range(2):
             hinge = np.cross(_unit(knee - hip), _unit(ankle - knee)) + _HINGE_DOUBT * pelvis[..., 1]
-            knee = kne + aligned(shank, np.cross(shank, hinge), down) @ (_KNEE * mirrored * length)
+            knee = kne + aligned(shank, np.cross(shank, hinge), down) @ (mirrored * _KNEE * length)
         turn[f"{side}_thigh"] = aligned(knee - hip, np.cross(knee - hip, hinge), down)
         turn[f"{side}_shin"] = aligned(ankle - knee, np.cross(ankle - knee, hinge), down)
         turn[f"{side}_foot"] = foot if little is None else foot @ about("x", outward * _FOOT_ROLL)
@@ -325,7 +326,7 @@ def _check_apart(marker: dict[str, np.ndarray], path: Path) -> None:
     """Raise ValueError if markers that define a direction or a distance coincide."""
     around = [("CLAV", "C7"), ("STRN", "T10"), ("C7", "T10"), ("LFWT", "RFWT"), ("LFHD", "RFHD")]
     pairs = ("FWT BWT", "FHD BHD", "SHO ELB", "ELB WRA", "WRA WRB", "WRA FIN", "FWT KNE", "KNE ANK", "HEE TOE")
-    around += [tuple(side + name for name in pair.split()) for side in "LR" for pair in pairs]
+    around += [(side + one, side + other) for side in "LR" for one, other in map(str.split, pairs)]
     least = 0.02 * (_distance(marker["LSHO"], marker["LANK"]) + _distance(marker["RSHO"], marker["RANK"])) / 2
     together = [f"{one} and {other}" for one, other in around if not _distance(marker[one], marker[other]) > least]
     if together:

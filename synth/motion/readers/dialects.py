@@ -160,10 +160,10 @@ def recognise(recording: SkeletonRecording) -> tuple[Dialect, dict[str, int]]:
         missing = dict.fromkeys("|".join(wanted[part]) for part in wanted if part not in found)
         lacking.append((len(missing), f"{dialect.name}: {', '.join(missing)}"))
     # That which lacks least, and our own names.
-    lacking = list(dict.fromkeys((min(lacking)[1], lacking[-1][1])))
+    nearest = dict.fromkeys((min(lacking)[1], lacking[-1][1]))
     raise ValueError(
         f"{recording.path}: expected the joints of a known skeleton, found {', '.join(recording.joints)}. "
-        f"What it lacks to be {'; '.join(lacking)}. "
+        f"What it lacks to be {'; '.join(nearest)}. "
         "If these are names for the same, say so in motion.mapping=<a YAML file of lines `their name: ours`>"
     )
 
@@ -191,7 +191,7 @@ def at_rest(recording: SkeletonRecording, joint: dict[str, int]) -> tuple[Skelet
         axis = np.zeros(3)
         axis[np.abs(way).argmax()] = np.sign(way[np.abs(way).argmax()])
         axes.append(axis if axis @ way > 0.9 * np.linalg.norm(way) else np.full(3, np.nan))
-    turn = np.stack([*axes, np.cross(*axes)])
+    turn = np.stack([*axes, np.cross(axes[0], axes[1])])
     drop = [(place[f"{side}_{upper}"] - place[f"{side}_{lower}"]) @ axes[1]
             for side in "lr" for upper, lower in (("thigh", "shin"), ("shin", "foot"))]  # fmt: skip
     if not (abs(np.linalg.det(turn)) > 0.5 and min(drop) > 0):

@@ -62,7 +62,7 @@ def read_motion(path: Path, options: ReadOptions) -> Motion:
     feet = recording.forward()[0][:, [JOINTS.index("left_foot"), JOINTS.index("right_foot")]]
     name, metres = _unit_of(places @ turn.T, feet, options.unit, path)
     places = places * metres
-    from_motion = np.array_equal(content.get("on_floor"), True)
+    from_motion = np.array_equal(content.get("on_floor", ()), True)
     size = 1.0 if from_motion else _size(places @ turn.T, feet, rate)
     whole = replace(
         recording,

@@ -95,7 +95,7 @@ def fill_gaps(values: np.ndarray, names: list[str], fps: float, path: Path) -> t
     before, after = neighbours(~lost)
     short = lost & (before >= 0) & (after < len(values)) & (after - before - 1 <= _LONGEST * fps)
     filled = np.where(short[..., None], pchip(values), values)
-    whole = ~np.isnan(filled).any((1, 2))
+    whole = ~np.any(np.isnan(filled), (1, 2))
     first, end = max(runs(whole), key=lambda run: run[1] - run[0], default=(0, 0))
     if end - first < 0.5 * len(values):
         share = lost.mean(0)

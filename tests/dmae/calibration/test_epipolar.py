@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dmae.calibration.epipolar import Hypothesis, ViewSample, fundamental, measure_agreement
+from dmae.calibration.epipolar import Hypothesis, ViewSample, fundamental, mean_agreement, measure_agreement
 from dmae.data.clip import Detections2D
 from dmae.data.skeleton import BODY25
 from dmae.formats.config import Convention
@@ -26,3 +26,7 @@ def test_epipolar_lines_pass_through_joints_that_both_cameras_see():
     # 15 joints are compared, and 1 is added to the denominator.
     np.testing.assert_allclose(found.total, 4 * 15 / 16, rtol=1e-3)
     np.testing.assert_allclose(found.residual, 0, atol=0.01)
+
+
+def test_no_pair_of_views_agrees_on_nothing():
+    assert mean_agreement({}) == 0
