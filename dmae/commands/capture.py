@@ -37,7 +37,7 @@ from dmae.formats.reading import Clips
 from dmae.numerics.filling import smooth
 from dmae.parallel import in_parallel
 from dmae.progress import progress
-from dmae.reconstruction.config import CaptureConfig, SubjectConfig
+from dmae.reconstruction.config import ADAPTIVE, CaptureConfig, SubjectConfig
 from dmae.reconstruction.diagnosis import explain_capture
 from dmae.reconstruction.pipeline import capture, learn_noise
 from dmae.registry import source_hash
@@ -119,7 +119,10 @@ def _worst_joints(by_joint: dict[str, JointGroup]) -> str:
 def _print_doubts(clip: Clip, config: CaptureConfig, persons: int, errors: Reprojection) -> None:
     """Print why no person was found, or the likely fault if the people explain few of the detections."""
     if not persons:
-        print(f"{clip.id}: no person was captured; {explain_capture(clip, config)}")
+        ours = ""
+        if config.method != ADAPTIVE:
+            ours = f" by capture.method={config.method}; here are the steps of capture.method={ADAPTIVE}"
+        print(f"{clip.id}: no person was captured{ours}; {explain_capture(clip, config)}")
         return
     if (config.persons, config.volume, config.subject) != (None, None, SubjectConfig()):
         return  # people were left out on purpose

@@ -201,6 +201,17 @@ def test_a_capture_of_no_person_says_why_and_its_exit_status_tells(folder):
     assert dmae(folder, "report", "clip=no_person").returncode == 0
 
 
+def test_a_method_that_finds_no_one_is_not_explained_by_the_steps_of_another(folder):
+    (folder / "nobody.py").write_text(
+        "import numpy as np\nimport dmae\n\ndef nobody(clip, config):\n    skeleton = clip.detections.skeleton\n"
+        "    return dmae.Poses3D(skeleton, np.empty((len(clip), 0, len(skeleton), 3)))\n"
+    )
+    done = dmae(folder, "capture", "data=one", "capture.method=nobody:nobody", "out=found_nobody")
+    assert done.returncode == 1
+    said = "captured by capture.method=nobody:nobody; here are the steps of capture.method=adaptive; of the recording"
+    assert said in done.stdout
+
+
 def test_garbage_is_looked_for_while_a_command_runs_but_not_while_it_is_loaded(folder, monkeypatch):
     collects = []
 
