@@ -71,9 +71,11 @@ def _instead(key: str, path: Path, kind: str) -> str | None:
         return None if (path / "model.json").is_file() else "a folder without model.json"
     if (path / "clip.json").is_file():
         return None
-    data_set, first = (path / "manifest.jsonl").is_file(), min(path.glob("*/clip.json"), default=None)
+    data_set, clips = (path / "manifest.jsonl").is_file(), sorted(path.glob("*/clip.json"))
     if data_set and kind == "clips":
         return None
-    if first is None and not data_set:
+    if not clips and not data_set:
         return "a folder without clips"
-    return f"a {'data set' if data_set else 'folder'} of clips{f'; name one, as {key}={first.parent}' if first else ''}"
+    # Of what `dmae run` writes, the clip that was written last is the completed one.
+    one = clips and (clips[0] if data_set else max(clips, key=lambda clip: clip.stat().st_mtime)).parent
+    return f"a {'data set' if data_set else 'folder'} of clips{f'; name one, as {key}={one}' if one else ''}"

@@ -139,6 +139,10 @@ def recognise(path: Path) -> str:
             raise ValueError(f"{path}: expected files of one format, found {', '.join(found)}; name it by data=...")
         if found:
             return found[0]
+    if clips := list(path.glob("*/clip.json")):
+        # Of what `dmae run` writes, the clip that was written last is the completed one.
+        last = max(clips, key=lambda clip: clip.stat().st_mtime).parent
+        raise ValueError(f"{path}: found a folder of clips, expected a clip or a data set; name one, as {last}")
     if _holds_videos(path):
         raise ValueError(
             f"{path}: found videos, or folders of images, expected detections in them; use dmae run videos={path} "

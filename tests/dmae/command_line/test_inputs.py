@@ -1,5 +1,6 @@
 """Paths that a command reads: wrong ones are refused in one line, before anything heavy is loaded."""
 
+import os
 import re
 import subprocess
 import sys
@@ -27,10 +28,15 @@ def made(tmp_path, monkeypatch):
         "set/manifest.jsonl",
         "set/000000/clip.json",
         "some/one/clip.json",
+        "run/captured/clip.json",
+        "run/completed/clip.json",
+        "run/detected/clip.json",
         "other/notes.txt",
     ):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).touch()
+    for second, name in enumerate(("detected", "captured", "completed")):
+        os.utime(tmp_path / "run" / name / "clip.json", (second, second))
     (tmp_path / "empty").mkdir()
     (tmp_path / "lower.yaml").touch()
     monkeypatch.chdir(tmp_path)
@@ -57,6 +63,7 @@ def _answer(monkeypatch, capsys, program, *arguments: str) -> str:
         (["complete", "clip=other/notes.txt/x"], "no such file or folder; other/notes.txt is a file. Expected:"),
         (["complete", "clip=other"], "clip=other: expected the folder of a clip .*, found a folder without clips"),
         (["complete", "clip=some"], "found a folder of clips; name one, as clip=some/one"),
+        (["report", "clip=run"], "found a folder of clips; name one, as clip=run/completed"),
         (["complete", "clip=empty"], "clip=empty: expected the folder of a clip .*, found an empty folder"),
         (
             ["review", "clip=set"],

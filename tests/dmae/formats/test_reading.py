@@ -1,4 +1,5 @@
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -93,6 +94,14 @@ def test_cameras_that_are_not_there_are_refused_with_those_that_are(data_set, ca
 def test_nothing_there_is_said(tmp_path):
     with pytest.raises(FileNotFoundError, match="expected a clip"):
         Clips(DataConfig(path=str(tmp_path / "nothing")))
+
+
+def test_of_several_clips_the_one_written_last_is_named(data_set):
+    """As the completed one in a folder that `dmae run` wrote."""
+    (data_set / "manifest.jsonl").unlink()
+    os.utime(data_set / "a/clip.json", (0, 0))
+    with pytest.raises(ValueError, match=f"found a folder of clips, .*; name one, as {data_set}/b"):
+        Clips(DataConfig(path=str(data_set)))
 
 
 def test_shelf(data_folder):
