@@ -133,7 +133,9 @@ def split_flags(arguments: Iterable[str]) -> tuple[list[str], list[Path], list[s
             overrides.append(argument)
             continue
         if name not in _FLAGS:
-            near = nearest(name, ("--help", *_FLAGS))
+            # Without their dashes, which would make an option such as `--clips` similar to `--help`.
+            flags_of = {flag.lstrip("-"): flag for flag in ("--help", *_FLAGS)}
+            near = flags_of.get(nearest(name.lstrip("-"), flags_of) or "")
             usual = "options are given as key=value, and the usual flags are --help, -m, --config-dir and --cfg"
             raise ValueError(f"{name}: no such flag; {f'did you mean {near}?' if near else usual}")
         if _FLAGS[name] and not equals and not (value := next(rest, "")):

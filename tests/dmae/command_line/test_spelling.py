@@ -50,6 +50,8 @@ def folder(tmp_path_factory):
         ("synth generate -m images=none,rbg", "images=rbg: no such choice; did you mean rgb?"),
         ("synth generate --config-dri=x", "--config-dri: no such flag; did you mean --config-dir?"),
         ("synth generate --workers 3", "--workers: no such flag; options are given as key=value"),
+        ("synth generate --clips 3", "--clips: no such flag; options are given as key=value"),
+        ("synth generate --out=runs/a", "--out: no such flag; options are given as key=value"),
         ("synth generate --config-dir", "--config-dir: expected a value after it"),
         ("synth generate --config-dir=none rig=mine", "--config-dir none: no such folder"),
         ("synth generate out=file", "out=file: expected a folder, found a file"),
