@@ -6,7 +6,7 @@ A method is a function under the decorator `completion_method`, in any file of t
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -51,12 +51,20 @@ def _of_any_size(function: Fill) -> Fill:
     from dmae.data.conversion import for_any_size
     from dmae.numerics.filling import are_stills, fill_stills
 
+    name = f"{function.__module__}:{function.__name__}"
+
     def poses_of(poses: Poses3D, fps: float) -> Poses3D:
-        filled = function(poses, fps)
-        if not isinstance(filled, Poses3D):
-            name = f"{function.__module__}:{function.__name__}"
-            raise ValueError(f"method {name}: expected it to return dmae.Poses3D, found {type(filled).__name__}")
-        return filled
+        if name.startswith("dmae."):
+            return function(poses, fps)
+        # A function of the user may fill its argument in place, which must not change the captured poses.
+        given = replace(poses, xyz=poses.xyz.copy(), source=poses.source.copy())
+        try:
+            filled = function(given, fps)
+            if isinstance(filled, Poses3D):
+                return replace(filled)  # checks the sources again
+        except ValueError as error:
+            raise ValueError(f"method {name}: {error}") from error
+        raise ValueError(f"method {name}: expected it to return dmae.Poses3D, found {type(filled).__name__}")
 
     fill = for_any_size(poses_of)
 

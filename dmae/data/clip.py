@@ -109,7 +109,9 @@ class Poses3D:
         set_array(self, "views", np.uint8, joints, 0)
         set_array(self, "rays", np.float32, (*joints, 2, 3), np.nan)
         if not np.array_equal(absent, self.source == Source.ABSENT):
-            raise ValueError("Poses3D: source must be ABSENT exactly where xyz is NaN")
+            raise ValueError(
+                "Poses3D: source must be ABSENT exactly where xyz is NaN; joints that were filled are Source.COMPLETED"
+            )
 
     def check_numbers(self, name: str = "poses") -> None:
         """Raise ValueError if coordinates or covariances are invalid, infinite for example; the message names them."""

@@ -51,6 +51,20 @@ def test_a_method_that_returns_no_poses_is_named(monkeypatch, tmp_path):
         find_method("forgetful:fill").load()(walkers(frames=4), FPS)
 
 
+def test_a_method_may_fill_in_place_and_is_named_if_it_marks_nothing(monkeypatch, tmp_path):
+    (tmp_path / "hasty.py").write_text(
+        "import numpy as np\n\ndef fill(poses, fps):\n    poses.xyz[np.isnan(poses.xyz)] = 0\n    return poses\n\n"
+        "def marked(poses, fps):\n    poses.source[poses.source == 0] = 3\n    return fill(poses, fps)\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    holed = without(walkers(frames=4), slice(1, 3), 0, 5)
+    with pytest.raises(ValueError, match=r"^method hasty:fill: Poses3D: source .* filled are Source\.COMPLETED$"):
+        find_method("hasty:fill").load()(holed, FPS)
+    filled = find_method("hasty:marked").load()(holed, FPS)
+    assert (filled.source == Source.COMPLETED).sum() == (holed.source == Source.ABSENT).sum() == 2
+    assert np.isnan(holed.xyz).any(-1).sum() == 2
+
+
 @pytest.mark.parametrize("method", KEEPING)
 def test_filled_joints_are_marked_and_measured_ones_stay(method):
     truth = replace(walkers(frames=40), views=np.full((40, 2, 25), 3), cov=np.tile(np.eye(3), (40, 2, 25, 1, 1)))
@@ -458,7 +472,9 @@ def test_a_function_of_another_package_is_a_method(tmp_path, monkeypatch):
     (tmp_path / "my_filling.py").write_text("def to_origin(poses, fps):\n    return poses\n")
     monkeypatch.syspath_prepend(tmp_path)
     poses = random_gaps()
-    assert find_method("my_filling:to_origin").load()(poses, FPS) is poses
+    filled = find_method("my_filling:to_origin").load()(poses, FPS)
+    np.testing.assert_array_equal(filled.xyz, poses.xyz)
+    np.testing.assert_array_equal(filled.source, poses.source)
     for wrong, message in (
         ("my_filling:to_nowhere", r"my_filling has no function 'to_nowhere'; it has \['to_origin'\]"),
         ("not_there:to_origin", "cannot import not_there"),
