@@ -62,10 +62,15 @@ def _complete(config: CompleteCommand, folder: Path, frames: int | None = None) 
         raise ValueError(f"{folder}: has no poses to complete; run dmae capture on it first")
     decisions = load_decisions(folder, clip.poses)
     blanked = decided(clip.poses, decisions, ReviewVerdict.blank)
+    accepted = decided(clip.poses, decisions, ReviewVerdict.accept)
+    handed_back = decided(clip.poses, decisions, ReviewVerdict.hand_back)
+    # Joints that a reviewer saw smoothed are not smoothed again.
+    smoothed = (clip.poses.source == Source.DENOISED) & ~handed_back & ~blanked
+    kept = (accepted | smoothed) & bool(decisions)
     clip = with_decisions(clip, folder)
     if frames is not None:
         frames = min(frames, len(clip))
-        clip, blanked = clip.select(frames=range(frames)), blanked[:frames]
+        clip, blanked, kept = clip.select(frames=range(frames)), blanked[:frames], kept[:frames]
     given = clip.poses
     assert given is not None
     completer = _completers(config.weights, config.denoise, config.reject, config.smooth)(given.skeleton)
@@ -76,6 +81,8 @@ def _complete(config: CompleteCommand, folder: Path, frames: int | None = None) 
     else:
         poses = completer(given, clip.fps)
     same = poses.skeleton == given.skeleton
+    if same and decisions:
+        poses = poses.taking(kept, given)
     replaced = int((given.measured & (poses.source == Source.COMPLETED)).sum()) if same else 0
     if replaced:
         notes.append(

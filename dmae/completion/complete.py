@@ -318,10 +318,7 @@ class Completer:
             ) from None
         poses = poses.select(frames)
         taken = common | ((done.source != Source.ABSENT) & ~poses.measured)
-        joints = {}
-        for name, new in done.arrays.items():
-            joints[name] = np.where(taken.reshape(*taken.shape, *(1,) * (new.ndim - 3)), new, poses.arrays[name])
-        return Poses3D(poses.skeleton, **joints)
+        return poses.taking(taken, done)
 
     def _on_floor(self, xyz: np.ndarray, poses: Poses3D) -> np.ndarray:
         """Return completed joints (F, P, J, 3) with legs that no camera ever detected on the floor."""

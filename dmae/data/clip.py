@@ -140,6 +140,13 @@ class Poses3D:
 
         return replace(self, xyz=cut("xyz"), source=cut("source"), cov=cut("cov"), views=cut("views"))
 
+    def taking(self, where: np.ndarray, other: "Poses3D") -> "Poses3D":
+        """Return these poses with the joints of others of the same skeleton where True, (F, P, J)."""
+        joints = {}
+        for name, new in other.arrays.items():
+            joints[name] = np.where(where.reshape(*where.shape, *(1,) * (new.ndim - 3)), new, self.arrays[name])
+        return Poses3D(self.skeleton, **joints)
+
     @property
     def arrays(self) -> dict[str, np.ndarray]:
         """The arrays of all joints, (F, P, J, ...), by name: every field but the skeleton."""

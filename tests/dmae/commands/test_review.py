@@ -65,6 +65,25 @@ def test_completion_fills_what_is_handed_back_and_leaves_out_what_is_blanked(fol
     np.testing.assert_array_equal(source == Source.COMPLETED, joints(folder, before[3]))
 
 
+def test_completion_after_a_review_leaves_accepted_and_smoothed_joints_as_they_are(folder, tmp_path):
+    """They were smoothed a second time, and moved by centimetres."""
+    decide(folder, hand_back=[1, 2])
+    complete.run(CompleteCommand(clip=str(folder)), tmp_path / "completed")
+    review.run(config := ReviewCommand(clip=str(tmp_path / "completed")), review.default_out(config))
+    with (tmp_path / "completed_review.csv").open() as file:
+        ranking = list(csv.DictReader(file))
+    completed = next(entry for entry, row in enumerate(ranking, 1) if row["source"] == "completed")
+    other = next(entry for entry, row in enumerate(ranking, 1) if row["source"] != "completed")
+    review.run(replace(config, accept=[completed], hand_back=[other]), review.default_out(config))
+    complete.run(CompleteCommand(clip=str(tmp_path / "completed")), tmp_path / "again")
+    before, after = (load_clip(tmp_path / name).poses for name in ("completed", "again"))
+    back = joints(tmp_path / "completed", ranking[other - 1])
+    kept = joints(tmp_path / "completed", ranking[completed - 1]) | ((before.source == Source.DENOISED) & ~back)
+    np.testing.assert_array_equal(after.xyz[kept], before.xyz[kept])
+    np.testing.assert_array_equal(after.source[kept], before.source[kept])
+    assert (after.source[back] == Source.COMPLETED).all()
+
+
 def test_decisions_add_up(folder):
     decide(folder, blank=[1])
     decide(folder, blank=[1])
