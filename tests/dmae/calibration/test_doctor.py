@@ -184,13 +184,14 @@ def test_what_cannot_be_decided_is_reported_as_unknown():
 def test_the_command_prints_and_writes_findings_and_exits_by_them(tmp_path, capsys, monkeypatch):
     save_clip(sound("campus"), tmp_path / "sound")
     with monkeypatch.context() as patch:
-        patch.setattr("dmae.progress.LINE_EVERY", 0.0)
+        patch.setattr("dmae.progress.LINE_EVERY", 0.005)
         command.run(DoctorCommand(DataConfig(path=str(tmp_path / "sound")), max_offset=5), tmp_path / "good")
     printed, progress = capsys.readouterr()
     unknown = "not known: " in printed
     assert f"nothing found wrong{'; what is not known is listed above' if unknown else ''}\n" in printed
     assert "0-2" in printed
-    assert "comparing cameras: 1 of 3" in progress and "examining cameras: 1 of 12" in progress
+    assert re.search("comparing cameras: [1-3] of 3", progress)
+    assert re.search(r"examining cameras: [1-9]\d* of 12", progress)
     save_clip(inverse(sound("campus"), 1), tmp_path / "faulty")
     done = run_command(tmp_path, "dmae", "doctor", "data=faulty", "out=bad", "max_offset=4")
     assert (done.returncode, done.stderr) == (1, "")
@@ -211,7 +212,7 @@ def test_the_options_of_a_remedy_are_those_of_dmae_calibrate(kind, tmp_path):
 
 def test_what_is_not_known_is_said_with_nothing_found_wrong(capsys):
     doubtful = Diagnosis((PairFit(("0", "1"), 1.0, 1.0, 0.5, 9),), (), (), ("which of two cameras differs",))
-    command._print(sound("campus"), doubtful)
+    command._print(sound("campus"), doubtful, True)
     assert capsys.readouterr().out.endswith("nothing found wrong; what is not known is listed above\n")
 
 
@@ -219,10 +220,10 @@ def test_what_length_a_correction_needs_is_said_with_the_finding(capsys):
     remedy = "calibrate camera 1 again, or run dmae calibrate with the same data"
     found = Diagnosis((), (), (Finding(Fault.scale, ("1",), "it moved", remedy),), ())
     short = sound("campus")
-    command._print(short, found)
+    command._print(short, found, True)
     said = f"campus: the recording lasts {len(short) / short.fps:.1f} s, so dmae calibrate leaves larger errors"
     assert len(short) / short.fps < 10 and said in capsys.readouterr().out
-    command._print(replace(short, fps=len(short) / 30), found)
+    command._print(replace(short, fps=len(short) / 30), found, True)
     assert "lasts" not in capsys.readouterr().out
 
 

@@ -151,7 +151,7 @@ def test_examples_are_made_for_the_steps_that_are_taken(clips, tmp_path, monkeyp
 
 
 def test_reading_says_how_many_clips_and_cameras_there_are(capsys, monkeypatch):
-    monkeypatch.setattr("dmae.progress.LINE_EVERY", 0)
+    monkeypatch.setattr("dmae.progress.LINE_EVERY", 0.005)
     seen, config = full_clip(3, 3), changed(TINY, views=[3, 2])
     read_training_set([replace(seen, id="a"), replace(seen, id="b")], [], [], SHELF14, config)
     said = capsys.readouterr().err
