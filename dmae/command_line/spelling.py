@@ -336,5 +336,7 @@ def _expected(option: Option) -> str:
         one = f"one of {', '.join(option.choices)}"
         return f"a list, as {option.key}=[{','.join(option.choices[:2])}]" if option.many else one
     if option.many:
-        return f"a list{f' of {option.kind}s' if 'number' in option.kind else ''}, as {option.key}=[...]"
+        default = option.default if isinstance(option.default, list | tuple) else ()
+        example = ",".join(map(str, default)) or "..."
+        return f"a list{f' of {option.kind}s' if 'number' in option.kind else ''}, as {option.key}=[{example}]"
     return option.kind if option.kind in ("true or false", "text") else f"a {option.kind}"

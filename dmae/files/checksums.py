@@ -175,9 +175,9 @@ def refuse_damaged(path: Path, instead: str | None) -> None:
     if found:
         shown = "; ".join(f"{clip}: {what}" if clip else what for clip, what in found[:_SHOWN])
         advice = f", or use them as they are by {instead}" if instead else ""
+        files = "1 file is not as it was" if len(found) == 1 else f"{len(found)} files are not as they were"
         raise ValueError(
-            f"{path}: {len(found)} files are not as they were written: {shown}. `synth verify data={path}` lists all; "
-            f"make the clips again{advice}"
+            f"{path}: {files} written: {shown}. `synth verify data={path}` lists all; make the clips again{advice}"
         )
 
 

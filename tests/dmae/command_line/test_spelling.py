@@ -43,6 +43,7 @@ def folder(tmp_path_factory):
         ("synth generate rig=moon", "rig=moon: no such choice; there are campus, dome"),
         ("synth generate rig=moon", "studio5; one of yours is <folder>/rig/moon.yaml, with --config-dir=<folder>"),
         ("synth generate detector=a/detector/b.yaml", "<folder>/detector/<name>.yaml, there is no such file"),
+        ("synth generate rig.ring.height=2", "expected a list of numbers, as rig.ring.height=[1.0,2.7]"),
         ("synth generate rig.ring=3", "rig.ring=3: expected one of its options: rig.ring.views"),
         ("synth generate images=rbg", "images=rbg: no such choice; did you mean rgb?"),
         ("synth generate images=[rbg,depth]", "images=[rbg,depth]: no image 'rbg'; did you mean rgb?"),

@@ -70,7 +70,7 @@ def test_what_does_not_verify_is_refused(data):
     refuse_damaged(data / "000001", "x=true")
     (data / "000001/images/rgb/ring0.mp4").unlink()
     for path in (data, data / "000001"):
-        with pytest.raises(ValueError, match=r"1 files are not as they were written: .*ring0.mp4: missing.*by x=true"):
+        with pytest.raises(ValueError, match=r"1 file is not as it was written: .*ring0.mp4: missing.*by x=true"):
             refuse_damaged(path, "x=true")
 
 
