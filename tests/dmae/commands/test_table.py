@@ -16,7 +16,7 @@ def test_a_table_is_written_as_json_and_markdown_and_printed(tmp_path):
     for row in table["rows"]:
         assert row["name"] in text
         assert row["name"] in done.stdout
-    assert done.stdout.rstrip().endswith("tables/table_1.json")
+    assert done.stdout.rstrip().endswith("tables/table_1.json\ntables/table_1.md")
     assert sorted(path.name for path in (tmp_path / "tables").iterdir()) == [
         "config.yaml", "table_1.json", "table_1.md"
     ]  # fmt: skip
