@@ -57,7 +57,8 @@ class Tracks:
             tracks, *parts = (np.concatenate(part) for part in zip(*frames, strict=True))
             wanted = np.isin(tracks, track)
             place = number[wanted], np.searchsorted(track, tracks[wanted])
-            for array, part in zip((assigned, xyz, chance), parts, strict=True):
+            arrays: tuple[np.ndarray, ...] = (assigned, xyz, chance)
+            for array, part in zip(arrays, parts, strict=True):
                 array[place] = part[wanted]
         return cls(assigned, xyz, chance)
 
