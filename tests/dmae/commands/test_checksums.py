@@ -61,7 +61,7 @@ def test_a_missing_file_is_found_and_refused(name, made):
     path = made / name
     shutil.rmtree(path) if path.is_dir() else path.unlink()
     if name != "manifest.jsonl":
-        with pytest.raises(ValueError, match="not as they were written"):
+        with pytest.raises(ValueError, match="1 file is not as it was written"):
             refuse_damaged(made, "examples.damaged=true")
     assert verify(made).problems
 
