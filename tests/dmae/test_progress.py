@@ -31,7 +31,9 @@ def test_an_outer_loop_prints_only_what_is_new_while_an_inner_one_prints(monkeyp
             time.sleep(0.5)
     lines = [line.partition(",")[0] for line in capsys.readouterr().err.splitlines()]
     assert lines.count("clips: 1 of 2") == 1
-    assert lines.count("frames: 0 of 1") == len(lines) - 1 > 1
+    assert lines.count("frames: 0 of 1") > 3
+    # On a busy machine a line may come before the first inner loop, or after the last.
+    assert len([line for line in lines if line.startswith("clips")]) <= 3
 
 
 def test_the_forecast_leaves_the_first_parts_out(monkeypatch, capsys):
