@@ -90,7 +90,7 @@ class ClipFile:
 def clip_files(path: Path, clips: Collection[str] | None = None) -> Iterator[ClipFile]:
     """Yield the clips of the data set at a path, or the single clip there. Only the file headers are read.
 
-    `clips` are the names of those wanted, by default all. Raises FileNotFoundError if there is neither, or a clip of
+    `clips` names the clips to take, by default all. Raises FileNotFoundError if there is neither, or a clip of
     its manifest is missing, and ValueError for malformed files and unknown names.
     """
     for folder in _folders(path, clips):
@@ -106,10 +106,11 @@ def _folders(path: str | Path, clips: Collection[str] | None) -> list[Path]:
         return folders
     if isinstance(clips, str):
         raise TypeError(f"clips={clips!r}: expected a list of names of clips, as a split of synth.split is")
-    unknown = sorted(set(clips) - {folder.name for folder in folders})
+    wanted = set(clips)
+    unknown = sorted(wanted - {folder.name for folder in folders})
     if unknown:
         raise ValueError(f"{path}: clips={unknown}: there are no such clips in the data set")
-    return [folder for folder in folders if folder.name in set(clips)]
+    return [folder for folder in folders if folder.name in wanted]
 
 
 def _head(folder: Path, meta: dict) -> ClipFile:

@@ -259,7 +259,7 @@ def test_an_array_or_a_file_of_poses_is_answered_with_how_to_give_it(kind: str, 
         lambda: dmae.complete(poses, 25),
         lambda: dmae.to_skeleton(poses, "coco17"),
     ):
-        with pytest.raises(TypeError, match=rf"^poses: expected dmae\.Poses3D, found {kind}; .*\(path\)\.poses are"):
+        with pytest.raises(TypeError, match=rf"^poses: expected dmae\.Poses3D, found {kind}; .*\(path\)\.poses reads"):
             call()
 
 

@@ -60,7 +60,7 @@ def check_apart(out: Path, data: Path) -> None:
     """Raise ValueError if the clips that are read are to be overwritten: the command, given twice, would act twice."""
     if out.resolve() == data.resolve():
         raise ValueError(
-            f"out={out}: expected another folder than that of the clip, which stays as it is; "
+            f"out={out}: expected another folder than {data}, whose clips are not overwritten; "
             f"for example out={data.resolve()}_2"
         )
 

@@ -205,7 +205,7 @@ class Examples(NamedTuple):
     """Windows and the truth in them."""
 
     windows: Any
-    """`Windows`, or those of the paper's network."""
+    """Windows of the default network, or of the paper's."""
     truth: Tensor
     """(B, T, J, 3) m, zero where unknown."""
     hidden: Tensor

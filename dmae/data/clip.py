@@ -299,6 +299,6 @@ def as_poses(found: object) -> Poses3D:
         given = repr(found) if isinstance(found, str) else type(found).__name__
         raise TypeError(
             f"poses: expected dmae.Poses3D, found {given}; dmae.capture(clip) returns poses, "
-            "dmae.read_poses(path).poses are those of a file, and dmae.Poses3D(skeleton, xyz) are those of an array"
+            "dmae.read_poses(path).poses reads them from a file, and dmae.Poses3D(skeleton, xyz) takes an array"
         )
     return found

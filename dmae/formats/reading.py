@@ -233,8 +233,8 @@ def _with_calibration(clip: Clip, config: DataConfig, calibration: Path) -> Clip
                 f"data.calibration={config.calibration}: camera {name!r}: expected a calibration of images of "
                 f"{wanted[0]} x {wanted[1]} px, as its joints are given in these; found {found[0]} x {found[1]}"
             )
-    notes = [*clip.provenance.get("notes", ()), f"cameras are those of data.calibration={config.calibration}"]
-    # Labels and images of a simulated clip stay those of the cameras that filmed.
+    notes = [*clip.provenance.get("notes", ()), f"cameras are from data.calibration={config.calibration}"]
+    # A simulated clip keeps the cameras that filmed it, for its labels and images.
     filmed = clip.actual_rig if clip.occlusion is not None else None
     return replace(clip, rig=rig, true_rig=filmed, poses=None, provenance=clip.provenance | {"notes": notes})
 

@@ -194,7 +194,7 @@ _STEPS = {
     "people": "people that they are of",
     "volume": "of these inside capture.volume",
     "duration": "of these measured for {:g} s or more",
-    "chance": "of these with views that agree better than those of ghosts that come and go",
+    "chance": "of these that agree better than passing ghosts would by chance",
     "agreement": "of these with views that agree on most joints",
     "motion": "of these that move, or agree better than ghosts at rest would by chance",
     "wanted": "of these asked for by capture.persons and capture.subject",

@@ -252,7 +252,7 @@ def test_another_calibration_replaces_the_cameras_of_a_clip(tmp_path):
     np.testing.assert_array_equal(found.detections.xy, clip.detections.xy)
     assert found.poses is None  # they were captured with the old cameras
     np.testing.assert_array_equal(found.true_rig.cam_from_world, clip.actual_rig.cam_from_world)
-    assert found.provenance["notes"][-1] == f"cameras are those of data.calibration={file}"
+    assert found.provenance["notes"][-1] == f"cameras are from data.calibration={file}"
 
     with pytest.raises(ValueError, match=r"leave out data\.up, or give another calibration.*data\.calibration="):
         read("clip", tmp_path / "clip", up=UpDirection.y)
