@@ -426,7 +426,7 @@ def _gap_figure(groups: dict[str, JointGroup]) -> Figure:
     figure = Figure(figsize=(5.2, 3), layout="constrained")
     axes = figure.subplots()
     places = range(len(shown))
-    mean, most = np.array([(each.mean, each.quantile(0.9)) for each in shown.values()], float).T
+    mean, most = np.array([(each.mean, each.quantile(0.9)) for each in shown.values()], float).reshape(-1, 2).T
     axes.plot(places, mean, "o-", color=PERSONS[0], label="mean")
     axes.plot(places, most, "s--", color=COMPLETED, label="90 % under")
     axes.set_xticks(places, [name.replace(" ", "\n", 1) for name in shown], fontsize=9)
