@@ -86,6 +86,7 @@ _SAME_PLACE_M, _SAME_HEADING = 0.15, np.radians(20)
 """Two windows of a person within these limits are one stance, and share their error."""
 _SPOT_M = 0.4  # Places of a person within this distance are one spot: a seat, or where the person stands
 _FRAMES = 4096  # Number of frames of a person that are processed together
+_WINDOWS = 6_000  # Largest number of windows that are looked at, and of frames for the first guess, evenly spread
 _MOST = 1200  # Largest number of windows that are used of each kind, evenly spread
 
 
@@ -121,11 +122,11 @@ def soles_and_postures(poses: Poses3D, fps: float, R: np.ndarray) -> tuple[Soles
     """
     skeleton, persons = poses.skeleton, poses.xyz.shape[1]
     length = max(round(_WINDOW_S * fps), 3)
-    windows = len(poses.xyz) // length
+    chosen = evenly_spaced(len(poses.xyz) // length, _WINDOWS)
     step = max(_FRAMES // (length * max(persons, 1)), 1)
     parts = []
-    for first in in_steps(range(0, max(windows, 1), step)):
-        frames = slice(first * length, min(first + step, windows) * length)
+    for first in in_steps(range(0, max(len(chosen), 1), step)):
+        frames = (length * chosen[first : first + step, None] + np.arange(length)).ravel()
         parts.append(_windows(poses.xyz[frames] @ R.T, R @ poses.cov[frames] @ R.T, length))
     middle, resting, variance = (np.concatenate(part) for part in zip(*parts, strict=True))
     return _soles(middle, resting, variance, skeleton), _postures(middle, resting, skeleton)
@@ -303,9 +304,9 @@ def find_floor(poses: Poses3D, fps: float) -> Floor:
         poses: (F, P, J) measured people; joints without a measurement are left out.
         fps: 1/s.
     """
-    far = ~(np.abs(poses.xyz) < MOST_METRES).all(-1)
+    far = by_frames(lambda xyz: ~(np.abs(xyz) < MOST_METRES).all(-1), poses.xyz)
     measured = poses.without(~poses.measured | far)
-    people = measured.xyz.reshape(-1, *measured.xyz.shape[2:])
+    people = measured.xyz[evenly_spaced(len(poses.xyz), _WINDOWS)].reshape(-1, *poses.xyz.shape[2:])
     mean = upright_direction(people, poses.skeleton)
     # In stills nobody is known to rest.
     if mean is None or mean[1] < UPRIGHT or are_stills(fps):

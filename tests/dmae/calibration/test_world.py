@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import dmae
+from dmae.calibration import world as world_module
 from dmae.calibration.doctor import diagnose, tilt_fault
 from dmae.calibration.faults import Fault
 from dmae.calibration.refinement import RefineConfig, refine
@@ -110,6 +111,17 @@ def test_one_person_at_one_place_does_not_tell_a_tilt_however_large():
     assert find_floor(standing, FPS).tilt_deg is None
     moving = people(world(25, 0), persons=1, places=6, seed=5)
     assert find_floor(moving, FPS).tilt_deg == pytest.approx(25, abs=1)
+
+
+def test_of_long_recordings_some_windows_are_looked_at(monkeypatch):
+    moving, looked_at = people(world(4, 0.1)), []
+    whole = find_floor(moving, FPS)
+    monkeypatch.setattr(world_module, "_WINDOWS", 30)
+    windows = world_module._windows
+    monkeypatch.setattr(world_module, "_windows", lambda xyz, *more: looked_at.append(len(xyz)) or windows(xyz, *more))
+    some = find_floor(moving, FPS)
+    assert sum(looked_at) == 2 * 30 * 8 < 2 * len(moving.xyz)
+    assert abs(some.tilt_deg - whole.tilt_deg) < 0.5 and abs(some.height_m - whole.height_m) < 0.02
 
 
 def test_joints_that_were_completed_are_not_used():
