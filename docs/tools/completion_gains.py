@@ -7,12 +7,15 @@ the mean errors of unmeasured joints. Intervals contain 90 % of a bootstrap over
 """
 
 import argparse
+import re
 import sys
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib import pyplot
 from provenance import measured
 
 from dmae.completion.complete import completers
@@ -147,6 +150,24 @@ def _words(low: int, high: int | None) -> str:
     return f"{low}-{high}" if high else f"{low} or more"
 
 
+def draw(tables: dict[str, dict]) -> None:
+    """Draw the mean errors of all parts by length: `docs/images/completion_gains.svg`."""
+    mpl.rcParams["svg.hashsalt"] = "completion_gains"
+    figure, axes = pyplot.subplots(1, 3, figsize=(9, 3), layout="constrained", sharey=True)
+    for axis, kind in zip(axes, ("captured", "perturbed", "true"), strict=True):
+        rows = [row for row in tables[kind]["rows"] if row[1] == "all"]
+        lengths, reference = [row[0] for row in rows], np.array([float(row[4]) for row in rows])
+        axis.plot(lengths, [float(row[3]) for row in rows], "o-", color="tab:gray", label="pchip_body")
+        axis.plot(lengths, reference, "s-", color="tab:blue", label=REFERENCE)
+        change, low, high = np.array([re.findall(r"[-+]\d+", row[6]) for row in rows], float).T / 100
+        axis.fill_between(lengths, reference * (1 + low), reference * (1 + high), color="tab:red", alpha=0.2, lw=0)
+        axis.plot(lengths, reference * (1 + change), "^-", color="tab:red", label="dmae complete")
+        axis.set(title=KINDS[kind], xlabel="unmeasured frames, at 25/s", ylim=(0, None))
+    axes[0].set_ylabel("unmeasured joints: MPJPE, mm")
+    axes[0].legend()
+    figure.savefig(FILE.parents[1] / "images/completion_gains.svg", metadata={"Date": None})
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("data", nargs="+", type=Path, help="data sets with truth and captured poses")
@@ -155,6 +176,7 @@ def main() -> None:
     found, regions = measure(options.data)
     tables = {kind: {"command": "make gains", **table(found, kind)} for kind in KINDS}
     tables["regions"] = {"command": "make gains", **region_table(regions)}
+    draw(tables)
     options.out.write_text(json_text({"measured": measured("torch"), "tables": tables}) + "\n")
     for kind, each in tables.items():
         print(kind, *("  ".join(row) for row in [each["columns"], *each["rows"]]), sep="\n", file=sys.stderr)
