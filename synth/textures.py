@@ -88,13 +88,13 @@ def _bricks(x, y, rng):
 
 
 def _hair(x, y, rng):
-    strands, locks = noise(x, rng, (28, 0.8)), noise(x, rng, (48, 6))
-    return np.clip(0.45 + 0.22 * strands + 0.2 * locks, 0, 1), 0.04 * noise(x, rng, (10, 1))
+    strands, locks = noise(x, rng, (28, 0.5)), noise(x, rng, (48, 3))
+    return np.clip(0.45 + 0.15 * strands + 0.1 * locks, 0, 1), 0.05 * noise(x, rng, (10, 0.4))
 
 
 def _cloth(x, rng):
     """Return the relative brightness of a weave with soft folds."""
-    return 0.02 * noise(x, rng, 0.6) + 0.03 * noise(x, rng, (30, 10))
+    return 0.015 * noise(x, rng, 0.6) + 0.02 * noise(x, rng, (30, 10))
 
 
 _BLENDS = {
@@ -102,7 +102,7 @@ _BLENDS = {
     "plain": lambda x, y, rng: (np.zeros_like(x), _cloth(x, rng)),
     "stripes": _stripes,
     "checks": _checks,
-    "melange": lambda x, y, rng: (np.clip(0.4 + 0.22 * noise(x, rng, (0.9, 0.5)), 0, 1), _cloth(x, rng)),
+    "melange": lambda x, y, rng: (np.clip(0.4 + 0.13 * noise(x, rng, (0.3, 1.2)), 0, 1), _cloth(x, rng)),
     "camouflage": lambda x, y, rng: (
         0.6 * np.clip(6 * noise(x, rng, 18) - 0.7, 0, 1) + 0.4 * np.clip(6 * noise(x, rng, 14) - 3.1, 0, 1),
         _cloth(x, rng),

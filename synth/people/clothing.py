@@ -48,8 +48,8 @@ class PersonLooks:
 
 
 # One tone for each class of skin by its individual typology angle in CIELAB, arctan((L* - 50) / b*): 58, 48, 34, 19,
-# -10 and -49 degrees (Chardon et al., International Journal of Cosmetic Science 13, 1991).
-_SKINS = ((0.77, 0.65, 0.58), (0.75, 0.61, 0.53), (0.71, 0.56, 0.47), (0.66, 0.50, 0.40), (0.55, 0.40, 0.33),
+# -10 and -49 degrees (Chardon et al., International Journal of Cosmetic Science 13, 1991). No skin is much lighter.
+_SKINS = ((0.79, 0.65, 0.57), (0.76, 0.61, 0.52), (0.71, 0.56, 0.47), (0.66, 0.50, 0.40), (0.55, 0.40, 0.33),
           (0.42, 0.31, 0.26))  # fmt: skip
 _HAIRS = ((0.07, 0.06, 0.05), (0.17, 0.11, 0.07), (0.33, 0.21, 0.12), (0.52, 0.36, 0.20), (0.72, 0.57, 0.36),
           (0.45, 0.20, 0.10), (0.55, 0.55, 0.55))  # fmt: skip
@@ -76,7 +76,7 @@ def sample_looks(feminine: float, *, child: bool = False, rng: np.random.Generat
     top = Garment(bool(rng.random() < 0.5), pattern, (first, _darker(first) if pattern == "melange" else second))
     first = _shade(_BOTTOMS, rng=rng)
     bottom = Garment(bool(rng.random() < 0.75), str(rng.choice(("plain", "melange"))), (first, _darker(first)))
-    skin, hair = _shade(_SKINS, 0.005, rng=rng), str(rng.choice(HAIRSTYLES, p=weights))
+    skin, hair = _shade(_SKINS, 0.005, (0.85, 1.02), rng=rng), str(rng.choice(HAIRSTYLES, p=weights))
     colour = _shade(_HAIRS[:-1] if child else _HAIRS, rng=rng)
     if sum(skin) < _DARK and max(colour) - min(colour) > _GREY:
         colour = _darker(colour, 0.3)
@@ -104,8 +104,10 @@ def _darker(colour: tuple[float, float, float], share: float = 0.78) -> tuple[fl
     return red, green, blue
 
 
-def _shade(palette, hue: float = 0.015, *, rng: np.random.Generator) -> tuple[float, float, float]:
-    """Draw a colour of the palette, a little lighter or darker and off hue: by a standard deviation of `hue`."""
-    colour = np.array(palette[rng.integers(len(palette))]) * rng.uniform(0.85, 1.12) + rng.normal(0, hue, 3)
+def _shade(
+    palette, hue: float = 0.015, bright: tuple[float, float] = (0.85, 1.12), *, rng: np.random.Generator
+) -> tuple[float, float, float]:
+    """Draw a colour of the palette, times a brightness, and off hue by a standard deviation of `hue`."""
+    colour = np.array(palette[rng.integers(len(palette))]) * rng.uniform(*bright) + rng.normal(0, hue, 3)
     red, green, blue = np.round(np.clip(colour, 0.02, 0.98), 3).tolist()
     return red, green, blue

@@ -19,7 +19,7 @@ from synth.people.body import (
 )
 from synth.people.clothing import PersonLooks
 from synth.people.outfit import Part, parts
-from synth.people.skin import paint_iris, paint_lips, paint_skin
+from synth.people.skin import paint_iris, paint_lips, paint_shoe, paint_skin
 from synth.people.skinning import SKINNED, pack
 from synth.people.surface import BareBody, bare_body
 from synth.textures import add_texture, paint
@@ -241,15 +241,19 @@ def _add_materials(
         "hair": ("hair", strands),
     }
     for material, colour in flat.items():
-        spec.add_material(name=prefix + material, rgba=[*colour, 1], specular=0.15, shininess=0.2)
+        # Skin scatters light beneath its surface, so that its shaded side is not as dark.
+        shine, glow = (0.05, 0.08) if material in ("skin", "lip") else (0.15, 0.0)
+        spec.add_material(name=prefix + material, rgba=[*colour, 1], specular=shine, shininess=0.2, emission=glow)
     for material, (_, colours) in woven.items():
         rgba = [*np.mean(colours, axis=0), 1]
-        spec.add_material(name=prefix + material, rgba=rgba, specular=0.05, shininess=0.05)
+        specular, shininess = (0.5, 0.2) if material == "hair" else (0.05, 0.05)
+        spec.add_material(name=prefix + material, rgba=rgba, specular=specular, shininess=shininess)
     if rng:
         painted = {name: paint(pattern, colours, _TEXELS, rng=rng) for name, (pattern, colours) in woven.items()}
         painted["skin"] = paint_skin(body, looks, rng=rng)
         painted["iris"] = paint_iris(looks, rng=rng)
         painted["lip"] = paint_lips(body, looks, rng=rng)
+        painted["shoe"] = paint_shoe(looks, rng=rng)
         for name, image in painted.items():
             material = spec.material(prefix + name)
             material.rgba = [1, 1, 1, 1]

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from synth.people.body import ANKLE_HEIGHT, SEGMENTS, SIDES, Body, side_and_name
 from synth.people.clothing import PersonLooks
-from synth.people.skin import around_head, around_limb, on_disc
+from synth.people.skin import HAIRLINE, around_head, around_limb, on_disc
 from synth.people.skinning import blend
 from synth.people.surface import EYES, BareBody, assets, bare_body
 
@@ -24,6 +24,8 @@ _CLOTH, _EDGE, _UNDER, _TUCKED, _TUCK = 0.005, 0.004, 0.025, 0.05, 0.03
 shirt reaches into trousers, m."""
 _JOINT = 0.1
 """Length of cloth over which its pattern turns from one segment of a limb to the next, m."""
+_ARMHOLE = (0.1, 0.8)
+"""Weights of the arm between which the pattern of a shirt passes from the trunk's to the sleeve's."""
 _SOFT, _LOOSE = 12, 24
 """Numbers of times that weights around shoulders, and those of clothes around hips, are averaged over neighbours."""
 
@@ -314,7 +316,7 @@ def _hair(sheet: _Sheet, bare: BareBody, body: Body, style: str) -> list[tuple[s
     points, faces, values = trimesh.remesh.subdivide(scalp.points, scalp.faces, vertex_attributes=values)
     scalp = _Sheet(points, faces=faces, **values)
     back = scalp.points[:, 0].min()
-    beside, contour = (scalp.points - eye)[:, [0, 2]] / size, np.array(_HAIRLINE, np.float32)
+    beside, contour = (scalp.points - eye)[:, [0, 2]] / size, np.array(HAIRLINE, np.float32)
     field = size * np.array([cv2.pointPolygonTest(contour, point, True) for point in beside.tolist()])
     field += 0.0015 * size * _locks(scalp, size)
     thick = {"short": 0.0070, "bun": 0.005}.get(style, 0.0085) * size
@@ -332,13 +334,6 @@ def _hair(sheet: _Sheet, bare: BareBody, body: Body, style: str) -> list[tuple[s
                          (0.010, 0.030, 0.037, 0.0490), (0.03, 0.035, 0.035, 0.045)]) * size  # fmt: skip
         found.append(("hair", _fall(rows + (eye[2], back, 0, 0), head)))
     return found
-
-
-# From the forehead over temples, sideburns and ears to the nape, and round the crown: ahead of the eyes and above them,
-# fractions of stature.
-_HAIRLINE = ((0.05, 0.043), (0.0, 0.040), (-0.020, 0.036), (-0.028, 0.020), (-0.029, -0.003), (-0.036, -0.005),
-             (-0.041, 0.017), (-0.067, 0.021), (-0.075, -0.010), (-0.081, -0.032), (-0.2, -0.046), (-0.2, 0.2),
-             (0.05, 0.2))  # fmt: skip
 
 
 def _locks(sheet: _Sheet, size: float) -> np.ndarray:
@@ -383,55 +378,73 @@ def _split(sheet: _Sheet, material: str, bare: BareBody) -> list[Part]:
     many = np.bincount(share.argmax(1), minlength=len(SEGMENTS)) >= _LEAST
     owner = np.where(many, share, -1).argmax(1)
     bones, weights = blend(sheet.weights, sheet.along)
+    uv = _texture(sheet, owner, material, bare)
     found = []
     for number in np.unique(owner):
         used, faces = np.unique(sheet.faces[owner == number], return_inverse=True)
         faces = faces.reshape(-1, 3)
-        points = sheet.points[used]
-        found.append(
-            Part(
-                SEGMENTS[number],
-                material,
-                points,
-                faces,
-                sheet.normals[used],
-                _texture(points[faces], number, material, bare),
-                bones[used],
-                weights[used],
-            )
-        )
+        points, normals = sheet.points[used], sheet.normals[used]
+        own = uv[owner == number]
+        found.append(Part(SEGMENTS[number], material, points, faces, normals, own, bones[used], weights[used]))
     return found
 
 
-def _texture(corners: np.ndarray, segment: int, material: str, bare: BareBody) -> np.ndarray:
-    """Return the (T, 3, 2) texture coordinates of corners (T, 3, 3), around limb or trunk; a top over the thighs goes
-    on."""
-    _, name = side_and_name(SEGMENTS[segment])
+def _texture(sheet: _Sheet, owner: np.ndarray, material: str, bare: BareBody) -> np.ndarray:
+    """Return the (T, 3, 2) texture coordinates of the corners of triangles that belong to segments `owner` (T,).
+
+    Cloth and hair go around the trunk and along it; trousers go around each leg, and shirts around each arm.
+    """
+    corners = sheet.points[sheet.faces]
     if material in ("iris", "lip"):
         return on_disc(corners[..., 1:])
-    chain = next((each for each in (_ARM, _LEG) if name in each), ())
-    if chain and material != "skin":
-        own = _on_limb(corners, segment - chain.index(name), 1 if chain == _ARM else 2, bare)
-    else:
-        own = (corners - bare.origins[segment]) @ bare.rotations[segment]
-    if chain == _ARM:
-        along, across, ahead = own[..., 1], own[..., 0], own[..., 2]
-    elif material == "skin" or (chain and material != "top"):
-        along, across, ahead = own[..., 2], own[..., 1], own[..., 0]
-    else:
-        along, across, ahead = corners[..., 2], corners[..., 1], corners[..., 0]
-    angle = np.arctan2(across, ahead)
-    angle = angle[:, :1] + (angle - angle[:, :1] + np.pi) % (2 * np.pi) - np.pi
-    if material == "skin" and name == "head":
-        eyes = bare.eyes.mean((0, 1))[2] - bare.origins[segment, 2]
-        return around_head(angle, (along - eyes) * (EYES[1] / eyes))
     if material == "skin":
+        uv = np.empty((*corners.shape[:2], 2))
+        for number in np.unique(owner):
+            uv[owner == number] = _on_skin(corners[owner == number], number, bare)
+        return uv
+    names = np.array([side_and_name(segment)[1] for segment in SEGMENTS])[owner]
+    trunk = ~np.isin(names, _ARM + _LEG)
+    radius = np.hypot(*corners[trunk if trunk.any() else ..., :2].reshape(-1, 2).T)
+    around = max(1, round(2 * np.pi * float(np.median(radius)) / _TILE))
+    uv = np.stack([around * _turns(corners[..., 1], corners[..., 0]), corners[..., 2] / _TILE], -1)
+    for side, sign in SIDES.items():
+        own = corners[..., 1].mean(1) * sign > 0
+        if material == "shoe":
+            uv[own] = on_disc((corners[own] @ bare.rotations[SEGMENTS.index(f"{side}_foot")])[..., :2])
+            continue
+        if material == "top":
+            # Between trunk and sleeve the pattern passes from one to the other.
+            first = SEGMENTS.index(f"{side}_upper_arm")
+            arms = sheet.weights[:, first : first + len(_ARM)].sum(1)[sheet.faces]
+            own &= arms.max(1) > _ARMHOLE[0]
+            share = np.interp(arms[own], _ARMHOLE, (0, 1))[..., None]
+            ahead, along, up = np.moveaxis(_on_limb(corners[own], first, 1, bare), -1, 0)
+            of_arm = [around * sign / 4 - sign * _turns(ahead, up), (bare.origins[first, 2] - sign * along) / _TILE]
+            uv[own] += share * (np.stack(of_arm, -1) - uv[own])
+        elif material != "hair":
+            first = SEGMENTS.index(f"{side}_thigh")
+            own &= np.isin(owner, range(first, first + len(_LEG)))
+            ahead, aside, along = np.moveaxis(_on_limb(corners[own], first, 2, bare), -1, 0)
+            uv[own] = np.stack([2 * _turns(aside, ahead), along / _TILE], -1)
+    return uv
+
+
+def _on_skin(corners: np.ndarray, segment: int, bare: BareBody) -> np.ndarray:
+    """Return the (T, 3, 2) texture coordinates of corners (T, 3, 3) of skin."""
+    own = (corners - bare.origins[segment]) @ bare.rotations[segment]
+    if side_and_name(SEGMENTS[segment])[1] in _ARM:
+        return around_limb(2 * np.pi * _turns(own[..., 0], own[..., 2]), own[..., 1])
+    angle, along = 2 * np.pi * _turns(own[..., 1], own[..., 0]), own[..., 2]
+    if SEGMENTS[segment] != "head":
         return around_limb(angle, along)
-    if chain and (chain == _ARM or material != "top"):
-        repeats = 1 if chain == _ARM else 2
-    else:
-        repeats = max(1, round(2 * np.pi * float(np.median(np.hypot(across, ahead))) / _TILE))
-    return np.stack([angle / (2 * np.pi) * repeats, along / _TILE], -1)
+    eyes = bare.eyes.mean((0, 1))[2] - bare.origins[segment, 2]
+    return around_head(angle, (along - eyes) * (EYES[1] / eyes))
+
+
+def _turns(across: np.ndarray, ahead: np.ndarray) -> np.ndarray:
+    """Return directions (T, 3) in turns, from `ahead` to `across`, those of a triangle less than half a turn apart."""
+    turns = np.arctan2(across, ahead) / (2 * np.pi)
+    return turns[:, :1] + (turns - turns[:, :1] + 0.5) % 1 - 0.5
 
 
 def _on_limb(corners: np.ndarray, first: int, axis: int, bare: BareBody) -> np.ndarray:

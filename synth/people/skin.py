@@ -1,9 +1,13 @@
-"""Textures of skin, eyes and lips. Where each is on the body is told by the texture coordinates from here as well."""
+"""Textures of skin, eyes, lips and shoes. Where each is on the body is told by the texture coordinates from here as
+well."""
 
+import cv2
 import numpy as np
+from scipy.interpolate import LinearNDInterpolator
 
-from synth.people.body import Body
+from synth.people.body import SEGMENTS, Body
 from synth.people.clothing import PersonLooks
+from synth.people.surface import bare_body
 from synth.textures import noise
 
 _SIDE = 512
@@ -15,6 +19,13 @@ _EYES = 0.75
 _LONG = 0.45
 """Greatest distance of skin from the origin of its segment along it, m; it covers nearly a quarter of the texture."""
 _MARGIN = 0.01
+# From the forehead over temples, sideburns and ears to the nape, and round the crown: ahead of the eyes and above them,
+# fractions of stature and of the head's size.
+HAIRLINE = ((0.05, 0.043), (0.0, 0.040), (-0.020, 0.036), (-0.028, 0.020), (-0.029, -0.003), (-0.036, -0.005),
+            (-0.041, 0.017), (-0.067, 0.021), (-0.075, -0.010), (-0.081, -0.032), (-0.2, -0.046), (-0.2, 0.2),
+            (0.05, 0.2))  # fmt: skip
+_FADE = 0.007
+"""Width of the skin before the hairline on which hair grows sparsely, fraction of stature."""
 
 
 def around_head(angle: np.ndarray, above_eyes: np.ndarray) -> np.ndarray:
@@ -48,7 +59,7 @@ def paint_skin(body: Body, looks: PersonLooks, *, rng: np.random.Generator) -> n
     blotches = np.where(head, noise(x, rng, (5, 4)), noise(x, rng, (2, 15)))
     grain = np.where(head, noise(x, rng, 0.8), noise(x, rng, (0.6, 5)))
     red = (
-        0.25 * blotches
+        0.15 * blotches
         + 0.9 * spot(38, -0.022, 14, 0.013)
         + 0.8 * spot(0, -0.022, 7, 0.008)
         + spot(90, -0.01, 12, 0.02)
@@ -56,13 +67,46 @@ def paint_skin(body: Body, looks: PersonLooks, *, rng: np.random.Generator) -> n
     dark = 0.012 * grain + 0.012 * blotches
     dark += 0.16 * spot(18, -0.001, 7, 0.006) + 0.06 * spot(18, -0.010, 7, 0.005)
     colour = np.array(looks.skin) * (1 - dark[..., None])
-    # Blood takes green and blue from light skin; on dark skin it hardly shows.
-    colour = colour * (1 - 0.10 * max(looks.skin) * np.clip(red, -1, 1.2)[..., None] * (0.1, 1, 0.9))
+    # Blood takes green, and less of blue, from light skin; on dark skin it hardly shows.
+    colour = colour * (1 - 0.10 * max(looks.skin) * np.clip(red, -1, 1.2)[..., None] * (0.1, 1, 0.7))
     if body.figure < 0.5 and body.age >= 18:
         beard = head * np.clip((-0.024 - above) / 0.008, 0, 1) * np.clip((above + 0.078) / 0.012, 0, 1)
         beard *= np.clip((88 - np.abs(angle)) / 14, 0, 1) * rng.uniform(0, 0.30)
         colour += (beard * (1 + 0.2 * noise(x, rng, 0.7)))[..., None] * (0.6 * np.array(looks.hair_colour) - colour)
+    sparse = np.zeros_like(x)
+    sparse[_SIDE // 2 :] = _sparse_hair(body, looks, rng=rng)
+    # Ears are bare.
+    sparse *= 1 - spot(96, 0, 24, 0.028)
+    colour += (sparse * (1 + 0.25 * noise(x, rng, (2, 0.5))))[..., None].clip(0, 1) * (looks.hair_colour - colour)
     return _bytes(colour)
+
+
+def _sparse_hair(body: Body, looks: PersonLooks, *, rng: np.random.Generator) -> np.ndarray:
+    """Return how much hair covers the skin of the head, 0 to 1, in the upper half of the texture, (256, 512): less and
+    less before the hairline, and a shaved shadow within it on the bald."""
+    bare, head, size = bare_body(body, looks.hands), SEGMENTS.index("head"), body.stature * body.head
+    own = bare.vertices[bare.weights[:, head] > 0.8][::4]
+    x, y, z = (own - bare.origins[head]).T
+    eye = bare.eyes.mean((0, 1)) - bare.origins[head]
+    # How far ahead of the eyes the skin is, by the angle around the head and the height; it is smooth.
+    rows, columns = _SIDE // 16, _SIDE // 8
+    angle, above = np.arctan2(y, x), (z - eye[2]) / size
+    around = np.concatenate([angle - 2 * np.pi, angle, angle + 2 * np.pi])
+    ahead = LinearNDInterpolator(np.column_stack([around, 20 * np.tile(above, 3)]), np.tile((x - eye[0]) / size, 3))
+    height = ((np.arange(rows) + 0.5) / rows / 2 + 0.5 - _EYES) * _TALL
+    turn = 2 * np.pi * ((np.arange(columns) + 0.5) / columns - 0.5)
+    place = np.nan_to_num(ahead(*np.meshgrid(turn, 20 * height)), nan=float(ahead(0.0, 0.0)))
+    step = 0.001
+    corners = np.round(np.array(HAIRLINE) / step + 250).astype(np.int32)
+    inside = cv2.fillPoly(np.zeros((500, 500), np.uint8), [corners], 1)
+    field = cv2.distanceTransform(inside, cv2.DIST_L2, 5) - cv2.distanceTransform(1 - inside, cv2.DIST_L2, 5)
+    grid = [cv2.resize(each, (_SIDE, _SIDE // 2)) for each in (place, np.repeat(height[:, None], columns, 1))]
+    column, row = (np.round(each / step + 250).astype(int).clip(0, 499) for each in grid)
+    within = step * field[row, column]
+    if looks.hair == "bald":
+        # Around the crown nothing grows.
+        return rng.uniform(0, 0.3) * np.clip(within / 0.012, 0, 1) * np.clip((0.075 - grid[1]) / 0.02, 0, 1)
+    return 0.8 * np.clip(1 + within / _FADE, 0, 1)
 
 
 _IRISES = ((0.17, 0.10, 0.06), (0.28, 0.17, 0.09), (0.33, 0.27, 0.14), (0.34, 0.42, 0.48), (0.30, 0.36, 0.27))
@@ -91,9 +135,25 @@ def paint_lips(body: Body, looks: PersonLooks, *, rng: np.random.Generator) -> n
     inside = np.clip(np.where(y > 0, upper - y, lower + y) / 0.14, 0, 1)[..., None]
     skin, red = np.array(looks.skin), rng.uniform(0.8, 1.2) * (1.0 if body.figure > 0.5 else 0.7)
     lip = skin * (1 - red * np.array((0.12, 0.36, 0.38)))
-    image = skin + inside * (lip * np.where(y > 0, 0.9, 1.04 - 0.25 * (y + 0.35) ** 2)[..., None] - skin)
-    line = np.exp(-(((y - 0.08 * arch + 0.04 * np.cos(9 * x)) / 0.07) ** 2)) * arch
+    # The corners of the mouth are higher than the middle of the line between the lips.
+    between = arch * (0.04 * np.cos(9 * x) - 0.14)
+    image = skin + inside * (lip * np.where(y > between, 0.9, 1.04 - 0.25 * (y + 0.35) ** 2)[..., None] - skin)
+    line = np.exp(-(((y - between) / 0.07) ** 2)) * arch
     return _bytes(image * (1 - 0.6 * line)[..., None])
+
+
+def paint_shoe(looks: PersonLooks, *, rng: np.random.Generator) -> np.ndarray:
+    """Return the texture of a shoe seen from above, (128, 128, 3) uint8 RGB, from the heel to the toes: a cap over the
+    toes, a counter around the heel, a tongue and laces."""
+    y, x = (np.mgrid[:128, :128] + 0.5) / 128
+    aside = np.abs(y - 0.5)
+    colour = np.array(looks.shoes) * (1 + 0.02 * noise(x, rng, 0.7) + 0.02 * noise(x, rng, 6))[..., None]
+    seam = np.exp(-(((x - 0.84 + 0.9 * aside**2) / 0.012) ** 2)) + np.exp(-(((x - 0.2) / 0.012) ** 2))
+    tongue = np.clip((0.15 - aside) / 0.02, 0, 1) * np.clip((0.76 - x) / 0.02, 0, 1) * np.clip((x - 0.34) / 0.02, 0, 1)
+    colour *= (1 - 0.35 * np.clip(seam, 0, 1) - 0.22 * tongue)[..., None]
+    laces = tongue * np.clip(3 * np.sin(2 * np.pi * (x - 0.34) / 0.07) - 1.5, 0, 1)
+    bright = 0.88 if sum(looks.shoes) < 1.5 or rng.random() < 0.5 else 0.2
+    return _bytes(colour + laces[..., None] * (bright - colour))
 
 
 def on_disc(places: np.ndarray) -> np.ndarray:

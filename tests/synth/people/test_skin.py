@@ -2,13 +2,15 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from synth.people.body import Body, body_at
+from synth.people.body import SEGMENTS, Body, body_at
+from synth.people.clothing import sample_looks
 from synth.people.outfit import parts
-from synth.people.skin import paint_iris, paint_lips, paint_skin
+from synth.people.skin import paint_iris, paint_lips, paint_shoe, paint_skin
 from synth.people.surface import bare_body
 from tests.synth.people.test_surfaces import BARE
 
@@ -62,3 +64,39 @@ def test_lips_end_in_the_colour_of_the_skin_and_pupils_are_black():
     assert lips[30:60, 64].mean(0)[1] < lips[2, 64][1] - 0.05
     iris = paint_iris(LIGHT, rng=rng())
     assert iris[28:36, 28:36].max() < 60 < iris[8:24, 28:36].max()
+    # The corners of the mouth are not lower than its middle.
+    dark = lips.mean(2).argmin(0)
+    assert dark[[24, 103]].min() >= dark[64]
+
+
+def test_no_skin_is_nearly_white():
+    drawn = np.array([sample_looks(0.5, rng=np.random.default_rng(seed)).skin for seed in range(300)], np.float32)
+    lightness = cv2.cvtColor(drawn[None], cv2.COLOR_RGB2LAB)[0, :, 0]
+    assert 65 < lightness.max() < 73 and lightness.min() < 40
+
+
+@pytest.mark.parametrize("body", [Body(), Body(1.6, 60, 1.0), body_at(0, 6)])
+def test_hair_thins_out_on_the_skin_before_the_hairline(body):
+    looks = replace(LIGHT, hair="short")
+    found = parts(body, looks)
+    hair = cKDTree(np.concatenate([part.vertices for part in found if part.material == "hair"]))
+    skin = [part for part in found if (part.material, part.segment) == ("skin", "head")]
+    corners = np.concatenate([part.vertices[part.faces].reshape(-1, 3) for part in skin])
+    colours = colours_at(paint_skin(body, looks, rng=rng()), np.concatenate([part.uv.reshape(-1, 2) for part in skin]))
+    eye, size = bare_body(body).eyes.mean((0, 1)), body.stature * body.head
+    forehead = (np.abs(corners[:, 1]) < 0.02 * size) & (corners[:, 0] > eye[0] - 0.01 * size)
+    forehead &= corners[:, 2] > eye[2] + 0.015 * size
+    away = hair.query(corners)[0]
+    near, far = colours[forehead & (away < 0.003 * size)], colours[forehead & (away > 0.012 * size)]
+    assert near.mean() < 0.75 * far.mean()
+
+
+def test_shoes_have_laces_across_the_foot():
+    for part in parts(Body(), LIGHT):
+        if part.material == "shoe" and part.segment.endswith("foot"):
+            corners, uv = part.vertices[part.faces].reshape(-1, 3), part.uv.reshape(-1, 2)
+            toes = bare_body(Body()).rotations[SEGMENTS.index(part.segment)][:, 0]
+            assert np.corrcoef(corners @ toes, uv[:, 0])[0, 1] > 0.999
+    image = paint_shoe(replace(LIGHT, shoes=(0.1, 0.1, 0.1)), rng=rng()).mean(2)
+    across = np.diff((image[64] > 120).astype(int))
+    assert (across == 1).sum() == 6
