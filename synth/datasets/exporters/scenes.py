@@ -43,9 +43,8 @@ _LIGHT_LUX, _LIGHT_CANDELA = 3.0, 60.0
 @dataclass(frozen=True)
 class _Piece:
     name: str  # Owner and number
-    # points, faces: (n, 3) m and (m, 3) of its mesh, in the frame of its body
-    points: np.ndarray
-    faces: np.ndarray
+    points: np.ndarray  # (n, 3) m, vertices of its mesh in the frame of its body
+    faces: np.ndarray  # (m, 3) indices of vertices
     colour: np.ndarray  # RGBA
 
 
@@ -54,8 +53,8 @@ class _Body:
     """A body that is drawn, in motion."""
 
     name: str
-    places: np.ndarray  # (F, 3) m, and turns (F, 4), w last
-    turns: np.ndarray
+    places: np.ndarray  # (F, 3) m
+    turns: np.ndarray  # (F, 4) quaternions, w last
     pieces: list[_Piece]
 
 
@@ -64,14 +63,14 @@ class _SkinInMotion:
     """The mesh of a person, N vertices, and its B bones, world z up, m."""
 
     name: str
-    points: np.ndarray  # (N, 3) and normals (N, 3) in the bind pose
-    normals: np.ndarray
-    which: np.ndarray  # (N, 4) bones and weights (N, 4), largest first
-    weights: np.ndarray
+    points: np.ndarray  # (N, 3) in the bind pose
+    normals: np.ndarray  # (N, 3) in the bind pose
+    which: np.ndarray  # (N, 4) indices of the bones that move each vertex
+    weights: np.ndarray  # (N, 4) their weights, largest first
     looks: dict[str, tuple[np.ndarray, np.ndarray]]  # RGBA and faces (m, 3) of each material
     bind: np.ndarray  # (B, 4, 4) bones in the bind pose
-    places: np.ndarray  # (F, B, 3) and turns (F, B, 4), w last, of bones
-    turns: np.ndarray
+    places: np.ndarray  # (F, B, 3) of bones
+    turns: np.ndarray  # (F, B, 4) of bones, w last
 
 
 @dataclass(frozen=True)
@@ -79,8 +78,8 @@ class _Light:
     """A light of the room, which shines along -z."""
 
     far: bool  # Whether it is directional
-    place: np.ndarray  # (3,) m, and turn (4,), w last
-    turn: np.ndarray
+    place: np.ndarray  # (3,) m
+    turn: np.ndarray  # (4,) quaternion, w last
     colour: list[float]  # RGB, 1 for the largest
     intensity: float  # lux of a directional light, candela of another
 
@@ -281,105 +280,154 @@ def _write_glb(task: ClipTask) -> Counter:
             file.animate(node, "translation", body.places)
             file.animate(node, "rotation", body.turns)
         children.append(node)
-
-    def painted(attributes: dict[str, int], faces: np.ndarray, name: str, colour: np.ndarray) -> dict:
-        """Return the primitive of faces (m, 3) of points with these attributes, in a material of their own."""
-        indices = file.accessor(faces.reshape(-1), "SCALAR", INT, INDICES)
-        look = {"baseColorFactor": colour.tolist(), "metallicFactor": 0, "roughnessFactor": 0.8}
-        material = file.add("materials", name=name, pbrMetallicRoughness=look, doubleSided=True)
-        return {"attributes": attributes, "indices": indices, "material": material}
-
     for node, body in zip(list(children), scene.bodies, strict=True):
         for piece in body.pieces:
             attributes = {"POSITION": file.accessor(piece.points, "VEC3", target=VERTICES, bounds=True)}
-            primitives = [painted(attributes, piece.faces, piece.name, piece.colour)]
+            primitives = [_primitive(file, attributes, piece.faces, piece.name, piece.colour)]
             mesh = file.add("meshes", name=piece.name, primitives=primitives)
             file.json["nodes"][node]["children"].append(file.add("nodes", name=f"{piece.name} mesh", mesh=mesh))
     for skin in scene.skins:
-        bones, places, turns = [], *_within_parents(skin.places, skin.turns)
-        for bone, parent in enumerate(_BONE_PARENTS):
-            node = file.add(
-                "nodes", name=f"{skin.name}/{BONE_NAMES[bone]}",
-                translation=places[0, bone].tolist(), rotation=turns[0, bone].tolist(),
-            )  # fmt: skip
-            file.animate(node, "translation", places[:, bone])
-            file.animate(node, "rotation", turns[:, bone])
-            if parent < 0:
-                children.append(node)
-            else:
-                file.json["nodes"][bones[parent]].setdefault("children", []).append(node)
-            bones.append(node)
-        # Bones alone place a mesh with a skin, so its points are already y up.
-        attributes = {
-            "POSITION": file.accessor(skin.points @ WORLD_Y_UP.T, "VEC3", target=VERTICES, bounds=True),
-            "NORMAL": file.accessor(skin.normals @ WORLD_Y_UP.T, "VEC3", target=VERTICES),
-            "JOINTS_0": file.accessor(skin.which, "VEC4", BYTE, VERTICES),
-            "WEIGHTS_0": file.accessor(skin.weights, "VEC4", target=VERTICES),
-        }
-        primitives = [painted(attributes, faces, name, colour) for name, (colour, faces) in skin.looks.items()]
-        binds = np.linalg.inv(skin.bind)
-        binds[:, :3, :3] = binds[:, :3, :3] @ WORLD_Y_UP.T
-        # Matrices are stored column by column.
-        unbend = file.accessor(binds.swapaxes(1, 2).reshape(-1, 16), "MAT4")
-        mesh = file.add("meshes", name=skin.name, primitives=primitives)
-        number = file.add("skins", name=skin.name, joints=bones, inverseBindMatrices=unbend)
-        file.json["scenes"][0]["nodes"].append(file.add("nodes", name=skin.name, mesh=mesh, skin=number))
+        children.append(_add_skin(file, skin))
     for name, place in scene.joints.items():
         node = file.add("nodes", name=name, translation=place[0].tolist())
         file.animate(node, "translation", place)
         children.append(node)
-    file.json["cameras"], rig = [], scene.rig
+    children += _add_cameras(file, scene.rig, scene.turned)
+    children += _add_lights(file, scene.lights)
+    write_atomic(task.file("glb"), file.data())
+    return Counter(clips=1, persons=len(scene.skins))
+
+
+def _primitive(file: GltfFile, attributes: dict[str, int], faces: np.ndarray, name: str, colour: np.ndarray) -> dict:
+    """Return the primitive of faces (m, 3) between points with these attributes, in a material of its own."""
+    indices = file.accessor(faces.reshape(-1), "SCALAR", INT, INDICES)
+    look = {"baseColorFactor": colour.tolist(), "metallicFactor": 0, "roughnessFactor": 0.8}
+    material = file.add("materials", name=name, pbrMetallicRoughness=look, doubleSided=True)
+    return {"attributes": attributes, "indices": indices, "material": material}
+
+
+def _add_skin(file: GltfFile, skin: _SkinInMotion) -> int:
+    """Add a person, and return the node of its pelvis. The node of its mesh stands beside all others in the scene."""
+    bones, places, turns = [], *_within_parents(skin.places, skin.turns)
+    for bone, parent in enumerate(_BONE_PARENTS):
+        node = file.add(
+            "nodes", name=f"{skin.name}/{BONE_NAMES[bone]}",
+            translation=places[0, bone].tolist(), rotation=turns[0, bone].tolist(),
+        )  # fmt: skip
+        file.animate(node, "translation", places[:, bone])
+        file.animate(node, "rotation", turns[:, bone])
+        if parent >= 0:
+            file.json["nodes"][bones[parent]].setdefault("children", []).append(node)
+        bones.append(node)
+    # Bones alone place a mesh with a skin, so its points are already y up.
+    attributes = {
+        "POSITION": file.accessor(skin.points @ WORLD_Y_UP.T, "VEC3", target=VERTICES, bounds=True),
+        "NORMAL": file.accessor(skin.normals @ WORLD_Y_UP.T, "VEC3", target=VERTICES),
+        "JOINTS_0": file.accessor(skin.which, "VEC4", BYTE, VERTICES),
+        "WEIGHTS_0": file.accessor(skin.weights, "VEC4", target=VERTICES),
+    }
+    primitives = [_primitive(file, attributes, faces, name, colour) for name, (colour, faces) in skin.looks.items()]
+    binds = np.linalg.inv(skin.bind)
+    binds[:, :3, :3] = binds[:, :3, :3] @ WORLD_Y_UP.T
+    # Matrices are stored column by column.
+    unbend = file.accessor(binds.swapaxes(1, 2).reshape(-1, 16), "MAT4")
+    mesh = file.add("meshes", name=skin.name, primitives=primitives)
+    number = file.add("skins", name=skin.name, joints=bones, inverseBindMatrices=unbend)
+    file.json["scenes"][0]["nodes"].append(file.add("nodes", name=skin.name, mesh=mesh, skin=number))
+    return bones[0]
+
+
+def _add_cameras(file: GltfFile, rig: CameraRig, turned: np.ndarray) -> list[int]:
+    """Add cameras, with K, distortion and size as extras, and return their nodes."""
+    file.json["cameras"], nodes = [], []
     for view, name in enumerate(rig.names):
         (width, height), K = rig.size[view].tolist(), rig.K[view]
         lens = {"yfov": float(2 * np.arctan(height / 2 / K[1, 1])), "aspectRatio": width / height, "znear": 0.01}
         about = {"K": K.tolist(), "dist": rig.dist[view].tolist(), "size": [width, height]}
         camera = file.add("cameras", name=name, type="perspective", perspective=lens, extras=about)
-        place, turn = rig.centers[view].tolist(), scene.turned[view].tolist()
-        children.append(file.add("nodes", name=f"camera {name}", camera=camera, translation=place, rotation=turn))
-    given = []
-    for number, light in enumerate(scene.lights):
+        place, turn = rig.centers[view].tolist(), turned[view].tolist()
+        nodes.append(file.add("nodes", name=f"camera {name}", camera=camera, translation=place, rotation=turn))
+    return nodes
+
+
+def _add_lights(file: GltfFile, lights: Sequence[_Light]) -> list[int]:
+    """Add lights, by an extension of glTF, and return their nodes."""
+    given, nodes = [], []
+    for number, light in enumerate(lights):
         kind = "directional" if light.far else "point"
         given.append({"name": f"light {number}", "type": kind, "color": light.colour, "intensity": light.intensity})
         place, turn = light.place.tolist(), light.turn.tolist()
         extension = {"KHR_lights_punctual": {"light": number}}
-        children.append(
-            file.add("nodes", name=f"light {number}", translation=place, rotation=turn, extensions=extension)
-        )
+        nodes.append(file.add("nodes", name=f"light {number}", translation=place, rotation=turn, extensions=extension))
     if given:
         file.json |= {
             "extensionsUsed": ["KHR_lights_punctual"],
             "extensions": {"KHR_lights_punctual": {"lights": given}},
         }
-    write_atomic(task.file("glb"), file.data())
-    return Counter(clips=1, persons=len(scene.skins))
+    return nodes
 
 
 # USD
 
 
 def _write_usd(task: ClipTask) -> Counter:
-    from pxr import Gf, Tf, Usd, UsdGeom, UsdLux, UsdSkel, Vt
+    from pxr import Gf, UsdGeom, UsdLux
 
-    scene, path = _scene(task), task.file("usdc")
-    stage, used = Usd.Stage.CreateNew(str(path)), set()
-    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
-    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
-    fps = 1 / (scene.seconds[1] - scene.seconds[0]) if len(scene.seconds) > 1 else 25.0
-    stage.SetTimeCodesPerSecond(fps)
-    stage.SetStartTimeCode(0)
-    stage.SetEndTimeCode(len(scene.seconds) - 1)
-    root = UsdGeom.Xform.Define(stage, "/scene")
-    stage.SetDefaultPrim(root.GetPrim())
+    scene = _scene(task)
+    file = _UsdFile(task.file("usdc"), scene.seconds)
+    bodies = [file.unused("/scene", body.name) for body in scene.bodies]
+    for path, body in zip(bodies, scene.bodies, strict=True):
+        file.move(UsdGeom.Xform.Define(file.stage, path), body.places, body.turns)
+    for path, body in zip(bodies, scene.bodies, strict=True):
+        for piece in body.pieces:
+            mesh = file.mesh(file.unused(path, piece.name), piece.points, piece.faces)
+            mesh.CreateDisplayColorAttr([Gf.Vec3f(*piece.colour[:3].tolist())])
+    for skin in scene.skins:
+        _define_skin(file, skin)
+    for name, places in scene.joints.items():
+        joint = UsdGeom.Xform.Define(file.stage, file.unused("/scene", name))
+        joint.GetPrim().SetDisplayName(name)
+        file.move(joint, places)
+    for view in range(len(scene.rig)):
+        _define_camera(file, scene.rig, view, scene.turned[view])
+    for number, each in enumerate(scene.lights):
+        kind = UsdLux.DistantLight if each.far else UsdLux.SphereLight
+        light = kind.Define(file.stage, file.unused("/scene", f"light_{number}"))
+        light.CreateColorAttr(Gf.Vec3f(*each.colour))
+        light.CreateIntensityAttr(each.intensity)
+        file.move(light, each.place[None], each.turn[None])
+    file.stage.GetRootLayer().Save()
+    return Counter(clips=1, persons=len(scene.skins))
 
-    def named(above: str, name: str) -> str:
-        """Return a path that is not used yet."""
+
+class _UsdFile:
+    """A USD file under construction, z up, m, with `/scene` as its root."""
+
+    def __init__(self, path: Path, seconds: np.ndarray):
+        from pxr import Usd, UsdGeom
+
+        self.stage, self._used = Usd.Stage.CreateNew(str(path)), set()
+        UsdGeom.SetStageUpAxis(self.stage, UsdGeom.Tokens.z)
+        UsdGeom.SetStageMetersPerUnit(self.stage, 1.0)
+        self.stage.SetTimeCodesPerSecond(1 / (seconds[1] - seconds[0]) if len(seconds) > 1 else 25.0)
+        self.stage.SetStartTimeCode(0)
+        self.stage.SetEndTimeCode(len(seconds) - 1)
+        self.stage.SetDefaultPrim(UsdGeom.Xform.Define(self.stage, "/scene").GetPrim())
+
+    def unused(self, above: str, name: str) -> str:
+        """Return a path that was not returned before."""
+        from pxr import Tf
+
         plain = found = f"{above}/{Tf.MakeValidIdentifier(name)}"
-        while found in used:
-            found = f"{plain}_{len(used)}"
-        used.add(found)
+        while found in self._used:
+            found = f"{plain}_{len(self._used)}"
+        self._used.add(found)
         return found
 
-    def place(prim, places: np.ndarray, turns: np.ndarray | None = None) -> None:
+    def move(self, prim, places: np.ndarray, turns: np.ndarray | None = None) -> None:
+        """Give a prim places (F, 3), and turns (F, 4), w last; one that stands still has a single sample."""
+        from pxr import Gf, Usd
+
         move = prim.AddTranslateOp()
         turn = prim.AddOrientOp() if turns is not None else None
         still = np.ptp(places, axis=0).max() == 0 and (turns is None or np.ptp(turns, axis=0).max() == 0)
@@ -390,78 +438,68 @@ def _write_usd(task: ClipTask) -> Counter:
                 *vector, w = turns[frame].tolist()
                 turn.Set(Gf.Quatf(w, *vector), at)
 
-    above = [named("/scene", body.name) for body in scene.bodies]
-    for path_of_body, body in zip(above, scene.bodies, strict=True):
-        place(UsdGeom.Xform.Define(stage, path_of_body), body.places, body.turns)
+    def mesh(self, path: str, points: np.ndarray, faces: np.ndarray):
+        """Define a mesh of points (n, 3) and triangles (m, 3)."""
+        from pxr import UsdGeom, Vt
 
-    def vectors(rows: np.ndarray):
-        return Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(rows, np.float32))
-
-    def mesh_of(path: str, points: np.ndarray, faces: np.ndarray):
-        mesh = UsdGeom.Mesh.Define(stage, path)
-        mesh.CreatePointsAttr(vectors(points))
+        mesh = UsdGeom.Mesh.Define(self.stage, path)
+        mesh.CreatePointsAttr(_vectors(points))
         mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(faces), 3, np.int32)))
         mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(np.ascontiguousarray(faces.ravel(), np.int32)))
         mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
         return mesh
 
-    for path_of_body, body in zip(above, scene.bodies, strict=True):
-        for piece in body.pieces:
-            mesh = mesh_of(named(path_of_body, piece.name), piece.points, piece.faces)
-            mesh.CreateDisplayColorAttr([Gf.Vec3f(*piece.colour[:3].tolist())])
-    for skin in scene.skins:
-        root = named("/scene", skin.name)
-        UsdSkel.Root.Define(stage, root)
-        skeleton = UsdSkel.Skeleton.Define(stage, f"{root}/skeleton")
-        motion = UsdSkel.Animation.Define(stage, f"{root}/motion")
-        UsdSkel.BindingAPI.Apply(skeleton.GetPrim()).CreateAnimationSourceRel().AddTarget(motion.GetPath())
-        bones = [Tf.MakeValidIdentifier(bone) for bone in BONE_NAMES]
-        # Matrices of USD multiply rows.
-        bind = Vt.Matrix4dArray([Gf.Matrix4d(each.T.tolist()) for each in skin.bind])
-        skeleton.CreateJointsAttr(bones)
-        skeleton.CreateBindTransformsAttr(bind)
-        skeleton.CreateRestTransformsAttr(bind)
-        motion.CreateJointsAttr(bones)
-        motion.CreateScalesAttr(Vt.Vec3hArray([Gf.Vec3h(1)] * len(bones)))
-        places, turns = motion.CreateTranslationsAttr(), motion.CreateRotationsAttr()
-        for frame in range(len(scene.seconds)):
-            places.Set(vectors(skin.places[frame]), frame)
-            turns.Set(Vt.QuatfArray([Gf.Quatf(w, *vector) for *vector, w in skin.turns[frame].tolist()]), frame)
-        mesh = mesh_of(f"{root}/mesh", skin.points, np.concatenate([faces for _, faces in skin.looks.values()]))
-        mesh.CreateNormalsAttr(vectors(skin.normals))
-        mesh.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
-        colours = mesh.CreateDisplayColorPrimvar(UsdGeom.Tokens.uniform)
-        colours.Set(
-            vectors(np.concatenate([np.tile(colour[:3], (len(faces), 1)) for colour, faces in skin.looks.values()]))
-        )
-        binding = UsdSkel.BindingAPI.Apply(mesh.GetPrim())
-        binding.CreateSkeletonRel().AddTarget(skeleton.GetPath())
-        binding.CreateJointIndicesPrimvar(False, MOST_BONES).Set(skin.which.ravel().tolist())
-        binding.CreateJointWeightsPrimvar(False, MOST_BONES).Set(skin.weights.ravel().tolist())
-    for name, places in scene.joints.items():
-        joint = UsdGeom.Xform.Define(stage, named("/scene", name))
-        joint.GetPrim().SetDisplayName(name)
-        place(joint, places)
-    rig = scene.rig
-    for view, name in enumerate(rig.names):
-        (width, height), K = rig.size[view].tolist(), rig.K[view]
-        camera = UsdGeom.Camera.Define(stage, named("/scene", f"camera_{name}"))
-        focal, pixel = _SENSOR_MM * K[0, 0] / width, _SENSOR_MM / width
-        # Focal length, apertures and offsets have the same unit; pixels that are not square become another aperture.
-        camera.CreateFocalLengthAttr(focal)
-        camera.CreateHorizontalApertureAttr(_SENSOR_MM)
-        camera.CreateVerticalApertureAttr(height * pixel * K[0, 0] / K[1, 1])
-        camera.CreateHorizontalApertureOffsetAttr((width / 2 - 0.5 - K[0, 2]) * pixel)
-        camera.CreateVerticalApertureOffsetAttr((K[1, 2] - height / 2 + 0.5) * pixel * K[0, 0] / K[1, 1])
-        camera.CreateClippingRangeAttr(Gf.Vec2f(0.01, 1000))
-        for key, values in (("size", rig.size[view]), ("K", K.ravel()), ("dist", rig.dist[view])):
-            camera.GetPrim().SetCustomDataByKey(key, Vt.DoubleArray(values.astype(float).tolist()))
-        place(camera, rig.centers[view][None], scene.turned[view][None])
-    for number, each in enumerate(scene.lights):
-        kind = UsdLux.DistantLight if each.far else UsdLux.SphereLight
-        light = kind.Define(stage, named("/scene", f"light_{number}"))
-        light.CreateColorAttr(Gf.Vec3f(*each.colour))
-        light.CreateIntensityAttr(each.intensity)
-        place(light, each.place[None], each.turn[None])
-    stage.GetRootLayer().Save()
-    return Counter(clips=1, persons=len(scene.skins))
+
+def _vectors(rows: np.ndarray):
+    from pxr import Vt
+
+    return Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(rows, np.float32))
+
+
+def _define_skin(file: _UsdFile, skin: _SkinInMotion) -> None:
+    from pxr import Gf, Tf, UsdGeom, UsdSkel, Vt
+
+    root = file.unused("/scene", skin.name)
+    UsdSkel.Root.Define(file.stage, root)
+    skeleton = UsdSkel.Skeleton.Define(file.stage, f"{root}/skeleton")
+    motion = UsdSkel.Animation.Define(file.stage, f"{root}/motion")
+    UsdSkel.BindingAPI.Apply(skeleton.GetPrim()).CreateAnimationSourceRel().AddTarget(motion.GetPath())
+    bones = [Tf.MakeValidIdentifier(bone) for bone in BONE_NAMES]
+    # Matrices of USD multiply rows.
+    bind = Vt.Matrix4dArray([Gf.Matrix4d(each.T.tolist()) for each in skin.bind])
+    skeleton.CreateJointsAttr(bones)
+    skeleton.CreateBindTransformsAttr(bind)
+    skeleton.CreateRestTransformsAttr(bind)
+    motion.CreateJointsAttr(bones)
+    motion.CreateScalesAttr(Vt.Vec3hArray([Gf.Vec3h(1)] * len(bones)))
+    places, turns = motion.CreateTranslationsAttr(), motion.CreateRotationsAttr()
+    for frame in range(len(skin.places)):
+        places.Set(_vectors(skin.places[frame]), frame)
+        turns.Set(Vt.QuatfArray([Gf.Quatf(w, *vector) for *vector, w in skin.turns[frame].tolist()]), frame)
+    mesh = file.mesh(f"{root}/mesh", skin.points, np.concatenate([faces for _, faces in skin.looks.values()]))
+    mesh.CreateNormalsAttr(_vectors(skin.normals))
+    mesh.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
+    of_faces = [np.tile(colour[:3], (len(faces), 1)) for colour, faces in skin.looks.values()]
+    mesh.CreateDisplayColorPrimvar(UsdGeom.Tokens.uniform).Set(_vectors(np.concatenate(of_faces)))
+    binding = UsdSkel.BindingAPI.Apply(mesh.GetPrim())
+    binding.CreateSkeletonRel().AddTarget(skeleton.GetPath())
+    binding.CreateJointIndicesPrimvar(False, MOST_BONES).Set(skin.which.ravel().tolist())
+    binding.CreateJointWeightsPrimvar(False, MOST_BONES).Set(skin.weights.ravel().tolist())
+
+
+def _define_camera(file: _UsdFile, rig: CameraRig, view: int, turn: np.ndarray) -> None:
+    from pxr import Gf, UsdGeom, Vt
+
+    (width, height), K = rig.size[view].tolist(), rig.K[view]
+    camera = UsdGeom.Camera.Define(file.stage, file.unused("/scene", f"camera_{rig.names[view]}"))
+    focal, pixel = _SENSOR_MM * K[0, 0] / width, _SENSOR_MM / width
+    # Focal length, apertures and offsets have the same unit; pixels that are not square become another aperture.
+    camera.CreateFocalLengthAttr(focal)
+    camera.CreateHorizontalApertureAttr(_SENSOR_MM)
+    camera.CreateVerticalApertureAttr(height * pixel * K[0, 0] / K[1, 1])
+    camera.CreateHorizontalApertureOffsetAttr((width / 2 - 0.5 - K[0, 2]) * pixel)
+    camera.CreateVerticalApertureOffsetAttr((K[1, 2] - height / 2 + 0.5) * pixel * K[0, 0] / K[1, 1])
+    camera.CreateClippingRangeAttr(Gf.Vec2f(0.01, 1000))
+    for key, values in (("size", rig.size[view]), ("K", K.ravel()), ("dist", rig.dist[view])):
+        camera.GetPrim().SetCustomDataByKey(key, Vt.DoubleArray(values.astype(float).tolist()))
+    file.move(camera, rig.centers[view][None], turn[None])
