@@ -117,38 +117,24 @@ def write_episodes(folder: Path, given: Sequence[Episode], fps: float) -> None:
     except ImportError:
         raise ValueError("format=lerobot needs pyarrow: pip install 'dmae-synth[robots]'") from None
     tasks = list(dict.fromkeys(each.task for each in given))
-    states = ("x", "y", "z", "qx", "qy", "qz", "qw", *given[0].joints)
-    vectors = {"observation.state": states, "action": given[0].joints, "observation.contact": _FLAGS}
-    vectors["observation.measured"] = given[0].joints
-    numbers = {
-        "timestamp": "float32",
-        **dict.fromkeys(("frame_index", "episode_index", "index", "task_index"), "int64"),
-    }
-    features = {
-        **{name: {"dtype": "float32", "shape": [len(names)], "names": list(names)} for name, names in vectors.items()},
-        **{name: {"dtype": dtype, "shape": [1], "names": None} for name, dtype in numbers.items()},
-    }
-    schema = pa.schema(
-        [(name, pa.list_(pa.float32(), len(names))) for name, names in vectors.items()]
-        + [(name, pa.type_for_alias(dtype.replace("float32", "float"))) for name, dtype in numbers.items()]
-    )
     starts = np.cumsum([0, *(len(each.qpos) for each in given)]).tolist()
     files = [start // _FILE_FRAMES for start in starts[:-1]]
-    columns: list[dict[str, np.ndarray]] = []
-    for number, each in enumerate(given):
-        count, angles = len(each.qpos), each.qpos[:, 7:]
-        quaternion = continuous(each.qpos[:, [4, 5, 6, 3]])
-        columns.append({
-            "observation.state": np.concatenate([each.qpos[:, :3], quaternion, angles], 1).astype(np.float32),
-            "action": np.concatenate([angles[1:], angles[-1:]]).astype(np.float32),
-            "observation.contact": each.flags.astype(np.float32),
-            "observation.measured": each.measured.astype(np.float32),
-            "timestamp": (np.arange(count) / fps).astype(np.float32),
-            "frame_index": np.arange(count),
-            "episode_index": np.full(count, number),
-            "index": np.arange(starts[number], starts[number + 1]),
-            "task_index": np.full(count, tasks.index(each.task)),
-        })  # fmt: skip
+    columns = [_columns(each, number, tasks.index(each.task), starts[number], fps) for number, each in enumerate(given)]
+    features = _features(given[0].joints)
+    number_types = {"float32": pa.float32(), "int64": pa.int64()}
+    schema = pa.schema(
+        (name, pa.list_(pa.float32(), *about["shape"]) if about["names"] else number_types[about["dtype"]])
+        for name, about in features.items()
+    )
+    for part in ("meta/episodes/chunk-000", "data/chunk-000"):
+        (folder / part).mkdir(parents=True)
+    for file in set(files):
+        own = _joined([each for each, place in zip(columns, files, strict=True) if place == file])
+        arrays = [
+            pa.FixedSizeListArray.from_arrays(value.ravel(), value.shape[1]) if value.ndim == 2 else pa.array(value)
+            for value in own.values()
+        ]
+        parquet.write_table(pa.table(arrays, schema=schema), folder / f"data/chunk-000/file-{file:03d}.parquet")
     rows = [
         {
             "episode_index": number,
@@ -164,15 +150,6 @@ def write_episodes(folder: Path, given: Sequence[Episode], fps: float) -> None:
         }
         for number, each in enumerate(given)
     ]
-    for part in ("meta/episodes/chunk-000", "data/chunk-000"):
-        (folder / part).mkdir(parents=True)
-    for file in set(files):
-        own = [each for each, place in zip(columns, files, strict=True) if place == file]
-        arrays = [
-            pa.FixedSizeListArray.from_arrays(value.ravel(), value.shape[1]) if value.ndim == 2 else pa.array(value)
-            for value in _joined(own).values()
-        ]
-        parquet.write_table(pa.table(arrays, schema=schema), folder / f"data/chunk-000/file-{file:03d}.parquet")
     parquet.write_table(pa.Table.from_pylist(rows), folder / "meta/episodes/chunk-000/file-000.parquet")
     # The index of the table of tasks is the text.
     index = pd.Index(tasks, name="task")
@@ -194,6 +171,41 @@ def write_episodes(folder: Path, given: Sequence[Episode], fps: float) -> None:
         "features": features,
     }
     write_atomic(folder / "meta/info.json", json.dumps(info, indent=1))
+
+
+def _features(joints: tuple[str, ...]) -> dict[str, dict]:
+    """Return what the columns hold, in their order: their type, their shape, and the names of a vector's numbers."""
+    vectors = {
+        "observation.state": ("x", "y", "z", "qx", "qy", "qz", "qw", *joints),
+        "action": joints,
+        "observation.contact": _FLAGS,
+        "observation.measured": joints,
+    }
+    numbers = {
+        "timestamp": "float32", "frame_index": "int64", "episode_index": "int64", "index": "int64",
+        "task_index": "int64",
+    }  # fmt: skip
+    return {
+        **{name: {"dtype": "float32", "shape": [len(names)], "names": list(names)} for name, names in vectors.items()},
+        **{name: {"dtype": dtype, "shape": [1], "names": None} for name, dtype in numbers.items()},
+    }
+
+
+def _columns(episode: Episode, number: int, task: int, start: int, fps: float) -> dict[str, np.ndarray]:
+    """Return the columns of an episode; `start` is its first frame in the data set."""
+    count, angles = len(episode.qpos), episode.qpos[:, 7:]
+    quaternion = continuous(episode.qpos[:, [4, 5, 6, 3]])
+    return {
+        "observation.state": np.concatenate([episode.qpos[:, :3], quaternion, angles], 1).astype(np.float32),
+        "action": np.concatenate([angles[1:], angles[-1:]]).astype(np.float32),
+        "observation.contact": episode.flags.astype(np.float32),
+        "observation.measured": episode.measured.astype(np.float32),
+        "timestamp": (np.arange(count) / fps).astype(np.float32),
+        "frame_index": np.arange(count),
+        "episode_index": np.full(count, number),
+        "index": np.arange(start, start + count),
+        "task_index": np.full(count, task),
+    }
 
 
 def _joined(columns: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
