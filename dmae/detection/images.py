@@ -8,9 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+from dmae.data.cameras import CameraRig
 from dmae.data.images import Images
 from dmae.files.checks import IMAGES, VIDEOS, check_rate
 from dmae.files.images import open_video, read_upright, upright_frame, upright_size
+from dmae.formats.footage import Fitting
 from dmae.formats.recordings import by_name, frame_number
 
 
@@ -226,6 +228,18 @@ class Alignment:
     notes: tuple[str, ...]  # Decisions that can be wrong
 
 
+@dataclass(frozen=True)
+class Recording:
+    """Videos that belong together."""
+
+    cameras: tuple[CameraImages, ...]  # V cameras with images
+    alignment: Alignment  # The frame of each image
+    rig: CameraRig | None  # Their calibration; None if there is none
+    # Scale and margin of the images of each camera, relative to the images of its calibration
+    fittings: tuple[Fitting, ...]
+    notes: tuple[str, ...]  # Decisions that can be wrong
+
+
 def align(cameras: Sequence[CameraImages], fps: float | None, offsets: Sequence[int] | None) -> Alignment:
     """Assign each image to the frame that is nearest in time.
 
@@ -242,35 +256,21 @@ def align(cameras: Sequence[CameraImages], fps: float | None, offsets: Sequence[
     notes: list[str] = []
     if offsets is not None and len(offsets) != len(cameras):
         raise ValueError(f"offsets={list(offsets)}: expected one for each of the {len(cameras)} cameras")
-    rates = [camera.rate for camera in cameras]
-    known = [rate for rate in rates if rate]
-    given = fps is not None
+    rates = {round(camera.rate, 3) for camera in cameras if camera.rate}
+    # One rate that is given holds for all files, and their own can be wrong.
+    by_clock = fps is not None and len(rates) == 1
     if fps is None:
-        if not known:
-            raise ValueError(
-                "expected fps=...: folders of images do not say how many frames a second they have; photographs that "
-                "do not belong together are given as photos=<folder>"
-            )
-        fps = max(known)
-        if min(known) < fps * (1 - _SAME_RATE):
-            listed = ", ".join(f"{camera.name} {camera.rate:.5g}" for camera in cameras if camera.rate)
-            notes.append(f"cameras have other frame rates ({listed}); those of fewer have no image in some frames")
-    fastest = next((camera for camera in cameras if camera.rate == fps), None)
-    check_rate("fps" if given or fastest is None else f"{fastest.path}: fps", fps)
+        fps = _highest_rate(cameras, notes)
+    else:
+        check_rate("fps", fps)
     late = _offsets(cameras, fps, notes) if offsets is None else np.asarray(offsets, float)
     late = late - late.min()
-    numbered = [camera for camera in cameras if camera.rate is None]
-    first = min((camera.times[0] for camera in numbered), default=0)
+    first = min((camera.times[0] for camera in cameras if camera.rate is None), default=0)
     frames = []
-    for camera, rate, delay in zip(cameras, rates, late, strict=True):
-        if rate is None:
-            span = camera.times[-1] - first + 1
-            counts = span <= _MOST_SPAN * len(camera)
-            place = camera.times - first if counts else np.arange(len(camera))
-            if not counts:
-                notes.append(f"the numbers of the images of {camera.name} do not count frames; taken in their order")
-        elif given and len({round(each, 3) for each in known}) == 1:
-            # The rate that is given holds for all files, and their own can be wrong.
+    for camera, delay in zip(cameras, late, strict=True):
+        if camera.rate is None:
+            place = _by_number(camera, first, notes)
+        elif by_clock:
             place = _by_clock(camera.times)
         else:
             place = (camera.times - camera.times[0]) * fps
@@ -280,12 +280,37 @@ def align(cameras: Sequence[CameraImages], fps: float | None, offsets: Sequence[
     for camera, each in zip(cameras, frames, strict=True):
         if unused := int((each < 0).sum()):
             notes.append(f"{camera.name}: {unused} of {len(each)} images were taken in the frame of another, not used")
-    count = max(int(each.max()) + 1 for each in frames)
     ends = [int(each.max()) + 1 for each in frames]
-    if min(ends) < count:
+    if min(ends) < max(ends):
         listed = ", ".join(f"{camera.name} {end}" for camera, end in zip(cameras, ends, strict=True))
         notes.append(f"cameras end at different frames ({listed}); nothing is detected beyond their ends")
-    return Alignment(float(fps), tuple(frames), count, tuple(notes))
+    return Alignment(float(fps), tuple(frames), max(ends), tuple(notes))
+
+
+def _highest_rate(cameras: Sequence[CameraImages], notes: list[str]) -> float:
+    """Return the highest frame rate that videos state. Add a note if they state several."""
+    fastest = max((camera for camera in cameras if camera.rate), key=lambda camera: camera.rate or 0, default=None)
+    if fastest is None or not fastest.rate:
+        raise ValueError(
+            "expected fps=...: folders of images do not say how many frames a second they have; photographs that "
+            "do not belong together are given as photos=<folder>"
+        )
+    if any(camera.rate and camera.rate < fastest.rate * (1 - _SAME_RATE) for camera in cameras):
+        listed = ", ".join(f"{camera.name} {camera.rate:.5g}" for camera in cameras if camera.rate)
+        notes.append(f"cameras have other frame rates ({listed}); those of fewer have no image in some frames")
+    check_rate(f"{fastest.path}: fps", fastest.rate)
+    return fastest.rate
+
+
+def _by_number(camera: CameraImages, first: float, notes: list[str]) -> np.ndarray:
+    """Return frames (N,) by the numbers of a folder's images, from the `first` of all folders on.
+
+    Numbers that cannot count frames, because they are too far apart, are not used; a note says so.
+    """
+    if camera.times[-1] - first + 1 <= _MOST_SPAN * len(camera):
+        return camera.times - first
+    notes.append(f"the numbers of the images of {camera.name} do not count frames; taken in their order")
+    return np.arange(len(camera))
 
 
 def _unique(frames: np.ndarray) -> np.ndarray:

@@ -13,12 +13,11 @@ from scipy.optimize import linear_sum_assignment
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.skeleton import Skeleton
-from dmae.detection.images import CameraImages
+from dmae.detection.images import CameraImages, Recording
 from dmae.detection.registry import ImageDetector, PoseDetectorConfig, pose_detector
 from dmae.files.arrays import read_arrays
 from dmae.files.checks import MOST_PIXELS
 from dmae.files.contents import write_atomic
-from dmae.formats.footage import Fitting
 from dmae.numerics.body import distance_to_bones
 from dmae.numerics.statistics import median_over_frames
 from dmae.parallel import in_parallel
@@ -148,6 +147,18 @@ def read_piece(file: Path) -> Iterator[np.ndarray | None]:
         yield arrays["people"][start:end] if readable else None
 
 
+def in_calibration(found: Sequence[CameraPeople], recording: Recording, skeleton: Skeleton) -> Detections2D:
+    """Return what was found in the cameras of a recording as detections, in the pixels of its calibration."""
+    fitted = [
+        [
+            None if each is None else np.concatenate([fitting.to_calibration(each[..., :2]), each[..., 2:]], -1)
+            for each in people
+        ]
+        for people, fitting in zip(found, recording.fittings, strict=True)
+    ]
+    return to_detections(fitted, recording.alignment.frames, recording.alignment.count, skeleton)
+
+
 # What cameras see together: parts of people are removed, people whom one camera missed are searched again
 
 _NEAR = 0.15
@@ -156,53 +167,44 @@ relative to the radius of the body in the image."""
 
 
 def compare_views(
-    found: Sequence[CameraPeople],
-    cameras: Sequence[CameraImages],
-    rig: CameraRig,
-    detections: Detections2D,
-    frames: Sequence[np.ndarray],
-    fittings: Sequence[Fitting],
-    fps: float,
-    config: PoseDetectorConfig,
-    pieces: Path,
-    workers: int = 1,
+    found: Sequence[CameraPeople], recording: Recording, config: PoseDetectorConfig, pieces: Path, workers: int = 1
 ) -> list[CameraPeople]:
-    """Return what a detector found in V cameras, corrected with the help of the other cameras.
+    """Return what a detector found in the V cameras of a recording, corrected with the help of the other cameras.
 
     People are captured from the detections. Detections that are parts of them are removed. Where a person projects into
     an image and no detection is left for it, the detector searches at that place. What it finds there is added if it
-    agrees with the projection. An added detection is measured in its image like all others.
+    agrees with the projection. An added detection is measured in its image like all others. Nothing changes without a
+    calibration, or with a single camera.
 
     Args:
-        found: What the detector found in each camera.
-        cameras: With the images, in the order of the rig.
-        detections: (F, V, D, J) what was found, in the pixels of the calibration.
-        frames: For each camera (N,) the frame of each image; -1 for an image that is not used.
-        fittings: Scale and margin of each camera's images.
-        fps: Frames per second of the detections.
+        found: What the detector found in each camera, in the pixels of its images.
         config: The detector. Without a method `find_at` people are not searched.
         pieces: Folder to which each finished piece is written. Pieces that are there are not computed again.
         workers: Processes; -1 for one per core.
     """
-    if not config.across_views or len(rig) < 2:
+    rig, alignment = recording.rig, recording.alignment
+    if rig is None or not config.across_views or len(rig) < 2:
         return list(found)
-    poses = capture(Clip("detected", fps, rig, detections), CaptureConfig())
+    detector = make_detector(config)
+    detections = in_calibration(found, recording, detector.skeleton)
+    poses = capture(Clip("detected", alignment.fps, rig, detections), CaptureConfig())
     parts = parts_of_people(poses, rig, detections)
     found = [
         [
             people if people is None or frame < 0 else people[~parts[frame, view, : len(people)]]
             for people, frame in zip(each, places, strict=True)
         ]
-        for view, (each, places) in enumerate(zip(found, frames, strict=True))
+        for view, (each, places) in enumerate(zip(found, alignment.frames, strict=True))
     ]
-    if not hasattr(make_detector(config), "find_at"):
+    if not hasattr(detector, "find_at"):
         return found
     xy, score = (
         np.where(parts[..., None, None], np.nan, part) for part in (detections.xy, detections.score[..., None])
     )
     missed = missed_people(poses, rig, replace(detections, xy=xy, score=score[..., 0]))
     tasks = []
-    for view, (camera, places, fitting) in enumerate(zip(cameras, frames, fittings, strict=True)):
+    of_cameras = zip(recording.cameras, alignment.frames, recording.fittings, strict=True)
+    for view, (camera, places, fitting) in enumerate(of_cameras):
         expected = {
             number: fitting.from_calibration(missed[frame, view])
             for number, frame in enumerate(places.tolist())

@@ -19,6 +19,7 @@ from dmae.data.skeleton import COCO17, Skeleton, option_skeleton
 from dmae.detection.images import (
     Alignment,
     CameraImages,
+    Recording,
     align,
     cameras_of,
     find_cameras,
@@ -26,7 +27,13 @@ from dmae.detection.images import (
     images_of,
     read_files,
 )
-from dmae.detection.pipeline import CameraPeople, compare_views, detect_people, make_detector, to_detections
+from dmae.detection.pipeline import (
+    compare_views,
+    detect_people,
+    in_calibration,
+    make_detector,
+    to_detections,
+)
 from dmae.detection.registry import FlatFormat, OutputConfig, PoseDetectorConfig
 from dmae.files.checks import IMAGES, child
 from dmae.files.contents import write_atomic
@@ -45,18 +52,6 @@ from dmae.viewing.overlay import Mark, draw_line, draw_mark, person_colour
 _SAMPLED = 5  # Number of images of a camera, evenly spread, in which black borders are searched
 _LISTED = 8
 _STILLS_RATE = 0.1  # 1/s; of photographs in sets, where it is not known
-
-
-@dataclass(frozen=True)
-class Recording:
-    """Videos that belong together."""
-
-    cameras: tuple[CameraImages, ...]  # V cameras with images
-    alignment: Alignment  # The frame of each image
-    rig: CameraRig | None  # Their calibration; None if there is none
-    # Scale and margin of the images of each camera, relative to the images of its calibration
-    fittings: tuple[Fitting, ...]
-    notes: tuple[str, ...]  # Decisions that can be wrong
 
 
 def open_recording(
@@ -100,28 +95,35 @@ def open_sets(path: Path, rig: CameraRig, fps: float | None = None) -> Recording
         raise ValueError(f"fps={fps:g}: photos=... are stills, less than {STILLS:g} a second; give videos=... instead")
     if not path.is_dir():
         raise FileNotFoundError(f"photos={path}: expected a folder of photographs for each camera, or for each set")
-    folders = [each for each in by_name(path.iterdir()) if each.is_dir()]
-    sets = [images_in(each) for each in folders]
-    stems = {file.stem for files in sets for file in files}
-    given = (rig.names, stems, [each.name for each in folders])
-    calibrated, of_files, of_folders = ({plain(name) for name in names} for names in given)
-    if len(of_files & calibrated) > len(of_folders & calibrated):
-        cameras, notes = [], [f"{len(sets)} sets of photographs, a folder each"]
-        for name in sorted(stems, key=natural):
-            there = [(number, file) for number, files in enumerate(sets) for file in files if file.stem == name]
-            cameras.append(images_of(name, path, [file for _, file in there], [number for number, _ in there]))
-    else:
-        cameras, notes = find_cameras(path), []
-        if films := [camera.name for camera in cameras if camera.rate is not None]:
-            raise ValueError(f"photos={path}: expected photographs, found a video, {films[0]}; give videos=... instead")
-        numbers = np.unique(np.concatenate([camera.times for camera in cameras]))
-        # Photographs with the same number belong together, however far the numbers are apart.
-        cameras = [replace(camera, times=np.searchsorted(numbers, camera.times).astype(float)) for camera in cameras]
-        notes.append(f"{len(numbers)} sets of photographs, by the numbers in their names")
+    sets = {folder.name: images_in(folder) for folder in by_name(path.iterdir()) if folder.is_dir()}
+    calibrated = {plain(name) for name in rig.names}
+    photographs = {plain(file.stem) for files in sets.values() for file in files}
+    by_folder = len(photographs & calibrated) > len({plain(name) for name in sets} & calibrated)
+    cameras, how = _from_folders_of_sets(path, list(sets.values())) if by_folder else _from_folders_of_cameras(path)
     cameras, rig, fittings, more = _calibrated(cameras, rig, path)
     frames = tuple(camera.times.astype(int) for camera in cameras)
     alignment = Alignment(fps or _STILLS_RATE, frames, max(int(each.max()) for each in frames) + 1, ())
-    return Recording(tuple(cameras), alignment, rig, tuple(fittings), (*notes, *more))
+    return Recording(tuple(cameras), alignment, rig, tuple(fittings), (how, *more))
+
+
+def _from_folders_of_sets(path: Path, sets: Sequence[Sequence[Path]]) -> tuple[list[CameraImages], str]:
+    """Return the cameras of folders of a set each, and a note."""
+    cameras = []
+    for name in sorted({file.stem for files in sets for file in files}, key=natural):
+        there = [(number, file) for number, files in enumerate(sets) for file in files if file.stem == name]
+        cameras.append(images_of(name, path, [file for _, file in there], [number for number, _ in there]))
+    return cameras, f"{len(sets)} sets of photographs, a folder each"
+
+
+def _from_folders_of_cameras(path: Path) -> tuple[list[CameraImages], str]:
+    """Return the cameras of folders of a camera each, and a note. Photographs with the same number are a set."""
+    cameras = find_cameras(path)
+    if films := [camera.name for camera in cameras if camera.rate is not None]:
+        raise ValueError(f"photos={path}: expected photographs, found a video, {films[0]}; give videos=... instead")
+    numbers = np.unique(np.concatenate([camera.times for camera in cameras]))
+    # However far the numbers are apart, the sets follow each other.
+    cameras = [replace(camera, times=np.searchsorted(numbers, camera.times).astype(float)) for camera in cameras]
+    return cameras, f"{len(numbers)} sets of photographs, by the numbers in their names"
 
 
 def _calibrated(
@@ -168,13 +170,10 @@ def detect_recording(
             what they see (`check_origin`).
     """
     target, own = output_skeleton(skeleton), make_detector(config).skeleton
-    cameras, fittings, alignment = recording.cameras, recording.fittings, recording.alignment
     if recording.rig is not None and config.across_views:
         check_origin(recording.rig, "calibration")
-    if are_stills(alignment.fps):
-        found = _detected_alone(cameras, config, pieces, workers)
-    else:
-        found = detect_people(cameras, config, pieces, workers)
+    detect = _detect_alone if are_stills(recording.alignment.fps) else detect_people
+    found = detect(recording.cameras, config, pieces, workers)
     notes = []
     for name, people in found.items():
         if lost := [number for number, each in enumerate(people) if each is None]:
@@ -182,26 +181,8 @@ def detect_recording(
             notes.append(f"{name}: {len(lost)} of {len(people)} {image}s cannot be read ({listed})")
         if not any(each is not None and len(each) for each in people):
             notes.append(f"{name}: no people detected")
-
-    def detections(found: Sequence[CameraPeople]) -> Detections2D:
-        fitted = [
-            [
-                None if each is None else np.concatenate([fitting.to_calibration(each[..., :2]), each[..., 2:]], -1)
-                for each in people
-            ]
-            for people, fitting in zip(found, fittings, strict=True)
-        ]
-        return to_detections(fitted, alignment.frames, alignment.count, own)
-
-    views = [found[camera.name] for camera in cameras]
-    seen = detections(views)
-    if recording.rig is not None:
-        frames = alignment.frames
-        views = compare_views(
-            views, cameras, recording.rig, seen, frames, fittings, alignment.fps, config, pieces, workers
-        )
-        seen = detections(views)
-    return convert_detections(seen, target or own), tuple(notes)
+    views = compare_views([found[camera.name] for camera in recording.cameras], recording, config, pieces, workers)
+    return convert_detections(in_calibration(views, recording, own), target or own), tuple(notes)
 
 
 def detect_clip(
@@ -231,7 +212,7 @@ def detect_clip(
     return replace(clip, detections=detections, poses=None, detection_labels=None, provenance=provenance)
 
 
-def _detected_alone(
+def _detect_alone(
     cameras: Sequence[CameraImages], config: PoseDetectorConfig, pieces: Path, workers: int
 ) -> dict[str, list[np.ndarray | None]]:
     """Return what `detect_people` does, each image by itself: none tells where people are in the next."""

@@ -7,9 +7,10 @@ import cv2
 import numpy as np
 import pytest
 
+from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import BODY25
-from dmae.detection.images import CameraImages, find_cameras
+from dmae.detection.images import Alignment, CameraImages, Recording, find_cameras
 from dmae.detection.pipeline import CameraPeople, compare_views
 from dmae.detection.registry import PoseDetectorConfig
 from dmae.formats.footage import Fitting
@@ -76,12 +77,18 @@ def found_in(clip: Clip) -> list[CameraPeople]:
     return [[each[np.isfinite(each).any((-1, -2))] for each in rows[:, view]] for view in range(len(clip.rig))]
 
 
+def recording(rig: CameraRig, cameras, fittings=None) -> Recording:
+    frames, fittings = (np.arange(FRAMES),) * len(rig), tuple(fittings or [Fitting()] * len(rig))
+    return Recording(tuple(cameras), Alignment(FPS, frames, FRAMES, ()), rig, fittings, ())
+
+
 def search(clip: Clip, cameras, pieces: Path, config: PoseDetectorConfig = CONFIG, **options) -> list[CameraPeople]:
-    frames, fittings = [np.arange(FRAMES)] * len(clip.rig), options.get("fittings", [Fitting()] * len(clip.rig))
-    workers = options.get("workers", 1)
-    return compare_views(
-        found_in(clip), cameras, clip.rig, clip.detections, frames, fittings, FPS, config, pieces, workers
-    )
+    given = recording(clip.rig, cameras, options.get("fittings"))
+    found = [
+        [np.concatenate([fitting.from_calibration(each[..., :2]), each[..., 2:]], -1) for each in people]
+        for people, fitting in zip(found_in(clip), given.fittings, strict=True)
+    ]
+    return compare_views(found, given, config, pieces, options.get("workers", 1))
 
 
 def with_part(clip: Clip) -> Clip:
@@ -169,7 +176,4 @@ def test_without_the_option_or_the_method_nothing_is_searched(clip, cameras, tmp
 
 
 def test_one_view_captures_nobody_and_misses_nobody(clip):
-    detections = Detections2D(BODY25, clip.detections.xy[:, :1], clip.detections.score[:, :1])
-    assert compare_views(
-        found_in(clip)[:1], [], clip.rig[[0]], detections, [np.arange(FRAMES)], [Fitting()], FPS, CONFIG, Path()
-    )[0]
+    assert compare_views(found_in(clip)[:1], recording(clip.rig[[0]], []), CONFIG, Path())[0]
