@@ -32,34 +32,36 @@ def match_cameras(
 
     Raises ValueError if the cameras do not match; the message lists both.
     """
-    calibrated, found = [plain(name) for name in rig.names], [plain(name) for name in names]
+    found, calibrated = [plain(name) for name in names], {plain(name): view for view, name in enumerate(rig.names)}
     both = f"{what} of {', '.join(names)} and calibration of {', '.join(rig.names)}"
-    if len(set(found)) < len(found) or len(set(calibrated)) < len(calibrated):
+    if len(set(found)) < len(names) or len(calibrated) < len(rig):
         raise ValueError(f"{path}: expected different cameras, found {both}")
-    if set(found) <= set(calibrated):
-        spare = [name for name, bare in zip(rig.names, calibrated, strict=True) if bare not in found]
-        those, are = (
-            (f"{len(spare)} calibrated cameras have", "are") if len(spare) > 1 else ("1 calibrated camera has", "is")
-        )
+    lacking = [name for name, bare in zip(names, found, strict=True) if bare not in calibrated]
+    if not lacking:
+        spare = [rig.names[view] for bare, view in calibrated.items() if bare not in found]
+        those = "1 calibrated camera has" if len(spare) == 1 else f"{len(spare)} calibrated cameras have"
+        are = "is" if len(spare) == 1 else "are"
         note = f"{those} no {what} and {are} left out: {', '.join(spare[:5])}"
-        return [calibrated.index(name) for name in found], note if spare else None
-    if set(found) & set(calibrated) or len(names) != len(rig):
-        lacking = [name for name, bare in zip(names, found, strict=True) if bare not in calibrated]
-        have = "has" if len(lacking) == 1 else "have"
+        return [calibrated[bare] for bare in found], note if spare else None
+    if len(lacking) < len(names) or len(names) != len(rig):
         raise ValueError(
             f"{path}: expected a calibration of each camera that has {what}, found {both}: {', '.join(lacking)} "
-            f"{have} none; give the cameras the same names, or name other files by {options}"
+            f"{'has' if len(lacking) == 1 else 'have'} none; give the cameras the same names, or name other files by "
+            f"{options}"
         )
+    order: Callable[[str], Any] = natural
+    how = "in order of their names"
     numbers: list[list[Any]] = [[_number(name) for name in part] for part in (names, rig.names)]
-    ranks, how = [_ranks([natural(name) for name in part]) for part in (names, rig.names)], "in order of their names"
     if all(None not in part and len(set(part)) == len(part) for part in numbers):
         steps = {a - b for a, b in zip(*map(sorted, numbers), strict=True)}
         if len(steps) > 1:
             raise ValueError(f"{path}: expected cameras with the same numbers, found {both}")
-        ranks, how = [_ranks(part) for part in numbers], "by number" if steps == {0} else "in order of their numbers"
-    index = [ranks[1].index(rank) for rank in ranks[0]]
-    pairs = ", ".join(f"{name} = {rig.names[i]}" for name, i in zip(names, index, strict=True))
-    return index, f"cameras of {what} and calibration are matched {how}: {pairs}"
+        order, how = _number, "by number" if steps == {0} else "in order of their numbers"
+    match = dict(zip(sorted(names, key=order), sorted(rig.names, key=order), strict=True))
+    pairs = ", ".join(f"{name} = {match[name]}" for name in names)
+    return [rig.names.index(match[name]) for name in names], (
+        f"cameras of {what} and calibration are matched {how}: {pairs}"
+    )
 
 
 def plain(name: str) -> str:
@@ -93,10 +95,6 @@ def camera_files(path: Path, pattern: str) -> list[Path]:
             f"{path}: expected {pattern.replace('*', '<camera>')}, found none; name their folder by data.detections=..."
         )
     return files
-
-
-def _ranks(keys: list) -> list[int]:
-    return [sorted(keys).index(key) for key in keys]
 
 
 def frame_number(path: Path, stem: str) -> int:
