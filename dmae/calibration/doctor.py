@@ -6,6 +6,7 @@ In this order: the diagnosis, single cameras that differ from their calibration,
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import ttest_rel
@@ -127,11 +128,10 @@ def diagnose(
     """
     if max_offset < 0:
         raise ValueError(f"max_offset={max_offset}: expected a number of frames, 0 or more")
-    hypothesis = Hypothesis.of(clip, convention or Convention())
-    as_read = hypothesis.xy
+    as_read = Hypothesis.of(clip, convention or Convention())
     pairs = pairs_to_compare(len(clip.rig))
-    frames = hypothesis.sample_frames(CHECKED_FRAMES)
-    detected = np.isfinite(hypothesis.xy[..., 0]).any((0, 2, 3))
+    frames = as_read.sample_frames(CHECKED_FRAMES)
+    detected = np.isfinite(as_read.xy[..., 0]).any((0, 2, 3))
     unknown = tuple(
         f"{camera_label(name)} detects no people"
         for name, some in zip(clip.rig.names, detected, strict=True)
@@ -140,31 +140,12 @@ def diagnose(
     if len(clip.rig) < 2 or not len(frames):
         reason = "there is one camera" if len(clip.rig) < 2 else "no two cameras detect people in the same frame"
         return Diagnosis((), (), (), (*unknown, f"nothing can be compared: {reason}"))
-    fits = _pair_fits(hypothesis, pairs, frames)
+    fits = _pair_fits(as_read, pairs, frames)
     if sum(fit.detections for fit in fits) < MIN_DETECTIONS:
         return Diagnosis(fits, fits, (), (*unknown, "nothing can be compared: too few people are seen by two cameras"))
-    findings, sensitivity, named = [], 0.0, set[tuple[str, ...]]()
-    # A fault can hide another one, and every camera can have a fault.
-    for _ in range(len(clip.rig) + 2):
-        correction, sensitivity = find_fault(hypothesis, max_offset)
-        examination = _examine(hypothesis, correction)
-        camera = examination and named_camera(hypothesis, *examination, offsets)
-        if camera and camera[0].cameras not in named and _explains(camera[1], correction, hypothesis, pairs):
-            finding, hypothesis = camera
-            findings.append(finding)
-            named.add(finding.cameras)
-            continue
-        if correction is None:
-            break
-        if not _confirmed(correction, hypothesis, examination and examination[0], pairs):
-            if len(clip.rig) == 2:
-                unknown += (_TWO_DISAGREE.format(" and ".join(clip.rig.names)),)
-            break
-        findings.append(corrected_fault(correction, hypothesis, convention, offsets, frames))
-        hypothesis = correction.hypothesis
-        if correction.fault == Fault.inverse and len(correction.views) == len(clip.rig):
-            written = replace(hypothesis.convention, inverse=not hypothesis.convention.inverse)
-            hypothesis = replace(hypothesis, convention=written)
+    undone = _undo_faults(as_read, pairs, convention, offsets, max_offset)
+    findings, hypothesis = list(undone.findings), undone.hypothesis
+    unknown += undone.unknown
     frames = hypothesis.sample_frames(CHECKED_FRAMES)
     sample = ViewSample.of(hypothesis, frames)
     found = measure_agreement(sample, pairs)
@@ -175,21 +156,67 @@ def diagnose(
         findings.append(unexplained_fault(hypothesis, disagreeing))
     unknown += tuple(f"{camera_label(name)} sees no people that the others see" for name in apart)
     if len(disagreeing) < len(clip.rig):
-        if sensitivity < _MIN_SENSITIVITY:
+        if undone.sensitivity < _MIN_SENSITIVITY:
             unknown += ("people move too little to decide whether the cameras are synchronised",)
         more, undecided = world_faults(hypothesis, people, convention is not None)
         findings += more
         unknown += undecided
         if not more:
             floor = find_floor(
-                capture(_corrected(clip, hypothesis, hypothesis.xy is not as_read), CaptureConfig()), clip.fps
+                capture(_corrected(clip, hypothesis, hypothesis.xy is not as_read.xy), CaptureConfig()), clip.fps
             )
             findings += tilt_fault(floor, clip.rig.names)
     findings += size_faults(hypothesis)
     if not disagreeing:
-        unknown += undetermined(hypothesis, examination and examination[0])
-    cameras = camera_fits(hypothesis, examination and examination[0])
+        unknown += undetermined(hypothesis, undone.examination)
+    cameras = camera_fits(hypothesis, undone.examination)
     return Diagnosis(fits, _pair_fits(hypothesis, pairs, frames), tuple(findings), unknown, cameras, floor)
+
+
+class _Undone(NamedTuple):
+    """Faults that were found and undone, one after the other."""
+
+    findings: tuple[Finding, ...]
+    hypothesis: Hypothesis  # Cameras and detections without these faults
+    sensitivity: float  # How much agreement is lost at wrong time offsets, see `find_fault`
+    examination: Examination | None  # The last one of single cameras; None if they could not be examined
+    unknown: tuple[str, ...]  # Questions that could not be decided
+
+
+def _undo_faults(
+    hypothesis: Hypothesis, pairs: Pairs, convention: Convention | None, offsets: list[int] | None, max_offset: int
+) -> _Undone:
+    """Find and undo one fault after the other, until none is left: one can hide another, and each camera can have one.
+
+    A single camera that differs from its calibration is a finding where this explains the recording better than the
+    usual faults do.
+    """
+    findings: list[Finding] = []
+    named: set[tuple[str, ...]] = set()
+    unknown: tuple[str, ...] = ()
+    sensitivity, examination, frames = 0.0, None, hypothesis.sample_frames(CHECKED_FRAMES)
+    for _ in range(len(hypothesis.rig) + 2):
+        correction, sensitivity = find_fault(hypothesis, max_offset)
+        examined_cameras = _examine(hypothesis, correction)
+        examination = examined_cameras and examined_cameras[0]
+        camera = examined_cameras and named_camera(hypothesis, *examined_cameras, offsets)
+        if camera and camera[0].cameras not in named and _explains(camera[1], correction, hypothesis, pairs):
+            finding, hypothesis = camera
+            findings.append(finding)
+            named.add(finding.cameras)
+            continue
+        if correction is None:
+            break
+        if not _confirmed(correction, hypothesis, examination, pairs):
+            if len(hypothesis.rig) == 2:
+                unknown = (_TWO_DISAGREE.format(" and ".join(hypothesis.rig.names)),)
+            break
+        findings.append(corrected_fault(correction, hypothesis, convention, offsets, frames))
+        hypothesis = correction.hypothesis
+        if correction.fault == Fault.inverse and len(correction.views) == len(hypothesis.rig):
+            written = replace(hypothesis.convention, inverse=not hypothesis.convention.inverse)
+            hypothesis = replace(hypothesis, convention=written)
+    return _Undone(tuple(findings), hypothesis, sensitivity, examination, unknown)
 
 
 def _corrected(clip: Clip, hypothesis: Hypothesis, changed: bool) -> Clip:
