@@ -173,7 +173,6 @@ def _attempt(config: GenerateConfig, index: int, attempt: int) -> tuple[Clip, Bo
 
 
 def _scene(config: GenerateConfig, rig: CameraRig, seed: int, index: int) -> SampledScene:
-    drawn_from = config.scene, config.motion, config.props
     if config.occlusion.target:
-        return sample_hidden_scene(*drawn_from, config.occlusion, rig, config.interaction, seed=seed, clip=index)
-    return sample_scene(*drawn_from, config.interaction, seed=seed, clip=index)
+        return sample_hidden_scene(config, rig, seed=seed, clip=index)
+    return sample_scene(config.scene, config.motion, config.props, config.interaction, seed=seed, clip=index)

@@ -105,9 +105,10 @@ def add_images(
     shutil.rmtree(partial, ignore_errors=True)
     try:
         with Renderer(scene.model, scene.geom_ids, rig, options.quality, options.imaging) as renderer:
-            how: dict = {"kinds": missing, "rgb": options.rgb.value, "seen": seen}
-            how["sensors"] = [Sensor(options.imaging, spec.seed, spec.clip, view) for view in range(len(rig))]
-            images, visible, amodal = render_images(renderer, state.qpos, rig, partial, clip.fps, **how)
+            sensors = [Sensor(options.imaging, spec.seed, spec.clip, view) for view in range(len(rig))]
+            images, visible, amodal = render_images(
+                renderer, state.qpos, rig, partial, clip.fps, missing, options.rgb.value, seen, sensors
+            )
         for kind in missing:
             shutil.rmtree(folder / _FOLDER / kind, ignore_errors=True)
             (folder / _FOLDER).mkdir(exist_ok=True)

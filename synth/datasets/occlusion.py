@@ -10,18 +10,14 @@ from dmae.data.cameras import CameraRig
 from dmae.data.images import FIRST_OBJECT_ID
 from dmae.data.labels import Visibility
 from dmae.data.rng import Stream, generator
-from synth.datasets.config import OcclusionConfig
+from synth.datasets.config import GenerateConfig, OcclusionConfig
 from synth.errors import FailedSimulation
-from synth.interactions.registry import InteractionConfig
 from synth.labels.visibility import joint_visibility
-from synth.motion.config import MotionConfig
 from synth.people.body import landmarks
 from synth.physics.body_state import joint_positions, moved_with
 from synth.physics.controller import find_joints, make_reference
 from synth.physics.planning import plan_motions
-from synth.rooms.config import PropsConfig
 from synth.scene.build import Scene, add_prop, build_scene
-from synth.scene.config import SceneConfig
 from synth.scene.sampling import SampledScene, lay_out, sample_people
 from synth.scene.spec import PLAN_FPS, PropSpec
 
@@ -123,17 +119,7 @@ the fraction `_FAR` of the joints, people move all the way from keeping apart to
 misses by half of `_FAR`, the target cannot be met."""
 
 
-def sample_hidden_scene(
-    scene: SceneConfig,
-    motion: MotionConfig,
-    props: PropsConfig,
-    config: OcclusionConfig,
-    rig: CameraRig,
-    interaction: InteractionConfig | None = None,
-    *,
-    seed: int,
-    clip: int,
-) -> SampledScene:
+def sample_hidden_scene(config: GenerateConfig, rig: CameraRig, *, seed: int, clip: int) -> SampledScene:
     """Sample the scene of one clip with the target occlusion; see `synth.scene.sampling.sample_scene`.
 
     A layout is drawn with many props. Props are removed until the remaining ones hide a fraction that is drawn from the
@@ -144,15 +130,16 @@ def sample_hidden_scene(
         FailedSimulation: no layout meets the target; the message says what would help.
         ValueError: the configuration cannot be met.
     """
-    if (config.views or 0) > len(rig):
+    scene, target = config.scene, config.occlusion
+    if (target.views or 0) > len(rig):
         raise ValueError(
-            f"occlusion.views: a joint cannot be hidden in {config.views} cameras, the rig has {len(rig)}; "
+            f"occlusion.views: a joint cannot be hidden in {target.views} cameras, the rig has {len(rig)}; "
             f"expected 1 to {len(rig)}"
         )
-    inset = _MARGIN * (config.target[1] - config.target[0])
-    low, high = config.target[0] + inset, config.target[1] - inset
+    inset = _MARGIN * (target.target[1] - target.target[0])
+    low, high = target.target[0] + inset, target.target[1] - inset
     aim = float(generator(seed, clip, Stream.LAYOUT).uniform(low, high))
-    people = sample_people(scene, motion, interaction, seed=seed, clip=clip)
+    people = sample_people(scene, config.motion, config.interaction, seed=seed, clip=clip)
     nearest, farthest = scene.clearance
     cameras = tuple((float(x), float(y)) for x, y in rig.centers[:, :2])
     # People keep apart at closeness 0, and crowd together at 1.
@@ -162,12 +149,12 @@ def sample_hidden_scene(
         clearance = farthest + closeness * (nearest - farthest)
         layout = replace(scene, gathering=gathering, props=[max(_PROPS, scene.props[0])] * 2)
         try:
-            spec, motions = lay_out(people, layout, props, rng=rng, clearance=clearance, cameras=cameras)
+            spec, motions = lay_out(people, layout, config.props, rng=rng, clearance=clearance, cameras=cameras)
         except FailedSimulation:
             # People who gather like this do not fit. Another draw may succeed.
             continue
         base = base or build_scene(replace(spec, props=()), rig)
-        prediction = _OcclusionPrediction(SampledScene(spec, motions), base, rig, config)
+        prediction = _OcclusionPrediction(SampledScene(spec, motions), base, rig, target)
         fewest, most = min(scene.props[0], len(spec.props)), len(spec.props)
         # More props never hide less: try the numbers that hide just more and just less than the aim.
         more = bisect_left(range(most + 1), aim, lo=fewest, key=prediction.share)
@@ -186,7 +173,7 @@ def sample_hidden_scene(
             f"no room for people in any of {_LAYOUTS} layouts; fewer people (scene.persons), shorter clips or a "
             "larger scene.radius would help"
         )
-    raise unmet(found, config)
+    raise unmet(found, target)
 
 
 class _OcclusionPrediction:

@@ -14,7 +14,7 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
 from dmae.data.images import FIRST_OBJECT_ID
 from dmae.data.labels import Visibility
-from synth.labels.visibility import judged
+from synth.labels.visibility import point_visibility
 from synth.people.body import HEAD_HEIGHT, PARENTS, SEGMENTS, SIDES, Body, side_and_name
 from synth.people.skinning import Skin, locate, mesh_triangles
 from synth.rooms.rays import at_rest, cast_rays, opaque_model
@@ -231,9 +231,9 @@ def surface_labels(scene: Scene, points: SurfacePoints, qpos: np.ndarray, rig: C
             averted = (rays * normals[frame][sought]).sum(-1) >= 0
             reach = np.linalg.norm(rays, axis=-1)
             rays /= np.maximum(reach, 1e-9)[:, None]
-            met = cast_rays(opaque, data, centre, rays)
-            codes[view][sought], hidden_by[frame, view][sought], _ = judged(
-                scene.geom_ids, *met, rays, reach, sought[0], _FOLD, averted
+            hits = cast_rays(opaque, data, centre, rays)
+            codes[view][sought], hidden_by[frame, view][sought], _ = point_visibility(
+                hits, rays, reach, sought[0], scene.geom_ids, _FOLD, averted
             )
     return SurfaceLabels(NAMES, xyz, normals, visibility, hidden_by, touches)
 

@@ -9,7 +9,7 @@ from dmae.data.cameras import CameraRig
 from dmae.data.images import FIRST_OBJECT_ID
 from dmae.data.labels import OcclusionLabels, Visibility
 from synth.people.skinning import Skin
-from synth.rooms.rays import cast_rays, opaque_model
+from synth.rooms.rays import Hits, cast_rays, opaque_model
 
 CONTACT = 0.025
 """Distance below which a limb in front of another limb's joint is in contact with it and does not hide it, m."""
@@ -58,12 +58,11 @@ def joint_visibility(
     limbs = _limbs(model, bodies, depth.shape)
 
     opaque = opaque_model(model, geom_ids)
-    data = mujoco.MjData(opaque)
     some = max(1, _RAYS_AT_ONCE // max(1, visibility[:1].size))
     for first in range(0, len(qpos), some):
         block = slice(first, first + some)
         sought = np.nonzero(visibility[block] == Visibility.VISIBLE)
-        found = _first_hits(opaque, data, qpos[block], rig.centers, joints[block], sought, depth, limbs, geom_ids)
+        found = _seen_or_hidden(opaque, qpos[block], rig.centers, joints[block], sought, depth, limbs, geom_ids)
         for label, value in zip(labels, found, strict=True):
             label[block][sought] = value
     return OcclusionLabels(visibility, occluder, margin, objects=objects)
@@ -78,7 +77,16 @@ def _limbs(model: mujoco.MjModel, bodies: np.ndarray | None, shape: tuple[int, i
     return (connected | connected.T)[bodies]
 
 
-def _first_hits(opaque, data, qpos, centers, joints, sought, depth, limbs, geom_ids) -> tuple[np.ndarray, ...]:
+def _seen_or_hidden(
+    opaque: mujoco.MjModel,
+    qpos: np.ndarray,
+    centers: np.ndarray,
+    joints: np.ndarray,
+    sought: tuple[np.ndarray, ...],
+    depth: np.ndarray,
+    limbs: np.ndarray,
+    geom_ids: np.ndarray,
+) -> tuple[np.ndarray, ...]:
     """Return visibility, occluder and margin (R,) of the joints `sought`: (R,) frames, views, persons and joints."""
     frame, view, person, joint = sought
     rays = joints[frame, person, joint] - centers[view]
@@ -90,32 +98,41 @@ def _first_hits(opaque, data, qpos, centers, joints, sought, depth, limbs, geom_
     first = np.where(ray[frame, view, person, first] < 0, joint, first)
     own = np.flatnonzero(first == joint)
     ray[tuple(index[own] for index in sought)] = np.arange(len(own))
-    hits = _cast_all(opaque, data, qpos, centers, rays[own] / reach[own, None], frame[own], view[own])
-    geom, distance, outward = (hit[ray[frame, view, person, first]] for hit in hits)
+    cast = _cast_all(opaque, qpos, centers, rays[own] / reach[own, None], frame[own], view[own])
+    hits = Hits(*(hit[ray[frame, view, person, first]] for hit in cast))
     depth = depth[person, joint]
-    same_limb = limbs[person, joint, opaque.geom_bodyid[geom]]
+    same_limb = limbs[person, joint, opaque.geom_bodyid[hits.geom]]
     allowed = np.where(same_limb, depth, np.minimum(depth, CONTACT))
-    return judged(geom_ids, geom, distance, outward, rays, reach, person, allowed)
+    return point_visibility(hits, rays, reach, person, geom_ids, allowed)
 
 
-def judged(
-    geom_ids: np.ndarray, geom, distance, outward, rays, reach, person, allowed, averted: np.ndarray | bool = False
+def point_visibility(
+    hits: Hits,
+    rays: np.ndarray,
+    reach: np.ndarray,
+    person: np.ndarray,
+    geom_ids: np.ndarray,
+    allowed: np.ndarray | float,
+    averted: np.ndarray | bool = False,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return `Visibility`, index of the occluder, -1 for none, and its margin in depth, m, (R,) each, of points on
     persons.
 
     Args:
-        geom, distance, outward: What rays from cameras first meet, from `cast_rays`.
-        rays, reach: (R, 3) their directions, and (R,) the distances of the points, m.
+        hits: What rays from cameras to the points meet first.
+        rays: (R, 3) directions of the rays.
+        reach: (R,) distance of each point from its camera, m.
         person: (R,) person of each point.
-        allowed: Distance before a point, m, within which its own person does not hide it.
-        averted: Whether the surface at a point faces away, so that at least its own person hides it.
+        geom_ids: As for `joint_visibility`.
+        allowed: (R,) distance before a point, m, within which its own person does not hide it.
+        averted: (R,) whether the surface at a point faces away, so that at least its own person hides it.
     """
-    ids = np.where(geom >= 0, geom_ids[geom], 0).astype(int)
+    ids = np.where(hits.geom >= 0, geom_ids[hits.geom], 0).astype(int)
     # A ray that hits a surface from behind started inside the object.
-    within = np.einsum("rx,rx->r", outward, rays) > 0
-    before = (ids > 0) & np.where(ids == person + 1, distance < reach - allowed, (distance < reach) | within)
-    margin = np.where(before, np.where(within, reach, reach - distance), np.nan)
+    within = np.einsum("rx,rx->r", hits.outward, rays) > 0
+    in_front = np.where(ids == person + 1, hits.distance < reach - allowed, (hits.distance < reach) | within)
+    before = (ids > 0) & in_front
+    margin = np.where(before, np.where(within, reach, reach - hits.distance), np.nan)
     ids, hidden = np.where(before, ids, person + 1), before | averted
     is_object = ids >= FIRST_OBJECT_ID
     codes = np.select(
@@ -132,10 +149,17 @@ def _first_at_place(joints: np.ndarray) -> np.ndarray:
     return (same | np.eye(joints.shape[2], dtype=bool)).argmax(-1)
 
 
-def _cast_all(opaque, data, qpos, centers, directions, frame, view) -> tuple[np.ndarray, ...]:
+def _cast_all(
+    opaque: mujoco.MjModel,
+    qpos: np.ndarray,
+    centers: np.ndarray,
+    directions: np.ndarray,
+    frame: np.ndarray,
+    view: np.ndarray,
+) -> Hits:
     """Cast rays from the camera centres of views in the states of frames. Rays are sorted by frame, then by view."""
-    hits = np.empty(len(directions), np.int32), np.empty(len(directions)), np.empty_like(directions)
-    views, skin = len(centers), Skin(opaque, normals=False)
+    hits = Hits(np.empty(len(directions), np.int32), np.empty(len(directions)), np.empty_like(directions))
+    data, views, skin = mujoco.MjData(opaque), len(centers), Skin(opaque, normals=False)
     ends = np.searchsorted(frame * views + view, np.arange(len(qpos) * views), side="right").tolist()
     for number, (start, stop) in enumerate(pairwise([0, *ends])):
         at, seer = divmod(number, views)

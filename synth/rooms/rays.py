@@ -1,6 +1,7 @@
 """Rays cast through a MuJoCo scene."""
 
 import copy
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -26,18 +27,21 @@ def opaque_model(model: mujoco.MjModel, geom_ids: np.ndarray) -> mujoco.MjModel:
     return opaque
 
 
+class Hits(NamedTuple):
+    """What R rays meet first."""
+
+    geom: np.ndarray  # (R,) index of the geom, -1 for none
+    distance: np.ndarray  # (R,) m, -1 for none
+    outward: np.ndarray  # (R, 3) outward unit normal of the surface, world; zero for none
+
+
 def cast_rays(
     model: mujoco.MjModel, data: mujoco.MjData, center: np.ndarray, directions: np.ndarray, groups: tuple = (0,)
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+) -> Hits:
     """Find the first geom, in groups, that each ray from a point (3,) m, world, meets, with kinematics up to date.
 
     Args:
         directions: (R, 3) unit vectors, world.
-
-    Returns:
-        geom: (R,) index of the geom met, -1 for none.
-        distance: (R,) m, -1 for none.
-        outward: (R, 3) outward unit normal of the surface, world; zero for none.
     """
     count = len(directions)
     geom, distance, normal = np.full(count, -1, np.int32), np.full(count, -1.0), np.zeros(3 * count)
@@ -48,7 +52,7 @@ def cast_rays(
             model, data, center, np.ascontiguousarray(directions).ravel(),
             stops, 1, -1, geom, distance, normal, count, mujoco.mjMAXVAL,
         )  # fmt: skip
-    return geom, distance, normal.reshape(count, 3)
+    return Hits(geom, distance, normal.reshape(count, 3))
 
 
 def geom_around(model: mujoco.MjModel, data: mujoco.MjData, point: np.ndarray, solid: np.ndarray | None = None) -> int:

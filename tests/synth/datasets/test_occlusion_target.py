@@ -15,7 +15,6 @@ from synth.errors import FailedSimulation
 from synth.motion.config import MotionConfig
 from synth.rigs.config import RigConfig, RingConfig
 from synth.rigs.rig import make_rig
-from synth.rooms.config import PropsConfig
 from synth.scene.config import SceneConfig
 from synth.scene.sampling import lay_out, load_motions, sample_people, sample_scene
 
@@ -115,7 +114,7 @@ def test_a_target_is_met(target, views):
 def test_the_scene_depends_only_on_seed_and_clip():
     asked = OcclusionConfig(target=[0.3, 0.5])
     one, again, other = (
-        sample_hidden_scene(SCENE, MotionConfig(), PropsConfig(), asked, RIG, seed=2, clip=clip).spec
+        sample_hidden_scene(GenerateConfig(scene=SCENE, occlusion=asked), RIG, seed=2, clip=clip).spec
         for clip in (4, 4, 5)
     )
     assert one == again
@@ -146,7 +145,7 @@ def test_props_are_placed_in_front_of_the_cameras():
 def test_a_target_out_of_reach_is_refused_with_remedies():
     asked = OcclusionConfig(target=[0.0, 0.01], views=1)
     with pytest.raises(FailedSimulation) as failure:
-        sample_hidden_scene(SCENE, MotionConfig(), PropsConfig(), asked, RIG, seed=0, clip=0)
+        sample_hidden_scene(GenerateConfig(scene=SCENE, occlusion=asked), RIG, seed=0, clip=0)
     message = str(failure.value)
     assert "occlusion.target=[0.0, 0.01] is not met" in message
     assert "in at least 1 of 4 cameras" in message
