@@ -19,57 +19,17 @@ def score_tables(scores: dict) -> list[Table]:
     They are narrow enough, at up to four persons, for a terminal of 80 columns.
     """
     results = scores["results"]
-    persons = [person_name(person) for person in range(len(results[0]["mean"].get("pcp_persons", ())))]
     tables = [
-        _table(
-            results,
-            f"Strict PCP on {scores['skeleton']}, %",
-            ("mean", "worst", *persons),
-            lambda each: (each["mean"]["pcp"], each["worst"]["pcp"], *each["mean"].get("pcp_persons", ())),
-        ),
+        _pcp_table(results, scores["skeleton"]),
         *(_columns_table(results, *each) for each in _COLUMN_TABLES.items()),
         _gaps_table(results, f" in {scores['poses']}" if "poses" in scores else ""),
     ]
-    if regions := [each for each in results if any(gap["stated"] for gap in each["mean"]["gaps"])]:
-        caption = (
-            "True joints within the 90 % regions that methods state, widened by the error of a measured or annotated "
-            "truth, %, by how long they were unmeasured"
-        )
-        tables.append(
-            _table(regions, caption, _lengths(results), lambda each: [gap["held"] for gap in each["mean"]["gaps"]])
-        )
+    if stated := [each for each in results if any(gap["stated"] for gap in each["mean"]["gaps"])]:
+        tables.append(_regions_table(stated))
     if turned := [each for each in results if each["mean"].get("angles")]:
-        caption = (
-            "Joint angles of the legs: mean absolute errors, degrees, share of angles that joints determine, share of "
-            "true angles in the 90 % intervals, %, and expected calibration error"
-        )
-        if all(each["mean"]["angles"]["ankles"] is None for each in turned):
-            caption += "; ankles need joints of the feet, which skeleton=body25 has"
-        names = (*JUDGED, "determined", "held")
-        tables.append(
-            _table(
-                turned,
-                caption,
-                (*JUDGED, "determined", "in 90 %", "ECE"),
-                lambda each: (*map(each["mean"]["angles"].get, names), _text(each["mean"]["angles"]["ece"], 2)),
-            )
-        )
+        tables.append(_angles_table(turned))
     if ranked := [each for each in results if (each["mean"].get("ranking") or {}).get("risk_100")]:
-        caption = (
-            "Unmeasured joints ranked by stated uncertainty: rank correlation with the error, area under the curve for "
-            f"errors over {LARGE:.0f} mm, and mm over the most certain share of them"
-        )
-        tables.append(
-            _table(
-                ranked,
-                caption,
-                ("Spearman", "AUC", *(f"{share} %" for share in COVERAGES)),
-                lambda each: (
-                    *(_text(each["mean"]["ranking"][name], 2) for name in ("spearman", "auc")),
-                    *(each["mean"]["ranking"][f"risk_{share}"] for share in COVERAGES),
-                ),
-            )
-        )
+        tables.append(_ranking_table(ranked))
     return tables
 
 
@@ -96,6 +56,16 @@ def compared_error(mean: dict) -> float | None:
     filled = [gap for gap in mean["gaps"] if gap["filled"]]
     joints = sum(gap["filled"] for gap in filled)
     return sum(gap["filled"] * gap["mpjpe"] for gap in filled) / joints if joints else None
+
+
+def _pcp_table(results: Sequence[dict], skeleton: str) -> Table:
+    persons = [person_name(person) for person in range(len(results[0]["mean"].get("pcp_persons", ())))]
+    return _table(
+        results,
+        f"Strict PCP on {skeleton}, %",
+        ("mean", "worst", *persons),
+        lambda each: (each["mean"]["pcp"], each["worst"]["pcp"], *each["mean"].get("pcp_persons", ())),
+    )
 
 
 def _columns_table(results: Sequence[dict], table: str, caption: str) -> Table:
@@ -126,6 +96,45 @@ def _gaps_table(results: Sequence[dict], poses: str) -> Table:
         rows += _table(some, "", (), lambda each: [gap["mpjpe"] for gap in each["mean"]["gaps"]]).rows
         rows.append(("joints", str(views or "-"), *(f"{filled} of {hidden}" for filled, hidden in counts)))
     return Table(caption, ("method", "views", *_lengths(results)), rows)
+
+
+def _regions_table(results: Sequence[dict]) -> Table:
+    caption = (
+        "True joints within the 90 % regions that methods state, widened by the error of a measured or annotated "
+        "truth, %, by how long they were unmeasured"
+    )
+    return _table(results, caption, _lengths(results), lambda each: [gap["held"] for gap in each["mean"]["gaps"]])
+
+
+def _angles_table(results: Sequence[dict]) -> Table:
+    caption = (
+        "Joint angles of the legs: mean absolute errors, degrees, share of angles that joints determine, share of "
+        "true angles in the 90 % intervals, %, and expected calibration error"
+    )
+    if all(each["mean"]["angles"]["ankles"] is None for each in results):
+        caption += "; ankles need joints of the feet, which skeleton=body25 has"
+
+    def values(result: dict) -> list[str | float | None]:
+        angles = result["mean"]["angles"]
+        return [*map(angles.get, (*JUDGED, "determined", "held")), _text(angles["ece"], 2)]
+
+    return _table(results, caption, (*JUDGED, "determined", "in 90 %", "ECE"), values)
+
+
+def _ranking_table(results: Sequence[dict]) -> Table:
+    caption = (
+        "Unmeasured joints ranked by stated uncertainty: rank correlation with the error, area under the curve for "
+        f"errors over {LARGE:.0f} mm, and mm over the most certain share of them"
+    )
+
+    def values(result: dict) -> list[str | float]:
+        ranking = result["mean"]["ranking"]
+        return [
+            *(_text(ranking[name], 2) for name in ("spearman", "auc")),
+            *(ranking[f"risk_{share}"] for share in COVERAGES),
+        ]
+
+    return _table(results, caption, ("Spearman", "AUC", *(f"{share} %" for share in COVERAGES)), values)
 
 
 def _lengths(results: Sequence[dict]) -> list[str]:
