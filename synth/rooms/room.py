@@ -274,7 +274,7 @@ def load_room(arena: str) -> Room:
     if arena in mjcf_names(room_folder()):
         return Room(spec, ())
     try:
-        return Room(spec, tuple(_filled(spec)))
+        return Room(spec, tuple(_fill(spec)))
     except ValueError as error:
         raise ValueError(f"{path}: {' '.join(str(error).split())}") from None
 
@@ -284,10 +284,9 @@ def room_name(arena: str) -> str:
     return arena if arena in mjcf_names(room_folder()) else str(Path(arena_file(arena)).resolve())
 
 
-def _filled(spec: mujoco.MjSpec):
-    """Add the missing parts of a room, and yield a description of each."""
-    if taken := _remove_joints(spec):
-        yield f"left out {taken}: rooms are static"
+def _fill(spec: mujoco.MjSpec) -> list[str]:
+    """Add the missing parts of a room, and return a description of each."""
+    taken = _remove_joints(spec)
     usual = mujoco.MjSpec().option
     for name in dir(usual):
         if not name.startswith("_") and not callable(getattr(usual, name)):
@@ -295,34 +294,47 @@ def _filled(spec: mujoco.MjSpec):
     for geom in spec.geoms:
         if geom.contype or geom.conaffinity:
             geom.contype, geom.conaffinity = 0, _OBJECT_BITS
-    floor = _floor_geoms(spec)
+    return [*([f"left out {taken}: rooms are static"] if taken else []), *_fill_floor(spec), *_fill_lights(spec)]
+
+
+def _fill_floor(spec: mujoco.MjSpec) -> list[str]:
+    """Make sure that people stand on a solid floor with a material; return what was done."""
+    done, floor = [], _floor_geoms(spec)
     if not floor:
         floor = [spec.worldbody.add_geom(
             name=_free_name(spec.geoms, FLOOR), type=mujoco.mjtGeom.mjGEOM_PLANE, size=[_HALF_SIDE, _HALF_SIDE, 0.1],
             conaffinity=_OBJECT_BITS, contype=0,
         )]  # fmt: skip
-        yield f"added a floor at z = 0, {2 * _HALF_SIDE:g} m by {2 * _HALF_SIDE:g} m: the file has no surface there"
+        size = f"{2 * _HALF_SIDE:g} m by {2 * _HALF_SIDE:g} m"
+        done.append(f"added a floor at z = 0, {size}: the file has no surface there")
     for geom in floor:
         if not geom.conaffinity:
             geom.conaffinity = _OBJECT_BITS
-            yield f"made {geom.name or 'the floor'!r} solid: people stand on it"
+            done.append(f"made {geom.name or 'the floor'!r} solid: people stand on it")
     bare = [geom for geom in floor if not geom.material]
     if bare and spec.material(FLOOR) is None:
         spec.add_material(name=FLOOR, texrepeat=[0.8, 0.8], texuniform=True, specular=0.08, shininess=0.15)
         for geom in bare:
             geom.material = FLOOR
-        yield f"gave the floor a material named {FLOOR!r}, which scene.randomize covers"
+        done.append(f"gave the floor a material named {FLOOR!r}, which scene.randomize covers")
+    return done
+
+
+def _fill_lights(spec: mujoco.MjSpec) -> list[str]:
+    """Add lights to a room that has none, or none that shine; return what was done."""
     head = spec.visual.headlight
-    lit = [light for light in spec.lights if light.active and (np.any(light.diffuse) or np.any(light.ambient))]
+    lit = any(light.active and (np.any(light.diffuse) or np.any(light.ambient)) for light in spec.lights)
     shone = head.active and (np.any(head.diffuse) or np.any(head.ambient))
-    if not spec.lights or not (lit or shone):
-        for number, (direction, strength, shadow) in enumerate(_LIGHTS):
-            spec.worldbody.add_light(
-                name=_free_name(spec.lights, f"light{number}"), type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-                pos=[-4 * x for x in direction], dir=direction, diffuse=[strength] * 3, castshadow=shadow,
-            )  # fmt: skip
-        head.active, head.ambient, head.diffuse = 1, [0.4] * 3, [0.1] * 3
-        yield f"added {len(_LIGHTS)} lights: the file has none" + (" that shine" if spec.lights else "")
+    if spec.lights and (lit or shone):
+        return []
+    more = " that shine" if spec.lights else ""
+    for number, (direction, strength, shadow) in enumerate(_LIGHTS):
+        spec.worldbody.add_light(
+            name=_free_name(spec.lights, f"light{number}"), type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+            pos=[-4 * x for x in direction], dir=direction, diffuse=[strength] * 3, castshadow=shadow,
+        )  # fmt: skip
+    head.active, head.ambient, head.diffuse = 1, [0.4] * 3, [0.1] * 3
+    return [f"added {len(_LIGHTS)} lights: the file has none{more}"]
 
 
 def _remove_joints(spec: mujoco.MjSpec) -> str:
