@@ -153,10 +153,10 @@ def _capture(config: CaptureCommand, clips: Clips, frames: int | None = None) ->
     floor = find_floor(measured, clip.fps)
     clip = replace(clip, poses=smooth(poses, clip.fps, config.smooth))
     world = upright_world(floor) if config.level else None
-    levelled = world is not None
-    clip = clip if world is None else place_clip(clip, world)
-    known = clip.provenance | {"noise": noise.summary(clip.rig.names), "floor": asdict(floor) | {"levelled": levelled}}
-    return replace(clip, provenance=known), notes
+    if world is not None:
+        clip = place_clip(clip, world)
+    found = {"noise": noise.summary(clip.rig.names), "floor": asdict(floor) | {"levelled": world is not None}}
+    return replace(clip, provenance=clip.provenance | found), notes
 
 
 def _world(clip: Clip, level: bool) -> str:

@@ -10,7 +10,7 @@ from dmae.completion.complete import completers
 from dmae.completion.weights import weights_folder
 from dmae.data.clip import Clip, Source
 from dmae.data.store import clip_folders, load_clip
-from dmae.evaluation.review import ReviewVerdict, decided, load_decisions, with_decisions
+from dmae.evaluation.review import ReviewVerdict, decided, load_decisions
 from dmae.files.checksums import checksum, refuse_damaged
 from dmae.online.completion import complete_online
 from dmae.parallel import in_parallel
@@ -61,18 +61,16 @@ def _complete(config: CompleteCommand, folder: Path, frames: int | None = None) 
     if clip.poses is None:
         raise ValueError(f"{folder}: has no poses to complete; run dmae capture on it first")
     decisions = load_decisions(folder, clip.poses)
-    blanked = decided(clip.poses, decisions, ReviewVerdict.blank)
-    accepted = decided(clip.poses, decisions, ReviewVerdict.accept)
-    handed_back = decided(clip.poses, decisions, ReviewVerdict.hand_back)
+    blanked, handed_back, accepted = (
+        decided(clip.poses, decisions, verdict)
+        for verdict in (ReviewVerdict.blank, ReviewVerdict.hand_back, ReviewVerdict.accept)
+    )
+    given = clip.poses.without(blanked | handed_back)
     # Joints that a reviewer saw smoothed are not smoothed again.
-    smoothed = (clip.poses.source == Source.DENOISED) & ~handed_back & ~blanked
-    kept = (accepted | smoothed) & bool(decisions)
-    clip = with_decisions(clip, folder)
+    kept = accepted | (given.source == Source.DENOISED)
     if frames is not None:
-        frames = min(frames, len(clip))
-        clip, blanked, kept = clip.select(frames=range(frames)), blanked[:frames], kept[:frames]
-    given = clip.poses
-    assert given is not None
+        clip = clip.select(frames=range(min(frames, len(clip))))
+        given, blanked, kept = given.select(slice(frames)), blanked[:frames], kept[:frames]
     completer = _completers(config.weights, config.denoise, config.reject, config.smooth)(given.skeleton)
     notes = completer.notes(given, clip.fps)
     if config.online:
@@ -80,16 +78,16 @@ def _complete(config: CompleteCommand, folder: Path, frames: int | None = None) 
         poses = complete_online(completer, given, clip.fps, config.delay)
     else:
         poses = completer(given, clip.fps)
-    same = poses.skeleton == given.skeleton
-    if same and decisions:
-        poses = poses.taking(kept, given)
-    replaced = int((given.measured & (poses.source == Source.COMPLETED)).sum()) if same else 0
-    if replaced:
-        notes.append(
-            f"{counted(replaced, 'measured joint')} ({replaced / given.measured.sum():.1%}) contradicted the "
-            "frames around or stated a larger error than completed ones; completed instead (reject=false keeps them)"
-        )
-    return replace(clip, poses=poses.without(blanked)), notes
+    if poses.skeleton == given.skeleton:
+        if decisions:
+            poses = poses.taking(kept, given).without(blanked)
+        if replaced := int((given.measured & (poses.source == Source.COMPLETED)).sum()):
+            notes.append(
+                f"{counted(replaced, 'measured joint')} ({replaced / given.measured.sum():.1%}) contradicted the "
+                "frames around or stated a larger error than completed ones; completed instead (reject=false keeps "
+                "them)"
+            )
+    return replace(clip, poses=poses), notes
 
 
 @lru_cache(1)

@@ -14,10 +14,12 @@ from dmae.commands import complete, convert, detect, doctor, train
 from dmae.commands.config import CaptureCommand, CompleteCommand, ConvertCommand, DetectCommand, DoctorCommand
 from dmae.commands.data_sets import SETTINGS, ClipSet, describe_joints, finished, forecast
 from dmae.data.clip import Poses3D, Source
-from dmae.data.skeleton import BODY25
-from dmae.data.store import read_manifest, save_clip, write_manifest
+from dmae.data.conversion import convert as convert_poses
+from dmae.data.skeleton import BODY25, SHELF14
+from dmae.data.store import load_clip, read_manifest, save_clip, write_manifest
 from dmae.evaluation import evaluate as evaluation
 from dmae.evaluation.config import EvaluateConfig
+from dmae.evaluation.review import Decision, ReviewVerdict, save_decisions
 from dmae.files.checksums import find_data_set_damage
 from dmae.formats.calibrations import write_calibration
 from dmae.formats.config import Convention, DataConfig, UpDirection
@@ -127,6 +129,22 @@ def test_the_printed_share_is_that_of_nan_in_the_export(tmp_path):
     assert float(re.search(r"with them ([\d.]+)% of all joints", done.stdout)[1]) == pytest.approx(
         100 * share, abs=0.06
     )
+
+
+def test_blanked_joints_need_not_be_joints_of_the_completed_skeleton(tmp_path, monkeypatch):
+    """Weights of two skeletons return poses on the second."""
+
+    class Turned:
+        notes = staticmethod(lambda poses, fps: [])
+
+        def __call__(self, poses, fps):
+            return convert_poses(poses, SHELF14)
+
+    save_clip(replace(full_clip(), poses=walkers()), tmp_path / "clip")
+    save_decisions(tmp_path / "clip", walkers(), [Decision(0, "l_heel", 0, 3, ReviewVerdict.blank)])
+    monkeypatch.setattr(complete, "completers", lambda *_, **__: lambda skeleton: Turned())
+    complete.run(CompleteCommand(clip=str(tmp_path / "clip")), tmp_path / "out")
+    assert load_clip(tmp_path / "out").poses.skeleton == SHELF14
 
 
 def test_what_is_whole_is_a_data_set_even_after_an_error(tmp_path):
