@@ -87,8 +87,8 @@ def presets_of(registry: Registry, option: str) -> Callable[[], dict[str, Preset
 class Command:
     """A sub-command, `dmae a-b` with `run(config, out)` in the module `dmae.commands.a_b`, which is imported to run it.
 
-    The module may also have `default_out(config)`, and `interrupted(config, out)`, which says what is complete and how
-    to continue.
+    The module may also have `default_out(config)`; `written_path(config, out)`, the path that is written where `out` is
+    short for it; and `interrupted(config, out)`, which says what is complete and how to continue.
     """
 
     summary: str  # What it does, in a line

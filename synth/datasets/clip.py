@@ -34,6 +34,66 @@ from synth.scene.sampling import SampledScene, sample_scene
 from synth.scene.spec import SceneSpec
 
 
+def clip_id(index: int, prefix: str = "") -> str:
+    """Return the name of a clip, which is also the name of its folder."""
+    return f"{prefix}{index:06d}"
+
+
+def attempt_seed(seed: int, attempt: int) -> int:
+    """Return the seed of an attempt at a clip: `seed` itself for attempt 0, later a hash of both arguments."""
+    return int(np.random.SeedSequence([seed, attempt]).generate_state(1, np.uint64)[0] >> 1) if attempt else seed
+
+
+def generate_clip(config: GenerateConfig, index: int) -> Clip:
+    """Generate clip `index` of a data set, without images. The result does not depend on other clips.
+
+    Raises:
+        FailedSimulation: the clip failed with every seed; the message is from the last attempt.
+        ValueError: the configuration cannot be met.
+    """
+    return simulate_clip(config, index)[0]
+
+
+def simulate_clip(config: GenerateConfig, index: int) -> tuple[Clip, BodyState]:
+    """Generate clip `index` of a data set, without images, and its body states. Raises as `generate_clip`."""
+    return until_success(lambda attempt: _attempt(config, index, attempt), config.retries)
+
+
+def _attempt(config: GenerateConfig, index: int, attempt: int) -> tuple[Clip, BodyState]:
+    seed = attempt_seed(config.seed, attempt)
+    rig = _rig(config, seed, index)
+    spec, motions = _scene(config, rig, seed, index)
+    simulation = simulate(spec, rig, motions, painted=False)
+    line = {
+        "id": clip_id(index, config.prefix),
+        "status": "ok",
+        "seed": seed,
+        "attempts": attempt + 1,
+        "frames": len(simulation.qpos),
+        "persons": len(spec.persons),
+        "quality": simulation.quality,
+    }
+    clip = label_clip(
+        line, spec, simulation, simulation.qpos, rig, detector=config.detector, occlusion=config.occlusion,
+        error=config.rig.error, stage=_stage(config),
+    )  # fmt: skip
+    return clip, simulation.state
+
+
+def _scene(config: GenerateConfig, rig: CameraRig, seed: int, index: int) -> SampledScene:
+    if config.occlusion.target:
+        return sample_hidden_scene(config, rig, seed=seed, clip=index)
+    return sample_scene(config.scene, config.motion, config.props, config.interaction, seed=seed, clip=index)
+
+
+def _rig(config: GenerateConfig, seed: int, index: int) -> CameraRig:
+    return make_rig(config.rig, rng=generator(seed, index, Stream.CAMERAS), stage=_stage(config))
+
+
+def _stage(config: GenerateConfig) -> Stage:
+    return stage_of(arena_file(config.scene.arena), config.scene.middle, config.scene.radius)
+
+
 def label_clip(
     line: dict,
     spec: SceneSpec,
@@ -96,16 +156,6 @@ def label_clip(
     )
 
 
-def attempt_seed(seed: int, attempt: int) -> int:
-    """Return the seed of an attempt at a clip: `seed` itself for attempt 0, later a hash of both arguments."""
-    return int(np.random.SeedSequence([seed, attempt]).generate_state(1, np.uint64)[0] >> 1) if attempt else seed
-
-
-def clip_id(index: int, prefix: str = "") -> str:
-    """Return the name of a clip, which is also the name of its folder."""
-    return f"{prefix}{index:06d}"
-
-
 def check(config: GenerateConfig) -> CameraRig:
     """Check a configuration before anything is made, and return the cameras of the first clip.
 
@@ -126,53 +176,3 @@ def check(config: GenerateConfig) -> CameraRig:
         tries = list(product(seeds, range(min(config.clips, 3))))
         until_success(lambda number: _scene(config, _rig(config, *tries[number]), *tries[number]), len(tries) - 1)
     return rig
-
-
-def _rig(config: GenerateConfig, seed: int, index: int) -> CameraRig:
-    return make_rig(config.rig, rng=generator(seed, index, Stream.CAMERAS), stage=_stage(config))
-
-
-def _stage(config: GenerateConfig) -> Stage:
-    return stage_of(arena_file(config.scene.arena), config.scene.middle, config.scene.radius)
-
-
-def generate_clip(config: GenerateConfig, index: int) -> Clip:
-    """Generate clip `index` of a data set, without images. The result does not depend on other clips.
-
-    Raises:
-        FailedSimulation: the clip failed with every seed; the message is from the last attempt.
-        ValueError: the configuration cannot be met.
-    """
-    return simulate_clip(config, index)[0]
-
-
-def simulate_clip(config: GenerateConfig, index: int) -> tuple[Clip, BodyState]:
-    """Generate clip `index` of a data set, without images, and its body states. Raises as `generate_clip`."""
-    return until_success(lambda attempt: _attempt(config, index, attempt), config.retries)
-
-
-def _attempt(config: GenerateConfig, index: int, attempt: int) -> tuple[Clip, BodyState]:
-    seed = attempt_seed(config.seed, attempt)
-    rig = _rig(config, seed, index)
-    spec, motions = _scene(config, rig, seed, index)
-    simulation = simulate(spec, rig, motions, painted=False)
-    line = {
-        "id": clip_id(index, config.prefix),
-        "status": "ok",
-        "seed": seed,
-        "attempts": attempt + 1,
-        "frames": len(simulation.qpos),
-        "persons": len(spec.persons),
-        "quality": simulation.quality,
-    }
-    clip = label_clip(
-        line, spec, simulation, simulation.qpos, rig, detector=config.detector, occlusion=config.occlusion,
-        error=config.rig.error, stage=_stage(config),
-    )  # fmt: skip
-    return clip, simulation.state
-
-
-def _scene(config: GenerateConfig, rig: CameraRig, seed: int, index: int) -> SampledScene:
-    if config.occlusion.target:
-        return sample_hidden_scene(config, rig, seed=seed, clip=index)
-    return sample_scene(config.scene, config.motion, config.props, config.interaction, seed=seed, clip=index)
