@@ -17,7 +17,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -272,7 +272,6 @@ class Learner(lightning.LightningModule):
         self.model, self.train_config, self.timer, self.limit = model, config, timer, limit
         self.pairs, self.extra, self.recipe, self.validation = pairs, extra, recipe, validation
         self.skeleton, self.mean_loss = skeleton, float("nan")
-        self._rows: dict[int, PaperRows] = {}
 
     def fraction(self) -> float:
         """Return how much of the training is done, by steps or by time, in [0, 1]."""
@@ -338,29 +337,26 @@ class Learner(lightning.LightningModule):
         self.trainer.callback_metrics[STEPS] = torch.tensor(self.trainer.global_step)
 
     def train_dataloader(self) -> DataLoader:
-        config, begun = self.train_config, time.monotonic()
-        rank, ranks = self.trainer.global_rank, self.trainer.world_size
-        order = {"seed": config.seed, "epoch": self.trainer.current_epoch}
-        order |= {"steps": config.learning.epoch, "batch": config.learning.batch}
-        replay = config.examples.replay or 0.0
+        config, begun, epoch = self.train_config, time.monotonic(), self.trainer.current_epoch
+        replay, steps, batch = config.examples.replay or 0.0, config.learning.epoch, config.learning.batch
+        share = slice(self.trainer.global_rank, None, self.trainer.world_size)
         if config.model.residual:
             batches: Dataset = TrainingBatches(
-                self.pairs, self.recipe, extra=self.extra, replay=replay, until=self.limit.until(), rank=rank,
-                ranks=ranks, taken=config.learning.steps - self.trainer.current_epoch * config.learning.epoch, **order,
+                [(1 - replay, self.pairs), (replay, self.extra)], self.recipe, seed=config.seed, epoch=epoch,
+                steps=steps, batch=batch, share=share, taken=config.learning.steps - epoch * steps,
+                until=self.limit.until(),
             )  # fmt: skip
         else:
-            shares = ((1 - replay, self.pairs), (replay, self.extra))
+            pools = list(zip((1 - replay, replay), self._paper_rows, strict=True))
             batches = PaperBatches(
-                [(share, self._paper_rows(pairs)) for share, pairs in shares], self.skeleton, self.recipe,
-                share=slice(rank, None, ranks), **order,
-            )  # fmt: skip
+                pools, self.skeleton, self.recipe, seed=config.seed, epoch=epoch, steps=steps, batch=batch, share=share
+            )
         self.limit.preparing = time.monotonic() - begun
         return DataLoader(batches, batch_size=None, num_workers=config.examples.workers)
 
-    def _paper_rows(self, pairs: list[PosePair]) -> PaperRows:
-        if id(pairs) not in self._rows:
-            self._rows[id(pairs)] = paper_rows(pairs, self.recipe.model.frames)
-        return self._rows[id(pairs)]
+    @cached_property
+    def _paper_rows(self) -> list[PaperRows]:
+        return [paper_rows(pairs, self.recipe.model.frames) for pairs in (self.pairs, self.extra)]
 
     def val_dataloader(self) -> DataLoader:
         return DataLoader(self.validation, batch_size=None)  # type: ignore[arg-type]  # a list serves
@@ -566,13 +562,8 @@ def train(
         model.train()
         rest = model.rest.numpy().astype(np.float64)
     else:
-        codes = None if config.model.residual else namesakes(skeleton)
-        model, record = DMAE(config.model, len(skeleton), codes), {"calibration": None}
-        bodies = _bodies(found, skeleton, config)
-        rest = rest_pose(bodies, skeleton)
-        model.rest.copy_(torch.from_numpy(rest))
-        if config.model.residual:
-            model.pose_covariance.copy_(torch.from_numpy(pose_covariance(bodies, skeleton, rest)))
+        record = {"calibration": None}
+        model, rest = _new_model(config, skeleton, found)
     recipe = Recipe(config.model, rest, config.examples.masking, config.examples.augment)
     held_back = list(found.validation.values())
     if config.model.residual:
@@ -603,6 +594,24 @@ def train(
         }
         save_model(learner.model, skeleton, out, facts)
     return out
+
+
+def _new_model(config: TrainConfig, skeleton: Skeleton, found: TrainingSet) -> tuple[DMAE, np.ndarray]:
+    """Return an untrained model, which knows how bodies of the training set vary, and their rest pose (J, 3), m."""
+    model = DMAE(config.model, len(skeleton), None if config.model.residual else namesakes(skeleton))
+    pairs = (*found.pairs.values(), *found.extra.values())
+    bodies = np.concatenate([pair.truth.xyz.reshape(-1, len(skeleton), 3) for pair in pairs])
+    source, *target = skeleton.parts
+    if np.isnan(bodies[:, : len(source)]).all():
+        raise ValueError(
+            f"{source_of(config)}truth on {target[0].name!r} alone does not teach what {source.name!r} looks "
+            "like; start from a model (init=...), or add simulated clips (extra_data=[...])"
+        )
+    rest = rest_pose(bodies, skeleton)
+    model.rest.copy_(torch.from_numpy(rest))
+    if config.model.residual:
+        model.pose_covariance.copy_(torch.from_numpy(pose_covariance(bodies, skeleton, rest)))
+    return model, rest
 
 
 def _fit(learner: Learner, config: TrainConfig, out: Path) -> tuple[int, Mapping[str, float]]:
@@ -661,18 +670,6 @@ def _reserve_time(
     with torch.inference_mode():
         limit.reserve(*parts)
     model.train()
-
-
-def _bodies(found: TrainingSet, skeleton: Skeleton, config: TrainConfig) -> np.ndarray:
-    pairs = (*found.pairs.values(), *found.extra.values())
-    bodies = np.concatenate([pair.truth.xyz.reshape(-1, len(skeleton), 3) for pair in pairs])
-    source, *target = skeleton.parts
-    if np.isnan(bodies[:, : len(source)]).all():
-        raise ValueError(
-            f"{source_of(config)}truth on {target[0].name!r} alone does not teach what {source.name!r} looks "
-            "like; start from a model (init=...), or add simulated clips (extra_data=[...])"
-        )
-    return bodies
 
 
 def _load_initial(config: TrainConfig) -> tuple[DMAE, Skeleton, dict] | None:

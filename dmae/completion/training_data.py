@@ -1,7 +1,7 @@
 """What a network learns from: pairs of true and captured poses, masked, augmented, and cut into batches."""
 
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -354,44 +354,42 @@ class TrainingBatches(Dataset):
 
     def __init__(
         self,
-        pairs: list[PosePair],
+        pools: Sequence[tuple[float, list[PosePair]]],
         recipe: Recipe,
         *,
         seed: int,
         epoch: int,
         steps: int,
         batch: int,
-        taken: int | None = None,
-        extra: list[PosePair] | None = None,
-        replay: float = 0.0,
+        share: slice = slice(None),
+        taken: float = float("inf"),
         until: float = float("inf"),
-        rank: int = 0,
-        ranks: int = 1,
     ):
         """
         Args:
+            pools: Groups of recordings: the share of windows taken from each, and its pairs.
+            share: Which windows of each batch this process takes.
             taken: Steps after which the training ends, if it ends within the epoch; recordings are made for these.
-            extra: Pairs that a share `replay` of the windows is drawn from.
             until: Time, by `time.monotonic`, after which no more recordings are made.
-            rank, ranks: Which of the processes that share each batch this is.
         """
-        self.recipe, self.seed, self.first, self.steps, self.batch = recipe, seed, epoch * steps, steps, batch
+        self.recipe, self.seed, self.share = recipe, seed, share
+        self.first, self.steps, self.batch = epoch * steps, steps, batch
         rng = generator(seed, epoch, Stream.MASKING)
-        pool, windows = [], batch * max(min(steps, steps if taken is None else taken), 1)
-        for group, share in ((pairs, 1 - replay), (extra or [], replay)):
+        made, windows = [], batch * max(min(steps, taken), 1)
+        for part, group in pools:
             size, order = 0, []
             # Twice as many rows as windows are drawn: neighbouring windows differ little.
-            while size < 2 * windows * share:
+            while size < 2 * windows * part:
                 order = order or list(rng.permutation(len(group)))
                 pair = group[order.pop()]
                 if rng.random() < recipe.augment.true_poses:
                     pair = PosePair(pair.truth)
                 varied = augment(pair, recipe.augment, recipe.model.fps, rng=rng)
-                pool.append(masked_rows(varied, recipe, rng=rng))
-                size += max(len(pool[-1].starts), 1)
+                made.append(masked_rows(varied, recipe, rng=rng))
+                size += max(len(made[-1].starts), 1)
                 if time.monotonic() > until:
                     break
-        self.rows, self.share = join_rows(pool), slice(rank, None, ranks)
+        self.rows = join_rows(made)
 
     def __len__(self) -> int:
         return self.steps

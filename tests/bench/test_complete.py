@@ -136,7 +136,7 @@ def test_teaching_the_paper_s_network_beside_a_plain_transformer(device):
         config, rest, MaskingConfig(**PAPER["examples"]["masking"]), AugmentConfig(**PAPER["examples"]["augment"])
     )
     count, size = (1, 16) if device == "cpu" else (20, 256)
-    batches = TrainingBatches([PosePair(truth)], recipe, seed=0, epoch=0, steps=count, batch=size)
+    batches = TrainingBatches([(1.0, [PosePair(truth)])], recipe, seed=0, epoch=0, steps=count, batch=size)
     batches = [
         Examples(type(batch.windows)(*(part.to(device) for part in batch.windows)), *(t.to(device) for t in batch[1:]))
         for batch in batches

@@ -41,7 +41,7 @@ def rates(folder: Path) -> dict[str, float]:
 
     def make() -> None:
         options = {"seed": 0, "epoch": 0, "steps": _STEPS, "batch": batch}
-        batches = TrainingBatches([PosePair(clip.truth)], recipe, **options)
+        batches = TrainingBatches([(1.0, [PosePair(clip.truth)])], recipe, **options)
         made.extend(batches[step] for step in range(_STEPS))
 
     batched = batch * _STEPS / _seconds(make)

@@ -218,7 +218,7 @@ def test_augmented_people_keep_their_bones_and_sides(truth, rng):
 def test_batches_do_not_depend_on_order(truth, rest):
     def batches():
         recipe = Recipe(ModelConfig(), rest)
-        return TrainingBatches([PosePair(truth)], recipe, seed=5, epoch=1, steps=3, batch=4)
+        return TrainingBatches([(1.0, [PosePair(truth)])], recipe, seed=5, epoch=1, steps=3, batch=4)
 
     first, second = batches(), batches()
     backwards = [second[i] for i in (2, 1, 0)][::-1]
@@ -231,7 +231,7 @@ def test_hidden_and_observed_joints_are_those_with_truth(rest, rng):
     xyz = circling_people(60, 2, rng=rng).xyz.copy()
     xyz[:30, 0] = np.nan
     batch = TrainingBatches(
-        [PosePair(Poses3D(BODY25, xyz))], Recipe(ModelConfig(), rest), seed=0, epoch=0, steps=1, batch=64
+        [(1.0, [PosePair(Poses3D(BODY25, xyz))])], Recipe(ModelConfig(), rest), seed=0, epoch=0, steps=1, batch=64
     )[0]
     assert batch.hidden.any() and batch.observed.any()
     assert not (batch.hidden & batch.windows.observed).any() and not (batch.observed & ~batch.windows.observed).any()
