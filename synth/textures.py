@@ -22,7 +22,7 @@ def paint(pattern: str, colours, size: int, *, rng: np.random.Generator) -> np.n
 
 
 def add_texture(spec: mujoco.MjSpec, material: mujoco.MjsMaterial, image: np.ndarray) -> None:
-    """Cover a material of the scene with a square image, (size, size, 3) uint8."""
+    """Cover a material of the scene with an image, (H, W, 3) uint8."""
     texture = spec.add_texture(
         name=material.name,
         type=mujoco.mjtTexture.mjTEXTURE_2D,

@@ -18,7 +18,7 @@ from synth.people.body import (
     trunk_sections,
 )
 from synth.people.clothing import PersonLooks
-from synth.people.outfit import Part, parts
+from synth.people.outfit import Part, paint_clothes, parts
 from synth.people.skin import paint_iris, paint_lips, paint_shoe, paint_skin
 from synth.people.skinning import SKINNED, pack
 from synth.people.surface import BareBody, bare_body
@@ -102,7 +102,7 @@ def capsule_names() -> list[str]:
 _ARMS = ("forearm", "hand")
 _TORSO = ("pelvis", "spine", "chest", "head", "thigh")
 _TEXELS = 256
-"""Side of textures of cloth and hair, px."""
+"""Side of the texture of hair, and of a repeat of the pattern of cloth, px."""
 HIDDEN_GROUP = 3
 """Group of geoms that have contacts but are not drawn."""
 
@@ -235,21 +235,18 @@ def _add_materials(
         "sole": looks.sole,
     }
     strands = tuple(tuple(shade * c for c in looks.hair_colour) for shade in (0.75, 1.15))
-    woven = {
-        "top": (looks.top.pattern, looks.top.colours),
-        "bottom": (looks.bottom.pattern, looks.bottom.colours),
-        "hair": ("hair", strands),
-    }
+    woven = {"top": looks.top.colours, "bottom": looks.bottom.colours, "hair": strands}
     for material, colour in flat.items():
         # Skin scatters light beneath its surface, so that its shaded side is not as dark.
         shine, glow = (0.05, 0.08) if material in ("skin", "lip") else (0.15, 0.0)
         spec.add_material(name=prefix + material, rgba=[*colour, 1], specular=shine, shininess=0.2, emission=glow)
-    for material, (_, colours) in woven.items():
+    for material, colours in woven.items():
         rgba = [*np.mean(colours, axis=0), 1]
         specular, shininess = (0.5, 0.2) if material == "hair" else (0.05, 0.05)
         spec.add_material(name=prefix + material, rgba=rgba, specular=specular, shininess=shininess)
     if rng:
-        painted = {name: paint(pattern, colours, _TEXELS, rng=rng) for name, (pattern, colours) in woven.items()}
+        painted = paint_clothes(body, looks, _TEXELS, rng=rng)
+        painted["hair"] = paint("hair", strands, _TEXELS, rng=rng)
         painted["skin"] = paint_skin(body, looks, rng=rng)
         painted["iris"] = paint_iris(looks, rng=rng)
         painted["lip"] = paint_lips(body, looks, rng=rng)

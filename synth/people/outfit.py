@@ -11,11 +11,12 @@ from scipy.interpolate import LinearNDInterpolator
 from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
-from synth.people.body import ANKLE_HEIGHT, SEGMENTS, SIDES, Body, side_and_name
+from synth.people.body import ANKLE_HEIGHT, SEGMENTS, SIDES, Body, side_and_name, trunk_sections
 from synth.people.clothing import PersonLooks
 from synth.people.skin import HAIRLINE, around_head, around_limb, on_disc
 from synth.people.skinning import blend
 from synth.people.surface import EYES, BareBody, assets, bare_body
+from synth.textures import paint
 
 _TILE = 0.3
 """Length of cloth that one repeat of a texture covers, m."""
@@ -24,6 +25,8 @@ _CLOTH, _EDGE, _UNDER, _TUCKED, _TUCK = 0.005, 0.004, 0.025, 0.05, 0.03
 shirt reaches into trousers, m."""
 _JOINT = 0.1
 """Length of cloth over which its pattern turns from one segment of a limb to the next, m."""
+_TALL = {"top": 3, "bottom": 5}
+"""Repeats of their pattern that the textures of garments hold along the trunk or a leg."""
 _ARMHOLE = (0.1, 0.8)
 """Weights of the arm between which the pattern of a shirt passes from the trunk's to the sleeve's."""
 _SOFT, _LOOSE = 12, 24
@@ -73,7 +76,7 @@ def parts(body: Body, looks: PersonLooks) -> list[Part]:
     sheets += [("shoe", _kept(shoes, upper)[0]), ("sole", _kept(shoes, -upper)[0])]
     sheets += _face(sheet, bare, body)
     sheets += _hair(sheet, bare, body, looks.hair)
-    found = [part for material, each in sheets for part in _split(each, material, bare)]
+    found = [part for material, each in sheets for part in _split(each, material, bare, body)]
     return sorted(found, key=lambda part: SEGMENTS.index(part.segment))
 
 
@@ -370,7 +373,7 @@ def _rigid(points: np.ndarray, faces: np.ndarray, segment: int) -> _Sheet:
 # From sheets to parts
 
 
-def _split(sheet: _Sheet, material: str, bare: BareBody) -> list[Part]:
+def _split(sheet: _Sheet, material: str, bare: BareBody, body: Body) -> list[Part]:
     if not len(sheet.faces):
         return []
     share = sheet.weights[sheet.faces].sum(1)
@@ -378,7 +381,7 @@ def _split(sheet: _Sheet, material: str, bare: BareBody) -> list[Part]:
     many = np.bincount(share.argmax(1), minlength=len(SEGMENTS)) >= _LEAST
     owner = np.where(many, share, -1).argmax(1)
     bones, weights = blend(sheet.weights, sheet.along)
-    uv = _texture(sheet, owner, material, bare)
+    uv = _texture(sheet, owner, material, bare, body)
     found = []
     for number in np.unique(owner):
         used, faces = np.unique(sheet.faces[owner == number], return_inverse=True)
@@ -389,7 +392,7 @@ def _split(sheet: _Sheet, material: str, bare: BareBody) -> list[Part]:
     return found
 
 
-def _texture(sheet: _Sheet, owner: np.ndarray, material: str, bare: BareBody) -> np.ndarray:
+def _texture(sheet: _Sheet, owner: np.ndarray, material: str, bare: BareBody, body: Body) -> np.ndarray:
     """Return the (T, 3, 2) texture coordinates of the corners of triangles that belong to segments `owner` (T,).
 
     Cloth and hair go around the trunk and along it; trousers go around each leg, and shirts around each arm.
@@ -402,16 +405,20 @@ def _texture(sheet: _Sheet, owner: np.ndarray, material: str, bare: BareBody) ->
         for number in np.unique(owner):
             uv[owner == number] = _on_skin(corners[owner == number], number, bare)
         return uv
-    names = np.array([side_and_name(segment)[1] for segment in SEGMENTS])[owner]
-    trunk = ~np.isin(names, _ARM + _LEG)
-    radius = np.hypot(*corners[trunk if trunk.any() else ..., :2].reshape(-1, 2).T)
-    around = max(1, round(2 * np.pi * float(np.median(radius)) / _TILE))
-    uv = np.stack([around * _turns(corners[..., 1], corners[..., 0]), corners[..., 2] / _TILE], -1)
+    if material == "shoe":
+        uv = np.empty((*corners.shape[:2], 2))
+        for side, sign in SIDES.items():
+            own, turn = corners[..., 1].mean(1) * sign > 0, bare.rotations[SEGMENTS.index(f"{side}_foot")]
+            uv[own] = on_disc((corners[own] @ turn)[..., :2])
+        return uv
+    if material not in _TALL:
+        trunk = np.hypot(*corners[..., :2].reshape(-1, 2).T)
+        around = max(1, round(2 * np.pi * float(np.median(trunk)) / _TILE))
+        return np.stack([around * _turns(corners[..., 1], corners[..., 0]), corners[..., 2] / _TILE], -1)
+    # A texture goes once around the trunk.
+    uv = np.stack([_turns(corners[..., 1], corners[..., 0]), corners[..., 2]], -1)
     for side, sign in SIDES.items():
         own = corners[..., 1].mean(1) * sign > 0
-        if material == "shoe":
-            uv[own] = on_disc((corners[own] @ bare.rotations[SEGMENTS.index(f"{side}_foot")])[..., :2])
-            continue
         if material == "top":
             # Between trunk and sleeve the pattern passes from one to the other.
             first = SEGMENTS.index(f"{side}_upper_arm")
@@ -419,14 +426,108 @@ def _texture(sheet: _Sheet, owner: np.ndarray, material: str, bare: BareBody) ->
             own &= arms.max(1) > _ARMHOLE[0]
             share = np.interp(arms[own], _ARMHOLE, (0, 1))[..., None]
             ahead, along, up = np.moveaxis(_on_limb(corners[own], first, 1, bare), -1, 0)
-            of_arm = [around * sign / 4 - sign * _turns(ahead, up), (bare.origins[first, 2] - sign * along) / _TILE]
+            of_arm = [sign * (0.25 - _turns(ahead, up) / _around_trunk(body)), bare.origins[first, 2] - sign * along]
             uv[own] += share * (np.stack(of_arm, -1) - uv[own])
-        elif material != "hair":
+        else:
             first = SEGMENTS.index(f"{side}_thigh")
             own &= np.isin(owner, range(first, first + len(_LEG)))
             ahead, aside, along = np.moveaxis(_on_limb(corners[own], first, 2, bare), -1, 0)
-            uv[own] = np.stack([2 * _turns(aside, ahead), along / _TILE], -1)
-    return uv
+            uv[own] = np.stack([_turns(aside, ahead), along], -1)
+    return uv / (1, _TALL[material] * _TILE)
+
+
+def _around_trunk(body: Body) -> int:
+    """Return the number of repeats of a shirt's pattern around the trunk. Around a sleeve there is one."""
+    depth, breadth = trunk_sections(body, np.array([0.13]))[0, 2:]
+    return max(1, round(np.pi * (depth + breadth + 0.03) / _TILE))
+
+
+def paint_clothes(body: Body, looks: PersonLooks, texels: int, *, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """Return the textures of shirt and trousers, (H, W, 3) uint8 RGB, by material: patterns with what is sewn on them.
+
+    They go once around the trunk from the front to the left, and along it from the height of the hip joints upwards.
+    `texels` is the side of a repeat of the pattern, px.
+    """
+    painted = {}
+    for material, garment, low, wide in (
+        ("top", looks.top, -0.12, _around_trunk(body)),
+        ("bottom", looks.bottom, -1.3, 2),
+    ):
+        repeat = paint(garment.pattern, garment.colours, texels, rng=rng)
+        image = np.tile(repeat.astype(np.float32) / 255, (_TALL[material], wide, 1))
+        # The first row is at the least height; the middle column is in front.
+        rows, columns = image.shape[:2]
+        height = low + (np.arange(rows, dtype=np.float32)[:, None] + 0.5) / texels * _TILE
+        turn = (np.arange(columns, dtype=np.float32) + 0.5) / columns - 0.5
+        if material == "top":
+            _sew_shirt(image, height, turn * wide * _TILE, body, looks, rng=rng)
+        else:
+            _sew_trousers(image, height, turn * 0.55 * body.stature, body, looks, rng=rng)
+        image = np.roll(image, (round(low / _TILE * texels), -columns // 2), (0, 1))
+        painted[material] = (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8)
+    return painted
+
+
+def _line(place: np.ndarray, at: float | np.ndarray) -> np.ndarray:
+    """Return a thin line at a place, m: 1 in its middle."""
+    return np.exp(-(((place - at) / 0.0014) ** 2))
+
+
+def _sew_shirt(image: np.ndarray, height, aside, body: Body, looks: PersonLooks, *, rng: np.random.Generator) -> None:
+    """Add hems, and ribs, buttons or a print on some, to a shirt (H, W, 3), 0..1.
+
+    Heights (H, 1) are above the hip joints, places `aside` (W,) from the middle of the front to the left, m.
+    """
+    size, kind, chance = body.stature, looks.top.pattern, rng.random()
+    upper, fore = (np.abs(body.offsets[SEGMENTS.index(name), 1]) for name in ("l_forearm", "l_hand"))
+    shoulder = bare_body(body, looks.hands).origins[SEGMENTS.index("l_upper_arm"), 2]
+    hems = [-0.03 * size] * looks.untucked + [shoulder - upper - 0.95 * fore] * looks.top.long
+    buttoned = chance < {"checks": 0.7, "plain": 0.25, "melange": 0.25}.get(kind, 0) and (
+        looks.top.long or kind == "checks"
+    )
+    if looks.top.long and not buttoned and chance > 0.5:
+        ribs = 0.08 + 0.14 * (np.sin(2 * np.pi * aside / 0.007) > 0)
+        image *= (1 - (height < max(hems) + 0.035) * ribs)[..., None]
+    for hem in hems:
+        image *= 1 - 0.25 * _line(height, hem + 0.02)[..., None]
+    bright = np.float32((0.88,) * 3 if image.mean() < 0.5 else (0.14, 0.14, 0.17))
+    if buttoned:
+        image *= (1 - 0.3 * _line(aside, -0.016) - 0.15 * _line(aside, 0.016))[:, None]
+        image[np.hypot((height + 0.03 * size) % 0.085 - 0.045, aside) < 0.0055] = bright
+    elif kind in ("plain", "melange") and chance < 0.45:
+        wide, up = rng.uniform(0.04, 0.06, 3) * size, height - 0.19 * size
+        shape = rng.integers(3)
+        if shape == 0:
+            outside = np.maximum(np.abs(aside) - wide[0], np.abs(up) - 0.6 * wide[1])
+        elif shape == 1:
+            outside = np.hypot(aside, up) - 0.85 * wide[0]
+        else:
+            bars = [np.maximum(np.abs(aside) - wide[k], np.abs(up + (k - 1) * 0.03) - 0.009) for k in range(3)]
+            outside = np.min(bars, 0)
+        image += 0.85 * np.clip(0.5 - outside / 0.002, 0, 1)[..., None] * (bright - image)
+
+
+def _sew_trousers(
+    image: np.ndarray, height, aside, body: Body, looks: PersonLooks, *, rng: np.random.Generator
+) -> None:
+    """Add seams, hems, a fly, pockets and, below a shirt within them, a belt to trousers (H, W, 3), 0..1.
+
+    Heights (H, 1) are above the hip joints, m, along legs as well; places `aside` (W,) around the seat or a leg from
+    the middle of the front to the left, m as far as around the seat.
+    """
+    size, (thigh, shin) = body.stature, -body.offsets[[SEGMENTS.index("l_shin"), SEGMENTS.index("l_foot")], 2]
+    quarter, band = 0.55 * size / 4, (0.045 if looks.untucked else 0.074) * size - 0.034
+    end = -(thigh + 0.98 * shin) if looks.bottom.long else -0.86 * thigh
+    # Seams run up both sides. In front and behind, cloth wears lighter.
+    image *= (1 - 0.4 * _line(np.abs(aside), quarter) + 0.06 * np.cos(np.pi * aside / quarter))[:, None]
+    image *= 1 - 0.25 * _line(height, end + 0.022)[..., None]
+    front = np.flatnonzero((height > 0.012 * size) & (height < band))
+    slit = 0.35 * _line(np.abs(aside), (0.36 + 4.9 * (band - height[front])) * quarter)
+    image[front] *= (1 - slit - 0.3 * _line(aside, 0.012 * size))[..., None]
+    if not looks.untucked:
+        belt = np.flatnonzero((height > band) & (height < band + 0.031))
+        image[belt] = (0.10, 0.09, 0.08) if rng.random() < 0.6 else (0.27, 0.17, 0.10)
+        image[belt[0] : belt[-1] + 1, np.abs(aside) < 0.022] = (0.62, 0.60, 0.55)
 
 
 def _on_skin(corners: np.ndarray, segment: int, bare: BareBody) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Textures of skin, eyes and lips lie where their places on the body are."""
+"""Textures of skin, eyes, lips and clothes lie where their places on the body are."""
 
 from dataclasses import replace
 
@@ -8,8 +8,8 @@ import pytest
 from scipy.spatial import cKDTree
 
 from synth.people.body import SEGMENTS, Body, body_at
-from synth.people.clothing import sample_looks
-from synth.people.outfit import parts
+from synth.people.clothing import Garment, sample_looks
+from synth.people.outfit import paint_clothes, parts
 from synth.people.skin import paint_iris, paint_lips, paint_shoe, paint_skin
 from synth.people.surface import bare_body
 from tests.synth.people.test_surfaces import BARE
@@ -23,7 +23,7 @@ def rng() -> np.random.Generator:
 
 def colours_at(image: np.ndarray, uv: np.ndarray) -> np.ndarray:
     """Return the colours (..., 3), 0 to 1, at texture coordinates (..., 2) of an image whose first row is at 0."""
-    column, row = np.floor(uv * len(image)).astype(int).T % len(image)
+    column, row = (np.floor(uv * image.shape[1::-1]).astype(int) % image.shape[1::-1]).T
     return image[row, column] / 255
 
 
@@ -100,3 +100,48 @@ def test_shoes_have_laces_across_the_foot():
     image = paint_shoe(replace(LIGHT, shoes=(0.1, 0.1, 0.1)), rng=rng()).mean(2)
     across = np.diff((image[64] > 120).astype(int))
     assert (across == 1).sum() == 6
+
+
+def worn(body: Body, looks, material: str, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Return corners (N, 3) of a garment in the bind pose, and their colours (N, 3), 0 to 1."""
+    own = [part for part in parts(body, looks) if part.material == material]
+    image = paint_clothes(body, looks, 256, rng=np.random.default_rng(seed))[material]
+    uv = np.concatenate([part.uv.reshape(-1, 2) for part in own])
+    return np.concatenate([part.vertices[part.faces].reshape(-1, 3) for part in own]), colours_at(image, uv)
+
+
+@pytest.mark.parametrize("body", [Body(), Body(1.6, 60, 1.0), Body(2.0, 90), body_at(0, 6)])
+def test_a_belt_goes_round_the_waist_of_those_whose_shirt_is_tucked_in(body):
+    band = 0.074 * body.stature - 0.018
+    for untucked in (True, False):
+        corners, colours = worn(body, replace(LIGHT, untucked=untucked), "bottom")
+        sides = corners[:, 0] < 0  # The buckle is in front.
+        around = colours[sides & (np.abs(corners[:, 2] - band) < 0.010)]
+        assert untucked == (around.mean() > 0.4 if len(around) else True)
+
+
+@pytest.mark.parametrize("body", [Body(), Body(1.6, 60, 1.0), body_at(0, 6)])
+def test_trousers_have_a_seam_up_each_side(body):
+    looks = replace(LIGHT, bottom=replace(LIGHT.bottom, long=True))
+    image = paint_clothes(body, looks, 256, rng=rng())["bottom"].mean(2)
+    dark = np.median(image, 0)
+    assert set(np.flatnonzero(dark < 0.75 * np.median(dark))) <= {127, 128, 383, 384}
+    for part in parts(body, looks):
+        if (part.material, part.segment) == ("bottom", "l_thigh"):
+            corners, uv = part.vertices[part.faces].reshape(-1, 3), part.uv.reshape(-1, 2)
+            outer = corners[(np.abs(uv[:, 0] - 0.25) < 0.02)]
+            assert outer[:, 1].min() > corners[:, 1].mean()
+
+
+def test_buttons_are_in_front_and_hems_of_sweaters_are_ribbed():
+    checked = replace(LIGHT, top=Garment(True, "checks", ((0.2,) * 3, (0.3,) * 3)))
+    found = [paint_clothes(Body(), checked, 256, rng=np.random.default_rng(seed))["top"] for seed in range(20)]
+    white = [np.flatnonzero((image.min(2) > 200).any(0)) for image in found]
+    assert 9 < sum(len(each) > 0 for each in white) < 19
+    for columns in white:
+        assert np.minimum(columns, 768 - columns).max(initial=0) < 8
+    plain = replace(LIGHT, top=Garment(True, "plain", ((0.5,) * 3, (0.5,) * 3)), untucked=True)
+    found = [paint_clothes(Body(), plain, 256, rng=np.random.default_rng(seed))["top"] for seed in range(20)]
+    # Heights of 10 mm below and 100 mm above the hip joints
+    hem, above = (np.array([image[row].std() for image in found]) for row in (-9, 85))
+    assert 3 < (hem > 1.5 * above).sum() < 17
