@@ -114,7 +114,6 @@ def _run_hydra(command: Command, options: Group, arguments: list[str], interrupt
     from omegaconf.errors import OmegaConfBaseException
 
     sys.argv = [str(command), *arguments]
-    _store(command, options)
 
     def application(config: DictConfig) -> None:
         try:
@@ -134,8 +133,14 @@ def _run_hydra(command: Command, options: Group, arguments: list[str], interrupt
     # With this setting Hydra raises errors instead of printing them in several lines.
     os.environ["HYDRA_FULL_ERROR"] = "1"
     try:
-        with _config_folder(options) as folder:
-            hydra.main(version_base="1.3", config_path=folder, config_name=command.name)(application)()
+        with _config_folder(options) as folder, _stored(command, options):
+            if any(argument.startswith("-") or "hydra" in argument for argument in arguments):
+                hydra.main(version_base="1.3", config_path=folder, config_name=command.name)(application)()
+                return
+            # Hydra's own program composes twice, first to learn whether it is to sweep.
+            with hydra.initialize_config_dir(folder, version_base="1.3"):
+                config = hydra.compose(command.name, overrides=arguments)
+        application(config)
     except (HydraException, OmegaConfBaseException) as error:
         if full:
             raise
@@ -165,7 +170,7 @@ def _apply(command: Command, options: Group, config, interrupted: interruption.I
     interrupted.check()
     if "out" in config:
         given = config.out
-        if given is not None and HydraConfig.get().mode == RunMode.MULTIRUN:
+        if given is not None and HydraConfig.initialized() and HydraConfig.get().mode == RunMode.MULTIRUN:
             given = HydraConfig.get().runtime.output_dir
         out = module.default_out(values) if given is None else Path(given)
         out = getattr(module, "written_path", lambda _, out: out)(values, out)
@@ -227,8 +232,8 @@ def compose(command: Command, overrides: Sequence[str]) -> object:
                 overrides = named(options, overrides, (), Path(copy))
                 options = command.options((Path(copy),))
             overrides = [*checked(options, overrides), f"hydra.searchpath=['file://{copy}']"]
-            _store(command, options)
-            return OmegaConf.to_object(hydra.compose(command.name, overrides=overrides))
+            with _stored(command, options):
+                return OmegaConf.to_object(hydra.compose(command.name, overrides=overrides))
     except (HydraException, OmegaConfBaseException) as error:
         raise ValueError(_in_one_line(error)) from None
     finally:
@@ -248,10 +253,13 @@ def _config_folder(options: Group) -> Iterator[str]:
         yield copy
 
 
-def _store(command: Command, options: Group) -> None:
+@contextmanager
+def _stored(command: Command, options: Group) -> Iterator[None]:
+    """Give Hydra the schema and the presets of a command for the block. Each composition copies all that Hydra has."""
     from hydra.core.config_store import ConfigStore
 
     store = ConfigStore.instance()
+    before, store.repo = store.repo, dict(store.repo)
     store.store(name=f"{command.name}_schema", node=_schema(command.configuration))
     groups = [{group: preset} for group, preset in command.presets.items()]
     node: dict = {"defaults": [f"{command.name}_schema", "base", *groups, "_self_"]}
@@ -265,6 +273,10 @@ def _store(command: Command, options: Group) -> None:
         if isinstance(options.find(group), Group):
             for name, preset in command.registries.get(group, dict)().items():
                 store.store(group=group, name=name, node=preset.values)
+    try:
+        yield
+    finally:
+        store.repo = before
 
 
 @cache

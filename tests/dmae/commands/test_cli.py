@@ -7,6 +7,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hydra._internal.hydra import Hydra
+from hydra.core.config_store import ConfigStore
 
 from dmae.command_line.options import Command
 from dmae.data.clip import Source
@@ -224,3 +226,10 @@ def test_garbage_is_looked_for_while_a_command_runs_but_not_while_it_is_loaded(f
     )
     assert dmae(folder, "capture", "data=one", "out=collects").returncode == 0
     assert collects == [False, True]
+
+
+def test_a_command_is_composed_once_and_nothing_of_it_is_left_for_the_next_to_copy(folder, monkeypatch):
+    before, composed, compose = {*ConfigStore.instance().repo}, [], Hydra.compose_config
+    monkeypatch.setattr(Hydra, "compose_config", lambda *given, **how: composed.append(1) or compose(*given, **how))
+    assert dmae(folder, "complete", "clip=nowhere").returncode == 1
+    assert (len(composed), {*ConfigStore.instance().repo}) == (1, before)
