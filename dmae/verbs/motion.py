@@ -208,7 +208,7 @@ def pretrain(out: str | Path, config: PretrainCommand | None = None) -> Path:
         FileNotFoundError: there is no such motion, calibration or preset.
 
     Examples:
-        >>> small = dmae.PretrainCommand(rig="ring", clips=2, seconds=1, steps=2, views=[3])
+        >>> small = dmae.PretrainCommand(rig="ring", clips=2, seconds=1, steps=2, views=[5])
         >>> from contextlib import redirect_stdout
         >>> with redirect_stdout(None):  # the steps are printed
         ...     model = dmae.pretrain("own", small)
@@ -374,7 +374,7 @@ def run(
     Examples:
         >>> clip = next(synth.generate(seconds=0.1, clips=1, seed=7, out="walks"))
         >>> seen = next(synth.render("walks", quality="draft", images=["rgb"], out="seen"))
-        >>> found = dmae.run(seen)
+        >>> found = dmae.run(seen.select(views=[0, 2]))
         >>> len(found.poses.xyz) == len(seen)
         True
     """

@@ -122,8 +122,8 @@ def detect(
     Examples:
         >>> clip = next(synth.generate(seconds=0.1, clips=1, seed=7, out="walks"))
         >>> seen = next(synth.render("walks", quality="draft", images=["rgb"], out="seen"))
-        >>> found = dmae.detect(seen, skeleton="body25")
-        >>> found.detections.xy.shape[:2] == (len(seen), len(seen.rig))
+        >>> found = dmae.detect(seen.select(views=[0, 2]), skeleton="body25")
+        >>> found.detections.xy.shape[:2] == (len(seen), 2)
         True
     """
     return detect_in(source, calibration, detector, fps, offsets, skeleton, workers)
