@@ -34,12 +34,13 @@ class Dots:
     """Joint j of COCO-17 is the dot of brightness 80 + 10 j."""
     skeleton = get_skeleton("coco17")
     def __call__(self, image):
-        shades = image[..., 0].astype(int)
+        rows, columns = np.nonzero(image[..., 0])
+        shades = image[rows, columns, 0].astype(int)
         xy = np.full((1, 17, 2), np.nan)
         for joint in range(17):
-            rows, columns = np.nonzero(abs(shades - 80 - 10 * joint) <= 2)
-            if len(rows) >= 9:
-                xy[0, joint] = np.median(columns), np.median(rows)
+            dot = abs(shades - 80 - 10 * joint) <= 2
+            if dot.sum() >= 9:
+                xy[0, joint] = np.median(columns[dot]), np.median(rows[dot])
         return xy, np.where(np.isnan(xy[..., 0]), np.nan, 0.9)
 
 def dots(config):
@@ -50,14 +51,23 @@ def nothing(config):
 '''
 
 
-@pytest.fixture
-def session(tmp_path: Path) -> Clip:
-    """Videos of a walker of dots in three cameras, its calibration, the detector; and the clip that they show."""
+@pytest.fixture(scope="module")
+def filmed(tmp_path_factory) -> tuple[Clip, Path]:
+    """A walker of dots, and the folder of images of each of three cameras."""
     clip = detected_clip(walk((-0.3, -0.2), (0.3, 0.2), frames=12)[:, None], 3, miss=0, noise=0)
+    folder = tmp_path_factory.mktemp("filmed")
+    for view, name in enumerate(clip.rig.names):
+        write_images(folder / name, clip, view)
+    return clip, folder
+
+
+@pytest.fixture
+def session(filmed: tuple[Clip, Path], tmp_path: Path) -> Clip:
+    """Videos of a walker of dots in three cameras, its calibration, the detector; and the clip that they show."""
+    clip, folder = filmed
+    shutil.copytree(folder, tmp_path / "videos")
     (tmp_path / "my_dots.py").write_text(DETECTOR)
     write_calibration(clip.rig, tmp_path / "calibration.toml", "pose2sim")
-    for view, name in enumerate(clip.rig.names):
-        write_images(tmp_path / "videos" / name, clip, view)
     return clip
 
 
