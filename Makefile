@@ -213,8 +213,9 @@ measure: setup
 	$(BIN)/dmae evaluate data=$(MEASURE)/clips methods=[linear,dmae] views=[3] baseline=$(MEASURE)/before/scores.json \
 	  out=$(MEASURE)/after
 
-# Everything, on all cores: a test file runs in one process, so that its fixtures are made once.
-PYTEST := $(BIN)/python -m pytest --numprocesses=auto --dist=loadfile
+# Everything, on all cores: a test file runs in one process, so that its fixtures are made once. Files are given out as
+# tests/conftest.py sorts them, not by their number of tests: the longest have few.
+PYTEST := $(BIN)/python -m pytest --numprocesses=auto --dist=loadfile --no-loadscope-reorder
 test: developer
 	$(PYTEST)
 
