@@ -14,6 +14,7 @@ from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import NoReturn
 
 from dmae.command_line import interruption
 from dmae.command_line.help import command_help, program_help
@@ -46,11 +47,15 @@ def run_program(program: Program) -> None:
     try:
         _run_program(program)
     except BrokenPipeError:
-        # The reader closed the pipe, as in `dmae --help | head`. Python must not write to it at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(1)
+        _end_without_reader()
     finally:
         interruption.began = None
+
+
+def _end_without_reader() -> NoReturn:
+    """Exit because the reader closed the pipe, as in `dmae --help | head`. Python must not write to it at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    sys.exit(1)
 
 
 def _run_program(program: Program) -> None:
@@ -119,15 +124,14 @@ def _run_hydra(command: Command, options: Group, arguments: list[str], interrupt
         try:
             _apply(command, options, config, interrupted)
         except BrokenPipeError:
-            raise
+            _end_without_reader()  # here: Hydra would print a message of its own for an error that leaves the job
         except Exception as error:
             if interrupted.signal:
                 # The command was interrupted: an error of its workers, which end with it, is a consequence.
                 raise KeyboardInterrupt from None
             if full or not isinstance(error, (ValueError, KeyError, OSError, OmegaConfBaseException)):
                 raise
-            # Exit here: Hydra would print a message of its own for an error that leaves the job.
-            sys.exit(f"{command}: error: {_in_one_line(error)}")
+            sys.exit(f"{command}: error: {_in_one_line(error)}")  # here, for the same reason
 
     full = os.environ.get("HYDRA_FULL_ERROR")
     # With this setting Hydra raises errors instead of printing them in several lines.

@@ -158,8 +158,10 @@ def checked(options: Group, overrides: Iterable[str], flags: Collection[str] = (
     Raises ValueError, with the nearest, for a mistyped option, preset, choice or value; and for an option that has to
     be given and is not, unless nothing is run or `presets` of the user may give it.
     """
+    sweep = sweeps(flags)
+    overrides = [override if sweep else _one_text(options, override) for override in overrides]
     overrides = [each for override in overrides for each in _expanded(options, _quoted(override))]
-    taken = [_checked(options, override, sweeps(flags)) for override in overrides]
+    taken = [_checked(options, override, sweep) for override in overrides]
     missing = required(options, {override.lstrip("+").partition("=")[0] for override in overrides})
     if missing and not presets and _LOOKING.isdisjoint(flags):
         wanted = (option for option in map(options.find, missing) if option)
@@ -191,6 +193,17 @@ def _read(override: str) -> Override:
         raise ValueError(f"{override}: cannot be read; look at its quotes and brackets") from None
 
 
+def _one_text(options: Group, override: str) -> str:
+    """Return an override with quotes around a text or a path with commas, which Hydra would try in turn."""
+    key, _, value = override.partition("=")
+    found = options.find(key)
+    text = isinstance(found, Option) and found.kind == "text" and not found.many
+    path = key == "data" and isinstance(found, Group) and Path(value).exists()
+    if "," not in value or not (text or path) or re.match(r"\s*['\"[{]", value) or "${" in value:
+        return override
+    return f"{key}={_in_quotes(value)}"
+
+
 def _quoted(override: str) -> str:
     """Return an override with quotes around texts that Hydra cannot read without: `out='Füße (1)'`, `cameras=[a,'é']`.
 
@@ -203,10 +216,14 @@ def _quoted(override: str) -> str:
         return override
     for number, text in enumerate(texts):
         if not _readable(f"key={text}"):
-            # Backslashes are text unless they stand before a quote.
-            text = re.sub(r"(\\*)'", r"\1\1\'", text.strip())
-            texts[number] = "'" + re.sub(r"(\\+)$", r"\1\1", text) + "'"
+            texts[number] = _in_quotes(text.strip())
     return f"{key}={'[' * listed}{','.join(texts)}{']' * listed}"
+
+
+def _in_quotes(text: str) -> str:
+    # Backslashes are text unless they stand before a quote.
+    text = re.sub(r"(\\*)'", r"\1\1\'", text)
+    return "'" + re.sub(r"(\\+)$", r"\1\1", text) + "'"
 
 
 def _readable(override: str) -> bool:

@@ -2,7 +2,7 @@
 
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -49,8 +49,11 @@ _FEW = 0.4  # Share of the detected joints; where people explain fewer, somethin
 interrupted = finished
 
 
-def run(config: CaptureCommand, out: Path) -> None:
-    """Capture each clip, and print the reprojection errors of all; exits with status 1 if no person was found."""
+def run(config: CaptureCommand, out: Path, told: Collection[str] = ()) -> None:
+    """Capture each clip, and print the reprojection errors of all; exits with status 1 if no person was found.
+
+    `told`: notes on the recording that were printed before.
+    """
     check_apart(out, Path(config.data.path))
     clips = Clips(config.data)
     settings = _settings(config) if clips.data_set else None
@@ -77,7 +80,8 @@ def run(config: CaptureCommand, out: Path) -> None:
                 made.write(captured, folder.name)
                 frames += len(captured)
             for note in [*captured.provenance.get("notes", ()), *exchanges]:
-                print(f"{captured.id}: {note}")
+                if note not in told:
+                    print(f"{captured.id}: {note}")
             poses = captured.poses
             assert poses is not None
             size = f"{counted(len(captured), 'frame')}, {counted(poses.xyz.shape[1], 'person', 'people')}"

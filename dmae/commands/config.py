@@ -62,8 +62,9 @@ class FilmedConfig:
     detector: PoseDetectorConfig = field(default_factory=PoseDetectorConfig)
     fps: float | None = None
     """1/s; frame rate, by default that of the videos. Required for folders of images."""
-    offsets: list[int] | None = None
-    """Frames by which each camera started late, in the order of the calibration; by default read from the videos."""
+    offsets: list[int | str] | None = None
+    """Frames by which each camera started late, in the order of the calibration, or those of some cameras as
+    [name:frames]; by default read from the videos."""
     world: WorldConfig = field(default_factory=WorldConfig)
     workers: int = 1
     """Processes that detect; -1 for one per core."""

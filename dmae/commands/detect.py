@@ -39,8 +39,10 @@ _CLAIM = "detect.json"
 _TOO_FEW = "{}: pictures of {}; capture needs two or more"
 
 
-def run(config: DetectCommand, out: Path, name: str | None = None, least: int = 1) -> None:
-    """Detect people. The clip is called `name`, or as `recording_name` calls the recording.
+def run(config: DetectCommand, out: Path, name: str | None = None, least: int = 1) -> tuple[str, ...]:
+    """Detect people. Return the notes on the recording that were printed.
+
+    The clip is called `name`, or as `recording_name` calls the recording.
 
     `least`: number of cameras that are needed; with fewer nothing is detected.
     """
@@ -49,10 +51,10 @@ def run(config: DetectCommand, out: Path, name: str | None = None, least: int = 
     output_skeleton(config.output.skeleton)
     if config.clip is not None:
         _detect_clips(config, Path(config.clip), out, least)
-        return
+        return ()
     if config.photos is not None and config.calibration is None:
         _detect_photographs(config, Path(config.photos), out)
-        return
+        return ()
     rig = None
     if config.calibration is not None:
         rig = read_calibration(Path(config.calibration), **asdict(config.world))
@@ -69,7 +71,7 @@ def run(config: DetectCommand, out: Path, name: str | None = None, least: int = 
     _claim(config, recording, out)
     if (out / "clip.json").is_file():
         print(f"{out}: detected already")
-        return
+        return recording.notes
     pieces = out / _PIECES
     detections, notes = detect_recording(recording, config.detector, pieces, config.output.skeleton, config.workers)
     for note in notes:
@@ -86,6 +88,7 @@ def run(config: DetectCommand, out: Path, name: str | None = None, least: int = 
     if len(recording.cameras) == 1:
         print("one camera: capture needs two or more")
     print(out)
+    return (*recording.notes, *notes)
 
 
 def interrupted(config: DetectCommand, out: Path) -> str:

@@ -18,7 +18,8 @@ from dmae.data.clip import Clip
 from dmae.files.checks import child
 from dmae.files.contents import write_atomic
 from dmae.formats.config import Convention
-from dmae.formats.reading import offsets_of_all, written_convention
+from dmae.formats.reading import written_convention
+from dmae.formats.recordings import offsets_of_all
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
 from dmae.reporting.tables import Table, print_tables
@@ -37,7 +38,9 @@ def run(config: DoctorCommand, out: Path) -> None:
     faulty = 0
     for clip, _, to in each_clip(config.data, out, "examining"):
         offsets = (
-            None if config.data.cameras else offsets_of_all(config.data.offsets or [0] * len(clip.rig), clip.rig.names)
+            None
+            if config.data.cameras
+            else offsets_of_all("data.offsets", config.data.offsets or [0] * len(clip.rig), clip.rig.names)
         )
         convention = written_convention(config.data)
         diagnosis = diagnose(clip, convention, offsets, config.max_offset)

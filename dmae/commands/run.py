@@ -19,9 +19,9 @@ def run(config: RunCommand, out: Path) -> None:
         pose_writer.find(name)
     folders = {name: out / name for name in (_DETECTED, _CAPTURED, _COMPLETED)}
     filmed = {each.name: getattr(config, each.name) for each in fields(FilmedConfig)}
-    detect.run(DetectCommand(**filmed), folders[_DETECTED], out.resolve().name, least=2)
+    told = detect.run(DetectCommand(**filmed), folders[_DETECTED], out.resolve().name, least=2)
     data = DataConfig(name="clip", path=str(folders[_DETECTED]))
-    capture.run(capture.CaptureCommand(data=data, capture=config.capture), folders[_CAPTURED])
+    capture.run(capture.CaptureCommand(data=data, capture=config.capture), folders[_CAPTURED], told)
     complete.run(complete.CompleteCommand(clip=str(folders[_CAPTURED]), weights=config.weights), folders[_COMPLETED])
     page = out / "report.html"
     report.run(report.ReportCommand(clip=str(folders[_COMPLETED])), page)

@@ -297,7 +297,7 @@ def _highest_rate(cameras: Sequence[CameraImages], notes: list[str]) -> float:
         )
     if any(camera.rate and camera.rate < fastest.rate * (1 - _SAME_RATE) for camera in cameras):
         listed = ", ".join(f"{camera.name} {camera.rate:.5g}" for camera in cameras if camera.rate)
-        notes.append(f"cameras have other frame rates ({listed}); those of fewer have no image in some frames")
+        notes.append(f"frame rates differ ({listed}); slower cameras have no image in some frames")
     check_rate(f"{fastest.path}: fps", fastest.rate)
     return fastest.rate
 

@@ -40,7 +40,7 @@ from dmae.files.contents import write_atomic
 from dmae.files.images import read_upright, upright_size
 from dmae.formats.footage import Fitting, fit_images
 from dmae.formats.openpose import write_detections, write_people
-from dmae.formats.recordings import by_name, match_cameras, natural, plain
+from dmae.formats.recordings import by_name, match_cameras, natural, offsets_of_all, plain
 from dmae.numerics.filling import STILLS, are_stills
 from dmae.numerics.statistics import evenly_spaced
 from dmae.parallel import in_parallel
@@ -55,7 +55,7 @@ _STILLS_RATE = 0.1  # 1/s; of photographs in sets, where it is not known
 
 
 def open_recording(
-    videos: Path, rig: CameraRig | None = None, fps: float | None = None, offsets: Sequence[int] | None = None
+    videos: Path, rig: CameraRig | None = None, fps: float | None = None, offsets: Sequence[int | str] | None = None
 ) -> Recording:
     """Find the videos of a recording, and match them to its calibration.
 
@@ -63,8 +63,8 @@ def open_recording(
         videos: Folder of a video, or a folder of images, for each camera, named as in the calibration.
         rig: The calibration; None for 2D detections alone.
         fps: Frames per second; by default what the videos say.
-        offsets: Frames by which each camera started late, in the order of the calibration; by default read from the
-            videos.
+        offsets: Frames by which each camera started late, in the order of the calibration, or those of some cameras as
+            "name:frames"; by default read from the videos.
 
     Raises:
         FileNotFoundError: there are no videos.
@@ -74,7 +74,11 @@ def open_recording(
     fittings = [Fitting()] * len(cameras)
     if rig is not None:
         cameras, rig, fittings, notes = _calibrated(cameras, rig, videos)
-    alignment = align(cameras, fps, offsets)
+        # Messages name cameras as the calibration does.
+        named = [replace(camera, name=name) for camera, name in zip(cameras, rig.names, strict=True)]
+    else:
+        named = cameras
+    alignment = align(named, fps, offsets_of_all("offsets", offsets, [camera.name for camera in named]))
     return Recording(tuple(cameras), alignment, rig, tuple(fittings), (*notes, *alignment.notes))
 
 

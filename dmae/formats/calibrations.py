@@ -29,7 +29,8 @@ class CalibrationFormat(Entry):
     """A calibration format."""
 
     syntax: str  # "json", "toml" or "yaml"
-    # Function that takes the content of a JSON or TOML file and returns whether it has this format
+    # Function that takes the content of a JSON or TOML file, or the names in the folder of a YAML file, and returns
+    # whether it has this format
     matches: Callable[[object], bool] = lambda content: True
     # Function that takes cameras in the convention of the file, and a path to write
     write: Callable[[CameraRig, Path], None]
@@ -300,16 +301,23 @@ def recognise(path: Path) -> str:
     """
     path = find_calibration(path) if path.is_dir() else path
     start = read_text(path).lstrip()
-    # Only the module of its format parses OpenCV's dialect of YAML.
-    syntax, content = "yaml", None
-    if not start.startswith("%YAML") and path.suffix not in (".yml", ".yaml"):
+    content: object = None
+    if start.startswith("<"):
+        syntax = "xml"  # of Qualisys, Vicon or OpenCV; no format here has it
+    elif start.startswith("%YAML") or path.suffix in (".yml", ".yaml"):
+        # Only the module of its format parses OpenCV's dialect of YAML. It has no marks of its own, but file names.
+        syntax, content = "yaml", {file.name for file in path.parent.iterdir()} | {path.name}
+    else:
         syntax = "json" if start.startswith("{") or path.suffix == ".json" else "toml"
         content = read_json(path) if syntax == "json" else read_toml(path)
     for format in calibration_format.values():
         if format.syntax == syntax and format.matches(content):
             return format.name
     known = "; ".join(format.help.removesuffix(".") for format in calibration_format.values())
-    raise ValueError(f"{path}: expected a calibration: {known}; found {start[:60]!r}")
+    raise ValueError(
+        f"{path}: expected a calibration: {known}; found {start[:60]!r}. Pose2Sim converts those of Qualisys, Vicon, "
+        "OptiTrack and others, and calculates one from a checkerboard"
+    )
 
 
 def find_calibration(folder: Path) -> Path:

@@ -124,7 +124,10 @@ def _matrix(key: str, values: np.ndarray) -> str:
     return f"{key}: !!opencv-matrix\n   rows: {rows}\n   cols: {columns}\n   dt: d\n   data: [ {data} ]"
 
 
-@calibration_format("easymocap", syntax="yaml", write=write_cameras, files=(INTRINSICS, f"*/{INTRINSICS}"))
+@calibration_format(
+    "easymocap", syntax="yaml", matches=lambda files: bool({INTRINSICS, EXTRINSICS} & set(files)), write=write_cameras,
+    files=(INTRINSICS, f"*/{INTRINSICS}"),
+)  # fmt: skip
 def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
     """intri.yml and extri.yml (EasyMocap).
 

@@ -229,8 +229,10 @@ def fit_images(camera: str, image: tuple[int, int], calibration: tuple[int, int]
     left, top = ((a - scale * b) / 2 for a, b in zip(image, calibration, strict=True))
     if _is_black(sample, round(left), round(top)):
         return Fitting(scale, (left, top))
-    turned = tuple(image) == tuple(calibration)[::-1]
-    advice = "turn them" if turned else "calibrate at this size, or give the images as they were calibrated"
+    turned = (image[0] > image[1]) != (calibration[0] > calibration[1])
+    advice = (
+        "turn them by 90 degrees" if turned else "calibrate at this size, or give the images as they were calibrated"
+    )
     raise ValueError(
         f"{camera_label(camera)}: its images have {image[0]} x {image[1]} px, its calibration is for "
         f"{calibration[0]} x {calibration[1]} px; they are no copy of that in another size, with or without black "

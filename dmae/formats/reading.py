@@ -1,6 +1,5 @@
 """Read recordings: recognise the format, call its reader, select frames and views."""
 
-import re
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import fields, replace
@@ -20,7 +19,7 @@ from dmae.formats.calibrations import CalibrationSource, LacksSize, calibration_
 from dmae.formats.calibrations import recognise as recognise_calibration
 from dmae.formats.config import Convention, DataConfig
 from dmae.formats.footage import with_images, with_videos
-from dmae.formats.recordings import to_clip
+from dmae.formats.recordings import offsets_of_all, to_clip
 from dmae.formats.registry import RecordingReader, reader
 
 _OPTIONS = {
@@ -91,7 +90,7 @@ class Clips(Sequence):
                 clip = with_videos(clip, Path(config.videos))
             if config.images is not None:
                 clip = with_images(clip, Path(config.images))
-            offsets = offsets_of_all(config.offsets, clip.rig.names)
+            offsets = offsets_of_all("data.offsets", config.offsets, clip.rig.names)
         except ValueError as error:
             if str(folder) in str(error):
                 raise
@@ -237,25 +236,6 @@ def _with_calibration(clip: Clip, config: DataConfig, calibration: Path) -> Clip
     # A simulated clip keeps the cameras that filmed it, for its labels and images.
     filmed = clip.actual_rig if clip.occlusion is not None else None
     return replace(clip, rig=rig, true_rig=filmed, poses=None, provenance=clip.provenance | {"notes": notes})
-
-
-def offsets_of_all(offsets: Sequence[int | str] | None, names: Sequence[str]) -> list[int] | None:
-    """Return by how many frames each named camera started late, from numbers or entries `name:frames`, or None.
-
-    Raises ValueError if an entry is malformed, or its camera is unknown or named twice.
-    """
-    if offsets is None or all(isinstance(each, int) for each in offsets):
-        return None if offsets is None else [int(each) for each in offsets]
-    found = {}
-    for each in offsets:
-        name, _, frames = str(each).rpartition(":")
-        if name not in names or name in found or not re.fullmatch(r"[+-]?\d{1,9}", frames):
-            raise ValueError(
-                f"data.offsets={list(offsets)}: expected a number for each camera, or entries as {names[0]}:3 of some "
-                f"of {', '.join(names)}, each once; found {each!r}"
-            )
-        found[name] = int(frames)
-    return [found.get(name, 0) for name in names]
 
 
 def shift_views(clip: Clip, offsets: list[int] | None) -> Clip:

@@ -79,6 +79,27 @@ def natural(name: str) -> list:
     return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", name)]
 
 
+def offsets_of_all(option: str, offsets: Sequence[int | str] | None, names: Sequence[str]) -> list[int] | None:
+    """Return by how many frames each named camera started late, from numbers or entries `name:frames`, or None.
+
+    Names match as those of files and calibrations do, without case and punctuation. Raises ValueError, which names the
+    option, if an entry is malformed, or its camera is unknown or named twice.
+    """
+    if offsets is None or all(isinstance(each, int) for each in offsets):
+        return None if offsets is None else [int(each) for each in offsets]
+    found, known = {}, {plain(name): name for name in names}
+    for each in offsets:
+        given, _, frames = str(each).rpartition(":")
+        name = given if given in names else known.get(plain(given))
+        if name is None or name in found or not re.fullmatch(r"[+-]?\d{1,9}", frames):
+            raise ValueError(
+                f"{option}={list(offsets)}: expected a number for each camera, or entries as {names[0]}:3 of some "
+                f"of {', '.join(names)}, each once; found {each!r}"
+            )
+        found[name] = int(frames)
+    return [found.get(name, 0) for name in names]
+
+
 def by_name(items: Iterable) -> list:
     """Return files, folders or cameras in the order of their names: cam2 comes before cam10."""
     return sorted(items, key=lambda item: natural(item.name))

@@ -652,13 +652,22 @@ def _spread(turned: np.ndarray, cov: np.ndarray) -> np.ndarray:
 
 
 def defining_joints(body: Body, segment: str) -> list[str]:
-    """Return the landmarks that show how a segment turns in its parent: on both, and at the end of the segment."""
+    """Return the landmarks that show how a segment turns in its parent: on both, and where their children begin.
+
+    A child that begins at no landmark, as the clavicles do, passes on the ends of its own: the shoulders.
+    """
+    begins = set(np.array(body.on)[~np.any(body.landmarks, -1)].tolist())
+
+    def ends(number: int) -> set[int]:
+        children = [child for child, parent in enumerate(body.parents) if parent == number]
+        return {end for child in children for end in ([child] if child in begins else ends(child))}
+
     number = body.segments.index(segment)
     both = {number, body.parents[number]}
-    ends = {child for child, parent in enumerate(body.parents) if parent == number}
+    at_ends = set().union(*(ends(each) for each in both if each >= 0))
     at_origin = ~np.any(body.landmarks, -1)
     return [
         joint
         for joint, on, end in zip(body.joints, body.on, at_origin, strict=True)
-        if on in both or (end and on in ends)
+        if on in both or (end and on in at_ends)
     ]

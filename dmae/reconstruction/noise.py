@@ -89,6 +89,11 @@ class DetectionNoise:
                 f"{camera_label(name)} by {floor:.0f} px more" for name, floor in zip(names, self.floor_px, strict=True)
             )
             text += f"; {', '.join(one for one, off in zip(each, far, strict=True) if off)}"
+        if self.usual_m > _DOUBTFUL_M:
+            text += (
+                f"; detectors err by less than {1000 * _DOUBTFUL_M:.0f} mm: dmae doctor, with the same data=..., "
+                "examines calibration and synchronisation"
+            )
         if self.constant.all():
             return f"{text}; confidences say nothing, so they are not used"
         if self.constant.any():
@@ -112,6 +117,7 @@ class DetectionNoise:
 
 
 _USUAL_M = 0.05  # m; sigma of a usual joint for which the distances of the configuration are made
+_DOUBTFUL_M = 0.08  # m; sigma from which cameras rather than detectors are likely to be wrong
 
 
 @dataclass(frozen=True)

@@ -93,7 +93,7 @@ def detect(
     *,
     detector: str = "blazepose",
     fps: float | None = None,
-    offsets: Sequence[int] | None = None,
+    offsets: Sequence[int | str] | None = None,
     skeleton: str | None = None,
     workers: int = 1,
 ) -> Clip:
@@ -107,7 +107,8 @@ def detect(
         calibration: Cameras, or their file; None if `source` is a clip, which contains its cameras.
         detector: `blazepose`, or `package.module:function`.
         fps: Frames per second of the videos, if the files do not state it.
-        offsets: Frames by which each camera started late; by default as the videos state.
+        offsets: Frames by which each camera started late, or those of some cameras as "name:frames"; by
+            default as the videos state.
         skeleton: Skeleton to convert to; by default that of the detector.
         workers: Processes; -1 for one per core.
 
@@ -134,7 +135,7 @@ def detect_in(
     calibration: str | Path | CameraRig | None,
     detector: str,
     fps: float | None,
-    offsets: Sequence[int] | None,
+    offsets: Sequence[int | str] | None,
     skeleton: str | None,
     workers: int,
     least: int = 1,

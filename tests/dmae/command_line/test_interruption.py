@@ -2,12 +2,15 @@
 
 import os
 import signal
+import sys
 import time
 from pathlib import Path
 
 import pytest
 
+from dmae.cli import main
 from dmae.command_line.interruption import one_line
+from dmae.commands import convert
 from dmae.data.store import load_clip, read_manifest, save_clip, write_manifest
 from tests.support.clips import full_clip
 from tests.support.commands import run_command, start_command
@@ -80,6 +83,18 @@ def test_clips_captured_before_an_interruption_are_a_data_set(folder):
     assert 2 <= len(names) < 40 and all(load_clip(folder / "captured" / name).poses is not None for name in names)
     assert "can be used; the same command continues" in error
     assert len(error.splitlines()) == 1
+
+
+def test_a_reader_that_stops_reading_ends_a_command_without_a_word(folder, monkeypatch, capfd):
+    def closed(*_):
+        raise BrokenPipeError
+
+    monkeypatch.setattr(convert, "run", closed)
+    monkeypatch.setattr(os, "dup2", lambda *_: None)
+    monkeypatch.setattr(sys, "argv", ["dmae", "convert", f"data={folder}/set/00", f"out={folder}/closed"])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 1 and capfd.readouterr() == ("", "")
 
 
 @pytest.mark.slow

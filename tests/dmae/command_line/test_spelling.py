@@ -138,7 +138,17 @@ def test_one_name_is_short_for_a_list_of_it(command, given, taken):
 
 @pytest.mark.parametrize(
     "text",
-    ["Grüße & Co/Füße 1", "日本/walk", "Tom's clips", "take (2)", "a=b", "~/x", "Shot[1]", "é\\", "\\'é'\\\\"],
+    [
+        "Grüße & Co/Füße 1",
+        "日本/walk",
+        "Tom's clips",
+        "take (2)",
+        "a=b",
+        "~/x",
+        "Shot[1]",
+        "é\\",
+        "\\'é'\\\\",
+    ],
 )
 def test_paths_and_texts_of_any_characters_need_no_quotes(text):
     assert compose(DMAE.commands["export"], ["clip=set", f"out={text}"]).out == text
@@ -146,6 +156,18 @@ def test_paths_and_texts_of_any_characters_need_no_quotes(text):
     assert about.creator == text
     options = ["data=openpose", "data.path=x", f"data.cameras=[left,{text}]"]
     assert compose(DMAE.commands["capture"], options).data.cameras == ["left", text]
+
+
+@pytest.mark.parametrize("text", ["Müller, Hans/01", "O'Neill, (links)", "a,b"])
+def test_a_text_with_commas_is_one_text_unless_several_are_tried_in_turn(text):
+    assert compose(DMAE.commands["export"], ["clip=set", f"out={text}"]).out == text
+    assert len(checked(DMAE.commands["export"].options(), ["clip=set", "out=a,b"], ["-m"])) == 2
+
+
+def test_a_folder_with_a_comma_is_one_recording(folder):
+    (folder / "Müller, Hans").mkdir(exist_ok=True)
+    data = f"{folder}/Müller, Hans"
+    assert compose(DMAE.commands["capture"], [f"data={data}", "out=x"]).data.path == data
 
 
 @pytest.mark.parametrize("value", ["['é'", "[[é]", "'é", "${é"])

@@ -107,6 +107,18 @@ def test_images_become_a_clip_that_is_captured(session: Clip, tmp_path: Path):
     assert all((tmp_path / "made" / name).exists() for name in written)
 
 
+def test_run_names_a_late_camera_and_says_each_note_once(session: Clip, tmp_path: Path):
+    (tmp_path / "videos" / session.rig.names[1] / "00011.png").unlink()
+    (tmp_path / "videos" / session.rig.names[0] / "00005.png").write_bytes(b"damaged")
+    (tmp_path / "videos" / session.rig.names[2]).rename(tmp_path / "videos" / "CAM_2")
+    done = dmae(tmp_path, "run", *ARGUMENTS, "offsets=[cam-2:3]", "out=made", "export=[npz]")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("cameras end at different frames (cam0 12, cam1 11, cam2 15)") == 1
+    assert done.stdout.count("1 of 12 images cannot be read") == 1
+    wrong = dmae(tmp_path, "run", *ARGUMENTS, "offsets=[cam7:3]", "out=other")
+    assert "offsets=['cam7:3']: expected a number for each camera, or entries as cam0:3 of some of" in wrong.stderr
+
+
 def test_damaged_frames_a_shorter_and_a_missing_camera_lose_nothing_else(session: Clip, tmp_path: Path):
     names = session.rig.names
     for file in (tmp_path / "videos" / names[2]).iterdir():

@@ -73,7 +73,7 @@ def test_other_rates_and_ends():
     found = align([camera("a", np.arange(20) / 20, 20), camera("b", np.arange(8) / 10, 10)], None, None)
     assert (found.fps, found.count) == (20, 20)
     assert found.frames[1].tolist() == [0, 2, 4, 6, 8, 10, 12, 14]
-    assert "other frame rates (a 20, b 10)" in found.notes[0] and "a 20, b 15" in found.notes[1]
+    assert "frame rates differ (a 20, b 10)" in found.notes[0] and "a 20, b 15" in found.notes[1]
 
 
 def test_dropped_images_leave_gaps_at_the_rate_that_is_given():
@@ -145,8 +145,9 @@ def test_a_smaller_copy_with_black_borders():
 def test_half_the_size_and_turned():
     found = fit_images("cam", (960, 540), (1920, 1080), np.empty((0, 1, 1, 3)))
     np.testing.assert_allclose(found.to_calibration(np.array([0.0, 0.0])), (0.5, 0.5))
-    with pytest.raises(ValueError, match="turn them"):
-        fit_images("cam", (1080, 1920), (1920, 1080), np.full((1, 1920, 1080, 3), 90, np.uint8))
+    for size in ((1080, 1920), (1080, 1934)):
+        with pytest.raises(ValueError, match="turn them by 90 degrees"):
+            fit_images("cam", size, (1920, 1080), np.full((1, *size[::-1], 3), 90, np.uint8))
 
 
 def test_cameras_are_called_as_in_the_calibration(tmp_path: Path):

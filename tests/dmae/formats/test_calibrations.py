@@ -191,6 +191,19 @@ def test_formats_are_recognised_whatever_the_file_is_called(tmp_path):
         assert recognise(tmp_path / "cameras") == format
 
 
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("Calib.qca.txt", "<?xml version='1.0' encoding='ASCII'?>\n<calibration/>"),
+        ("stereo.yml", "%YAML:1.0\n---\nK1: 1\n"),
+    ],
+)
+def test_a_calibration_of_another_program_is_answered_with_what_converts_it(tmp_path, name, text):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(ValueError, match=rf"{name}: expected a calibration: .*EasyMocap.*Pose2Sim converts those of"):
+        read_calibration(tmp_path / name)
+
+
 def test_fisheye_of_a_toml(tmp_path):
     text = pose2sim_text().replace("fisheye = false", "fisheye = true")
     rig = read_calibration(write(tmp_path, "pose2sim", **{"calib.toml": text}))

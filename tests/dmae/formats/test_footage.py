@@ -10,7 +10,7 @@ from PIL import Image
 import dmae
 from dmae.data.images import write_image, write_video
 from dmae.data.skeleton import BODY25
-from dmae.formats.reading import offsets_of_all
+from dmae.formats.recordings import offsets_of_all
 from tests.support.recordings import recording, write_openpose_recording
 
 
@@ -144,12 +144,13 @@ def test_videos_that_begin_with_the_clip_or_have_another_size_are_noted(tmp_path
 
 def test_offsets_are_given_in_order_or_by_name(tmp_path):
     names = ("left", "right", "top:1")
-    assert offsets_of_all([0, 2, -1], names) == [0, 2, -1]
-    assert offsets_of_all(["right:-3", "top:1:+2"], names) == [0, -3, 2]
-    assert offsets_of_all(None, names) is None
+    assert offsets_of_all("data.offsets", [0, 2, -1], names) == [0, 2, -1]
+    assert offsets_of_all("data.offsets", ["right:-3", "top:1:+2"], names) == [0, -3, 2]
+    assert offsets_of_all("data.offsets", ["Right:1"], names) == [0, 1, 0]
+    assert offsets_of_all("data.offsets", None, names) is None
     for wrong in (["left"], ["middle:3"], ["left:1.5"], ["left:1", "left:2"], [1, "left:2"]):
         with pytest.raises(ValueError, match="expected a number for each camera, or entries as left:3"):
-            offsets_of_all(wrong, names)
+            offsets_of_all("data.offsets", wrong, names)
     write_openpose_recording(recording(BODY25, 4), tmp_path / "rec")
     by_name, in_order = (dmae.read(tmp_path / "rec", fps=25, offsets=each) for each in (["cam2:1"], [0, 0, 1, 0]))
     np.testing.assert_array_equal(by_name.detections.xy, in_order.detections.xy)

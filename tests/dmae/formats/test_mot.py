@@ -45,6 +45,13 @@ def test_angles_are_those_of_the_person(skeleton, tmp_path):
     assert {row["L5_S1_Flex_Ext"] for row in quality} == {""}
 
 
+@pytest.mark.parametrize("name", ["blazepose33", "coco17", "body25b"])
+def test_an_angle_of_the_trunk_is_known_by_hips_and_shoulders_where_there_is_no_neck(name, tmp_path):
+    _, quality = export(simulated(SKELETONS[name])[0], tmp_path / "a.mot")
+    known = [row["L5_S1_Lat_Bending_source"] for row in quality if row["L5_S1_Lat_Bending"]]
+    assert known and set(known) == {"measured"}
+
+
 def test_an_angle_that_joints_do_not_determine_is_in_the_motion_alone_and_what_was_completed_says_so(tmp_path):
     poses, _ = simulated(BODY25)
     foot = BODY25.index("l_big_toe", "l_small_toe", "l_heel")

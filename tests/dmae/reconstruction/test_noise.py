@@ -86,6 +86,13 @@ def test_a_detector_without_confidences_is_recognised_in_one_camera():
     assert (noise.trusted(np.full((4, 1, 1), 0.2))[[0, 2, 3]] < 0.5).all()
 
 
+def test_a_scatter_that_no_detector_has_points_to_the_cameras():
+    noise = replace(learn_noise(seen(4.0), LEARNED), usual_m=0.115)
+    names = ("0", "1", "2", "3")
+    assert "115 mm on the person; detectors err by less than 80 mm: dmae doctor, with the same" in noise.describe(names)
+    assert "dmae doctor" not in replace(noise, usual_m=0.06).describe(names)
+
+
 @pytest.mark.parametrize("value", [0.0, 2.0, -1.0])
 def test_scores_that_are_equal_everywhere_are_said_not_to_be_used(value):
     clip = seen(4.0)
