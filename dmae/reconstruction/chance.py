@@ -6,6 +6,7 @@ V views, D detections in a view, P persons, J joints.
 import numpy as np
 from scipy.special import gammaincc
 
+from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
 from dmae.files.mapped import by_frames
 from dmae.numerics.compiled import compiled
@@ -51,6 +52,12 @@ def passing_ghosts(measured: np.ndarray, surprises: np.ndarray, frames: int, mos
 _SAMPLED = 3, 24  # Numbers of frames, least and greatest, in which it is examined whether a figure moves
 _AT_REST = 4.0  # Sigmas; half of the joints of a figure that rests stay within this
 _GESTURE = 3.0  # Sigmas; a joint moves if half of its detections are farther than this from their mean
+_SLOW, _EVEN = 0.4, 0.7
+"""m; somebody who moves slowly is within this of the middle of the way. Largest scatter around an even motion, relative
+to the scatter around the mean, of a figure that moves."""
+_SURE = 0.25
+"""Share of the largest number expected by chance that counts for figures of three views or more: people who rest are
+far below, those whom two views see are not."""
 _FITTING = 1.8  # Sigmas; a figure shows a person if half of its joints, averaged over time, are within this
 
 
@@ -64,7 +71,8 @@ def resting_ghosts(
     that rest are averaged over time, which leaves what the views really disagree by, and count as one observation.
     Views that do not fit the others closer than detections scatter are not views of this figure. What is left has to be
     beyond chance, see `expected_by_chance`. Figures that move, or whose joints move, in two views at once are people.
-    With two cameras nobody is judged: of people who stand in a group, pairs of figures are hardly beyond chance.
+    So are those that rest in fewer than two, and those that move slowly and evenly. With two cameras nobody is judged:
+    of people who stand in a group, pairs of figures are hardly beyond chance.
 
     Args:
         assigned: (F, P, V, J) index of the detection that shows the joint in the view, or `NONE`.
@@ -100,7 +108,7 @@ def resting_ghosts(
     expected = expected_by_chance(
         rig.projections, rig.focal, rig.size, xy, own, points.xyz[0], points.used[0], figures, float(most)
     )
-    ghosts[resting] = expected > most
+    ghosts[resting] = expected > np.where((own != NONE).any(-1).sum(-1) >= 3, _SURE * most, most)
     return ghosts
 
 
@@ -113,16 +121,18 @@ def _figures(clip: Clip, th_p: float) -> np.ndarray:
 def _at_rest(
     clip: Clip, frames: np.ndarray, assigned: np.ndarray, xyz: np.ndarray, noise: DetectionNoise
 ) -> np.ndarray | None:
-    """Return the mean figures (V, J, 2), undistorted px, of a track that rests in S sampled frames; None if it moves.
+    """Return the mean figures (V, J, 2), undistorted px, of a track that rests in S sampled frames.
 
-    `frames` is (S,), `assigned` (S, V, J) detections of its joints, `xyz` (S, J, 3) m.
+    None if it moves, or rests in fewer than two views. `frames` is (S,), `assigned` (S, V, J) detections of its joints,
+    `xyz` (S, J, 3) m.
     """
     rig, views = clip.rig, assigned.shape[1]
     figure = np.array([[_most_frequent(row) for row in each] for each in assigned])  # (S, V)
     own = (assigned == figure[..., None]) & (assigned != NONE)
     found = clip.detections.xy[frames[:, None], np.arange(views), figure]
     found = rig.undistort(np.where(own[..., None], found, np.nan))
-    depth = rig.cam_from_world[:, 2, :3] @ median_known(xyz.reshape(-1, 3)) + rig.cam_from_world[:, 2, 3]
+    middle = median_known(xyz.reshape(-1, 3))
+    depth = rig.cam_from_world[:, 2, :3] @ middle + rig.cam_from_world[:, 2, 3]
     sigma = np.hypot(noise.usual_m * rig.focal / np.maximum(depth, 0.1), noise.floor_px)
     means, moved, gestures = np.full(found.shape[1:], np.nan), 0, np.zeros(found.shape[2], int)
     for view in range(views):
@@ -138,7 +148,32 @@ def _at_rest(
         means[view] = mean_known(shown[same])
         away = median_over_frames(np.linalg.norm(shown[same] - means[view], axis=-1))
         gestures += away > _GESTURE * sigma[view]
-    return None if moved >= 2 or (gestures >= 2).sum() >= 2 else means
+    resting = (~np.isnan(means[..., 0])).any(-1).sum()
+    if moved >= 2 or resting < 2 or (gestures >= 2).sum() >= 2 or _moves_slowly(rig, frames, found, xyz, middle):
+        return None
+    return means
+
+
+def _moves_slowly(rig: CameraRig, frames: np.ndarray, found: np.ndarray, xyz: np.ndarray, middle: np.ndarray) -> bool:
+    """Whether a figure moves slowly and evenly: detections (S, V, J, 2) px scatter less around its even motion than
+    around its mean.
+
+    Somebody who walks towards a camera rests in its images, and in those of the others for a second. The triangulated
+    place of a ghost, (S, J, 3) m around the `middle` (3,), also moves where views join and leave, its images do not.
+    """
+    path = median_known(xyz - median_over_frames(xyz))
+    near = np.linalg.norm(path, axis=-1) < _SLOW
+    if not near.any():
+        return False
+    when = frames - frames[near].mean()
+    velocity = when[near] @ path[near] / max((when[near] ** 2).sum(), 1)
+    places = middle + np.stack([when, np.zeros_like(when)], 1)[..., None] * velocity  # (S, 2, 3)
+    moving, resting = np.moveaxis(rig.undistorted.project(places)[0], 2, 0)
+    scatter = [
+        median_over_frames(np.linalg.norm(each - mean_known(each), axis=-1).ravel())
+        for each in (found, found - (moving - resting)[:, :, None])
+    ]
+    return bool(scatter[1] < _EVEN * scatter[0])
 
 
 def _most_frequent(detections: np.ndarray) -> int:

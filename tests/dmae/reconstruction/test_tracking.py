@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dmae.data.clip import Detections2D
+from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import BODY25
 from dmae.numerics.statistics import median_over_frames
 from dmae.reconstruction.chance import expected_by_chance
@@ -47,6 +47,34 @@ def test_people_who_stand_still_among_resting_ghosts_are_people(ghosts, hidden):
     poses = capture(replace(clip, detections=Detections2D(BODY25, xy, score)), CaptureConfig())
     assert sorted(rows_of(poses, people)) == [[0], [1]]
     assert poses.xyz.shape[1] == 2
+
+
+def unseen(clip: Clip, view: int, frames: slice) -> None:
+    """Remove the first detection of a camera in some frames."""
+    clip.detections.xy[frames, view, 0], clip.detections.score[frames, view, 0] = np.nan, np.nan
+
+
+def test_somebody_who_walks_towards_one_of_two_cameras_is_no_ghost_at_rest():
+    """For 1.6 s at 0.4 m/s, which one of the two cameras hardly shows."""
+    clip = detected_clip(walk((-0.3, 0), (0.34, 0), frames=40)[:, None], views=3)
+    unseen(clip, 2, slice(None))
+    assert capture(clip, CaptureConfig()).xyz.shape[1] == 1
+
+
+def test_a_slow_walker_whom_cameras_see_at_different_times_is_no_ghost_at_rest():
+    """For 1.6 s at 0.35 m/s, among five ghosts in each view."""
+    way = 0.28 * np.array([np.cos(2), np.sin(2)])
+    people = walk(tuple(-way), tuple(way), frames=40)[:, None]
+    clip = haunted_clip(5, 40, True, 5, people).select(views=[0, 2, 3])
+    unseen(clip, 1, slice(22))
+    unseen(clip, 2, slice(22, None))
+    assert rows_of(capture(clip, CaptureConfig()), people) == [[0]]
+
+
+def test_three_views_of_resting_ghosts_need_to_agree_better_than_by_chance_now_and_then():
+    """Of this seed, 0.05 figures as convincing as one of the ghosts are expected by chance."""
+    people = np.repeat(two_people(20)[10:11], 60, 0)
+    assert capture(haunted_clip(20, 60, True, 5001, people), CaptureConfig()).xyz.shape[1] == 2
 
 
 def test_nobody_is_lost_among_ghosts_in_a_short_clip():
