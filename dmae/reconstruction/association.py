@@ -79,7 +79,7 @@ def propagate(closeness: np.ndarray, confirmed: np.ndarray) -> tuple[np.ndarray,
     return owner, primary
 
 
-def find_groups(candidates: Candidates, config: AssociationConfig) -> np.ndarray:
+def find_groups(candidates: Candidates, config: AssociationConfig, exchange: bool = False) -> np.ndarray:
     """Identity matching: group detections of one person, at most one from each view.
 
     The Hungarian algorithm proposes pairs for every two views. Groups are then joined along these pairs, best support
@@ -94,6 +94,7 @@ def find_groups(candidates: Candidates, config: AssociationConfig) -> np.ndarray
     Args:
         candidates: n detections of V views.
         config: `ray_distance_m`, `min_affinity`, and the weight of clothes.
+        exchange: Improve the groups as a whole, by `exchange_members`; memory is then quadratic in n.
 
     Returns:
         (G, V) detections of the groups of two or more, by view, or `NONE`.
@@ -103,13 +104,15 @@ def find_groups(candidates: Candidates, config: AssociationConfig) -> np.ndarray
     partners, affinities = _partners(candidates, config, weight, config.min_affinity)
     affinities -= np.float32(config.min_affinity)
     first, second, found = _pairs(view, partners, affinities)
-    if not len(first):
+    if not len(first) and not exchange:
         return np.empty((0, views), int)
     proposed = _proposed(first, second, found, view)
     first, second = first[proposed], second[proposed]
     order = np.argsort(-supports(first, second, found[proposed], view, partners, affinities), kind="stable")
     lengths = np.array([config.ray_distance_m, weight, config.min_affinity], np.float32)
     members = join(first[order], second[order], candidates, *lengths)
+    if exchange:
+        exchange_members(members, view, pair_evidence(candidates, *lengths), lengths[-1])
     return members[(members != NONE).sum(1) > 1]
 
 
@@ -165,7 +168,7 @@ def _proposed(first: np.ndarray, second: np.ndarray, found: np.ndarray, view: np
             index[row, column] = pairs
             pairs = index[linear_sum_assignment(block, maximize=True)]
         proposed.append(pairs[pairs != NONE])
-    return np.concatenate(proposed)
+    return np.concatenate([np.empty(0, int), *proposed])
 
 
 def _numbered(values: np.ndarray, most: int) -> tuple[np.ndarray, int]:
@@ -237,7 +240,7 @@ def agreement(a, b, rays, weights, base_x, base_y, base_z, half_distance):
 
 @compiled()
 def affinity(i, j, candidates, half_distance, colour_weight):
-    """Return the affinity of detections i and j by rays and clothes; -1 where they share no joint.
+    """Return the affinity of detections i and j by rays and clothes, -1 where they share no joint; and sum_j w_j.
 
     The affinity by rays is
 
@@ -260,12 +263,12 @@ def affinity(i, j, candidates, half_distance, colour_weight):
         dressed = not np.isnan(square)
     near, total = agreement(i, j, candidates.rays, candidates.weights, x, y, z, half_distance)
     if total == 0:
-        return -one
+        return -one, total
     found = near / (one + total)
     if dressed:
         similarity = one / (one + square / (_COLOUR_DIFFERENCE * _COLOUR_DIFFERENCE))
         found += colour_weight * (similarity - found)
-    return found
+    return found, total
 
 
 @compiled()
@@ -303,7 +306,7 @@ def find_partners(candidates, rays, shown, half_distance, colour_weight, least, 
                 for j in range(first, last):
                     if most[j - first] < by_rays:
                         continue
-                    found = affinity(i, j, candidates, half_distance, colour_weight)
+                    found, _ = affinity(i, j, candidates, half_distance, colour_weight)
                     if found >= least:
                         _insert(partners[i, b], affinities[i, b], j, found)
                         _insert(partners[j, a], affinities[j, a], i, found)
@@ -414,7 +417,7 @@ def join(first, second, candidates, half_distance, colour_weight, least):
             for v in range(members.shape[1]):
                 i, j = members[a, u], members[b, v]
                 if i >= 0 and j >= 0:
-                    found = affinity(i, j, candidates, half_distance, colour_weight)
+                    found, _ = affinity(i, j, candidates, half_distance, colour_weight)
                     if found >= 0:
                         total += found
                         count += 1
@@ -426,3 +429,121 @@ def join(first, second, candidates, half_distance, colour_weight, least):
                     members[a, v] = members[b, v]
                     members[b, v] = -1
     return members
+
+
+_SWEEPS = 20  # Largest number of times that all detections are compared with all groups; three are usual
+_NEVER = -1e6  # Evidence for a detection in a group that it cannot belong to
+
+
+@compiled()
+def pair_evidence(candidates, half_distance, colour_weight, least):
+    """Return (n, n) the evidence that two detections show one person, counted in joints.
+
+    This is what their affinity exceeds the least one by, times the weights of the joints that both show. It is NaN
+    where they share none, and -inf for detections of one view and where less than half of the least affinity says that
+    they are two people. For that, one more joint counts that just reaches it: detectors put single joints anywhere.
+
+    The arguments are those of `join`.
+    """
+    view, one = candidates.in_view, np.float32(1)
+    evidence = np.full((len(view), len(view)), -np.inf, np.float32)
+    for i in range(len(view)):
+        for j in range(i + 1, len(view)):
+            if view[i] == view[j]:
+                continue
+            found, shared = affinity(i, j, candidates, half_distance, colour_weight)
+            near = found * (one + shared)
+            if shared == 0:
+                evidence[i, j] = evidence[j, i] = np.nan
+            elif near + least >= least / 2 * (one + shared):
+                evidence[i, j] = evidence[j, i] = near - least * shared
+    return evidence
+
+
+@compiled()
+def exchange_members(members, view, evidence, least):
+    """Move detections between groups while that increases the evidence of all groups together.
+
+    The evidence of a group is that of its pairs, less `least` for each member but one. A detection thus belongs to a
+    group if all joints that it shares with the members, counted together, have at least this affinity: views that show
+    different parts of a person have few joints in common with each other. Groups that were joined early, along the best
+    pairs, may have taken what another group needs more. A detection moves to another group, from which the one of the
+    same view leaves or takes its place; or it leaves its group. The best moves come first.
+
+    Args:
+        members: (n, V) as `join` returns them; written.
+        view: (n,) view of each detection.
+        evidence: (n, n) as `pair_evidence` returns it.
+        least: As for `pair_evidence`.
+    """
+    group, gains = np.zeros(len(view), np.int64), np.zeros(len(view))
+    for g in range(len(members)):
+        for i in members[g]:
+            if i >= 0:
+                group[i] = g
+    for _ in range(_SWEEPS):
+        for i in range(len(view)):
+            gains[i], _to = _best_move(i, members, group, view, evidence, least)
+        changed = False
+        while gains.max() > _ROUNDING:
+            i = gains.argmax()
+            gains[i] = 0
+            # Earlier moves may have changed what is best.
+            gain, to = _best_move(i, members, group, view, evidence, least)
+            if gain <= _ROUNDING:
+                continue
+            own, v, changed = group[i], view[i], True
+            replaced = members[to, v]
+            members[own, v], members[to, v], group[i] = -1, i, to
+            if replaced >= 0:
+                if _link(replaced, members[own], v, evidence, least) <= 0:
+                    own = _empty(members)
+                members[own, v], group[replaced] = replaced, own
+        if not changed:
+            break
+
+
+@compiled()
+def _best_move(i, members, group, view, evidence, least):
+    """Return the largest gain of a move of detection i, and the group to which it moves; see `exchange_members`."""
+    own, v = group[i], view[i]
+    here = _link(i, members[own], v, evidence, least)
+    best, to = 0.0, own
+    if here < 0:
+        best, to = -here, _empty(members)
+    for g in range(len(members)):
+        gain, replaced = _link(i, members[g], v, evidence, least) - here, members[g, v]
+        if g == own or gain <= best:
+            continue
+        if replaced >= 0:
+            gain -= _link(replaced, members[g], v, evidence, least)
+            gain += max(_link(replaced, members[own], v, evidence, least), 0.0)
+        if gain > best:
+            best, to = gain, g
+    return best, to
+
+
+@compiled()
+def _link(i, row, v, evidence, least):
+    """Return the evidence for detection i of view v in a group (V,) without its member of that view; 0 if it is empty
+    then."""
+    total, others, shared = 0.0, 0, 0
+    for u in range(len(row)):
+        if u != v and row[u] >= 0:
+            found = evidence[i, row[u]]
+            others += 1
+            if not np.isnan(found):
+                total += found
+                shared += 1
+    if others == 0:
+        return 0.0
+    return max(total - least, _NEVER) if shared else _NEVER
+
+
+@compiled()
+def _empty(members):
+    """Return the index of an empty group. There is one if any has two members, as there are as many as detections."""
+    for g in range(len(members)):
+        if (members[g] < 0).all():
+            return g
+    return -1

@@ -105,8 +105,9 @@ def resting_ghosts(
         _drop_misfits(evidence, figure)
     points = evidence.triangulate(own[None])
     figures = np.maximum(_figures(clip, config.th_p) - moving, 1)
+    all_count = np.full(len(rig), np.inf)
     expected = expected_by_chance(
-        rig.projections, rig.focal, rig.size, xy, own, points.xyz[0], points.used[0], figures, float(most)
+        rig.projections, rig.focal, rig.size, xy, own, points.xyz[0], points.used[0], figures, all_count, float(most)
     )
     ghosts[resting] = expected > np.where((own != NONE).any(-1).sum(-1) >= 3, _SURE * most, most)
     return ghosts
@@ -212,7 +213,7 @@ shape with probability c r^d; more than 1 as figures agree from farther away."""
 
 
 @compiled()
-def expected_by_chance(projections, focal, size, xy, assigned, xyz, used, figures, most):
+def expected_by_chance(projections, focal, size, xy, assigned, xyz, used, figures, strangers, most):
     """Return (P,) the number of people expected by chance whose views agree as well; inf where no two views agree.
 
     Figures of two views that have nothing to do with each other agree within r with probability q = (r / R)^2: rays of
@@ -234,7 +235,8 @@ def expected_by_chance(projections, focal, size, xy, assigned, xyz, used, figure
     People with more views are tested first; among people with equally many views, those with smaller residuals. The
     first is supported if E is at most `most`. The figures of supported people are explained, so they do not count for
     later ones; and if a share of all figures is explained by m people, so may be the others, for each of whom E may be
-    `most`: it is divided by 1 + share * m.
+    `most`: it is divided by 1 + share * m. Of the figures that are left, no more than `strangers` count, if other
+    frames tell how many figures belong to nobody.
 
     Args:
         projections: (V, 3, 4) pinhole projection matrices.
@@ -245,6 +247,7 @@ def expected_by_chance(projections, focal, size, xy, assigned, xyz, used, figure
         xyz: (P, J, 3) m, NaN where absent.
         used: (P, J, V) True for the views that a joint was triangulated from.
         figures: (V,) numbers of figures, float. The figures of supported people are subtracted from them.
+        strangers: (V,) usual numbers of figures that are of nobody whom another view shows; inf if not known.
         most: Largest E of supported people.
     """
     persons, views, _ = assigned.shape
@@ -282,7 +285,7 @@ def expected_by_chance(projections, focal, size, xy, assigned, xyz, used, figure
                     if i < n:
                         place += near / n
                     for k in range(i + 1, 0, -1):
-                        polynomial[k] += polynomial[k - 1] * max(figures[v], 0.0) * near
+                        polynomial[k] += polynomial[k - 1] * min(max(figures[v], 0.0), strangers[v]) * near
                 pairs = min(1.0, radius2 / _PAIRS[share] ** 2)
                 if place > 0:
                     least = min(least, polynomial[n] * pairs / place**2)

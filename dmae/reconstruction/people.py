@@ -33,7 +33,8 @@ def steps_to_people(
     Raises as `wanted_people`.
 
     Args:
-        alone: All frames show the same still, so that frames after the first do not speak against chance.
+        alone: All frames show the same still, so that frames after the first do not speak against chance, and a few
+            joints do not show whether views agree.
     """
     skeleton, fps, tracking = clip.detections.skeleton, clip.fps, config.tracking
     differs = partial(appearance_differs, clip, tracks.assigned) if has_appearance(clip, config) else None
@@ -51,8 +52,8 @@ def steps_to_people(
         passing = passing_ghosts(measured[lasting], surprises[lasting], len(clip), tracking.max_by_chance)
         tracks = tracks.select(~passing)
         yield "chance", tracks
-    tracks = tracks.select(~coincidental(tracks, config.th_v))
-    yield "agreement", tracks
+        tracks = tracks.select(~coincidental(tracks, config.th_v))
+        yield "agreement", tracks
     tracks = tracks.select(~resting_ghosts(clip, tracks.assigned, tracks.xyz, config, noise))
     yield "motion", tracks
     yield "wanted", wanted_people(tracks, clip.rig, skeleton, fps, config)

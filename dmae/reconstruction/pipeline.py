@@ -24,7 +24,7 @@ from dmae.reconstruction.people import steps_to_people
 from dmae.reconstruction.pruning import prune
 from dmae.reconstruction.reassignment import expected_paths, most_confident_rays, reassign
 from dmae.reconstruction.sides import Sides, correct_sides
-from dmae.reconstruction.tracking import MIN_JOINTS, Tracker, Tracks, track
+from dmae.reconstruction.tracking import MIN_JOINTS, Tracker, Tracks, count_figures, track
 
 _WIDE_PX, _WIDE_M = 0.006, 0.06
 """Noise that is assumed before anything is known: share of the width of the image, and m on the person."""
@@ -141,19 +141,36 @@ def _captured_stills(clip: Clip, config: CaptureConfig, noise: DetectionNoise) -
         association=replace(config.association, min_affinity=least),
         tracking=replace(config.tracking, birth_joints=births),
     )
+    strangers = _strangers(clip, config, noise)
     blocks = [range(start, min(start + _STILLS, len(clip))) for start in range(0, len(clip), _STILLS)]
     return _joined(
         [
-            _joined([_captured_still(clip, each, config, noise) for each in block])
+            _joined([_captured_still(clip, each, config, noise, strangers) for each in block])
             for block in in_steps(progress(blocks, "capturing stills"))
         ]
     )
 
 
-def _captured_still(clip: Clip, frame: int, config: CaptureConfig, noise: DetectionNoise) -> Poses3D:
+def _strangers(clip: Clip, config: CaptureConfig, noise: DetectionNoise) -> np.ndarray:
+    """Return the mean numbers (V,) of figures in stills that are of nobody whom another view shows, at least 1."""
+    frames, strangers = _sampled_frames(clip), np.full(len(clip.rig), np.inf)
+    evidence = Evidence.of(clip, config.th_p, config, frames, noise)
+    for _ in range(_ALTERNATIONS):
+        left = np.zeros(len(clip.rig))
+        for each in map(evidence.at, range(len(frames))):
+            found = Tracker(clip.detections.skeleton, _SHOWN_FPS, config, strangers).step(each)
+            left += count_figures(each) - ((found.assigned != NONE).sum(-1) >= MIN_JOINTS).sum(0)
+        strangers = np.maximum(left / max(len(frames), 1), 1)
+    return strangers
+
+
+def _captured_still(
+    clip: Clip, frame: int, config: CaptureConfig, noise: DetectionNoise, strangers: np.ndarray
+) -> Poses3D:
     """Reconstruct the people of a frame, shown twice: those found at first then take what was left over of them."""
     twice = replace(clip.select(frames=[frame, frame]), fps=_SHOWN_FPS)
-    return _people_of(twice, track(twice, config, noise, alone=True), config, noise, alone=True).select(slice(1, 2))
+    tracks = track(twice, config, noise, strangers)
+    return _people_of(twice, tracks, config, noise, alone=True).select(slice(1, 2))
 
 
 def _joined(parts: list[Poses3D]) -> Poses3D:
@@ -172,6 +189,16 @@ def _joined(parts: list[Poses3D]) -> Poses3D:
 
 _SAMPLED, _SAMPLED_DETECTIONS = (8, 100), 600
 """Numbers of frames from which noise is learned, least and greatest, and of detections in all cameras in them."""
+
+
+def _sampled_frames(clip: Clip) -> np.ndarray:
+    """Return frames that two cameras or more have detections in, fewer of crowds."""
+    present = np.isfinite(clip.detections.score).any(-1)
+    frames = np.flatnonzero(present.any(-1).sum(1) >= 2)
+    if not len(frames):
+        return frames
+    crowd = present[frames].sum((1, 2)).mean()
+    return frames[evenly_spaced(len(frames), int(np.clip(_SAMPLED_DETECTIONS / crowd, *_SAMPLED)))]
 
 
 def learn_noise(clip: Clip, config: CaptureConfig) -> DetectionNoise:
@@ -198,12 +225,9 @@ def _learned(clip: Clip, config: CaptureConfig) -> DetectionNoise:
         constant=np.ones(views, bool),
         usual_m=_WIDE_M,
     )
-    present = np.isfinite(clip.detections.score).any(-1)
-    frames = np.flatnonzero(present.any(-1).sum(1) >= 2)
+    frames = _sampled_frames(clip)
     if not len(frames):
         return prior
-    crowd = present[frames].sum((1, 2)).mean()
-    frames = frames[evenly_spaced(len(frames), int(np.clip(_SAMPLED_DETECTIONS / crowd, *_SAMPLED)))]
     for _ in range(_ALTERNATIONS):
         evidence = Evidence.of(clip, 0.0, config, frames, noise)
         steps = [Tracker(skeleton, clip.fps, config).step(evidence.at(frame)) for frame in range(len(frames))]

@@ -172,12 +172,13 @@ class Tracker:
     """Assign detections to people frame by frame, without looking ahead.
 
     Args:
-        alone: All frames show the same still. If a bone is longer than that of any person, its two joints are dropped.
-            In a video the whole person is dropped in that frame: views of two people are mixed, and later frames help.
+        strangers: (V,) as for `expected_by_chance`, if all frames show the same still; None in a video. If a bone of
+            a still is longer than that of any person, its two joints are dropped. In a video the whole person is
+            dropped in that frame: views of two people are mixed, and later frames help.
     """
 
-    def __init__(self, skeleton: Skeleton, fps: float, config: CaptureConfig, alone: bool = False):
-        self._config, self._dt, self._alone = config, 1 / fps, alone
+    def __init__(self, skeleton: Skeleton, fps: float, config: CaptureConfig, strangers: np.ndarray | None = None):
+        self._config, self._dt, self._strangers = config, 1 / fps, strangers
         self._compared = _compared_joints(skeleton, config.association.joints)
         self._sides, self._mirror = Sides.of(skeleton), list(skeleton.mirror)
         self._bones = np.array(skeleton.bones, int).reshape(-1, 2)
@@ -205,14 +206,15 @@ class Tracker:
         view, person = np.nonzero((primary != NONE) & plausible)
         free = np.ones(evidence.xy.shape[1:3], bool)
         free[view, primary[view, person]] = False
-        groups = _match(evidence, free, colours, self._compared)
+        groups = _match(evidence, free, colours, self._compared, self._strangers is not None)
         if len(groups):
             points = evidence.triangulate(groups[None], _ITERATIONS)
             new, plausible = self._plausible(points.xyz[0], groups, self._birth_joints)
             groups, new, used = groups[plausible], new[plausible], np.concatenate([used, points.used[0, plausible]])
         else:
             new = np.empty((0, *xyz.shape[1:]))
-        chance = _by_chance(evidence, np.concatenate([assigned, groups]), np.concatenate([xyz, new]), used)
+        people = np.concatenate([assigned, groups]), np.concatenate([xyz, new]), used
+        chance = _by_chance(evidence, *people, self._strangers)
         supported = chance <= self._most
         groups, new, better = (each[supported[len(xyz) :]] for each in (groups, new, chance[len(xyz) :]))
         chance = chance[: len(xyz)]
@@ -241,7 +243,7 @@ class Tracker:
         """
         start, end = self._bones.T
         impossible = np.linalg.norm(xyz[:, start] - xyz[:, end], axis=-1) > self._longest
-        if self._alone:
+        if self._strangers is not None:
             person, bone = np.nonzero(impossible)
             xyz, impossible = xyz.copy(), np.zeros_like(impossible)
             xyz[person, start[bone]] = xyz[person, end[bone]] = np.nan
@@ -250,16 +252,18 @@ class Tracker:
         return xyz, (known >= min_joints) & (2 * known >= detected) & ~impossible.any(-1)
 
 
-def track(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None = None, alone: bool = False) -> Tracks:
+def track(
+    clip: Clip, config: CaptureConfig, noise: DetectionNoise | None = None, strangers: np.ndarray | None = None
+) -> Tracks:
     """Assign the detections of a clip to people, in the order of the births of their tracks.
 
     Args:
         noise: How far detections scatter; by default as `config.noise` says.
-        alone: See `Tracker`.
+        strangers: See `Tracker`.
     """
     frames, views, _, joints = clip.detections.score.shape
     colours = TorsoColours(clip) if has_appearance(clip, config) else None
-    tracker = Tracker(clip.detections.skeleton, clip.fps, config, alone)
+    tracker = Tracker(clip.detections.skeleton, clip.fps, config, strangers)
 
     def blocks() -> Iterator[list[TrackedFrame]]:
         numbers = iter(progress(range(frames), "tracking people"))
@@ -311,14 +315,17 @@ def _propagate(
 
 
 def _match(
-    evidence: Evidence, free: np.ndarray, colours: Callable[[], np.ndarray] | None, compared: list[int]
+    evidence: Evidence, free: np.ndarray, colours: Callable[[], np.ndarray] | None, compared: list[int], still: bool
 ) -> np.ndarray:
-    """Identity matching: group free detections (V, D) by rays and clothes; return (G, V, J) detections, or `NONE`."""
+    """Identity matching: group free detections (V, D) by rays and clothes; return (G, V, J) detections, or `NONE`.
+
+    Of a still, fragments of a joint or two are grouped as well, and groups are improved as a whole: no later frame adds
+    what was left out, or separates who was mixed.
+    """
     config, confidence = evidence.config.association, evidence.confidence[0]
     present = ~np.isnan(confidence)
-    view, detection = np.nonzero(
-        free & (present.sum(-1) >= fewest_joints(present.shape[-1])) & present[..., compared].any(-1)
-    )
+    fewest = 1 if still else fewest_joints(present.shape[-1])
+    view, detection = np.nonzero(free & (present.sum(-1) >= fewest) & present[..., compared].any(-1))
     if len(np.unique(view)) < 2:
         return np.empty((0, len(confidence), confidence.shape[-1]), int)
     rays = evidence.rays(0, view, detection)[:, compared]
@@ -329,13 +336,15 @@ def _match(
         if highest + config.colour_weight * (1 - highest) >= config.min_affinity:
             colour = colours()[view, detection].astype(np.float32)
             candidates = candidates._replace(colours=colour)
-    members = find_groups(candidates, config)
+    members = find_groups(candidates, config, exchange=still)
     found = np.where(members == NONE, NONE, detection[members])
     shown = (members != NONE)[..., None] & present[np.arange(len(confidence)), found]
     return np.where(shown, found[..., None], NONE)
 
 
-def _by_chance(evidence: Evidence, assigned: np.ndarray, xyz: np.ndarray, used: np.ndarray) -> np.ndarray:
+def _by_chance(
+    evidence: Evidence, assigned: np.ndarray, xyz: np.ndarray, used: np.ndarray, strangers: np.ndarray | None
+) -> np.ndarray:
     """Return (P,) the number of people expected by chance whose views agree as well, see `expected_by_chance`.
 
     `assigned` is (P, V, J), `xyz` (P, J, 3) m, `used` (P, J, V) True for the views that a joint was triangulated from.
@@ -343,11 +352,17 @@ def _by_chance(evidence: Evidence, assigned: np.ndarray, xyz: np.ndarray, used: 
     rig, most = evidence.rig, evidence.config.tracking.max_by_chance
     if not len(assigned) or most is None:
         return np.zeros(len(assigned))
-    figures = ((~np.isnan(evidence.confidence[0])).sum(-1) >= fewest_joints(xyz.shape[1])).sum(-1).astype(float)
-    assigned = np.ascontiguousarray(assigned)
+    figures, assigned = count_figures(evidence).astype(float), np.ascontiguousarray(assigned)
+    strangers = np.full(len(rig), np.inf) if strangers is None else strangers
     return expected_by_chance(
-        rig.projections, rig.focal, rig.size, evidence.xy[0], assigned, xyz, used, figures, float(most)
+        rig.projections, rig.focal, rig.size, evidence.xy[0], assigned, xyz, used, figures, strangers, float(most)
     )
+
+
+def count_figures(evidence: Evidence) -> np.ndarray:
+    """Return the numbers (V,) of detections of one frame that have enough joints of a person."""
+    known = ~np.isnan(evidence.confidence[0])
+    return (known.sum(-1) >= fewest_joints(known.shape[-1])).sum(-1)
 
 
 def _reenter(new: np.ndarray, state: TrackState, unmeasured: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

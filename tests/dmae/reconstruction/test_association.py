@@ -24,7 +24,7 @@ def affinity_of(base, ray_a, ray_b, weights=((1,), (1,)), half=0.1) -> float:
     rays = np.stack([np.tile(np.array(ray, np.float32)[:, None], weights.shape[1]) for ray in (ray_a, ray_b)])
     centers = np.array([(0, 0, 0), base], np.float32)
     candidates = Candidates(np.arange(2), centers, rays, weights, np.zeros((2, 3), np.float32))
-    return affinity(0, 1, candidates, np.float32(half), np.float32(0))
+    return affinity(0, 1, candidates, np.float32(half), np.float32(0))[0]
 
 
 def ray_distance(a, ray_a, b, ray_b) -> float:
@@ -207,7 +207,7 @@ def test_no_pair_is_lost(least, colour_weight):
         view, expected = given.in_view, {}
         for i in range(len(view)):
             for j in range(len(view)):
-                value = affinity(min(i, j), max(i, j), given, half, weight)
+                value, _ = affinity(min(i, j), max(i, j), given, half, weight)
                 if view[i] != view[j] and value >= limit:
                     expected[i, j] = value
         assert len(expected) >= 2 * 3 * EACH // 3

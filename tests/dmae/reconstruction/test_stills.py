@@ -8,13 +8,13 @@ import pytest
 from dmae.calibration.config import RefineConfig
 from dmae.calibration.refinement import refine
 from dmae.completion.methods import find_method
-from dmae.data.clip import Detections2D, Poses3D, Source
+from dmae.data.clip import Clip, Detections2D, Poses3D, Source
 from dmae.data.skeleton import BODY25
 from dmae.numerics.filling import smooth
 from dmae.reconstruction.config import CaptureConfig, NoiseModel, SubjectConfig
 from dmae.reconstruction.pipeline import capture, learn_noise
 from tests.support.completers import circling, untrained, with_holes
-from tests.support.detected_people import crossing, detected_clip, errors
+from tests.support.detected_people import crossing, detected_clip, errors, walk
 
 RATE = 1 / 75
 
@@ -37,6 +37,53 @@ def test_each_still_has_the_people_that_it_has_alone(stills):
         alone = capture(clip.select(frames=[frame]), CaptureConfig(), noise)
         np.testing.assert_array_equal(poses.xyz[frame, : alone.xyz.shape[1]], alone.xyz[0])
         assert np.isnan(poses.xyz[frame, alone.xyz.shape[1] :]).all()
+
+
+UPPER = "nose", "neck", "l_shoulder", "r_shoulder", "l_elbow", "r_elbow"
+
+
+def at_a_table(people: int) -> tuple[Clip, np.ndarray]:
+    """Return stills of people close together; two cameras of three see each of them, and only head and arms."""
+    rng, shape = np.random.default_rng(0), (10, people)
+    angle = 2 * np.pi * (np.arange(people) + rng.uniform(-0.2, 0.2, shape)) / people
+    place = np.stack([np.cos(angle), np.sin(angle)], -1) * rng.uniform(0.6, 1.2, (*shape, 1))
+    size, heading = rng.uniform(0.75, 1.1, shape), rng.uniform(-np.pi, np.pi, shape)
+    xyz = np.array([walk(place[each], place[each], size[each], heading[each], 1)[0] for each in np.ndindex(shape)])
+    xyz = xyz.reshape(*shape, 25, 3)
+    xyz[:, :, np.setdiff1d(np.arange(25), BODY25.index(*UPPER))] = np.nan
+    clips = [detected_clip(xyz[:, [p]], 3, miss=0, noise=6, seed=p) for p in range(people)]
+    xy, score = (np.concatenate([getattr(one.detections, name) for one in clips], 2) for name in ("xy", "score"))
+    hidden = rng.integers(3, size=shape)[:, None] == np.arange(3)[:, None]
+    xy[hidden], score[hidden] = np.nan, np.nan
+    return replace(clips[0], fps=RATE, detections=Detections2D(BODY25, xy, score)), xyz
+
+
+def test_people_of_whom_two_cameras_see_a_few_joints_are_found():
+    """Each by himself could be a coincidence; but in these stills few figures belong to nobody."""
+    clip, people = at_a_table(5)
+    poses = capture(clip, CaptureConfig())
+    assert np.isfinite(errors(poses, people)).any(-1).mean() > 0.9
+    assert np.isfinite(poses.xyz[..., 0]).any(-1).sum() <= people.shape[0] * people.shape[1]
+
+
+def test_two_joints_that_another_camera_adds_are_measured():
+    """The third camera sees only a knee and an ankle, which the first one does not see."""
+    clip = replace(detected_clip(crossing()[:8, :1], 3, miss=0), fps=RATE)
+    leg, score = BODY25.index("l_knee", "l_ankle"), clip.detections.score.copy()
+    score[:, 0, :, leg] = np.nan
+    score[:, 2, :, np.setdiff1d(np.arange(25), leg)] = np.nan
+    xy = np.where(np.isnan(score)[..., None], np.nan, clip.detections.xy)
+    poses = capture(replace(clip, detections=Detections2D(BODY25, xy, score)), CaptureConfig())
+    assert (poses.source[..., leg] == Source.MEASURED).all()
+
+
+def test_joints_that_are_elsewhere_do_not_cost_a_person():
+    """Two cameras agree on 16 of 25 joints."""
+    clip = replace(detected_clip(crossing()[:8, :1], 2, miss=0), fps=RATE)
+    xy = clip.detections.xy.copy()
+    xy[:, 1, :, 16:] += 150
+    poses = capture(replace(clip, detections=Detections2D(BODY25, xy, clip.detections.score)), CaptureConfig())
+    assert ((poses.source == Source.MEASURED).sum(-1) >= 14).all()
 
 
 def test_nobody_is_followed_through_stills(stills):

@@ -127,7 +127,8 @@ def supported(figures: int, offset: float, views: int = 5, seen: int = 5, exchan
     used, counts = np.moveaxis(assigned >= 0, 1, 2).copy(), np.full(views, float(figures))
     used[:, left, :exchanged] = False
     focal, size = np.full(views, 800.0), np.full((views, 2), 960)
-    found = expected_by_chance(rig.projections, focal, size, xy[:, None], assigned, body[None], used, counts, 0.1)
+    given = rig.projections, focal, size, xy[:, None], assigned, body[None], used, counts
+    found = expected_by_chance(*given, np.full(len(focal), np.inf), 0.1)
     assert (counts[:seen] == figures - (found[0] <= 0.1)).all()
     assert (counts[seen:] == figures).all()
     return bool(found[0] <= 0.1)
@@ -167,7 +168,7 @@ def test_pairs_of_unrelated_figures_are_as_many_as_expected():
         figures, each = np.full(2, float(count)), slice(pair, pair + 1)
         agreeing += expected_by_chance(
             evidence.rig.projections, evidence.rig.focal, evidence.rig.size, evidence.xy[0],
-            assigned[each], xyz[each], used[each], figures, 150.0,
+            assigned[each], xyz[each], used[each], figures, np.full(len(figures), np.inf), 150.0,
         )[0] <= 150  # fmt: skip
     assert 15 <= agreeing <= 300
 
@@ -177,6 +178,6 @@ def test_a_person_of_one_view_or_without_joints_is_not_supported():
     rig, nothing = looking_at_origin(3), np.full((1, 25, 3), np.nan)
     found = expected_by_chance(
         rig.projections, np.full(3, 800.0), np.full((3, 2), 960), np.zeros((3, 1, 25, 2)), np.zeros((1, 3, 25), int),
-        nothing, np.ones((1, 25, 3), bool), np.ones(3), 0.1,
+        nothing, np.ones((1, 25, 3), bool), np.ones(3), np.full(3, np.inf), 0.1,
     )  # fmt: skip
     assert found[0] == np.inf
