@@ -117,7 +117,7 @@ def meant(options: Group, word: str, required: Iterable[str] = ()) -> str:
     keys = [member.key for member in options.walk()]
     if near := word if word in keys else nearest(word, keys):
         return f", as in {near}=..."
-    value_of = next((key for key in (*required, "clip", "data") if key in keys), None)
+    value_of = next((key for key in (*required, "videos", "clip", "data") if key in keys), None)
     return f", as in {value_of}={word}" if value_of else ""
 
 
@@ -284,6 +284,8 @@ def _checked(options: Group, override: str, sweep: bool) -> str:
     if read.type == OverrideType.DEL:
         raise ValueError(f"{override}: options cannot be removed; give {key} another value")
     if read.is_sweep_override() and not sweep:
+        if isinstance(found, Option) and found.kind == "number" and re.fullmatch(r"[^=]+=[+-]?\d+,\d+", override):
+            raise ValueError(f"{override}: expected a number with a decimal point, {override.replace(',', '.')}")
         raise ValueError(
             f"{override}: several values are tried in turn with -m; a list is written as {key}=[a,b], a text "
             f"with commas in quotes within quotes, as \"{key}='a,b'\""

@@ -31,6 +31,7 @@ from dmae.detection.recording import (
 from dmae.files.checks import IMAGES
 from dmae.files.checksums import checksum
 from dmae.formats.calibrations import read_calibration
+from dmae.formats.recordings import offsets_of_all
 from dmae.registry import source_hash
 from dmae.reporting.tables import counted
 
@@ -148,18 +149,26 @@ def _claim(config: DetectCommand, recording: Recording, out: Path) -> None:
     """Write what the detections depend on, or refuse a folder that holds detections of other videos or settings."""
     files = {each.name: [str(each.path), len(each), *each.size, _bytes(each.path)] for each in recording.cameras}
     rig = recording.rig and {name: np.asarray(value).tolist() for name, value in asdict(recording.rig).items()}
-    given = {"videos": files, "fps": config.fps, "offsets": config.offsets, "calibration": rig}
+    names = recording.rig.names if recording.rig else [each.name for each in recording.cameras]
+    offsets = offsets_of_all("offsets", config.offsets, names)
+    given = {"videos": files, "fps": config.fps, "offsets": offsets, "calibration": rig}
     try:
         claim_folder(out / _CLAIM, _settings(config) | given, "detections")
     except ValueError as error:
         if not (out / "clip.json").is_file():
             raise
-        # Raises the same error if the detector or the videos differ as well.
-        claim_folder(out / _CLAIM, _settings(config) | given, "detections", may_differ=("calibration",))
-        raise ValueError(
-            f"{error}. Only the calibration differs: dmae capture data={out} data.calibration={config.calibration} "
-            "uses these detections with the new one"
-        ) from None
+        by_capture = {
+            "calibration": ("the calibration differs", f"data.calibration={config.calibration}"),
+            "offsets": ("offsets differ", "data.offsets=[<camera>:<frames later than here>]"),
+        }
+        for what, (differs, option) in by_capture.items():
+            try:
+                claim_folder(out / _CLAIM, _settings(config) | given, "detections", may_differ=(what,))
+            except ValueError:  # the detector or the videos differ as well
+                continue
+            line = f"{error}. Only {differs}: dmae capture data={out} {option} uses these detections all the same"
+            raise ValueError(line) from None
+        raise
 
 
 def _bytes(path: Path) -> int:

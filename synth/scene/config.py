@@ -22,8 +22,8 @@ class SceneConfig:
     arena: str = field(default="studio", metadata={"reads": "path", "words": room_choices})
     """Room of `scenes/`, or path of an MJCF file."""
     persons: list[int] = field(default_factory=list)
-    """Number of people; with an interaction, of its participants. By default 2 to 4, within the numbers that the
-    interaction allows."""
+    """Least and greatest number of people; with an interaction, of its participants. By default 2 to 4, within the
+    numbers that the interaction allows."""
     children: float = 0.0
     """Share of children, 4 to 17 years old, among the people."""
     seconds: float = 5.0

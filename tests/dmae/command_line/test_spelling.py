@@ -75,6 +75,8 @@ def folder(tmp_path_factory):
         ("dmae export clip=set format=npy out=x", "format=npy: no such choice; did you mean npz?"),
         ("dmae report clip=set out=set", "out=set: expected a file to write, found a folder"),
         ("dmae regress", "expected solver=..."),
+        ("dmae run P01/trial_03", "P01/trial_03: expected key=value, as in videos=P01/trial_03"),
+        ("dmae run fps=29,97", "fps=29,97: expected a number with a decimal point, fps=29.97"),
     ],
 )  # fmt: skip
 def test_a_mistyped_option_is_refused_before_anything_is_loaded(folder, arguments, said, monkeypatch):
