@@ -9,7 +9,7 @@ import struct
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -63,24 +63,24 @@ def read_motion(path: Path, options: ReadOptions) -> Motion:
     turn = UPRIGHT[options.up or points.up]
     marker = dict(zip(places, (filled @ turn.T).swapaxes(0, 1), strict=True))
     with np.errstate(invalid="ignore", divide="ignore"):
-        hips, ankles, rotations, leg = segments(marker, path)
-    if not np.isfinite(rotations).all():
-        frame, segment = np.argwhere(~np.isfinite(rotations).all((2, 3)))[0]
+        found = _segments(marker, path)
+    if not np.isfinite(found.rotations).all():
+        frame, segment = np.argwhere(~np.isfinite(found.rotations).all((2, 3)))[0]
         raise ValueError(
             f"{path}: expected markers that show how {SEGMENTS[segment]} lies, found some of them at one place or in "
             f"line in frame {frame + 1} of those with all markers"
         )
-    name, metres = unit_of(leg, path, options.unit)
+    name, metres = unit_of(found.leg, path, options.unit)
     if options.unit is None and name != points.unit:
         notes = (*notes, f"stated in {points.unit!r}")
     motion = Motion(
         name=f"{path.stem} ({', '.join(('markers', name, f'{points.fps:.4g} fps', *notes))})",
         fps=points.fps,
-        root=hips.mean(1) * metres,
-        rotations=rotations,
-        hip_height=(1 + ANKLE_OF_LEG) * leg * metres,
+        root=found.hips.mean(1) * metres,
+        rotations=found.rotations,
+        hip_height=(1 + ANKLE_OF_LEG) * found.leg * metres,
     )
-    return put_on_floor(motion, ankles * metres, path, lies=options.up is not None)
+    return put_on_floor(motion, found.ankles * metres, path, lies=options.up is not None)
 
 
 def read_points(path: Path, fps: float | None = None) -> MarkerRecording:
@@ -246,9 +246,17 @@ _HINGE_DOUBT = 0.4
 """Weight of the prior on the hinge axis of an elbow or a knee, as the sine of the bend at which both count the same."""
 
 
-def segments(marker: dict[str, np.ndarray], path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """Return hips and ankles (F, 2, 3), left and right, orientations (F, 16, 3, 3) of `SEGMENTS`, and the mean length
-    of thigh and shin together, from markers (F, 3) in any unit and axes with z up.
+class _Segments(NamedTuple):
+    """Where markers place the body, in their unit and axes with z up."""
+
+    hips: np.ndarray  # (F, 2, 3) left and right
+    ankles: np.ndarray  # (F, 2, 3) left and right
+    rotations: np.ndarray  # (F, 16, 3, 3) of `SEGMENTS`
+    leg: float  # Length of thigh and shin together, the mean of both sides
+
+
+def _segments(marker: dict[str, np.ndarray], path: Path) -> _Segments:
+    """Return the segments of a body from markers (F, 3).
 
     Joint centres are at fixed positions relative to the markers, in proportion to the body. Limbs point from joint to
     joint. The hinge axis of an elbow or knee is orthogonal to the plane in which the limb bends. If the limb hardly
@@ -257,69 +265,86 @@ def segments(marker: dict[str, np.ndarray], path: Path) -> tuple[np.ndarray, np.
 
     Raises ValueError if two markers coincide that must be at different positions.
     """
-
-    def middle(*names: str) -> np.ndarray:
-        return np.mean([marker[name] for name in names], axis=0)
-
-    def across(front: str, back: str) -> np.ndarray:
-        """Return axes from four markers around the body: y exactly left, and x as close to forward as possible."""
-        left = middle(f"L{front}", f"L{back}") - middle(f"R{front}", f"R{back}")
-        return aligned(left, middle(f"L{front}", f"R{front}") - middle(f"L{back}", f"R{back}"), (0, 1, 0))
-
     _check_apart(marker, path)
-    pelvis, skull = across("FWT", "BWT"), across("FHD", "BHD")
-    ribs = aligned(
-        middle("C7", "CLAV") - middle("T10", "STRN"), middle("CLAV", "STRN") - middle("C7", "T10"), (0, 0, 1)
-    )
+    pelvis, skull = _across(marker, "FWT", "BWT"), _across(marker, "FHD", "BHD")
+    front, back = _middle(marker, "CLAV", "STRN"), _middle(marker, "C7", "T10")
+    ribs = aligned(_middle(marker, "C7", "CLAV") - _middle(marker, "T10", "STRN"), front - back, (0, 0, 1))
     bend = Rotation.from_matrix(pelvis.swapaxes(1, 2) @ ribs).as_rotvec()
-    turn = {
+    turns = {
         "pelvis": pelvis,
         "spine": pelvis @ Rotation.from_rotvec(_SPINE_SHARE * bend).as_matrix(),
         "chest": ribs,
         "head": skull @ about("y", _HEAD_PITCH),
     }
-    waist = _distance(marker["LFWT"], marker["RFWT"])
     hips, ankles, legs = [], [], []
     for side, outward in (("l", 1.0), ("r", -1.0)):
-        sho, elb, wra, wrb, fin, kne, ank, hee, toe = (
-            marker[side.upper() + name] for name in ("SHO", "ELB", "WRA", "WRB", "FIN", "KNE", "ANK", "HEE", "TOE")
-        )
-        mirrored, out, down = np.array((1, outward, 1)), (0, outward, 0), (0, 0, -1)
-
-        bar, lower = wra - wrb, (wra + wrb) / 2 - elb
-        arm, forearm = _distance(sho, elb), _distance(elb, (wra + wrb) / 2)
-        shoulder = sho + ribs @ (mirrored * _SHOULDER * arm)
-        wrist = elb + lower + aligned(lower, bar, out) @ (mirrored * _WRIST * forearm)
-        elbow = elb
-        # The first estimate of the joint centre gives an approximate hinge axis. The axis gives a better centre.
-        for _ in range(2):
-            upper, lower = elbow - shoulder, wrist - elbow
-            prior = outward * np.cross(_unit(bar), _unit(lower))
-            hinge = outward * np.cross(_unit(lower), _unit(upper)) + _HINGE_DOUBT * prior
-            elbow = elb + aligned(elb - sho, np.cross(outward * (elb - sho), hinge), out) @ (mirrored * _ELBOW * arm)
-        upper = elbow - shoulder
-        turn[f"{side}_upper_arm"] = aligned(upper, np.cross(outward * upper, hinge), out)
-        turn[f"{side}_forearm"] = aligned(wrist - elbow, bar, out)
-        turn[f"{side}_hand"] = aligned(fin - wrist, bar, out) @ about("x", outward * _HAND_PITCH)
-
-        hip = middle("LFWT", "RFWT", "LBWT", "RBWT") + pelvis @ (mirrored * _HIP * waist)
-        shank, length = ank - kne, _distance(kne, ank)
-        little = marker.get(f"{side.upper()}MT5")
-        sole = np.cross(toe - hee, outward * (little - toe) if little is not None else pelvis[..., 1])
-        foot = aligned(sole, toe - hee, (0, 0, 1))
-        ankle = ank + foot @ (mirrored * _ANKLE * length)
-        knee = kne
-        for _ in range(2):
-            hinge = np.cross(_unit(knee - hip), _unit(ankle - knee)) + _HINGE_DOUBT * pelvis[..., 1]
-            knee = kne + aligned(shank, np.cross(shank, hinge), down) @ (mirrored * _KNEE * length)
-        turn[f"{side}_thigh"] = aligned(knee - hip, np.cross(knee - hip, hinge), down)
-        turn[f"{side}_shin"] = aligned(ankle - knee, np.cross(ankle - knee, hinge), down)
-        turn[f"{side}_foot"] = foot if little is None else foot @ about("x", outward * _FOOT_ROLL)
+        turns |= _arm(marker, side, outward, ribs)
+        of_leg, hip, knee, ankle = _leg(marker, side, outward, pelvis)
+        turns |= of_leg
         hips.append(hip)
         ankles.append(ankle)
         legs.append(_distance(hip, knee) + _distance(knee, ankle))
-    rotations = np.stack([turn[name] for name in SEGMENTS], axis=1)
-    return np.stack(hips, axis=1), np.stack(ankles, axis=1), rotations, sum(legs) / 2
+    rotations = np.stack([turns[name] for name in SEGMENTS], axis=1)
+    return _Segments(np.stack(hips, axis=1), np.stack(ankles, axis=1), rotations, sum(legs) / 2)
+
+
+def _arm(marker: dict[str, np.ndarray], side: str, outward: float, ribs: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the orientations (F, 3, 3) of the segments of an arm. `outward` is 1 on the left, where y points."""
+    sho, elb, wra, wrb, fin = (marker[side.upper() + name] for name in ("SHO", "ELB", "WRA", "WRB", "FIN"))
+    mirrored, out = np.array((1, outward, 1)), (0, outward, 0)
+    bar, lower = wra - wrb, (wra + wrb) / 2 - elb
+    length, forearm = _distance(sho, elb), _distance(elb, (wra + wrb) / 2)
+    shoulder = sho + ribs @ (mirrored * _SHOULDER * length)
+    wrist = elb + lower + aligned(lower, bar, out) @ (mirrored * _WRIST * forearm)
+    elbow = elb
+    # The first estimate of the joint centre gives an approximate hinge axis. The axis gives a better centre.
+    for _ in range(2):
+        upper, lower = elbow - shoulder, wrist - elbow
+        prior = outward * np.cross(_unit(bar), _unit(lower))
+        hinge = outward * np.cross(_unit(lower), _unit(upper)) + _HINGE_DOUBT * prior
+        elbow = elb + aligned(elb - sho, np.cross(outward * (elb - sho), hinge), out) @ (mirrored * _ELBOW * length)
+    upper = elbow - shoulder
+    return {
+        f"{side}_upper_arm": aligned(upper, np.cross(outward * upper, hinge), out),
+        f"{side}_forearm": aligned(wrist - elbow, bar, out),
+        f"{side}_hand": aligned(fin - wrist, bar, out) @ about("x", outward * _HAND_PITCH),
+    }
+
+
+def _leg(
+    marker: dict[str, np.ndarray], side: str, outward: float, pelvis: np.ndarray
+) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, np.ndarray]:
+    """Return the orientations (F, 3, 3) of the segments of a leg, and its hip, knee and ankle (F, 3)."""
+    kne, ank, hee, toe = (marker[side.upper() + name] for name in ("KNE", "ANK", "HEE", "TOE"))
+    mirrored, down = np.array((1, outward, 1)), (0, 0, -1)
+    waist = _distance(marker["LFWT"], marker["RFWT"])
+    hip = _middle(marker, "LFWT", "RFWT", "LBWT", "RBWT") + pelvis @ (mirrored * _HIP * waist)
+    shank, length = ank - kne, _distance(kne, ank)
+    little = marker.get(f"{side.upper()}MT5")
+    sole = np.cross(toe - hee, outward * (little - toe) if little is not None else pelvis[..., 1])
+    foot = aligned(sole, toe - hee, (0, 0, 1))
+    ankle = ank + foot @ (mirrored * _ANKLE * length)
+    knee = kne
+    for _ in range(2):
+        hinge = np.cross(_unit(knee - hip), _unit(ankle - knee)) + _HINGE_DOUBT * pelvis[..., 1]
+        knee = kne + aligned(shank, np.cross(shank, hinge), down) @ (mirrored * _KNEE * length)
+    turns = {
+        f"{side}_thigh": aligned(knee - hip, np.cross(knee - hip, hinge), down),
+        f"{side}_shin": aligned(ankle - knee, np.cross(ankle - knee, hinge), down),
+        f"{side}_foot": foot if little is None else foot @ about("x", outward * _FOOT_ROLL),
+    }
+    return turns, hip, knee, ankle
+
+
+def _middle(marker: dict[str, np.ndarray], *names: str) -> np.ndarray:
+    return np.mean([marker[name] for name in names], axis=0)
+
+
+def _across(marker: dict[str, np.ndarray], front: str, back: str) -> np.ndarray:
+    """Return axes from four markers around the body: y exactly left, and x as close to forward as possible."""
+    left = _middle(marker, f"L{front}", f"L{back}") - _middle(marker, f"R{front}", f"R{back}")
+    forward = _middle(marker, f"L{front}", f"R{front}") - _middle(marker, f"L{back}", f"R{back}")
+    return aligned(left, forward, (0, 1, 0))
 
 
 def _check_apart(marker: dict[str, np.ndarray], path: Path) -> None:
