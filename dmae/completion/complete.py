@@ -20,12 +20,12 @@ from dmae.completion.methods import Fill, completion_method
 from dmae.completion.network import DMAE
 from dmae.completion.pieces import in_pieces
 from dmae.completion.pose_prior import floor_height, likely_pose, stand_on_floor
-from dmae.completion.uncertainty import Factors, calibrated
 from dmae.completion.weights import find_shipped, load_model, pick_device, weights_folder
 from dmae.completion.windows import Rows, make_rows
 from dmae.data.clip import Poses3D, Source
 from dmae.data.conversion import convert
 from dmae.data.skeleton import Skeleton
+from dmae.metrics.position import GAPS
 from dmae.numerics.body import rotate_z
 from dmae.numerics.filling import are_stills, fill_stills, present, resample
 from dmae.numerics.paths import gap_lengths
@@ -129,6 +129,32 @@ def _by_frame(rows: np.ndarray, persons: int) -> np.ndarray:
     return rows.reshape(persons, -1, *rows.shape[1:]).swapaxes(0, 1)
 
 
+# Uncertainty: predicted scales of errors, calibrated to the errors found on held-back clips.
+
+Factors = tuple[tuple[float, ...], tuple[float, ...]]
+"""Of exact poses and of noisy ones, each for the classes of gaps."""
+CLASSES = len(GAPS) + 1
+"""Number of classes of gaps: those that scores distinguish, and joints never measured."""
+
+
+def calibrated(scale: np.ndarray, lengths: np.ndarray, noisy: np.ndarray, factors: Factors) -> np.ndarray:
+    """Return standard deviations along each axis, m, of joints with predicted scales `scale` (...), m.
+
+    Args:
+        lengths: (...) of the gaps that the joints are in, frames at the model's rate; infinite where they are never
+            measured.
+        noisy: (...) see `dmae.completion.features.noisiness`.
+        factors: By which scales are multiplied.
+    """
+    of_exact, of_noisy = np.log(factors)[:, gap_classes(lengths)]
+    return np.exp(of_exact + noisy * (of_noisy - of_exact)) * scale
+
+
+def gap_classes(lengths: np.ndarray) -> np.ndarray:
+    """Return the index in `GAPS` of gaps of those lengths; one more where they are infinite."""
+    return np.searchsorted([*(high for _, high in GAPS if high), np.finfo(float).max], np.rint(lengths))
+
+
 # The completer: a trained model applied to poses, with sources and covariances.
 
 _ACCELERATION = 40.0
@@ -189,7 +215,7 @@ class Completer:
     skeleton: Skeleton
     denoise: bool = False
     factors: Factors | None = None
-    """See `dmae.completion.uncertainty.calibrated`; without them completed joints have no covariance."""
+    """See `calibrated`; without them completed joints have no covariance."""
     reject: bool = False
     """Improves real recordings; does not improve people who jump and dance."""
     smooth: float = 0.0
@@ -265,7 +291,7 @@ class Completer:
         return notes
 
     def uncertainty_inputs(self, poses: Poses3D, fps: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return what predicted scales are calibrated by, see `dmae.completion.uncertainty.calibrated`.
+        """Return what predicted scales are calibrated by, see `calibrated`.
 
         They are the lengths (F, P, J) of the gaps that each returned joint is in, or the joints that it is derived
         from, in frames of the model; and the noisiness (F, P, 1) of the poses.

@@ -33,7 +33,7 @@ from safetensors.torch import save_file
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
-from dmae.completion.complete import Completer
+from dmae.completion.complete import CLASSES, Completer, Factors, gap_classes
 from dmae.completion.config import Loss, Precision, TrainConfig
 from dmae.completion.fusion import namesakes
 from dmae.completion.network import DMAE, Prediction
@@ -51,7 +51,6 @@ from dmae.completion.training_data import (
     split,
     validation_batches,
 )
-from dmae.completion.uncertainty import CLASSES, Factors, gap_classes
 from dmae.completion.weights import OF_PEOPLE, check_finite, find_shipped, load_model, save_model, weights_folder
 from dmae.completion.windows import rest_pose
 from dmae.data.clip import Clip, Poses3D

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from dmae.commands import complete as command
 from dmae.commands.config import CompleteCommand
 from dmae.completion import pieces
-from dmae.completion.complete import load_completer
+from dmae.completion.complete import CLASSES, load_completer
 from dmae.completion.config import (
     SMOOTHING,
     AugmentConfig,
@@ -21,7 +21,6 @@ from dmae.completion.config import (
 )
 from dmae.completion.fillings import fill_linear, fill_pchip_body
 from dmae.completion.training import train
-from dmae.completion.uncertainty import CLASSES
 from dmae.completion.weights import save_model
 from dmae.data.clip import Poses3D, Source
 from dmae.data.conversion import convert

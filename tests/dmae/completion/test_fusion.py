@@ -9,7 +9,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dmae.completion.complete import Completer, load_completer
+from dmae.completion.complete import CLASSES, Completer, Factors, load_completer
 from dmae.completion.config import (
     AugmentConfig,
     MaskingConfig,
@@ -20,7 +20,6 @@ from dmae.completion.gaussian_process import fill_gaussian_process
 from dmae.completion.network import DMAE
 from dmae.completion.training import train
 from dmae.completion.training_data import Recipe, cut_examples, mask_bursts, masked_rows, pose_pair
-from dmae.completion.uncertainty import CLASSES, Factors
 from dmae.completion.windows import make_rows, rest_pose
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.conversion import convert

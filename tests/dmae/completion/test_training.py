@@ -15,6 +15,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from dmae.cli import DMAE, compose
 from dmae.completion import training_data
+from dmae.completion.complete import CLASSES
 from dmae.completion.config import (
     AugmentConfig,
     LearningConfig,
@@ -26,7 +27,6 @@ from dmae.completion.config import (
 )
 from dmae.completion.training import CheckedCheckpoints, Learner, TimeLimit, error_loss, newest_checkpoint, train
 from dmae.completion.training_data import PosePair, Recipe, calibration_poses, read_training_set
-from dmae.completion.uncertainty import CLASSES
 from dmae.completion.windows import rest_pose
 from dmae.data.clip import Poses3D
 from dmae.data.conversion import convert

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from dmae.completion.complete import CLASSES, Factors, calibrated
 from dmae.completion.training import fit_factors
-from dmae.completion.uncertainty import CLASSES, Factors, calibrated
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import SHELF14
 from dmae.metrics.position import GAPS, REGION_PROBABILITY, REGION_RADIUS

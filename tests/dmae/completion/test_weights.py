@@ -13,9 +13,8 @@ import dmae
 from dmae.commands import complete
 from dmae.commands.config import CompleteCommand
 from dmae.completion import weights
-from dmae.completion.complete import completers
+from dmae.completion.complete import CLASSES, completers
 from dmae.completion.config import SMOOTHING
-from dmae.completion.uncertainty import CLASSES
 from dmae.completion.weights import find_shipped, load_model, model_card, save_model, shipped
 from dmae.data.clip import Source
 from dmae.data.conversion import convert

@@ -11,8 +11,7 @@ import pytest
 
 from dmae.commands import complete as command
 from dmae.commands.config import CompleteCommand
-from dmae.completion.complete import Completer
-from dmae.completion.uncertainty import CLASSES
+from dmae.completion.complete import CLASSES, Completer
 from dmae.completion.weights import save_model
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import BODY25, SHELF14
