@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -173,53 +173,64 @@ def evaluate(config: EvaluateConfig) -> dict:
     _loaded(tuple(config.methods), config.weights, config.poses)
     clips = _clips(config)
     tasks = ((config, clips.part(range(n, n + 1)), len(clips) == 1) for n in clips.numbers)
-    runs: dict[tuple[str, int], list[dict]] = {}
-    scored: dict[str, dict] = {}
     with running_on(config.backend):
         done = in_parallel(_score_clip, tasks, config.workers)
-        for found in done if len(clips) == 1 else progress(done, "evaluating", len(clips)):
-            name, facts, skeleton, entries = found
-            scored[name] = facts
-            for group, entry in entries:
-                runs.setdefault(group, []).append(entry)
+        scored = list(done if len(clips) == 1 else progress(done, "evaluating", len(clips)))
+    runs: dict[tuple[str, int], list[dict]] = {}
+    for clip in scored:
+        for method, run in clip.runs:
+            runs.setdefault((method, len(run["cameras"])), []).append(run)
     results = [{"method": method, "views": views, **summary(each)} for (method, views), each in runs.items()]
-    recording = name if clips.total == 1 else f"{len(clips)} clips of {Path(config.data.path).name}"
+    recording = scored[-1].id if clips.total == 1 else f"{len(clips)} clips of {Path(config.data.path).name}"
     poses = f"poses of {Path(config.poses).name}" if config.poses else Input(config.input).value.replace("_", " ")
     return {
         "recording": recording,
-        "skeleton": skeleton,
+        "skeleton": scored[-1].skeleton,
         "poses": poses,
         "options": scored_options(config),
-        "clips": scored,
+        "clips": {clip.id: clip.facts for clip in scored},
         "results": results,
     }
 
 
-def _score_clip(config: EvaluateConfig, clips: Sequence[Clip], shown: bool) -> tuple[str, dict, str, list]:
-    """Return the id of the clip, facts about it, the skeleton, and method, number of views and scores of each run."""
-    entries, facts = [], {}
+class _ScoredClip(NamedTuple):
+    """The scores of a clip."""
+
+    id: str  # Of the clip
+    facts: dict  # Which identify it, see `dmae.evaluation.gates`
+    skeleton: str  # Name of the skeleton of the comparison
+    runs: list[tuple[str, dict]]  # Method and scores of each run
+
+
+def _score_clip(config: EvaluateConfig, clips: Sequence[Clip], shown: bool) -> _ScoredClip:
+    """Score the methods on the one clip, with each subset of cameras."""
+    runs, facts = [], {}
     methods = _loaded(tuple(config.methods), config.weights, config.poses)
     truth = angles = None
     for trial, filled in filled_trials(clips, config, methods, shown=shown):
         facts = facts or scored_clip(trial.clip)
         if config.angles and trial.truth is not truth:
             truth, angles = trial.truth, leg_angles(trial.truth)[0]
-        # The joints that all methods filled, in the same matched person.
-        compared, first = np.ones(trial.truth.source.shape, bool), None
+        compared = _filled_by_all(trial, filled)
         for name, poses in filled.items():
-            if name != "measured":
-                gate = scale_of(trial.truth) * GATE
-                found = match(poses.xyz, trial.truth.xyz, gate) if trial.matches is None else trial.matches
-                first = found if first is None else first
-                compared &= ~np.isnan(take_matched(poses.xyz, found)).any(-1) & (found == first)[..., None]
-        for name, poses in filled.items():
-            entry = {"clip": trial.clip.id, "cameras": trial.cameras}
-            entry |= score(
+            scores = score(
                 poses, trial.given, trial.truth, trial.actors, trial.matches,
                 fps=trial.clip.fps, compared=compared, angles=angles,
             )  # fmt: skip
-            entries.append(((name, len(trial.cameras)), entry))
-    return (trial.clip.id, facts, trial.truth.skeleton.name, entries)
+            runs.append((name, {"clip": trial.clip.id, "cameras": trial.cameras} | scores))
+    return _ScoredClip(trial.clip.id, facts, trial.truth.skeleton.name, runs)
+
+
+def _filled_by_all(trial: Trial, filled: dict[str, Poses3D]) -> np.ndarray:
+    """Return (F, T, J) True for the joints that all methods filled, in the same matched person."""
+    compared, first = np.ones(trial.truth.source.shape, bool), None
+    for name, poses in filled.items():
+        if name != "measured":
+            gate = scale_of(trial.truth) * GATE
+            found = match(poses.xyz, trial.truth.xyz, gate) if trial.matches is None else trial.matches
+            first = found if first is None else first
+            compared &= ~np.isnan(take_matched(poses.xyz, found)).any(-1) & (found == first)[..., None]
+    return compared
 
 
 def forecast(config: EvaluateConfig) -> str:

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -90,6 +90,8 @@ GROSS = 0.1
 """Errors above this fraction of the height of a person are not noise."""
 _SMOOTHING, _LONGEST_GAP = 0.1, 0.4
 """Time scale of the light smoothing of the reference, and the longest gap that is filled in it, s."""
+_LAGS = (0.04, 0.2)
+"""Times after which the correlation of errors is measured, s."""
 _MIN_SIDE_DISTANCE = 0.05
 """Distance from the vertical through the middle of head or shoulders below which a joint is on neither side, m."""
 
@@ -151,8 +153,7 @@ def measure(clip: Clip, reference: ErrorReference = ErrorReference.others) -> De
     joints = clip.detections.skeleton.joints
     kinds = tuple(dict.fromkeys(kind_of(joint) for joint in joints))
     kind_index = np.array([kinds.index(kind_of(joint)) for joint in joints])
-    errors = [_errors(clip, view, reference) for view in range(views)]
-    error, inverted, score, kind = (np.concatenate([part[i] for part in errors]) for i in range(4))
+    errors = [_errors_of_view(clip, view, reference) for view in range(views)]
     expected = whole.matched[..., None] & ~np.isnan(whole.xy[..., 0])
     missed = expected & np.isnan(whole.score)
     in_image = ~np.isnan(whole.height)
@@ -161,7 +162,6 @@ def measure(clip: Clip, reference: ErrorReference = ErrorReference.others) -> De
     sides = _sides(clip, poses)
     ghosts = whole.left_over & ~whole.near
     ghost_joints = ~np.isnan(clip.detections.score) & ghosts[..., None]
-    energy = [part[4] for part in errors]
     starts = missed & np.concatenate([np.ones_like(missed[:1]), ~missed[:-1]])
     # Only people in at least two images can be measured.
     count = (~np.isnan(whole.score)).sum(1)[in_image.sum(1) >= 2]
@@ -173,10 +173,10 @@ def measure(clip: Clip, reference: ErrorReference = ErrorReference.others) -> De
         name=clip.id,
         fps=clip.fps,
         kinds=kinds,
-        kind=kind_index[kind],
-        error=error,
-        inverted=inverted,
-        score=score,
+        kind=kind_index[np.concatenate([each.joint for each in errors])],
+        error=np.concatenate([each.error for each in errors]),
+        inverted=np.concatenate([each.inverted for each in errors]),
+        score=np.concatenate([each.score for each in errors]),
         missed=np.stack([_share(missed, expected, kind_index == k, (0, 2, 3)) for k in range(len(kinds))], -1),
         missed_by_side=np.stack(
             [
@@ -188,8 +188,8 @@ def measure(clip: Clip, reference: ErrorReference = ErrorReference.others) -> De
         views=np.stack(histograms),
         # Stretches in which a joint is missed, including those cut by the clip's end.
         miss_seconds=gap_lengths(~missed)[starts & expected & detected] / clip.fps,
-        autocorrelation={lag: _mean_ratio([part[lag] for part in energy]) for lag in (0.04, 0.2)},
-        constant=_mean_ratio([part["constant"] for part in energy]),
+        autocorrelation={lag: _mean_ratio([each.correlation[lag] for each in errors]) for lag in _LAGS},
+        constant=_mean_ratio([each.constant for each in errors]),
         person_missed=_ratio((in_image & ~whole.matched).sum((0, 2)), in_image.sum((0, 2))),
         ghosts=ghosts.sum((0, 2)) / len(clip),
         ghost_joints=float(np.median(ghost_joints.sum(-1)[ghosts])) if ghosts.any() else float("nan"),
@@ -222,11 +222,19 @@ def _reference(clip: Clip, reference: ErrorReference) -> Poses3D:
     return Poses3D(poses.skeleton, np.where(short[..., None], filled.xyz, np.nan))
 
 
-def _errors(clip: Clip, view: int, reference: ErrorReference) -> tuple:
-    """Measure the errors of detected joints in one view, against the truth or people captured from the other views.
+class _ViewErrors(NamedTuple):
+    """Errors of the detected joints in a view. Fractions of energy are given as the sums to be divided."""
 
-    Returns error, inverted, score, joint, (n,) each, and the energies for `autocorrelation` and `constant`.
-    """
+    error: np.ndarray  # (n,), and the following as in `DetectorStatistics`
+    inverted: np.ndarray  # (n,)
+    score: np.ndarray  # (n,)
+    joint: np.ndarray  # (n,) index of the joint
+    correlation: dict[float, tuple[float, float]]  # By time, s
+    constant: tuple[float, float]
+
+
+def _errors_of_view(clip: Clip, view: int, reference: ErrorReference) -> _ViewErrors:
+    """Measure the errors of detected joints in one view, against the truth or people captured from the other views."""
     others = [other for other in range(len(clip.rig)) if other != view]
     match = match_detections(clip.select(views=[view]), _reference(clip.select(views=others), reference))
     off = (match.found - match.xy)[:, 0] / match.height[:, 0, :, None, None]
@@ -235,18 +243,21 @@ def _errors(clip: Clip, view: int, reference: ErrorReference) -> tuple:
     size = np.linalg.norm(off, axis=-1)
     known = ~np.isnan(size)
     inverted = (size > GROSS) & (across < size / 2) & (mirror != np.arange(len(mirror)))
-    energies: dict[float | str, tuple[float, float]] = {
-        lag: _correlation(off, size, round(lag * clip.fps)) for lag in (0.04, 0.2)
-    }
     fine = np.where((size < GROSS)[..., None], off, np.nan)
     count = (~np.isnan(fine[..., 0])).sum(0)
     total = np.where(np.isnan(fine), 0, fine)
     long = count > clip.fps
-    energies["constant"] = (
-        float(((total.sum(0) ** 2).sum(-1)[long] / count[long]).sum()),
-        float((total**2).sum((0, -1))[long].sum()),
+    return _ViewErrors(
+        size[known],
+        inverted[known],
+        match.score[:, 0][known],
+        np.nonzero(known)[-1],
+        {lag: _correlation(off, size, round(lag * clip.fps)) for lag in _LAGS},
+        (
+            float(((total.sum(0) ** 2).sum(-1)[long] / count[long]).sum()),
+            float((total**2).sum((0, -1))[long].sum()),
+        ),
     )
-    return size[known], inverted[known], match.score[:, 0][known], np.nonzero(known)[-1], energies
 
 
 def _correlation(off: np.ndarray, size: np.ndarray, frames: int) -> tuple[float, float]:
