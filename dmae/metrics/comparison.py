@@ -48,12 +48,12 @@ def match_nearest(pred: np.ndarray, truth: np.ndarray) -> np.ndarray:
     return np.where(np.isnan(mean).all(-1), -1, np.nan_to_num(mean, nan=np.inf).argmin(-1))
 
 
-def match_claimed(pred: np.ndarray, truth: np.ndarray, gate: float = GATE) -> np.ndarray:
-    """Assign predictions to their nearest true person within the gate; the first one counts; arrays as in `match`."""
+def match_claimed(pred: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Assign predictions to their nearest true person within `GATE`; the first one counts; arrays as in `match`."""
     if 0 in (pred.shape[1], truth.shape[1]):
         return np.full(truth.shape[:2], -1)
     mean = np.nan_to_num(mean_known(distances(pred, truth), -1), nan=np.inf)
-    claims = (mean == mean.min(1, keepdims=True)) & (mean < gate)
+    claims = (mean == mean.min(1, keepdims=True)) & (mean < GATE)
     return np.where(claims.any(-1), claims.argmax(-1), -1)
 
 

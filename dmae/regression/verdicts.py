@@ -21,6 +21,7 @@ _EXACT, _EXACT_IN_CORNERS = 1e-4, 3e-3  # m
 _MEDIAN, _HIGH, _HIGH_IN_CROWDS = 1.15, 1.25, 1.35  # Multiples of the errors of `oracle`
 _DEEPEST = 0.1  # m; points with a larger standard deviation by the oracle, along its worst direction, are not judged
 _STANDARD_ERRORS = 4
+_ORACLE_STEPS = 10  # Of Gauss-Newton
 
 REASONS = {
     "worst": "Exact pixels are stored to 0.00003 px, less than a micrometre in the room. 0.1 mm allows for the last "
@@ -248,7 +249,7 @@ def _bounds(case: Case) -> dict[str, float]:
     return found if crowd else found | {"bias": float(_STANDARD_ERRORS * standard_error)}
 
 
-def oracle(case: Case, steps: int = 10) -> tuple[np.ndarray, np.ndarray]:
+def oracle(case: Case) -> tuple[np.ndarray, np.ndarray]:
     """Return the best estimate possible, (n, 3) m, and its covariance, if the views with gross errors are known.
 
     Gauss-Newton from the truth on the reprojection errors of the usable views, without distortion. Where they are
@@ -259,7 +260,7 @@ def oracle(case: Case, steps: int = 10) -> tuple[np.ndarray, np.ndarray]:
     xyz, cov = case.xyz.copy(), np.full((len(case.xyz), 3, 3), np.nan)
     P, due = case.K @ case.cam_from_world[:, :3], case.due
     usable, xy = case.usable[due][..., None], case.xy[due]
-    for _ in range(steps):
+    for _ in range(_ORACLE_STEPS):
         homogeneous = np.einsum("vij,nj->nvi", P, np.c_[xyz[due], np.ones(due.sum())])
         depth = homogeneous[..., 2:]
         pixels = homogeneous[..., :2] / depth

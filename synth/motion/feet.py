@@ -279,11 +279,10 @@ def step_along(
         _footsteps(under, seconds, sign * width, sign * out, phase + (sign < 0), body.stature)
         for sign in SIDES.values()
     ]
-    ankles, turns = np.stack([foot[0] for foot in feet], 1), np.stack([foot[1] for foot in feet], 1)
+    ankles, turns, bearing = (np.stack(both, 1) for both in zip(*feet, strict=True))
     heading = gaussian_filter1d(path[:, 2], 0.08 * fps, mode="nearest")
     forward, left = forwards(heading), leftwards(heading)
     # The hips shift towards the foot that bears the weight.
-    bearing = np.stack([foot[2] for foot in feet], 1)
     support = (ankles[..., :2] * bearing[..., None]).sum(1) / bearing.sum(1, keepdims=True)
     aside = np.clip(((support - under[:, :2]) * left).sum(1), -width, width)
     aside = gaussian_filter1d(aside, 0.12 * fps, mode="nearest")

@@ -147,8 +147,8 @@ class Folded:
             first = max(part.start - beside, 0)
             found = complete(poses.select(slice(first, part.stop + beside)), fps)
             done.append(found.select(slice(part.start - first, part.stop - first)))
-        names = ("xyz", "source", "views", "cov", "rays")
-        return Poses3D(done[0].skeleton, **{name: np.concatenate([getattr(d, name) for d in done]) for name in names})
+        arrays = {name: np.concatenate([each.arrays[name] for each in done]) for name in done[0].arrays}
+        return Poses3D(done[0].skeleton, **arrays)
 
 
 def remembering(complete: Callable[[Poses3D, float], Poses3D]) -> Callable[[Poses3D, float], Poses3D]:

@@ -17,6 +17,7 @@ from dmae.reporting.figures import plain
 from dmae.reporting.page import CaptionedFigure, Section, write_report
 from dmae.reporting.tables import Table, counted
 
+_LISTED = 8  # Names in a sentence, at most
 _REFERENCES = {
     "truth": "Results are compared with the truth of the clips.",
     "capture": "The clips have no truth. Results are compared with the joints that all cameras measured in three views "
@@ -154,8 +155,8 @@ def _value(interval: Sequence[float | None] | None) -> str:
     return f"{value:.1f}" if low is None else f"{value:.1f} ({low:.1f} to {high:.1f})"
 
 
-def _listed(names: Sequence[str], most: int = 8) -> str:
-    shown = [*names[:most], *([f"{len(names) - most} more"] if len(names) > most else [])]
+def _listed(names: Sequence[str]) -> str:
+    shown = [*names[:_LISTED], *([f"{len(names) - _LISTED} more"] if len(names) > _LISTED else [])]
     return shown[0] if len(shown) == 1 else f"{', '.join(shown[:-1])} and {shown[-1]}"
 
 
