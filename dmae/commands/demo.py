@@ -32,14 +32,15 @@ def run(config: DemoCommand, out: Path) -> None:
     steps = 8 if config.shelf is None else 9
     methods = ["measured", "linear", "dmae", model]
     say("simulate people to learn from", 1, steps)
-    length: dict = {"seconds": 2} if small else {}
-    synth.generate(clips=3 if small else 24, seed=1, **length, workers=config.workers, out=out / "train")
+    synth.generate(
+        clips=3 if small else 24, seed=1, seconds=2 if small else None, workers=config.workers, out=out / "train"
+    )
     say("simulate others, and render them", 2, steps)
-    ring = synth.preset("rig", "ring", ring=synth.RingConfig(views=3))
-    three: dict = {"rig": ring, "persons": [3, 3]} if small else {}
-    images: dict = {"images": ["rgb"], "quality": "draft"}
-    clips, seconds = (1, 2) if small else (2, 3)
-    synth.generate(clips=clips, seed=2, seconds=seconds, **three, **images, workers=config.workers, out=out / "test")
+    three = synth.preset("rig", "ring", ring=synth.RingConfig(views=3))
+    synth.generate(
+        clips=1 if small else 2, seed=2, seconds=2 if small else 3, rig=three if small else None,
+        persons=[3, 3] if small else None, images=["rgb"], quality="draft", workers=config.workers, out=out / "test",
+    )  # fmt: skip
     for number, name in ((3, "train"), (4, "test")):
         say(f"capture the people of {out / name}", number, steps)
         captured = out / ("train_captured" if name == "train" else "captured")
