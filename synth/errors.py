@@ -12,8 +12,8 @@ class FailedSimulation(ValueError):
 
 
 def until_success(attempt: Callable[[int], Made], last: int) -> Made:
-    """Return `attempt(number)` of the first number from 0 on that does not raise FailedSimulation. Raise that of the
-    last number if all do."""
+    """Return the result of the first of `attempt(0)` to `attempt(last)` that succeeds. If all raise FailedSimulation,
+    the last one is raised."""
     for number in range(last):
         with suppress(FailedSimulation):
             return attempt(number)

@@ -438,10 +438,11 @@ def _widened(
 
     Feet that are hidden are guessed, in the same way as long as a person stays. The solution is repeated without each
     spot (delete-one jackknife; Efron & Tibshirani 1993, 11.5). Its covariance is taken in directions in which it
-    exceeds that of the model, with Student's t for as many degrees of freedom as there are spots that matter.
+    is larger than the model's covariance, with Student's t for as many degrees of freedom as there are spots that
+    matter.
 
     Args:
-        spots: (n,) of the first n equations, those of feet and bodies; the others are priors.
+        spots: (n,) spot of each of the first n equations, which feet and bodies give; the others are priors.
     """
     order = np.argsort(spots, kind="stable")
     first = np.flatnonzero(np.diff(spots[order], prepend=-1))

@@ -15,7 +15,7 @@ FEATURES = {
     "bone_stretch": ("noise_level", slice(3, 6)),
 }
 """Input features of the default network: the field of `dmae.completion.windows.Windows` that holds each, and its place
-along the first axis after that of joints."""
+on the axis that follows the joints."""
 
 
 @dataclass(frozen=True)

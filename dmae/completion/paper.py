@@ -243,7 +243,7 @@ def paper_validation(
         made = cut(rows, part, masked, skeleton)
         base = interpolated(made.windows, rest)
         if rows.captured:
-            # Of a target, as if its joints were those of the source, at their own heights.
+            # A target's joints start where the source's joints of the same name are, at their own heights.
             same = fusion.namesakes(skeleton) or list(range(joints))
             base = base[:, :, same] + torch.from_numpy((rest - rest[same]) * (0, 0, 1)).float()
         found.append(made._replace(windows=made.windows._replace(base=base)))

@@ -121,12 +121,12 @@ class PosePair:
 
 
 def pose_pair(clip: Clip, skeleton: Skeleton, fps: float) -> PosePair:
-    """Return the true poses of a clip, and where it has `poses` those of the same persons, at another rate.
+    """Return the true poses of a clip and, if it has `poses`, the captured poses of the same persons, at another rate.
 
     Raises:
         ValueError: the clip has no truth, or infinite coordinates, or for two skeletons side by side
             (`dmae.completion.fusion`) no truth on the second.
-        KeyError: the skeleton cannot be derived from those of the clip.
+        KeyError: the skeleton cannot be derived from the clip's.
     """
     if clip.truth is None:
         raise ValueError(f"clip {clip.id!r} has no truth to learn from")

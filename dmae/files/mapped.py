@@ -66,7 +66,7 @@ def in_steps(steps: Iterable[T]) -> Iterator[T]:
 
 
 def trim() -> None:
-    """Return freed memory to the system if the C library can. Otherwise a process keeps that of its largest step."""
+    """Return freed memory to the system if the C library can. Otherwise a process keeps what its largest step took."""
     _malloc_trim()(0)
 
 
@@ -104,7 +104,7 @@ def by_frames(function: Callable[..., np.ndarray], *arrays: np.ndarray) -> np.nd
 def column_blocks(array: np.ndarray, most: int | None = None) -> Iterator[tuple[slice, np.ndarray]]:
     """Yield blocks of the n paths of (F, n, C), over all frames: their slice, and a copy (F, k, C) in memory.
 
-    A copy of more than one path has at most `most` bytes; by default those of a block.
+    A copy of more than one path has at most `most` bytes; by default as many as a block of frames.
     """
     frames, columns, components = array.shape
     step = max((most or _BLOCK) // max(frames * components * array.itemsize, 1), 1)

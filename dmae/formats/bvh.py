@@ -75,7 +75,7 @@ def _motion(motion: JointRotations, joints: list[int], fps: float, metre: float,
         _, root, turned = motion.y_up(part)
         angles = Rotation.from_matrix(turned.reshape(-1, 3, 3)).as_euler(order, degrees=True, suppress_warnings=True)
         angles = angles.reshape(len(turned), -1, 3)
-        # Unwrap angles so that they continue those of the frame before.
+        # Angles continue from the frame before, without jumps by 360 degrees.
         before = angles[:0] if last is None else last[None]
         angles = np.unwrap(np.concatenate([before, angles]), period=360, axis=0)[len(before) :]
         last = angles[-1]

@@ -115,7 +115,7 @@ def read_panoptic(
 
     Panoptic publishes cameras and poses. The detections have to be made with OpenPose. If there are none, as in an
     export of this package, the clip has truth but no detections. `unit` and `up` also apply to the truth. By default
-    the rate is that of the pose files, and the skeleton as in `dmae.formats.openpose.read_detections`.
+    the pose files state the rate, and the skeleton is found as in `dmae.formats.openpose.read_detections`.
     """
     try:
         found = openpose.read_detections(detections or path, skeleton=skeleton)

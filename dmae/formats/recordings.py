@@ -301,7 +301,7 @@ class NumberedDetections:
 
 
 def check_span(path: Path, numbers: Collection[int], files: int) -> None:
-    """Raise ValueError, with the path, unless numbers can be those of frames, of which a camera has so many files."""
+    """Raise ValueError, with the path, unless the numbers of a camera's files can be frame numbers."""
     if max(numbers) - min(numbers) >= _MAX_SPAN * files + 1000:
         raise ValueError(
             f"{path}: expected files numbered by frame, found {len(numbers)} that count from {min(numbers)} to "

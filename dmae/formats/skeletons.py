@@ -66,7 +66,7 @@ def default_skeleton(path: Path | str, joints: int | None) -> Skeleton:
 
 
 def guess_skeleton(path: Path, people: np.ndarray) -> tuple[Skeleton, tuple[str, ...]]:
-    """Return that of `OF_25_JOINTS` with the shortest bones in the image: with the other order, bones cross the body.
+    """Return the one of `OF_25_JOINTS` whose bones are shortest in the image: in the other order, bones cross the body.
 
     For each person of `people` (N, 25, 3), x, y in px and confidence, the mean length of the bones, relative to the
     extent of the person's joints, is compared between the skeletons. Each person counts as one vote. Notes give the

@@ -25,8 +25,8 @@ def idf1(pred: np.ndarray, truth: np.ndarray, gate: float = GATE) -> float:
 
     Each true person is assigned at most one prediction for the whole clip, and each prediction at most one person. The
     assignment maximises the number of frames in which the two match: their mean distance, over the joints that both
-    have, is within the gate, m. The score is twice the number of these frames, divided by the number of frames of true
-    persons plus that of predictions; NaN where there are neither. It is too low if some persons are not annotated.
+    have, is within the gate, m. The score is twice the number of these frames, divided by the person-frames of truth
+    and prediction together; NaN where there are none. It is too low if some persons are not annotated.
     """
     here, predicted = (~np.isnan(xyz).any(-1) for xyz in (truth, pred))
     total = here.any(-1).sum() + (predicted.any(-1) & here.any((1, 2))[:, None]).sum()

@@ -181,11 +181,11 @@ def _is_kept(folder: Path, config: GenerateConfig, expected: Checksum | None) ->
 def claim(out: Path, settings: dict, config: GenerateConfig | RenderConfig) -> None:
     """Claim a folder for a data set: it is new, empty, or contains a part of it. Store the settings in it.
 
-    `settings` are all settings that the clips depend on, as JSON values. Those of images may differ when images are
+    `settings` are all settings that the clips depend on, as JSON values. Settings of images may differ when images are
     added to existing clips.
 
-    Raises ValueError if the folder contains something else, a data set of another configuration, or clips with images
-    to which those of `config` cannot be added.
+    Raises ValueError if the folder contains something else, a data set of another configuration, or clips with other
+    images than `config` asks for.
     """
     if out.exists() and not out.is_dir():
         raise ValueError(f"out={out}: expected a folder, found a file")

@@ -47,7 +47,7 @@ def missing_kinds(clip: Clip, options: GenerateConfig | RenderConfig) -> tuple[s
 def check_same(
     clip: str, kinds: Sequence[str], rgb: str, provenance: dict, options: GenerateConfig | RenderConfig
 ) -> None:
-    """Raise ValueError if a clip, given by its id, has images to which those of the options cannot be added.
+    """Raise ValueError if a clip, given by its id, has images of another quality or format than the options ask for.
 
     Args:
         kinds: The kinds that the clip has.

@@ -178,8 +178,8 @@ def _rounded(value):
 def _corrected_part(part: PartConfig, real: DetectorStatistics, sim: DetectorStatistics, kind: int) -> PartConfig:
     """Correct noise by the median error, its tail by larger errors, misses by their odds, scores by mean and spread.
 
-    If the far side of the body is missed more often, misses of visible joints are fitted to the camera's side, those of
-    hidden joints to the rest: a person that turns away from one camera faces another.
+    If the far side of the body is missed more often, misses of visible joints are fitted to the camera's side, and
+    misses of hidden joints to the rest: a person that turns away from one camera faces another.
     """
     if not (sim.kind == kind).any():
         return part
