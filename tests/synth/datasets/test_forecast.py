@@ -42,16 +42,23 @@ def test_the_forecast_is_near_the_truth(config, images, monkeypatch):
     monkeypatch.setattr(module.time, "perf_counter", time.process_time)
     monkeypatch.setattr("synth.rendering.renderer.find_backend", lambda: None)
     config = replace(config, images=images)
-    # Even so the same work has taken 1.5 times as long: the least of three tells what it takes.
-    found = min((forecast(config) for _ in range(3)), key=lambda each: each.seconds)
-    assert not Path(config.out).exists(), "nothing is written"
+    # Even so the same work has taken 1.5 times as long, and the first clips longest: the least of two or three tells.
+    forecasts, took = [], []
+    for again in range(3):
+        forecasts.append(forecast(config))
+        assert not Path(config.out).exists(), "nothing is written"
+        made = replace(config, out=f"{config.out}{again}")
+        took.append(seconds_to_generate(made))
+        found = min(forecasts, key=lambda each: each.seconds)
+        near = found.seconds == pytest.approx(min(took), rel=0.4)
+        if again and near:
+            break
+    assert near, (found, took)
     assert (found.clips, found.frames, found.images) == (3, 90, 180 if images else 0)
-    took = min(seconds_to_generate(replace(config, out=f"{config.out}{again}")) for again in ("", "2", "3"))
-    assert found.seconds == pytest.approx(took, rel=0.4)
-    assert found.megabytes * 1e6 == pytest.approx(bytes_of_clips(config.out), rel=0.2)
-    assert forecast(config) == Forecast(0, 0, 0, 0.0, 0.0), "nothing is left to make"
+    assert found.megabytes * 1e6 == pytest.approx(bytes_of_clips(made.out), rel=0.2)
+    assert forecast(made) == Forecast(0, 0, 0, 0.0, 0.0), "nothing is left to make"
     if not images:
-        more = forecast(replace(config, images=["rgb"]))
+        more = forecast(replace(made, images=["rgb"]))
         assert (more.clips, more.images) == (0, 180)
         assert more.seconds > 0
 
