@@ -1,6 +1,6 @@
 """Damage a data set with images, and verify it: `python -m tests.endurance.damages --flips 500 --structural 60`.
 
-A flip changes one random bit of a file. Kinds of files are drawn first, so that small ones are hit as often as large.
+A flip changes one random bit of a file. Kinds of files take turns, so that small ones are hit as often as large.
 Structural damages are those of `tests.support.damages`, each in turn. After each damage the data set is restored.
 """
 
@@ -56,8 +56,10 @@ def undetected(data: Path, sound: Path, name: str, concerned: set[str]) -> list[
 def flip_often(count: int, data: Path, sound: Path, seed: int = 0) -> list[str]:
     """Flip one bit at a time; return which were not found."""
     rng = np.random.default_rng(seed)
-    flips = progress(range(count), "flipping bits", count)
-    return [missed for number in flips for missed in undetected(data, sound, f"flip {number}", flip_bit(data, rng))]
+    missed = []
+    for number in progress(range(count), "flipping bits", count):
+        missed += undetected(data, sound, f"flip {number}", flip_bit(data, number, rng))
+    return missed
 
 
 def damage_often(count: int, data: Path, sound: Path, seed: int = 0) -> list[str]:

@@ -23,13 +23,19 @@ def contents(path: Path, *but: str) -> dict[str, bytes]:
     return {file.relative_to(path).as_posix(): file.read_bytes() for file in files_of(path) if file.name not in but}
 
 
-def flip_bit(path: Path, rng: np.random.Generator) -> set[str]:
-    """Flip a random bit of a file of a data set; files are drawn by kind and size."""
-    files = files_of(path)
-    kinds = sorted({file.name if file.suffix != ".png" else file.suffix for file in files})
-    kind = kinds[rng.integers(len(kinds))]
-    of_kind = [file for file in files if kind in (file.name, file.suffix)]
-    file = of_kind[rng.integers(len(of_kind))]
+def kinds(path: Path) -> dict[str, list[Path]]:
+    """Return the files of a data set by kind: their name, and for images what they show."""
+    found: dict[str, list[Path]] = {}
+    for file in files_of(path):
+        found.setdefault(file.parts[-3] if file.suffix == ".png" else file.name, []).append(file)
+    return dict(sorted(found.items()))
+
+
+def flip_bit(path: Path, number: int, rng: np.random.Generator) -> set[str]:
+    """Flip a random bit of a file of a data set; kinds of files take turns."""
+    of_kind = list(kinds(path).values())
+    files = of_kind[number % len(of_kind)]
+    file = files[rng.integers(len(files))]
     data = bytearray(file.read_bytes())
     data[rng.integers(len(data))] ^= 1 << int(rng.integers(8))
     file.write_bytes(data)

@@ -15,7 +15,7 @@ from synth.datasets.generate import generate
 from synth.datasets.verify import verify
 from tests.endurance.damages import damage_often, data_set, flip_often
 from tests.support.commands import dmae
-from tests.support.damages import OWN, contents, structural
+from tests.support.damages import OWN, contents, kinds, structural
 
 pytestmark = [pytest.mark.filterwarnings("ignore:no OpenGL"), pytest.mark.slow]
 
@@ -34,7 +34,8 @@ def data(sound, tmp_path) -> Path:
 
 
 def test_every_flipped_bit_is_found(data, sound):
-    assert flip_often(30, data, sound, seed=5) == []
+    """One in each kind of file."""
+    assert flip_often(len(kinds(sound)), data, sound, seed=5) == []
 
 
 def test_every_structural_damage_is_found(data, sound):
