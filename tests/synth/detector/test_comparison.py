@@ -57,14 +57,37 @@ def measured(clips, parts):
     return pool(parts, [len(clip) for clip in clips])
 
 
+@pytest.fixture(scope="module")
+def fewer(clips):
+    """Return the statistics of the second clip in three of its views."""
+    return measure(clips[1].select(views=[0, 1, 2]))
+
+
+@pytest.fixture(scope="module")
+def fitted(clips, measured):
+    """Return a fit that starts at a detector twice as bad, on the clips of the recording with another seed of the
+    detector; and the statistics of the detector that it starts at.
+    """
+    simulated = []
+
+    def noted(*given):
+        simulated.append(measure_all(*given))
+        return simulated[-1]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("synth.detector.fitting.measure_all", noted)
+        found = fit(measured, clips, worse(preset("shelf_openpose")), rounds=2, seed=7)
+    return found, simulated[0]
+
+
 def test_a_recording_equals_itself(measured):
     rows = compare(measured, measured, Limits())
     assert not any(row.exceeded for row in rows)
     assert all(row.distance == 0 or np.isnan(row.distance) for row in rows)
 
 
-def test_another_detector_exceeds_the_limits(clips, measured):
-    other = measure_all([redetect(clip, worse(preset("shelf_openpose")), seed=1) for clip in clips], len(clips))
+def test_another_detector_exceeds_the_limits(fitted, measured):
+    _, other = fitted
     exceeded = {row.what for row in compare(measured, other, Limits()) if row.exceeded}
     assert {"distribution of error", "missed: elbow", "missed: knee"} <= exceeded
     assert any(what.startswith("median error at confidence") for what in exceeded)
@@ -78,8 +101,7 @@ def test_neighbours_of_few_missed_joints_have_no_limit(measured):
     assert [row.allowed for row in rows] == [Limits().joint_miss] * 4
 
 
-def test_recordings_of_other_cameras_are_compared_without_their_views(clips, measured):
-    fewer = measure(clips[0].select(views=[0, 2, 3, 4]))
+def test_recordings_of_other_cameras_are_compared_without_their_views(fewer, measured):
     rows = {row.what for row in compare(measured, fewer, Limits())}
     views = {what for what in (row.what for row in compare(measured, measured, Limits())) if what not in rows}
     assert {"views that detect: wrist", "missed in view 0"} <= views
@@ -94,8 +116,7 @@ def test_pooling_concatenates_samples_and_averages_fractions(clips, parts):
         pool([parts[0], replace(parts[1], kinds=parts[1].kinds[:-1])], [1, 1])
 
 
-def test_shares_of_different_numbers_of_cameras_are_pooled_over_cameras(clips, parts):
-    fewer = measure(clips[1].select(views=[0, 1, 2]))
+def test_shares_of_different_numbers_of_cameras_are_pooled_over_cameras(fewer, parts):
     both = pool([parts[0], fewer], [1, 1])
     np.testing.assert_allclose(both.ghosts, [(parts[0].ghosts.mean() + fewer.ghosts.mean()) / 2])
     assert len(both.error) == len(parts[0].error) + len(fewer.error)
@@ -104,7 +125,7 @@ def test_shares_of_different_numbers_of_cameras_are_pooled_over_cameras(clips, p
 
 @pytest.mark.slow
 def test_a_page_is_written_and_the_exit_status_says_if_limits_are_exceeded(clips, tmp_path, capsys):
-    clip = clips[0].select(frames=slice(0, 50))
+    clip = clips[0].select(frames=slice(0, 30))
     save_clip(clip, tmp_path / "real")
     save_clip(clip, tmp_path / "same")
     save_clip(redetect(clip, worse(preset("shelf_openpose")), seed=1), tmp_path / "other")
@@ -124,10 +145,8 @@ def test_frames_of_a_recording(clips, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_fit_recovers_the_detector(clips, measured):
-    """The fit starts at a detector twice as bad, on the clips of the recording with another seed of the detector."""
-    found = fit(measured, clips, worse(preset("shelf_openpose")), rounds=2, seed=7)
-    before = measure_all([redetect(clip, worse(preset("shelf_openpose")), seed=7) for clip in clips], len(clips))
+def test_a_fit_recovers_the_detector(fitted, measured):
+    found, before = fitted
     assert distance(measured, found.statistics) < distance(measured, before) / 2
     exceeded = [sum(row.exceeded for row in compare(measured, other, Limits())) for other in (before, found.statistics)]
     assert exceeded[1] < exceeded[0]
