@@ -50,7 +50,7 @@ def main() -> None:
     view = int((labels.visibility[frame] == Visibility.VISIBLE).sum((1, 2)).argmax())
     print(f"frame {frame}, camera {rig.names[view]}: {touching[frame].sum(1).tolist()} points touch the other person")
     with Renderer(scene.model, scene.geom_ids, rig, ImageQuality.high) as renderer:
-        picture = renderer.picture(state.qpos[frame], view, ("rgb",)).rgb
+        picture = renderer.image(state.qpos[frame], view, ("rgb",)).rgb
     scale = 2
     image = cv2.resize(
         np.ascontiguousarray(picture[..., ::-1]), None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC
