@@ -490,7 +490,7 @@ def _sew_shirt(image: np.ndarray, height, aside, body: Body, looks: PersonLooks,
         image *= (1 - (height < max(hems) + 0.035) * ribs)[..., None]
     for hem in hems:
         image *= 1 - 0.25 * _line(height, hem + 0.02)[..., None]
-    bright = np.float32((0.88,) * 3 if image.mean() < 0.5 else (0.14, 0.14, 0.17))
+    bright = np.array((0.88, 0.88, 0.88) if image.mean() < 0.5 else (0.14, 0.14, 0.17), np.float32)
     if buttoned:
         image *= (1 - 0.3 * _line(aside, -0.016) - 0.15 * _line(aside, 0.016))[:, None]
         image[np.hypot((height + 0.03 * size) % 0.085 - 0.045, aside) < 0.0055] = bright
