@@ -185,6 +185,13 @@ def test_triangulate_takes_axes_as_a_rig_projects_them(clip):
         dmae.triangulate(rig, rig.project(xyz))
 
 
+def test_capture_of_nobody_warns_of_the_likely_cause(clip):
+    poses = clip.rig.cam_from_world.copy()
+    poses[:, :3, 3] *= 1000
+    with pytest.warns(UserWarning, match="no person was captured: lengths of the calibration are in mm"):
+        dmae.capture(replace(clip, rig=replace(clip.rig, cam_from_world=poses), true_rig=None))
+
+
 def test_people_are_simulated_with_cameras_that_exist(clip, tmp_path: Path):
     rig = clip.rig
     rig = dmae.CameraRig([f"cam_{name}" for name in rig.names], rig.K, rig.dist, rig.cam_from_world, rig.size)

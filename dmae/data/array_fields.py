@@ -10,23 +10,22 @@ from dmae.files.mapped import LARGE
 _LONGEST_EMPTY = 1_000_000
 """Largest length of an axis in an array of size zero. A file can state any length if another axis has length 0."""
 _MOST_SHOWN = 8  # Longest tuple that is printed whole
-ANY = -1
-"""Marks an axis of any length in an expected shape."""
 UNSET: Any = None
 """Default of an array that `__post_init__` makes."""
 
 
-def set_array(owner: Any, name: str, dtype: type, shape: tuple[int, ...], default: float | None = None) -> None:
-    """Convert a field of a frozen dataclass, in its `__post_init__`, to an array of a shape; `ANY` matches any length.
+def set_array(owner: Any, name: str, dtype: type, shape: tuple[int | str, ...], default: float | None = None) -> None:
+    """Convert a field of a frozen dataclass, in its `__post_init__`, to an array of a shape.
 
-    A field that is None becomes an array of the default. Raises ValueError if the array has another shape.
+    An axis of any length is given by its letter, as "F". A field that is None becomes an array of the default. Raises
+    ValueError if the array has another shape.
     """
     value = getattr(owner, name)
     # Numbers too large for the type become infinite. `check_numbers` of the owner refuses them.
     with np.errstate(over="ignore"):
         array = _full(shape, default, dtype) if value is None else np.asarray(value, dtype)
-    if array.ndim != len(shape) or any(want not in (ANY, n) for want, n in zip(shape, array.shape, strict=True)):
-        expected = tuple("any" if n == ANY else n for n in shape)
+    if array.ndim != len(shape) or any(want not in (n, str(want)) for want, n in zip(shape, array.shape, strict=True)):
+        expected = f"({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
         raise ValueError(f"{type(owner).__name__}.{name}: expected shape {expected}, found {array.shape}")
     if array.size == 0 and max(array.shape, default=0) > _LONGEST_EMPTY:
         raise ValueError(f"{type(owner).__name__}.{name}: found an empty array of shape {array.shape}")

@@ -7,7 +7,7 @@ from math import prod
 import cv2
 import numpy as np
 
-from dmae.data.array_fields import ANY, UNSET, set_array, short_repr
+from dmae.data.array_fields import UNSET, set_array, short_repr
 from dmae.files.checks import LEAST_FOCAL, MOST_DISTORTION, MOST_FOCAL, MOST_METRES, MOST_SIZE, check_numbers
 
 # OpenCV's default criteria leave up to 0.07 px; these converge to 1e-10.
@@ -29,8 +29,8 @@ class CameraRig:
     Attributes:
         names: V camera names, unique.
         K: (V, 3, 3) intrinsics, px.
-        dist: (V, 4..8) OpenCV distortion k1 k2 p1 p2 [k3 [k4 k5 k6]]; zeros for a pinhole camera. For a fisheye, its
-            coefficients k1 k2 k3 k4. Stored with zeros after four coefficients, as (V, 5..8).
+        dist: (V, 4..8) OpenCV distortion k1 k2 p1 p2 [k3 [k4 k5 k6]]; zeros or None for pinhole
+            cameras. For a fisheye, k1 k2 k3 k4. Stored with zeros after four coefficients, as (V, 5..8).
         cam_from_world: (V, 4, 4) rigid transforms, m.
         size: (V, 2) image width and height, px.
         fisheye: (V,) True for lenses of OpenCV's fisheye model (Kannala & Brandt, PAMI 2006); by default all False.
@@ -51,7 +51,9 @@ class CameraRig:
         if len(set(self.names)) != views:
             raise ValueError(f"camera names must be unique, found {self.names}")
         set_array(self, "K", np.float64, (views, 3, 3))
-        set_array(self, "dist", np.float64, (views, ANY))
+        if self.dist is None:
+            object.__setattr__(self, "dist", np.zeros((views, 5)))
+        set_array(self, "dist", np.float64, (views, "4..8"))
         set_array(self, "cam_from_world", np.float64, (views, 4, 4))
         set_array(self, "size", np.int64, (views, 2))
         set_array(self, "fisheye", bool, (views,), False)

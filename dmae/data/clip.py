@@ -6,7 +6,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from dmae.data.array_fields import ANY, UNSET, check_type, set_array, short_repr
+from dmae.data.array_fields import UNSET, check_type, set_array, short_repr
 from dmae.data.cameras import CameraRig
 from dmae.data.images import Images
 from dmae.data.labels import DetectionLabels, OcclusionLabels
@@ -43,22 +43,27 @@ class Detections2D:
     Attributes:
         skeleton: J joints.
         xy: (F, V, D, J, 2) px, NaN where a joint, or a whole detection, is absent.
-        score: (F, V, D, J) confidence, NaN exactly where `xy` is.
+        score: (F, V, D, J) confidence, NaN exactly where `xy` is; by default 1 where `xy` is known.
     """
 
     skeleton: Skeleton
     xy: np.ndarray
-    score: np.ndarray
+    score: np.ndarray = UNSET
 
     __repr__ = short_repr
 
     def __post_init__(self):
         check_type(self, "skeleton", Skeleton, _BY_NAME)
-        set_array(self, "xy", np.float32, (ANY, ANY, ANY, len(self.skeleton), 2))
+        set_array(self, "xy", np.float32, ("F", "V", "D", len(self.skeleton), 2))
+        if self.score is None:
+            object.__setattr__(self, "score", np.where(np.isnan(self.xy).any(-1), np.nan, 1))
         set_array(self, "score", np.float32, self.xy.shape[:-1])
         parts = frame_blocks(self.xy, self.score)
         if not all(np.array_equal(np.isnan(self.xy[part]).any(-1), np.isnan(self.score[part])) for part in parts):
-            raise ValueError("Detections2D: score must be NaN exactly where xy is")
+            raise ValueError(
+                "Detections2D: score must be NaN exactly where xy is, as "
+                "np.where(np.isnan(xy).any(-1), np.nan, score); without scores, leave it out"
+            )
 
     @property
     def observed(self) -> np.ndarray:
@@ -99,7 +104,7 @@ class Poses3D:
 
     def __post_init__(self):
         check_type(self, "skeleton", Skeleton, _BY_NAME)
-        set_array(self, "xyz", np.float32, (ANY, ANY, len(self.skeleton), 3))
+        set_array(self, "xyz", np.float32, ("F", "P", len(self.skeleton), 3))
         joints = self.xyz.shape[:-1]
         absent = by_frames(lambda xyz: np.isnan(xyz).any(-1), self.xyz)
         if self.source is None:

@@ -5,7 +5,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from dmae.data.array_fields import ANY, set_array, short_repr
+from dmae.data.array_fields import set_array, short_repr
 from dmae.files.checks import MOST_METRES, MOST_PIXELS, check_numbers
 
 KINDS = ("rgb", "depth", "ids", "parts", "normals", "flow", "amodal")
@@ -76,7 +76,7 @@ class OcclusionLabels:
     __repr__ = short_repr
 
     def __post_init__(self):
-        set_array(self, "visibility", np.uint8, (ANY,) * 4)
+        set_array(self, "visibility", np.uint8, ("F", "V", "P", "J"))
         joints = self.visibility.shape
         _set_known(self, {"occluder": (np.int16, joints), "depth_margin": (np.float32, joints)})
         _set_known(self, dict.fromkeys(("visible_pixels", "amodal_pixels"), (np.int32, joints[:3])))
@@ -133,8 +133,8 @@ class DetectionLabels:
     __repr__ = short_repr
 
     def __post_init__(self):
-        set_array(self, "person", np.int16, (ANY,) * 3)
-        joints = (*self.person.shape, ANY)
+        set_array(self, "person", np.int16, ("F", "V", "D"))
+        joints = (*self.person.shape, "J")
         _set_known(self, {"joint_person": (np.int16, joints), "error": (np.uint8, joints)})
         _set_known(self, {"offset_px": (np.float32, joints)})
 

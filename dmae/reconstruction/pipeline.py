@@ -38,6 +38,7 @@ _STILL_AFFINITY = 0.9
 reason `MIN_JOINTS` are enough for a new person there."""
 _COARSEST = 1e-3  # m; coordinates within 16 km of the origin are stored in smaller steps
 _FEWEST_PX = 2.0  # People are larger; where no coordinate of a detected joint is, coordinates are not pixels
+_MOST_ZEROS = 0.01  # Share of detected joints at pixel (0, 0); detectors put none there, but absent ones
 
 
 def capture(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None = None) -> Poses3D:
@@ -86,6 +87,12 @@ def capture(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None = No
         raise ValueError(
             f"clip {clip.id!r}: expected pixels, but no coordinate of a detected joint is above {np.nanmax(some):.3g}; "
             "multiply shares of the image by its width and height, or project metres with its calibration"
+        )
+    zeros, found = (some == 0).all(-1).sum(), np.isfinite(some).all(-1).sum()
+    if zeros > _MOST_ZEROS * found:
+        raise ValueError(
+            f"clip {clip.id!r}: {zeros / found:.0%} of the detected joints are at pixel (0, 0), a place in the "
+            "image; expected NaN where a detector found nothing, as by xy[(xy == 0).all(-1)] = np.nan"
         )
     if config.method == ADAPTIVE:
         return in_units_of_people(partial(_capture, noise=noise), clip, config)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -21,6 +22,7 @@ from dmae.detection.registry import PoseDetectorConfig
 from dmae.numerics import filling
 from dmae.reconstruction import pipeline, triangulation
 from dmae.reconstruction.config import CaptureConfig
+from dmae.reconstruction.diagnosis import explain_capture
 from dmae.reconstruction.triangulation import Points
 from dmae.verbs.recordings import configuration, detect_in
 
@@ -43,7 +45,7 @@ def capture(
 
     Returns:
         (F, P, J, 3) m, world; each person is a track. A joint that fewer than `config.th_v` views agree on is NaN and
-        `Source.ABSENT`; measured joints have a covariance.
+        `Source.ABSENT`; measured joints have a covariance. If nobody is found and a likely cause is, a warning says it.
 
     Raises:
         ValueError: the clip has a single camera, or there is no such method.
@@ -58,7 +60,11 @@ def capture(
     """
     from dmae.completion.methods import find_method
 
-    poses = pipeline.capture(as_clip(clip), configuration(config, CaptureConfig, "capture"))
+    config = configuration(config, CaptureConfig, "capture")
+    poses = pipeline.capture(as_clip(clip), config)
+    if not poses.xyz.shape[1]:
+        for suggestion in explain_capture(clip, config).suggestions:
+            warnings.warn(f"clip {clip.id!r}: no person was captured: {suggestion}", stacklevel=2)
     if fill != "none":
         poses = find_method(fill).load()(poses, clip.fps)
     return filling.smooth(poses, clip.fps, smooth)

@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import nnls
 from scipy.signal import butter, sosfiltfilt
 
-from dmae.data.array_fields import ANY, set_array, short_repr
+from dmae.data.array_fields import set_array, short_repr
 from synth.motion.feet import FEET
 from synth.people.body import SEGMENTS
 from synth.physics.body_state import BodyState
@@ -211,7 +211,7 @@ class PeopleContacts:
     __repr__ = short_repr
 
     def __post_init__(self):
-        set_array(self, "frame", np.int32, (ANY,))
+        set_array(self, "frame", np.int32, ("C",))
         count = len(self.frame)
         set_array(self, "between", np.int16, (count, 2))
         for name, dtype, shape in (
@@ -346,7 +346,7 @@ class BodyForces:
     __repr__ = short_repr
 
     def __post_init__(self):
-        set_array(self, "centre_of_mass", np.float32, (ANY, ANY, 3))
+        set_array(self, "centre_of_mass", np.float32, ("F", "P", 3))
         people = self.centre_of_mass.shape[:2]
         set_array(self, "weights", np.float32, people[1:])
         set_array(self, "penetration", np.float32, (*people, 2))

@@ -9,7 +9,7 @@ import cv2
 import mujoco
 import numpy as np
 
-from dmae.data.array_fields import ANY, set_array, short_repr
+from dmae.data.array_fields import set_array, short_repr
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
 from dmae.data.images import FIRST_OBJECT_ID
@@ -193,10 +193,10 @@ class SurfaceLabels:
     __repr__ = short_repr
 
     def __post_init__(self):
-        set_array(self, "xyz", np.float32, (ANY, ANY, len(self.names), 3))
+        set_array(self, "xyz", np.float32, ("F", "P", len(self.names), 3))
         frames, *points = self.xyz.shape[:3]
         set_array(self, "normals", np.float32, self.xyz.shape)
-        set_array(self, "visibility", np.uint8, (frames, ANY, *points))
+        set_array(self, "visibility", np.uint8, (frames, "V", *points))
         set_array(self, "hidden_by", np.int16, self.visibility.shape)
         set_array(self, "touches", np.uint16, (frames, *points))
 

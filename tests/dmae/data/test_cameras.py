@@ -230,6 +230,12 @@ def test_bad_calibration_is_refused(changes, message):
         CameraRig(**fields | changes)
 
 
+def test_a_rig_without_distortion_is_of_pinholes():
+    rig = make_rig()
+    pinholes = CameraRig(rig.names, rig.K, None, rig.cam_from_world, rig.size)
+    assert pinholes.dist.shape == (3, 5) and not pinholes.dist.any()
+
+
 def test_rays_of_the_real_shelf_rig_invert_its_projection(data_folder):
     cameras = json.loads((data_folder / "shelf" / "calibration.json").read_text())
     T = np.tile(np.eye(4), (5, 1, 1))

@@ -47,12 +47,19 @@ def test_score_and_pixels_must_agree():
 
 
 def test_wrong_shapes_are_refused_with_the_expected_ones():
-    with pytest.raises(
-        ValueError, match=r"Poses3D.xyz: expected shape \('any', 'any', 14, 3\), found \(12, 2, 25, 3\)"
-    ):
+    with pytest.raises(ValueError, match=r"Poses3D.xyz: expected shape \(F, P, 14, 3\), found \(12, 2, 25, 3\)"):
         Poses3D(SHELF14, walkers().xyz)
     with pytest.raises(ValueError, match=r"Detections2D.score: expected shape \(2, 3, 1, 25\)"):
         Detections2D(BODY25, np.zeros((2, 3, 1, 25, 2)), np.zeros((2, 3, 25)))
+
+
+def test_detections_without_scores_are_sure():
+    xy = np.zeros((2, 3, 1, 25, 2))
+    xy[0, 0, 0, 0] = np.nan
+    score = Detections2D(BODY25, xy).score
+    assert np.isnan(score[0, 0, 0, 0]) and np.nansum(score) == 2 * 3 * 25 - 1
+    with pytest.raises(ValueError, match=r"Detections2D.xy: expected shape \(F, V, D, 25, 2\), found \(2, 3, 25, 2\)"):
+        Detections2D(BODY25, xy[:, :, 0])
 
 
 def test_zero_persons_are_allowed():

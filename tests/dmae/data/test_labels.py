@@ -10,7 +10,7 @@ from tests.support.clips import full_clip
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"visibility": np.zeros((12, 4, 2))}, r"OcclusionLabels.visibility: expected shape \('any', 'any', 'any'"),
+        ({"visibility": np.zeros((12, 4, 2))}, r"OcclusionLabels.visibility: expected shape \(F, V, P, J\)"),
         ({"occluder": np.zeros((12, 4, 3, 25))}, r"OcclusionLabels.occluder: expected shape \(12, 4, 2, 25\)"),
         ({"depth_margin": np.zeros((12, 4, 2))}, r"OcclusionLabels.depth_margin: expected shape \(12, 4, 2, 25\)"),
         ({"amodal_pixels": np.zeros((12, 4, 3))}, r"OcclusionLabels.amodal_pixels: expected shape \(12, 4, 2\)"),
@@ -24,9 +24,9 @@ def test_occlusion_labels_of_other_shapes_are_refused(changes, message):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"person": np.zeros((12, 4))}, r"DetectionLabels.person: expected shape \('any', 'any', 'any'\)"),
-        ({"error": np.zeros((12, 4, 3, 25))}, r"DetectionLabels.error: expected shape \(12, 4, 2, 'any'\)"),
-        ({"offset_px": np.zeros((12, 4, 2))}, r"DetectionLabels.offset_px: expected shape \(12, 4, 2, 'any'\)"),
+        ({"person": np.zeros((12, 4))}, r"DetectionLabels.person: expected shape \(F, V, D\)"),
+        ({"error": np.zeros((12, 4, 3, 25))}, r"DetectionLabels.error: expected shape \(12, 4, 2, J\)"),
+        ({"offset_px": np.zeros((12, 4, 2))}, r"DetectionLabels.offset_px: expected shape \(12, 4, 2, J\)"),
     ],
 )
 def test_detection_labels_of_other_shapes_are_refused(changes, message):

@@ -186,6 +186,13 @@ def test_coordinates_that_are_no_pixels_are_refused(scale):
         capture(changed(short(0), xy=scale * short(0).detections.xy), DEFAULT)
 
 
+def test_absent_joints_at_zero_are_refused():
+    """As arrays of OpenPose have them; taken for places, they cost nearly all people, without a word."""
+    found = short(0).detections
+    with pytest.raises(ValueError, match=r"% of the detected joints are at pixel \(0, 0\).*expected NaN"):
+        capture(changed(short(0), xy=np.nan_to_num(found.xy), score=np.nan_to_num(found.score)), DEFAULT)
+
+
 def test_scores_in_percent_do_not_make_a_still_look_sharper():
     """In a single frame the prior counts much; scores above 1 must not count as great certainty."""
     clip = detected_clip(crossing()[40:41], 4)
