@@ -62,7 +62,7 @@ def _short(value: Any) -> str:
     return value.name if hasattr(value, "joints") else repr(value)
 
 
-def _full(shape: tuple[int, ...], value: float | None, dtype: type) -> np.ndarray:
+def _full(shape: tuple[Any, ...], value: float | None, dtype: type) -> np.ndarray:
     """Return an array filled with one value. A large array is read-only and takes no memory."""
     filled = np.broadcast_to(np.array(value, dtype), shape)
     return filled if filled.nbytes >= LARGE else filled.copy()

@@ -9,6 +9,7 @@ Readers raise FileNotFoundError if there is no file, and ValueError, which names
 states no image size. Writers raise ValueError if the format cannot store a lens or the name of a camera.
 """
 
+import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,8 +30,8 @@ class CalibrationFormat(Entry):
     """A calibration format."""
 
     syntax: str  # "json", "toml" or "yaml"
-    # Function that takes the content of a JSON or TOML file, or the names in the folder of a YAML file, and returns
-    # whether it has this format
+    # Function that takes the content of a JSON or TOML file, or the keys of a YAML file, and returns whether it has
+    # this format
     matches: Callable[[object], bool] = lambda content: True
     # Function that takes cameras in the convention of the file, and a path to write
     write: Callable[[CameraRig, Path], None]
@@ -64,7 +65,7 @@ class ParsedCamera(NamedTuple):
 class CameraTable:
     """The values of one camera in a calibration file, by key. Methods raise ValueError with file, camera and key."""
 
-    path: Path
+    path: Path | str
     camera: str
     values: dict
 
@@ -153,7 +154,7 @@ class LacksSize(ValueError):
         self.what = what
 
 
-def make_rig(path: Path, cameras: Iterable[ParsedCamera], size: tuple[int, int] | None) -> CameraRig:
+def make_rig(path: Path | str, cameras: Iterable[ParsedCamera], size: tuple[int, int] | None) -> CameraRig:
     """Return the rig of the cameras in a file, in its units and axes; `size` (px) is for those without image size.
 
     Raises LacksSize if a size is unknown, and ValueError if there are no cameras, two have one name, or `size`
@@ -286,7 +287,7 @@ def write_calibration(
     that a publication rounded become exact, and camera centres do not change.
 
     Raises ValueError if the format is unknown or cannot store a lens. shelf stores no distortion, voxelpose and
-    panoptic store five coefficients, voxelpose stores no skew, and only pose2sim and caliscope store fisheyes.
+    panoptic store five coefficients, voxelpose stores no skew, and only pose2sim, caliscope and rig store fisheyes.
     """
     found = calibration_format.find(format)
     found.write(found.convention.changed(unit, up, inverse).written_rig(rig), Path(path))
@@ -301,13 +302,12 @@ def recognise(path: Path) -> str:
     """
     path = find_calibration(path) if path.is_dir() else path
     start = read_text(path).lstrip()
-    content: object = None
+    # Only the module of its format parses OpenCV's dialect of YAML.
+    content: object = re.findall(r"^(\w+)\s*:", start, re.MULTILINE)
+    syntax = "yaml"
     if start.startswith("<"):
         syntax = "xml"  # of Qualisys, Vicon or OpenCV; no format here has it
-    elif start.startswith("%YAML") or path.suffix in (".yml", ".yaml"):
-        # Only the module of its format parses OpenCV's dialect of YAML. It has no marks of its own, but file names.
-        syntax, content = "yaml", {file.name for file in path.parent.iterdir()} | {path.name}
-    else:
+    elif not re.match(r"(#.*\s*)*(%YAML|\w+\s*:)", start) and path.suffix not in (".yml", ".yaml"):
         syntax = "json" if start.startswith("{") or path.suffix == ".json" else "toml"
         content = read_json(path) if syntax == "json" else read_toml(path)
     for format in calibration_format.values():

@@ -124,10 +124,13 @@ def _matrix(key: str, values: np.ndarray) -> str:
     return f"{key}: !!opencv-matrix\n   rows: {rows}\n   cols: {columns}\n   dt: d\n   data: [ {data} ]"
 
 
+def _is_easymocap(keys: list[str]) -> bool:
+    return any(key == "names" or key.startswith(("K_", "R_", "T_")) for key in keys)
+
+
 @calibration_format(
-    "easymocap", syntax="yaml", matches=lambda files: bool({INTRINSICS, EXTRINSICS} & set(files)), write=write_cameras,
-    files=(INTRINSICS, f"*/{INTRINSICS}"),
-)  # fmt: skip
+    "easymocap", syntax="yaml", matches=_is_easymocap, write=write_cameras, files=(INTRINSICS, f"*/{INTRINSICS}")
+)
 def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
     """intri.yml and extri.yml (EasyMocap).
 
@@ -146,7 +149,7 @@ def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
 ANNOTATIONS = "annots"
 
 
-@reader("easymocap", signs=[["intri.yml"], ["annots"]], cameras=False)
+@reader("easymocap", signs=[["annots"]], cameras=False)
 def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> NumberedDetections:
     """An EasyMocap sequence: intri.yml, extri.yml, annots/<camera>/<frame number>.json.
 

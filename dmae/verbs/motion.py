@@ -60,10 +60,10 @@ def capture(
     """
     from dmae.completion.methods import find_method
 
-    config = configuration(config, CaptureConfig, "capture")
-    poses = pipeline.capture(as_clip(clip), config)
+    chosen = configuration(config, CaptureConfig, "capture")
+    poses = pipeline.capture(as_clip(clip), chosen)
     if not poses.xyz.shape[1]:
-        for suggestion in explain_capture(clip, config).suggestions:
+        for suggestion in explain_capture(clip, chosen).suggestions:
             warnings.warn(f"clip {clip.id!r}: no person was captured: {suggestion}", stacklevel=2)
     if fill != "none":
         poses = find_method(fill).load()(poses, clip.fps)

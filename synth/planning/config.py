@@ -70,7 +70,7 @@ class LensConfig:
 
     def matrix(self, view_deg: float) -> np.ndarray:
         """Return (3, 3) K for a horizontal field of view, px."""
-        from synth.rigs.placement import intrinsics
+        from dmae.formats.rig import intrinsics
 
         return intrinsics(self.size[0] / 2 / np.tan(np.radians(view_deg) / 2), self.size)
 

@@ -9,6 +9,7 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
 from dmae.data.labels import Visibility
 from dmae.data.skeleton import BODY25
+from dmae.formats.rig import intrinsics
 from dmae.progress import progress
 from synth.datasets.clip import attempt_seed, label_clip
 from synth.datasets.config import OcclusionConfig
@@ -23,7 +24,7 @@ from synth.planning.config import PlanConfig
 from synth.planning.places import CandidateCameras
 from synth.rigs.config import MiscalibrationConfig
 from synth.rigs.coverage import Stage
-from synth.rigs.placement import aimed, intrinsics
+from synth.rigs.placement import aimed
 from synth.scene.sampling import sample_scene
 from synth.scene.spec import SceneSpec
 

@@ -32,7 +32,7 @@ class CameraConfig:
     K: list[float] = field(default_factory=list)
     """Intrinsic matrix: 9 numbers, row major, px; or give `focal`."""
     cam_from_world: list[float] = field(default_factory=list)
-    """Pose [R | t]: 12 numbers, row major, t in m; or give `position` and `target`."""
+    """Pose [R | t]: 12 numbers, or 16 with the row 0 0 0 1, row major, t in m; or give `position` and `target`."""
     dist: list[float] = field(default_factory=lambda: [0.0] * 5)
     """OpenCV distortion: 4 to 8 coefficients; for a fisheye its four, and zeros."""
     fisheye: bool = False

@@ -1,4 +1,4 @@
-"""Where cameras stand: listed, in a ring, on a dome, or at random."""
+"""Where cameras stand: in a ring, on a dome, or at random."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -6,26 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 from dmae.data.cameras import CameraRig
-from synth.rigs.config import CameraConfig, DomeConfig, Lens, RandomConfig, RingConfig, check_image
+from dmae.formats.rig import intrinsics, look_at
+from synth.rigs.config import DomeConfig, Lens, RandomConfig, RingConfig
 from synth.rigs.coverage import Stage, find_faults, views_of_cells
 from synth.rigs.lenses import joined
-
-
-def intrinsics(focal: float, size: list[int]) -> np.ndarray:
-    """Return the (3, 3) K of a camera with its principal point in the middle of the image, px."""
-    width, rows = size
-    return np.array([[focal, 0, (width - 1) / 2], [0, focal, (rows - 1) / 2], [0, 0, 1]])
-
-
-def look_at(centers: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Return (V, 3, 3) rotations cam_from_world of upright cameras at centres (V, 3) that look at (3,) or (V, 3), m."""
-    forward = target - centers
-    forward /= np.linalg.norm(forward, axis=-1, keepdims=True)
-    right = np.cross(forward, [0, 0, 1])
-    # For cameras that look straight up or down, the world's x axis points to the right of the image.
-    right[np.linalg.norm(right, axis=-1) < 1e-9] = (1, 0, 0)
-    right /= np.linalg.norm(right, axis=-1, keepdims=True)
-    return np.stack([right, np.cross(forward, right), forward], 1)
 
 
 def pose(rotation: np.ndarray, centers: np.ndarray) -> np.ndarray:
@@ -51,59 +35,6 @@ def aimed(
         pose(look_at(centers, target), centers),
         np.tile(size, (views, 1)),
     )
-
-
-# Listed cameras
-
-
-def listed_cameras(cameras: Sequence[CameraConfig], source: str) -> CameraRig:
-    """Return the rig of listed cameras.
-
-    Raises:
-        ValueError: numbers are missing or do not define a camera; the message names the rig, the camera and the field.
-    """
-    parts = [_numbers(camera, f"{source}, camera {camera.name!r}") for camera in cameras]
-    longest = max(len(camera.dist) for camera in cameras)
-    try:
-        return CameraRig(
-            tuple(camera.name for camera in cameras),
-            np.array([K for K, _ in parts]),
-            np.array([np.pad(camera.dist, (0, longest - len(camera.dist))) for camera in cameras]),
-            np.array([cam_from_world for _, cam_from_world in parts]),
-            np.array([camera.size for camera in cameras]),
-            np.array([camera.fisheye for camera in cameras]),
-        )
-    except ValueError as error:
-        raise ValueError(f"{source}: {error}") from None
-
-
-def _numbers(camera: CameraConfig, where: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return K (3, 3), px, and cam_from_world (4, 4), m, of a listed camera."""
-    placed = bool(camera.position or camera.target)
-    expected = {"size": (2,), "dist": range(4, 9)}
-    expected |= {"position": (3,), "target": (3,)} if placed else {"cam_from_world": (12,)}
-    expected |= {"K": (9,)} if camera.focal is None else {}
-    for name, lengths in expected.items():
-        found = len(getattr(camera, name))
-        if found not in lengths:
-            raise ValueError(f"{where}: expected {' or '.join(map(str, lengths))} numbers of {name}, found {found}")
-    for first, second, both in (
-        ("K", "focal", camera.K and camera.focal is not None),
-        ("cam_from_world", "position and target", camera.cam_from_world and placed),
-    ):
-        if both:
-            raise ValueError(f"{where}: expected either {first} or {second}, found both")
-    if camera.focal is None:
-        K = np.reshape(camera.K, (3, 3))
-    else:
-        check_image(where, camera.focal, camera.size)
-        K = intrinsics(camera.focal, camera.size)
-    if not placed:
-        return K, np.vstack([np.reshape(camera.cam_from_world, (3, 4)), (0, 0, 0, 1)])
-    center, target = np.array([camera.position], float), np.array(camera.target, float)
-    if np.allclose(center, target):
-        raise ValueError(f"{where}: expected a target that is not the position, found both at {camera.target}")
-    return K, pose(look_at(center, target), center)[0]
 
 
 # A ring, and a dome

@@ -9,10 +9,11 @@ from scipy.spatial.transform import Rotation
 
 from dmae.data.cameras import CameraRig
 from dmae.formats.calibrations import LacksSize, read_calibration
+from dmae.formats.rig import listed_cameras
 from synth.errors import FailedSimulation
 from synth.rigs.config import CameraPlacement, JitterConfig, MiscalibrationConfig, RigConfig
 from synth.rigs.coverage import Stage, area, check_rig, views_of_cells
-from synth.rigs.placement import dome, listed_cameras, pose, ring, scatter
+from synth.rigs.placement import dome, pose, ring, scatter
 
 
 def displace(rig: CameraRig, position: float, rotation: float, *, rng: np.random.Generator) -> CameraRig:
@@ -67,7 +68,8 @@ def make_rig(config: RigConfig, *, rng: np.random.Generator, stage: Stage = _MID
     """
     (child,) = rng.spawn(1)
     if config.path or config.cameras:
-        rig = _read(config) if config.path else listed_cameras(config.cameras, config.source)
+        cameras = [vars(camera) for camera in config.cameras]
+        rig = _read(config) if config.path else listed_cameras(cameras, config.source)
         # Published rotations are rounded, and MuJoCo stores quaternions: take the nearest exact ones.
         rotation = Rotation.from_matrix(rig.cam_from_world[:, :3, :3]).as_matrix()
         rig = replace(rig, cam_from_world=pose(rotation, rig.centers - config.origin))

@@ -71,7 +71,16 @@ def extrinsics_text() -> str:
     return storage(R_left=[[1.2], [-0.7], [0.4]], Rot_left=R.round(6), T_left=T[:, None])
 
 
+def rig_text() -> str:
+    return (
+        "# Two notations\nname: mine\ncameras:\n  - name: left\n    size: [1000, 600]\n"
+        f"    K: {K.tolist()}\n    dist: [-0.2, 5e-2, 0.01, -0.02, -0.1]\n"
+        f"    cam_from_world: {[[*row, t] for row, t in zip(R.tolist(), T.tolist(), strict=True)]}\n"
+    )
+
+
 TEXTS = {
+    "rig": {"calibration.yaml": rig_text},
     "pose2sim": {"calib.toml": pose2sim_text},
     "voxelpose": {"calibration.json": voxelpose_text},
     "panoptic": {"calibration_x.json": panoptic_text},

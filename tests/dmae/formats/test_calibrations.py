@@ -204,6 +204,18 @@ def test_a_calibration_of_another_program_is_answered_with_what_converts_it(tmp_
         read_calibration(tmp_path / name)
 
 
+def test_listed_cameras_have_a_place_and_a_target(tmp_path):
+    """A file that is a preset of `synth` is a calibration of `dmae`; YAML takes 5e2 for a text."""
+    camera = "{name: a, size: [640, 480], focal: 5e2, position: [3, 0, 2], target: [0, 0, 1]}"
+    (tmp_path / "lab.yaml").write_text(f"# Mine\nname: lab\ncameras: [{camera}]\n")
+    rig = read_calibration(tmp_path / "lab.yaml")
+    np.testing.assert_allclose(rig.project(np.array([[0, 0, 1.0]]))[0], [[[319.5, 239.5]]])
+    np.testing.assert_allclose(rig.centers, [[3, 0, 2]])
+    (tmp_path / "lab.yaml").write_text(f"cameras: [{camera.replace('focal', 'foca')}]\n")
+    with pytest.raises(ValueError, match=r"expected no other keys than name, size, .* found foca"):
+        read_calibration(tmp_path / "lab.yaml")
+
+
 def test_fisheye_of_a_toml(tmp_path):
     text = pose2sim_text().replace("fisheye = false", "fisheye = true")
     rig = read_calibration(write(tmp_path, "pose2sim", **{"calib.toml": text}))

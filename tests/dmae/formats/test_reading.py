@@ -15,7 +15,7 @@ from dmae.formats import easymocap, panoptic
 from dmae.formats.calibrations import write_calibration
 from dmae.formats.coco import write_coco
 from dmae.formats.config import Convention, LengthUnit, UpDirection
-from dmae.formats.reading import Clips, DataConfig, select_views
+from dmae.formats.reading import Clips, DataConfig, recognise, select_views
 from tests.support.clips import full_clip, walkers
 from tests.support.recordings import recording, same_detections, write_frames, write_openpose_recording
 
@@ -188,6 +188,13 @@ def test_easymocap(walk, tmp_path):
     other = recording(BODY25B)
     easymocap.write_easymocap(other, tmp_path)
     same(read("easymocap", tmp_path, fps=25.0), other)
+
+
+def test_a_calibration_of_easymocap_is_no_recording_of_it(walk, tmp_path):
+    easymocap.write_cameras(walk.rig, tmp_path)
+    (tmp_path / "predictions").mkdir()
+    (tmp_path / "predictions" / "left.json").write_text("{}")
+    assert recognise(tmp_path) == "mmpose"
 
 
 def test_panoptic_has_cameras_truth_and_rate_but_no_detections_of_its_own(walk, tmp_path):

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from dmae.data.cameras import CameraRig
+from dmae.formats.rig import intrinsics
 from synth.rendering.config import ImageQuality, ImagingConfig
 from synth.rendering.renderer import Renderer
 from synth.rendering.sensor import Sensor, decode
 from synth.rigs.lenses import add_cameras
-from synth.rigs.placement import aimed, intrinsics
+from synth.rigs.placement import aimed
 from tests.support.standing_people import looking_along_x, scene
 
 FAULTLESS = {"exposure": 0, "white_balance": 0, "electrons": 0, "read_noise": 0}

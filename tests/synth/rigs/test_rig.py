@@ -79,22 +79,26 @@ def test_a_camera_may_look_straight_down():
 @pytest.mark.parametrize(
     ("change", "complaint"),
     [
-        ({"K": [1.0] * 8}, "expected 9 numbers of K, found 8"),
-        ({"K": []}, "expected 9 numbers of K, found 0"),
-        ({"cam_from_world": [0.0] * 16}, "expected 12 numbers of cam_from_world, found 16"),
-        ({"dist": [0.0] * 3}, "expected 4 or 5 or 6 or 7 or 8 numbers of dist, found 3"),
-        ({"cam_from_world": [0.0] * 12}, "holds no rotation"),
-        ({"cam_from_world": [-x for x in AHEAD]}, "holds no rotation"),
-        ({"K": [-50.0, 0, 32, 0, 50, 24, 0, 0, 1]}, "focal lengths must be positive"),
-        ({"focal": 50.0}, "either K or focal, found both"),
-        ({"K": [], "focal": -50.0}, "focal: expected more than 0 px, found -50.0"),
-        ({"size": [0, 48]}, "image size must be positive"),
-        ({"size": [64]}, "expected 2 numbers of size, found 1"),
-        ({"position": [1.0, 2, 3]}, "expected 3 numbers of target, found 0"),
-        ({"position": [1.0, 2, 3], "target": [0.0] * 3}, "either cam_from_world or position and target, found both"),
-        ({"cam_from_world": [], "position": [1.0] * 3, "target": [1.0] * 3}, "a target that is not the position"),
+        ({"K": [1.0] * 8}, r"expected K of 9 numbers, found \[1"),
+        ({"K": []}, "expected K of 9 numbers, found no such key"),
+        ({"cam_from_world": [0.0] * 16}, "expected cam_from_world to end with a row 0 0 0 1, found"),
+        ({"cam_from_world": [0.0] * 13}, "expected cam_from_world of 12 or 16 numbers, found"),
+        ({"dist": [0.0] * 3}, "expected dist of 4 or 5 or 6 or 7 or 8 numbers, found"),
+        ({"cam_from_world": [0.0] * 12}, "to be a right-handed rotation"),
+        ({"cam_from_world": [-x for x in AHEAD]}, "to be a right-handed rotation"),
+        ({"K": [-50.0, 0, 32, 0, 50, 24, 0, 0, 1]}, "expected K of positive focal lengths"),
+        ({"focal": 50.0}, "expected either K or focal, found both"),
+        ({"K": [], "focal": -50.0}, "expected focal of positive focal lengths, found -50"),
+        ({"size": [0, 48]}, "expected size to be a positive whole width and height"),
+        ({"size": [64]}, "expected size of 2 numbers, found"),
+        ({"cam_from_world": [], "position": [1.0, 2, 3]}, "expected target of 3 numbers, found no such key"),
+        ({"position": [1.0, 2, 3], "target": [0.0] * 3}, "either cam_from_world or position, found both"),
+        (
+            {"cam_from_world": [], "position": [1.0] * 3, "target": [1.0] * 3},
+            "target that is not the position",
+        ),
         ({"fisheye": True, "dist": [0.0, 0, 0, 0, 1]}, "a fisheye has four coefficients"),
-        ({"cam_from_world": [float("nan")] * 12}, "not finite"),
+        ({"cam_from_world": [float("nan")] * 12}, "expected cam_from_world of finite numbers"),
     ],
 )
 def test_a_malformed_camera_is_named(change, complaint):
@@ -103,7 +107,7 @@ def test_a_malformed_camera_is_named(change, complaint):
 
 
 def test_two_cameras_of_one_name_are_refused():
-    with pytest.raises(ValueError, match=r"'mine': camera names must be unique, found \('left', 'left'\)"):
+    with pytest.raises(ValueError, match=r"'mine': expected cameras of different names, found 'left' twice"):
         make_rig(RigConfig(name="mine", cameras=[CameraConfig(**LEFT)] * 2), rng=rng())
 
 
@@ -122,7 +126,7 @@ def test_malformed_rigs_are_refused(change):
 def able(rig: CameraRig, format: str) -> bool:
     """Whether a format has the numbers for a rig's lenses."""
     if rig.fisheye.any():
-        return format in ("pose2sim", "caliscope")
+        return format in ("pose2sim", "caliscope", "rig")
     return format != "shelf" or not rig.distorted.any()
 
 

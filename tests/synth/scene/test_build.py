@@ -8,12 +8,13 @@ import pytest
 
 from dmae.data.images import FIRST_OBJECT_ID
 from dmae.data.labels import Visibility
+from dmae.formats.rig import intrinsics
 from synth.labels.visibility import joint_visibility
 from synth.people.body import SKELETON, Body
 from synth.people.clothing import HAIRSTYLES
 from synth.people.mjcf import HIDDEN_GROUP
 from synth.physics.simulation import simulate
-from synth.rigs.placement import aimed, intrinsics
+from synth.rigs.placement import aimed
 from synth.rooms.props import footprints
 from synth.rooms.room import arena_file
 from synth.scene.build import STEPS_PER_CONTROL, SUBSTEPS, build_scene
