@@ -24,6 +24,10 @@ if TYPE_CHECKING:
     from dmae.data.clip import Detections2D as Detections2D
     from dmae.data.clip import Poses3D as Poses3D
     from dmae.data.clip import Source as Source
+    from dmae.data.labels import DetectionLabels as DetectionLabels
+    from dmae.data.labels import JointError as JointError
+    from dmae.data.labels import OcclusionLabels as OcclusionLabels
+    from dmae.data.labels import Visibility as Visibility
     from dmae.data.skeleton import Skeleton as Skeleton
     from dmae.data.skeleton import get_skeleton as get_skeleton
     from dmae.evaluation.config import EvaluateConfig as EvaluateConfig
@@ -72,6 +76,7 @@ _HOMES = {
     "dmae.completion.config": "LearningConfig ModelConfig TrainConfig",
     "dmae.data.cameras": "CameraRig",
     "dmae.data.clip": "Clip Detections2D Poses3D Source",
+    "dmae.data.labels": "DetectionLabels JointError OcclusionLabels Visibility",
     "dmae.data.skeleton": "Skeleton get_skeleton",
     "dmae.evaluation.config": "EvaluateConfig StressConfig TableConfig",
     "dmae.online.capture": "OnlineCapture",

@@ -354,8 +354,8 @@ def test_errors_of_read_name_its_arguments(clip, tmp_path: Path):
             dmae.read(tmp_path / "walk", **given)
     with pytest.raises(TypeError, match=r"^read: no option camera; did you mean cameras"):
         dmae.read(tmp_path / "walk", camera=["0"])
-    for name in ("clip.json", "intri.yml", "extri.yml"):
-        (tmp_path / name).touch()
+    (tmp_path / "clip.json").touch()
+    (tmp_path / "annots").mkdir()
     with pytest.raises(ValueError, match=r"found clip, easymocap; name it by format=\.\.\.$"):
         dmae.read(tmp_path)
 

@@ -58,6 +58,9 @@ class Clips(Sequence):
         self.names = [folder.name for folder in self.folders]
         self.numbers = range(self.total)
 
+    def __repr__(self) -> str:
+        return f"Clips({str(self.config.path)!r}, clips={len(self)})"
+
     def part(self, numbers: range) -> "Clips":
         """Return only the clips of the data set with these numbers."""
         part = copy(self)

@@ -60,7 +60,7 @@ def test_a_clip_is_itself(data_set):
 def test_clips_are_read_when_asked_for(data_set):
     clips = Clips(DataConfig(path=str(data_set)))
     (data_set / "b" / "clip.json").unlink()
-    assert clips[0].id == "a"
+    assert clips[0].id == "a" and repr(clips).endswith("', clips=2)")
     with pytest.raises(FileNotFoundError, match="b: expected a clip folder"):
         clips[1]
 
