@@ -3,12 +3,14 @@
 import sys
 from pathlib import Path
 
+from dmae.data.clip import Source
 from dmae.data.json_values import json_text
 from dmae.evaluation.config import EvaluateConfig
 from dmae.evaluation.evaluate import evaluate, forecast
 from dmae.evaluation.gates import check_baseline, compare_scores, scored_options
 from dmae.evaluation.scores import read_scores
 from dmae.files.contents import write_atomic
+from dmae.formats.reading import Clips
 from dmae.metrics.score_tables import score_tables
 from dmae.reporting.tables import print_tables
 
@@ -26,6 +28,10 @@ def run(config: EvaluateConfig, out: Path) -> None:
         print(f"{out}: {forecast(config)}")
         return
     scores = evaluate(config)
+    clips = Clips(config.data)
+    poses = clips[0].poses if clips.reader.name == "clip" and not config.poses else None
+    if poses is not None and (poses.source == Source.COMPLETED).any():
+        print(f"Scored is a new capture of the detections; poses={config.data.path} scores the completed poses there")
     path = out / "scores.json"
     write_atomic(path, json_text(scores))
     print_tables(score_tables(scores))

@@ -61,13 +61,14 @@ def run(config: PretrainCommand, out: Path) -> None:
         run_step(evaluate, true_poses, out / "scores_true")
     print_tables([overview(read_scores(out / "scores"))])
     say("compare with the weights that come with the package", 7, _STEPS)
+    print("your weights beside those of the package:")
     for name, plan in (("scores", captured), ("scores_true", true_poses)):
         with logged(out):
             run_step(evaluate, replace(plan, methods=["dmae"], weights=None), out / f"{name}_shipped")
         shipped, yours = (read_scores(out / f"{name}{each}") for each in ("_shipped", ""))
         gate = compare_scores(shipped, yours, ["methods"])
         own = [line for line in (*map(str, gate.changes), *gate.refused) if line.startswith("dmae,")]
-        print(*(f"your weights beside those of the package: {line}" for line in own), sep="\n")
+        print(*own, sep="\n")
     card = model_card(out / "model", [out / "scores", out / "scores_true"], command)
     write_atomic(out / "model/MODEL_CARD.md", card)
     print(f"The model is {out / 'model'}; tune it with dmae train init={out / 'model'} data=<recordings with truth>")

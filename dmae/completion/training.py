@@ -317,7 +317,8 @@ class Learner(lightning.LightningModule):
 
     def on_train_epoch_end(self) -> None:
         if not self.validation and self.trainer.is_global_zero:
-            self._print_loss("no clip is held back for validation; validation_data=[...] gives some")
+            without = "no clip is held back for validation; validation_data=[...] gives some"
+            self._print_loss("" if self.current_epoch else without)
         # The examples of the next epoch take as long to make.
         self._stop_in_time(self.limit.preparing)
 

@@ -233,7 +233,7 @@ def _check_content(scores: dict, what: str) -> None:
 
 
 def _changes(method: str, views: int, old: dict, new: dict) -> tuple[list[Change], list[str]]:
-    where, changes, refused = _where(method, views), [], []
+    where, changes, refused, short = _where(method, views), [], [], []
     pair = [sorted(each["runs"], key=_run) for each in (old, new)]
     if [*map(_run, pair[0])] != [*map(_run, pair[1])]:
         return [], [f"{where}: scored on other clips or subsets of cameras"]
@@ -241,24 +241,26 @@ def _changes(method: str, views: int, old: dict, new: dict) -> tuple[list[Change
         return [], [f"{where}: the truth covers other times"]
     tables = [run_table(runs) for runs in pair]
     for figure in FIGURES:
-        name, _, _, place = _JUDGED[figure]
+        name, unit, _, place = _JUDGED[figure]
         counted = [table.loc[table["figure"] == figure, "count"].sum() > 0 for table in tables]
         if not all(counted):
             known = "here" if counted[1] else "in the baseline"
             refused += [f"{where}: {name}: measured {known} alone"] if any(counted) else []
             continue
         change = figure_score(tables[1], figure) - figure_score(tables[0], figure)
+        before = reduce(getitem, place, old["mean"])
         low, high = change.interval
         if np.isnan(low):
             if abs(change.value) > _SMALLEST:
-                refused.append(
-                    f"{where}: {name}: less than 5 s of truth, or 1 s more for each further clip, too little for an "
-                    "interval; score longer clips"
-                )
+                short.append(f"{name} {before:.1f} -> {before + change.value:.1f} {unit}")
                 continue
             low = high = 0.0
-        before = reduce(getitem, place, old["mean"])
         changes.append(Change(method, views, figure, before, before + change.value, low, high))
+    if short:
+        refused.append(
+            f"{where}: {', '.join(short)}: too little truth for intervals, which need 5 s in one clip, and 1 s "
+            "more for each further clip"
+        )
     return changes, refused
 
 

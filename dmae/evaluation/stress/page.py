@@ -32,6 +32,10 @@ def summary(result: dict) -> list[str]:
         f"{counted(len(result['methods']), 'method')} on {counted(len(clips), 'clip')} ({_listed(clips)}), "
         f"{counted(len(axes), 'corruption')}. {_REFERENCES[result['reference']]}"
     ]
+    # A capture that fails without any corruption does not fall by 10 points more, and so never breaks.
+    starts = {name: at["points"][0]["pcp"][0] for name, at in axes[0]["methods"].items()} if axes else {}
+    if known := [f"{name} {pcp:.1f}" for name, pcp in starts.items() if pcp is not None]:
+        sentences.append(f"PCP before any corruption, in %: {', '.join(known)}.")
     broken = Counter({axis["name"]: len(axis["methods"]) - len(_unbroken(axis)) for axis in axes})
     if worst := [f"{name} ({number} of {len(result['methods'])})" for name, number in broken.most_common(3) if number]:
         sentences.append(f"These corruptions break the most methods: {_listed(worst)}.")

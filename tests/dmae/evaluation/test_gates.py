@@ -130,10 +130,11 @@ def test_few_seconds_are_refused_where_they_changed(folder: Path):
     save_clip(seen(frames=50), folder / "short")
     short = json.loads(json.dumps(evaluate(config(folder / "short", methods=["linear"]))))
     assert compare_scores(short, short).passed
-    gate = compare_scores(short, worse(short, "mpjpe", 5.0))
-    assert gate.refused == (
-        "linear, 4 views: MPJPE: less than 5 s of truth, or 1 s more for each further clip, too little for an interval"
-        "; score longer clips",
+    (refused,) = compare_scores(short, worse(worse(short, "mpjpe", 5.0), "pcp", 3.0)).refused
+    assert re.fullmatch(
+        r"linear, 4 views: strict PCP [\d.]+ -> [\d.]+ %, MPJPE [\d.]+ -> [\d.]+ mm: too little truth for intervals, "
+        "which need 5 s in one clip, and 1 s more for each further clip",
+        refused,
     )
     # Another processor can cause smaller changes.
     assert compare_scores(short, worse(short, "mpjpe", 0.04)).passed

@@ -52,6 +52,16 @@ def test_the_true_poses_are_perfect_whoever_is_first(clip: Clip, tmp_path: Path)
     assert result["mean"]["mpjpe"]["all"] < 1
 
 
+def test_a_completed_clip_is_told_how_its_poses_are_scored(clip: Clip, tmp_path: Path):
+    poses = true_poses(clip)
+    save_clip(
+        replace(clip, poses=replace(poses, source=np.full_like(poses.source, Source.COMPLETED))), tmp_path / "full"
+    )
+    line = "Scored is a new capture of the detections; poses=full scores the completed poses there"
+    assert line in dmae(tmp_path, "evaluate", "data=full", "methods=[measured]").stdout
+    assert line not in dmae(tmp_path, "evaluate", "data=full", "poses=full", "out=own").stdout
+
+
 def test_completed_joints_are_those_that_were_hidden(clip: Clip, tmp_path: Path):
     poses = true_poses(clip)
     source = poses.source.copy()

@@ -116,6 +116,7 @@ def test_the_best_is_named_with_those_that_noise_does_not_tell_from_it(result):
 def test_words_say_what_breaks_and_what_was_not_measured(result):
     text = " ".join(summary(result))
     assert "3 methods on 1 clip (a), 1 corruption. Results are compared with the truth" in text
+    assert "PCP before any corruption, in %: steady " in text
     assert "Of 1 corruption, this many do not break a method: steady 1, frail 0, as_good 1." in text
     sentence = breaking_sentence(result["axes"][0])
     assert re.fullmatch(
