@@ -23,7 +23,6 @@ from dmae.reconstruction.noise import DetectionNoise
 from dmae.reconstruction.people import (
     coincidental,
     inside_volume,
-    known_joints,
     merge,
     same_person,
     too_brief,
@@ -39,9 +38,6 @@ if TYPE_CHECKING:
 
 BATCH = 0.08
 """s of frames that are finished together. Their joints are measured with one frame, their rays with the next."""
-_JUDGED_AFTER, _JUDGED_EVERY = 2.0, 0.5
-"""s; time for which people are measured before it is examined which of them are ghosts that rest in the images, and
-time after which that is examined again. A second or less says too little of people who stand."""
 _MIN_MEMORY = 2.0  # s of frames that are remembered at least: bone lengths are measured over them
 
 
@@ -130,8 +126,6 @@ class OnlineCapture:
         self._number = self._seen = self._waiting = 0
         self._person_of: dict[int, int] = {}
         self._frames_of: dict[int, np.ndarray] = {}
-        self._ghosts: set[int] = set()
-        self._judged = 0
 
     def push(self, detections: Detections2D) -> list[FinishedFrame]:
         """Take the next frame, of shape (1, V, D, J, ...) with any D; return the frames that it finishes, in order.
@@ -246,11 +240,5 @@ class OnlineCapture:
         settled = earlier + measured[:, : window.stop - window.start].sum(1)
         self._frames_of |= dict(zip(number.tolist(), settled.T, strict=True))
         number, tracks = number[kept], tracks.select(kept)
-        if self._seen >= self._judged + _JUDGED_EVERY * fps:
-            lasting = (known_joints(tracks.xyz) > 0).sum(0) >= _JUDGED_AFTER * fps
-            judged = tracks.select(lasting)
-            found = resting_ghosts(self._clip(self._detected), judged.assigned, judged.xyz, config, self._noise)
-            self._ghosts = set(number[lasting][found].tolist())
-            self._judged = self._seen
-        kept = np.array([p not in self._ghosts for p in number.tolist()], bool)
-        return number[kept], tracks.select(kept)
+        resting = resting_ghosts(self._clip(self._detected), tracks.assigned, tracks.xyz, config, self._noise)
+        return number[~resting], tracks.select(~resting)
