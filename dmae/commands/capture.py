@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dmae.calibration.world import Floor, find_floor, place_clip, upright_world
+from dmae.calibration.world import UPRIGHT, Floor, find_floor, place_clip, upright_direction, upright_world
 from dmae.commands.config import CaptureCommand
 from dmae.commands.data_sets import (
     ClipSet,
@@ -45,6 +45,7 @@ from dmae.reporting.tables import counted, print_tables
 
 _TRIED = 50  # Greatest number of frames of a clip that a forecast captures
 _WORST = 3  # Joints with the largest reprojection errors that are printed
+_UPRIGHT_Z = 0.5  # Least z of the unit vector from feet to head of people who stand in a world with z up
 _FEW = 0.4  # Share of the detected joints; where people explain fewer, something is wrong
 interrupted = finished
 
@@ -128,6 +129,15 @@ def _print_doubts(clip: Clip, config: CaptureConfig, persons: int, errors: Repro
             ours = f" by capture.method={config.method}; here are the steps of capture.method={ADAPTIVE}"
         print(f"{clip.id}: no person was captured{ours}; {explain_capture(clip, config)}")
         return
+    assert clip.poses is not None
+    people = clip.poses.xyz.reshape(-1, *clip.poses.xyz.shape[2:])
+    standing = None if clip.poses.skeleton.defined else upright_direction(people, clip.poses.skeleton)
+    if standing is not None and standing[1] >= UPRIGHT and standing[0][2] < _UPRIGHT_Z:
+        axis = ", ".join(f"{x:.2f}" for x in standing[0])
+        print(
+            f"{clip.id}: people lie along ({axis}) all the time, or another axis than z is up: dmae doctor, with the "
+            "same data=..., names the value for data.up (of dmae run: world.up)"
+        )
     if (config.persons, config.volume, config.subject) != (None, None, SubjectConfig()):
         return  # people were left out on purpose
     detected = int((clip.detections.score >= config.th_p).sum())

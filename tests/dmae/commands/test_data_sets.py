@@ -195,6 +195,12 @@ def test_doctor_names_the_way_to_an_option_where_a_clip_has_none(tmp_path):
     write_calibration(Convention(up=UpDirection.y).written_rig(clip.rig), tmp_path / "rig.toml", "pose2sim")
     done = run_command(tmp_path, "dmae", "doctor", "data=a", "data.calibration=rig.toml")
     assert "correction: data.up=y" in done.stdout, done.stdout
+    given = ("capture", "data=a", "data.calibration=rig.toml")
+    wrong, right = (run_command(tmp_path, "dmae", *given, *each) for each in (("out=w",), ("data.up=y", "out=r")))
+    said = (
+        "all the time, or another axis than z is up: dmae doctor, with the same data=..., names the value for data.up"
+    )
+    assert said in wrong.stdout and said not in right.stdout
 
 
 def contents(path: Path) -> dict[str, bytes]:
