@@ -134,7 +134,9 @@ def _at_rest(
     found = rig.undistort(np.where(own[..., None], found, np.nan))
     middle = median_known(xyz.reshape(-1, 3))
     depth = rig.cam_from_world[:, 2, :3] @ middle + rig.cam_from_world[:, 2, 3]
-    sigma = np.hypot(noise.usual_m * rig.focal / np.maximum(depth, 0.1), noise.floor_px)
+    # What calibration is off by is the same in all frames.
+    scatter2 = (noise.usual_m * rig.focal / np.maximum(depth, 0.1)) ** 2 - noise.calibration_px**2
+    sigma = np.hypot(np.sqrt(np.maximum(scatter2, 0)), noise.jitter_px)
     means, moved, gestures = np.full(found.shape[1:], np.nan), 0, np.zeros(found.shape[2], int)
     for view in range(views):
         shown = found[own[:, view].sum(-1) >= 3, view]
@@ -185,7 +187,7 @@ def _most_frequent(detections: np.ndarray) -> int:
 def _drop_misfits(evidence: Evidence, own: np.ndarray) -> None:
     """Replace by `NONE`, one by one, the views (V, J) of a figure that fit worst: most joints farther off than noise
     explains."""
-    rig, limit = evidence.rig, _FITTING * evidence.noise.usual_m
+    rig, noise = evidence.rig, evidence.noise
     while (seen := (own != NONE).any(-1)).sum() > 2:
         xyz = evidence.triangulate(own[None, None]).xyz[0, 0]
         pixel, depth = (each[0] for each in rig.project(xyz[None]))
@@ -195,9 +197,10 @@ def _drop_misfits(evidence: Evidence, own: np.ndarray) -> None:
         freedom = np.sqrt(2 * number / np.maximum(2 * number - 3, 1))
         off = np.where(own == NONE, np.nan, np.linalg.norm(pixel - xy, axis=-1) * depth / rig.focal[:, None] * freedom)
         off = np.where(np.isnan(off) & (own != NONE) & (number > 1), np.inf, off)
-        off = median_over_frames(off.T)
+        sigma = np.hypot(noise.usual_m, noise.calibration_px[:, None] * depth / rig.focal[:, None])
+        off = median_over_frames((off / sigma).T)
         worst = np.where(seen, np.nan_to_num(off, nan=np.inf), -1).argmax()
-        if off[worst] <= limit:
+        if off[worst] <= _FITTING:
             break
         own[worst] = NONE
 

@@ -1,8 +1,8 @@
 """What a detection is worth: the noise of a detector and of a calibration, learned from the recording itself.
 
-Joints that several cameras see have residuals. They show how far detections scatter: by camera, which includes the
-errors of its calibration and of the grid that a detector rounds to; by kind of joint; by size of the person; and by
-confidence, whatever its scale. F frames, P people, V views, J joints.
+Joints that several cameras see have residuals. They show how far detections scatter: by camera, for example because a
+detector rounds to a grid; by kind of joint; by size of the person; and by confidence, whatever its scale. What is the
+same in all frames is the error of the calibration. F frames, P people, V views, J joints.
 """
 
 from __future__ import annotations
@@ -26,7 +26,11 @@ _CLIPPED = 2.5
 _EXPECTED = 0.809, 0.918
 """Mean clipped square of Gaussian residuals, of joints that two views measured (1 degree of freedom), and others."""
 _ROUNDS = 30  # Number of updates of the parameters
+_SHARED = 6.0
+"""Number of observations that the calibration error of all cameras counts as, beside the two of each: a camera has six
+parameters of its pose."""
 _LEAST_PX, _LEAST_M = 0.2, 0.001  # px and m; smallest sigmas
+_DISAGREE = 0.6  # Share of sigma due to calibration from which the line about the noise says so
 _SAYS = 0.15  # Relative difference of sigma between confidences below which confidences say nothing
 
 
@@ -40,7 +44,8 @@ class DetectionNoise:
     """
 
     model: NoiseModel  # Prior, and how sigma depends on trusted confidences
-    floor_px: np.ndarray  # (V,) px of each camera, for people of any size
+    floor_px: np.ndarray  # (V,) px of each camera, for people of any size, calibration included
+    calibration_px: np.ndarray  # (V,) px; standard deviation of the error of its calibration, the same in all frames
     spread_m: np.ndarray  # (J,) m on the person, by joint
     knots: np.ndarray  # (K,) scores of the detector, ascending
     confidences: np.ndarray  # (K,) trusted confidences at the knots; between them they are interpolated
@@ -54,7 +59,12 @@ class DetectionNoise:
         """Return what is assumed of a detector before anything is learned: scores are confidences."""
         usual, ends = float(model.sigma(np.array(USUAL))), np.array([0.0, 1.0])
         floor, spread = np.full(views, model.min_sigma_px), np.full(joints, usual)
-        return cls(model, floor, spread, ends, ends, np.zeros(views, bool), usual_m=usual)
+        return cls(model, floor, np.zeros(views), spread, ends, ends, np.zeros(views, bool), usual_m=usual)
+
+    @property
+    def jitter_px(self) -> np.ndarray:
+        """(V,) px of each camera that differ from frame to frame: the floor without the calibration."""
+        return np.sqrt(np.maximum(self.floor_px**2 - self.calibration_px**2, 0))
 
     @property
     def widening(self) -> float:
@@ -94,6 +104,9 @@ class DetectionNoise:
                 f"; detectors err by less than {1000 * _DOUBTFUL_M:.0f} mm: dmae doctor, with the same data=..., "
                 "examines calibration and synchronisation"
             )
+        off = np.median(self.calibration_px)
+        if off > _DISAGREE * self.usual_px:
+            text += f"; calibrations are off by {off:.0f} px (see dmae doctor, dmae calibrate)"
         if self.constant.all():
             return f"{text}; confidences say nothing, so they are not used"
         if self.constant.any():
@@ -106,8 +119,8 @@ class DetectionNoise:
     def summary(self, names: tuple[str, ...]) -> dict:
         """Return the estimate as JSON values, for the provenance of a clip with cameras `names`."""
         rounded = {
-            "floor_px": self.floor_px, "spread_mm": 1000 * self.spread_m, "scores": self.knots,
-            "confidences": self.confidences,
+            "floor_px": self.floor_px, "calibration_px": self.calibration_px, "spread_mm": 1000 * self.spread_m,
+            "scores": self.knots, "confidences": self.confidences,
         }  # fmt: skip
         return (
             {"found": self.describe(names), "observations": self.count}
@@ -128,15 +141,11 @@ class Residuals:
     view: np.ndarray
     joint: np.ndarray
     score: np.ndarray  # (n,) of the detector
-    square: np.ndarray  # (n,) squared distance from the reprojected point, px^2
+    square: np.ndarray  # (n,) squared distance from the reprojected point without the calibration errors found, px^2
     scale: np.ndarray  # (n,) px per m at the person
     freedom: np.ndarray  # (n,) expected square relative to 2 sigma^2: less than 1 where the point follows the detection
     pair: np.ndarray  # (n,) True where only two views measured the point
-
-    def __add__(self, other: Residuals) -> Residuals:
-        return Residuals(
-            *(np.concatenate(both) for both in zip(vars(self).values(), vars(other).values(), strict=True))
-        )
+    calibration_px: np.ndarray  # (V,) px; standard deviation of the calibration error of each camera
 
 
 def residuals(
@@ -175,10 +184,59 @@ def residuals(
     cov = np.linalg.inv(information + 1e-9 * np.trace(information, axis1=1, axis2=2)[:, None, None] * np.eye(3))
     follows = weight * np.einsum("nij,njk,nik->n", slope, cov[group], slope) / 2
     freedom = np.where(used, 1 - follows, 1 + follows)
-    square = ((pixel - xy[place]) ** 2).sum(-1)
+    off = pixel - xy[place]
+    measured = used & known[group] & np.isfinite(off[:, 0])
+    calibration, shift = _calibration_errors(rig.focal, off, slope, weight, cov, view, group, measured)
+    square = ((off - shift) ** 2).sum(-1)
     kept = known[group] & (depth > 0) & (freedom > 0.02) & np.isfinite(square) & np.isfinite(score[place])
     parts = view, joint, score[place], square, scale, freedom, used & (count[group] == 2)
-    return Residuals(*(part[kept] for part in parts))
+    return Residuals(*(part[kept] for part in parts), calibration)
+
+
+def _calibration_errors(
+    focal: np.ndarray, off: np.ndarray, slope: np.ndarray, weight: np.ndarray, cov: np.ndarray,
+    view: np.ndarray, group: np.ndarray, measured: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Estimate how far the calibration of each camera is off: it displaces its image by b_v, the same in all frames.
+
+    Points follow the cameras, so residuals show b without what moves the points: for a point with Jacobians J, weights
+    W and covariance C, they are b - J C J^T W b. A camera may therefore look right because points follow it, and
+    thousands of residuals say no more about it than one displacement. So b_v is assumed to be normal with variance
+    tau_v^2 along each axis. The mean m and the covariance P of b given the residuals follow by least squares; P is
+    large for displacements that points follow. The expected square of b_v, from m and P, is two observations of
+    tau_v^2; what the cameras share counts as `_SHARED` (an inverse gamma prior, with the scale that fits best: Gelman
+    et al., Bayesian Data Analysis, 3rd ed., ch. 5).
+
+    Args:
+        focal: (V,) px; displacements are in proportion to it.
+        off: (n, 2) px from the detections to the reprojected points.
+        slope: (n, 2, 3) px per m.
+        weight: (n,) 1/px^2.
+        cov: (m, 3, 3) m^2, of the points.
+        view, group: (n,) indices of the camera and of the point.
+        measured: (n,) True where the point was triangulated from the detection.
+
+    Returns:
+        tau (V,) px, and the part of `off` (n, 2) that m explains.
+    """
+    views, scale = len(focal), focal / focal.mean()
+    size = np.sqrt(weight * (off**2).sum(-1))
+    pull = np.where(measured, weight * np.minimum(1, 2 / np.maximum(size, 1e-9)) * scale[view], 0)
+    moves = np.zeros((len(cov), views, 2, 3))  # of a point, before its covariance: J^T W of each camera
+    moves[group[measured], view[measured]] = pull[measured, None, None] * slope[measured]
+    moves = moves.reshape(len(cov), 2 * views, 3)
+    own = np.repeat(np.bincount(view, pull * scale[view], views), 2)
+    information = np.diag(own) - np.einsum("gai,gij,gbj->ab", moves, cov, moves)
+    told = np.stack([np.bincount(view[measured], (pull[:, None] * off)[measured, k], views) for k in (0, 1)], 1).ravel()
+    tau2 = np.full(views, max((off[measured] ** 2).sum() / max(2 * measured.sum(), 1), _LEAST_PX**2))
+    for _ in range(_ROUNDS):
+        covariance = np.linalg.inv(information + np.diag(np.repeat(1 / tau2, 2)))
+        mean = covariance @ told
+        square = (mean**2 + np.diag(covariance)).reshape(views, 2).sum(1)
+        tau2 = np.maximum((_SHARED / np.mean(1 / tau2) + square) / (_SHARED + 2), 1e-4)
+    moved = np.einsum("gij,gaj,a->gi", cov, moves, mean)
+    shift = scale[view, None] * mean.reshape(views, 2)[view] - (slope @ moved[group][..., None])[..., 0]
+    return scale * np.sqrt(tau2), np.where(np.isfinite(shift), shift, 0)
 
 
 def fit(found: Residuals, prior: DetectionNoise, start: DetectionNoise, skeleton: Skeleton) -> DetectionNoise:
@@ -215,7 +273,7 @@ def fit(found: Residuals, prior: DetectionNoise, start: DetectionNoise, skeleton
     of = kind[found.joint]
     # Variances that start too small change slowly.
     middle = np.median(found.square / found.freedom) / 4
-    floor2, level2 = np.maximum(start.floor_px**2, middle), np.mean(start.spread_m**2)
+    floor2, level2 = np.maximum(start.jitter_px**2, middle), np.mean(start.spread_m**2)
     level_prior2 = np.mean(prior.spread_m**2)
     kind2, shape2 = np.ones(len(kinds)), shape_prior2.copy()
     expected = np.where(found.pair, *_EXPECTED)
@@ -251,10 +309,12 @@ def fit(found: Residuals, prior: DetectionNoise, start: DetectionNoise, skeleton
     confidences = (model.sigma_unsure_m - usual * shape) / (model.sigma_unsure_m - model.sigma_sure_m)
     if told.any() and confidences[1] > confidences[-1]:
         confidences[0] = confidences[1]
+    floor2 = floor2 + found.calibration_px**2
     sigma = np.sqrt(floor2[found.view] + scale2 * level2 * kind2[of] * shape2[bin_])
     return replace(
         prior,
         floor_px=np.sqrt(floor2),
+        calibration_px=found.calibration_px,
         spread_m=np.sqrt(level2 * kind2[kind]),
         knots=knots,
         confidences=np.clip(confidences, 0, 1) if told.any() else prior.confidences,

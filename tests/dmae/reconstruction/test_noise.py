@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dmae.calibration.bundle_adjustment import CENTRE, ROTATION, Calibration, Q
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import BODY25
 from dmae.reconstruction.config import CaptureConfig, NoiseModel
@@ -33,7 +34,7 @@ def drawn(size: int, outliers: float, rng) -> tuple[Residuals, np.ndarray]:
     sigma = np.hypot(np.array([1.0, 1.0, 2.0, 12.0])[view], scale * 0.03 * (1.8 - score))
     freedom = np.full(size, 0.6)
     square = 2 * freedom * sigma**2 * rng.exponential(size=size) * np.where(rng.random(size) < outliers, 100, 1)
-    return Residuals(view, joint, score, square, scale, freedom, np.zeros(size, bool)), sigma
+    return Residuals(view, joint, score, square, scale, freedom, np.zeros(size, bool), np.zeros(4)), sigma
 
 
 @pytest.mark.parametrize("outliers, off", [(0.0, 0.05), (0.05, 0.12)])
@@ -119,6 +120,39 @@ def test_scores_that_have_nothing_to_do_with_errors_are_not_used():
     score = np.where(clip.detections.observed, rng.uniform(0.6, 0.95, clip.detections.score.shape), np.nan)
     strange = replace(clip, detections=Detections2D(BODY25, clip.detections.xy, score))
     assert learn_noise(strange, LEARNED).constant.all()
+
+
+def with_moved_cameras(clip: Clip, moved_m: float, turned_deg: float, view: int | None = None, seed: int = 0) -> Clip:
+    """Return a clip with a calibration in which all cameras, or one, are elsewhere and look elsewhere."""
+    rng, step = np.random.default_rng(seed), np.zeros((len(clip.rig), Q))
+    for part, size in ((CENTRE, moved_m), (ROTATION, np.radians(turned_deg))):
+        direction = rng.normal(size=(len(clip.rig), 3))
+        step[:, part] = size * direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    if view is not None:
+        step[np.arange(len(step)) != view] = 0
+    return replace(clip, rig=Calibration.of(clip.rig).changed(step).rig)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_camera_is_trusted_to_a_pixel_where_all_are_displaced(seed):
+    """Points follow a camera that weighs much, so it looks right; nothing else says that it is."""
+    clip = seen(2.0)
+    faulty = with_moved_cameras(clip, 0.03, 0.7, seed=seed)
+    noise, xyz = learn_noise(faulty, LEARNED), crossing()[:60].reshape(-1, 3)
+    displaced = np.sqrt(np.mean((faulty.rig.project(xyz)[0] - clip.rig.project(xyz)[0]) ** 2))
+    assert noise.floor_px.min() > 0.5 * displaced and noise.floor_px.max() < 2 * displaced
+    assert "calibrations are off by" in noise.describe(clip.rig.names)
+
+
+def test_one_displaced_camera_counts_less_than_the_others():
+    noise = learn_noise(with_moved_cameras(seen(2.0, views=5), 0.05, 2.0, view=3), LEARNED)
+    assert noise.calibration_px.argmax() == 3
+    assert noise.floor_px[3] > 3 * np.median(noise.floor_px)
+
+
+def test_sound_cameras_are_said_to_be_sound():
+    noise = learn_noise(seen(4.0), LEARNED)
+    assert noise.calibration_px.max() < 1 and "calibrations" not in noise.describe(tuple("abcd"))
 
 
 def test_what_cannot_be_learned_is_assumed():
