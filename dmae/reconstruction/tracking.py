@@ -19,7 +19,15 @@ from dmae.numerics.compiled import compiled
 from dmae.numerics.statistics import median_known
 from dmae.progress import progress
 from dmae.reconstruction.appearance import TorsoColours, has_appearance
-from dmae.reconstruction.association import NONE, Candidates, find_groups, highest_affinity, propagate
+from dmae.reconstruction.association import (
+    NONE,
+    Candidates,
+    exchange_members,
+    find_groups,
+    highest_affinity,
+    pair_evidence,
+    propagate,
+)
 from dmae.reconstruction.chance import expected_by_chance
 from dmae.reconstruction.config import CaptureConfig, ComparedJoints, DistanceUnit, fewer_of_few
 from dmae.reconstruction.evidence import Evidence, evidence_blocks
@@ -108,13 +116,16 @@ class TrackState:
     unseen: np.ndarray  # (T,) s since the person was measured
     age: np.ndarray  # (T,) s for which the person has been measured with support
     unsupported: np.ndarray  # (T,) s since the person was measured with support
+    mixed: np.ndarray  # (T,) s for which its views showed different people, see `_mixed_views`
 
     @classmethod
     def birth(cls, first: int, xyz: np.ndarray) -> TrackState:
         """Return new tracks, numbered from `first` on, of people with joints (T, J, 3)."""
         count, joints = xyz.shape[:2]
         zero = np.zeros(count)
-        return cls(first + np.arange(count), xyz, np.zeros((count, 3)), np.zeros((count, joints)), zero, zero, zero)
+        return cls(
+            first + np.arange(count), xyz, np.zeros((count, 3)), np.zeros((count, joints)), zero, zero, zero, zero
+        )
 
     def __getitem__(self, index) -> TrackState:
         return TrackState(*(getattr(self, f.name)[index] for f in fields(self)))
@@ -165,6 +176,7 @@ _LONGEST_BONE = 0.8
 """m; no person has a longer bone. In your own skeletons, bones may have the length of the body."""
 _DUPLICATE_DISTANCE = 0.2  # m; a new person at a smaller median distance from a tracked one is a duplicate of it
 _REENTRY_DISTANCE, _WALKING_SPEED = 0.3, 1.5  # m and m/s: largest distance of a re-entry from the predicted place
+_MIXED_S = 0.2  # s; time after which a track ends whose views show different people
 _ITERATIONS = 2  # Number of steps of refinement; points for assignment need not be exact
 
 
@@ -202,11 +214,12 @@ class Tracker:
         points = evidence.triangulate(assigned[None], _ITERATIONS)
         xyz, plausible = self._plausible(points.xyz[0], assigned, self._fewest)
         used, xyz[~plausible] = points.used[0], np.nan
+        mixed = self._split(evidence, state, assigned, primary, xyz)
         # What is left over near a person, a fragment or a duplicate, may also show somebody behind or in front.
         view, person = np.nonzero((primary != NONE) & plausible)
         free = np.ones(evidence.xy.shape[1:3], bool)
         free[view, primary[view, person]] = False
-        groups = _match(evidence, free, colours, self._compared, self._strangers is not None)
+        groups = _match(evidence, free, colours, self._compared, mixed or self._strangers is not None)
         if len(groups):
             points = evidence.triangulate(groups[None], _ITERATIONS)
             new, plausible = self._plausible(points.xyz[0], groups, self._birth_joints)
@@ -234,6 +247,17 @@ class Tracker:
         self._state = state[lasting & ~np.isnan(state.xyz[..., 0]).all(-1)]
         assigned = np.where(absent[:, None, None], NONE, assigned)
         return TrackedFrame(state.track, assigned, xyz, np.where(absent, np.inf, chance))
+
+    def _split(
+        self, evidence: Evidence, state: TrackState, assigned: np.ndarray, primary: np.ndarray, xyz: np.ndarray
+    ) -> bool:
+        """End the tracks whose two views have shown different people for a while, and return whether there are any."""
+        if self._strangers is not None:
+            return False
+        state.mixed = np.maximum(state.mixed + np.where(_mixed_views(evidence, primary), self._dt, -self._dt), 0)
+        ended = state.mixed >= _MIXED_S
+        assigned[ended], primary[:, ended], xyz[ended], state.xyz[ended] = NONE, NONE, np.nan, np.nan
+        return bool(ended.any())
 
     def _plausible(self, xyz: np.ndarray, assigned: np.ndarray, min_joints: int) -> tuple[np.ndarray, np.ndarray]:
         """Return joints (T, J, 3), and (T,) True where assigned detections (T, V, J) show one person by these joints.
@@ -340,6 +364,38 @@ def _match(
     found = np.where(members == NONE, NONE, detection[members])
     shown = (members != NONE)[..., None] & present[np.arange(len(confidence)), found]
     return np.where(shown, found[..., None], NONE)
+
+
+def _mixed_views(evidence: Evidence, primary: np.ndarray) -> np.ndarray:
+    """Return (T,) True for people of two views, `primary` (V, T), one of which fits detections of other views better.
+
+    A wrong pair of views finds itself again, at the same wrong place, for as long as two people rest.
+    """
+    mixed, config = np.zeros(primary.shape[1], bool), evidence.config.association
+    if len(primary) < 3 or not ((primary != NONE).sum(0) == 2).any():
+        return mixed
+    confidence, views = evidence.confidence[0], np.arange(len(primary))
+    known = (~np.isnan(confidence)).sum(-1)
+    view, detection = np.nonzero(known >= fewest_joints(confidence.shape[-1]))
+    rays, alone = evidence.rays(0, view, detection), np.arange(len(view))
+    candidates = Candidates.of(view, evidence.rig.centers, rays, confidence[view, detection])
+    number = np.full((len(views), known.shape[1] + 1), NONE)
+    number[view, detection] = alone
+    people = number[views[:, None], primary]  # (V, T) their candidates
+    members = np.where(view[:, None] == views, alone[:, None], NONE)
+    for own in people.T:
+        at = own[own != NONE]
+        members[at] = NONE
+        members[at[:1]] = own
+    lengths = np.array([config.ray_distance_m, 0, config.min_affinity], np.float32)
+    exchange_members(members, view, pair_evidence(candidates, *lengths), lengths[-1])
+    row, column = np.nonzero(members != NONE)
+    group, size = np.empty(len(view), int), (members != NONE).sum(1)
+    group[members[row, column]] = row
+    for t in np.flatnonzero((people != NONE).sum(0) == 2):
+        one, other = group[people[people[:, t] != NONE, t]]
+        mixed[t] = one != other and max(size[one], size[other]) > 1
+    return mixed
 
 
 def _by_chance(

@@ -49,6 +49,27 @@ def test_people_who_stand_still_among_resting_ghosts_are_people(ghosts, hidden):
     assert poses.xyz.shape[1] == 2
 
 
+def test_two_people_whom_one_view_each_showed_at_first_are_told_apart_later():
+    """They stand on the line from a camera to one place, at which both cameras seem to see one person."""
+    rig, place = looking_at_origin(3), np.zeros((60, 2, 1, 3))
+    away = -rig.centers[[0, 2]] * (1, 1, 0)
+    place[:, :, 0] = 0.3 * away / np.linalg.norm(away, axis=-1, keepdims=True)
+    people = np.tile(t_pose(), (60, 2, 1, 1)) + place
+    hidden = people.copy()
+    xy, score = [], []
+    for view, shown in enumerate((0, None, 1)):
+        hidden[:6] = np.nan
+        if shown is not None:
+            hidden[:6, shown] = people[:6, shown]
+        detected = detected_clip(hidden, rig=rig).detections
+        xy.append(detected.xy[:, view])
+        score.append(detected.score[:, view])
+    detections = Detections2D(BODY25, np.stack(xy, 1), np.stack(score, 1))
+    poses = capture(Clip("made up", 25.0, rig, detections), CaptureConfig())
+    assert poses.xyz.shape[1] == 2
+    assert np.nanmedian(errors(poses, people)) < 0.05
+
+
 def unseen(clip: Clip, view: int, frames: slice) -> None:
     """Remove the first detection of a camera in some frames."""
     clip.detections.xy[frames, view, 0], clip.detections.score[frames, view, 0] = np.nan, np.nan
