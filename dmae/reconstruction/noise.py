@@ -190,7 +190,7 @@ def residuals(
     square = ((off - shift) ** 2).sum(-1)
     kept = known[group] & (depth > 0) & (freedom > 0.02) & np.isfinite(square) & np.isfinite(score[place])
     parts = view, joint, score[place], square, scale, freedom, used & (count[group] == 2)
-    return Residuals(*(part[kept] for part in parts), calibration)
+    return Residuals(*(*(part[kept] for part in parts), calibration))
 
 
 def _calibration_errors(
@@ -222,9 +222,9 @@ def _calibration_errors(
     views, scale = len(focal), focal / focal.mean()
     size = np.sqrt(weight * (off**2).sum(-1))
     pull = np.where(measured, weight * np.minimum(1, 2 / np.maximum(size, 1e-9)) * scale[view], 0)
-    moves = np.zeros((len(cov), views, 2, 3))  # of a point, before its covariance: J^T W of each camera
-    moves[group[measured], view[measured]] = pull[measured, None, None] * slope[measured]
-    moves = moves.reshape(len(cov), 2 * views, 3)
+    by_view = np.zeros((len(cov), views, 2, 3))  # of a point, before its covariance: J^T W of each camera
+    by_view[group[measured], view[measured]] = pull[measured, None, None] * slope[measured]
+    moves = by_view.reshape(len(cov), 2 * views, 3)
     own = np.repeat(np.bincount(view, pull * scale[view], views), 2)
     information = np.diag(own) - np.einsum("gai,gij,gbj->ab", moves, cov, moves)
     told = np.stack([np.bincount(view[measured], (pull[:, None] * off)[measured, k], views) for k in (0, 1)], 1).ravel()
