@@ -1,7 +1,8 @@
 """A real recording to completed 3D: Pose2Sim's demo session, four cameras, one person balancing on a beam.
 
 The folder is read as Pose2Sim wrote it. Its cameras disagree by centimetres; what a pixel of each camera is
-worth is learned from the recording.
+worth is learned from the recording. A second person, whom two cameras show, stands and watches:
+`capture(..., dmae.CaptureConfig(persons=1))` leaves her out.
 """
 
 import os
@@ -25,7 +26,7 @@ captured = dmae.capture(clip)
 full = dmae.complete(captured, fps=clip.fps)
 for name, poses in ("captured", captured), ("completed", full):
     known = (poses.source != dmae.Source.ABSENT).mean()
-    print(f"{name:10}{poses.xyz.shape[1]} person, {known:.1%} of the joints known")
+    print(f"{name:10}{poses.xyz.shape[1]} people, {known:.1%} of the joints known")
 
 # How far the joints of the person on the beam lie from the nearest detection of each camera.
 main = (captured.source != dmae.Source.ABSENT).sum((0, 2)).argmax()

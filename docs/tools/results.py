@@ -20,7 +20,7 @@ METHODS = {
     "rays": "`pchip_body`, on the ray where one camera saw the joint (`rays`)",
     "gaussian_process": "`rays`, then a Gaussian process over similar poses (`gaussian_process`)",
     "reject_gaussian_process": "contradicted joints rejected, then `gaussian_process` (`reject_gaussian_process`)",
-    "dmae": "D-MAE (`dmae`): shipped weights; measured joints are not changed",
+    "dmae": "D-MAE (`dmae`); measured joints are not changed",
     "dmae_reject": "D-MAE, contradicted joints rejected (`dmae_reject`)",
     "dmae_denoise": "**D-MAE as `dmae complete` runs by default** (`dmae_denoise`)",
     "dmae_online": "D-MAE during a recording (`dmae_online`)",

@@ -132,6 +132,9 @@ def test_the_real_person_is_captured_in_every_frame(balancing):
     poses = capture(clip, CaptureConfig())
     there = (~np.isnan(poses.xyz[:, person(poses, theirs), :, 0])).sum(1)
     assert there.min() >= 20
+    # The other stands and watches; two cameras show her.
+    assert poses.xyz.shape[1] == 2
+    assert (~np.isnan(poses.xyz[:, 1 - person(poses, theirs), :, 0])).sum(1).min() >= 15
 
 
 def test_large_errors_are_smaller_than_those_of_the_authors_in_every_camera(balancing):
