@@ -20,7 +20,7 @@ FPS = 25.0
 FIRST_FRAME = 300
 """Number in the published recording of the first frame of the release."""
 ANNOTATION_ERROR = {
-    "ankle": 0.015, "knee": 0.019, "hip": 0.044, "wrist": 0.028, "elbow": 0.017, "shoulder": 0.024,
+    "ankle": 0.017, "knee": 0.019, "hip": 0.044, "wrist": 0.028, "elbow": 0.017, "shoulder": 0.024,
     "bottom_head": 0.021, "top_head": 0.072,
 }  # fmt: skip
 """m along each axis; how far the annotators' joints lie from those that at least three cameras agree on (the median

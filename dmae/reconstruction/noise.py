@@ -29,6 +29,8 @@ _ROUNDS = 30  # Number of updates of the parameters
 _SHARED = 6.0
 """Number of observations that the calibration error of all cameras counts as, beside the two of each: a camera has six
 parameters of its pose."""
+_UNUSUAL = 3.0
+"""Usual calibration errors; beyond this, what cameras share counts less for a camera: its calibration alone is off."""
 _LEAST_PX, _LEAST_M = 0.2, 0.001  # px and m; smallest sigmas
 _DISAGREE = 0.6  # Share of sigma due to calibration from which the line about the noise says so
 _SAYS = 0.15  # Relative difference of sigma between confidences below which confidences say nothing
@@ -204,8 +206,8 @@ def _calibration_errors(
     thousands of residuals say no more about it than one displacement. So b_v is assumed to be normal with variance
     tau_v^2 along each axis. The mean m and the covariance P of b given the residuals follow by least squares; P is
     large for displacements that points follow. The expected square of b_v, from m and P, is two observations of
-    tau_v^2; what the cameras share counts as `_SHARED` (an inverse gamma prior, with the scale that fits best: Gelman
-    et al., Bayesian Data Analysis, 3rd ed., ch. 5).
+    tau_v^2; what the cameras share counts as `_SHARED`, and as less for an unusual camera (an inverse gamma prior, with
+    the scale that fits best: Gelman et al., Bayesian Data Analysis, 3rd ed., ch. 5).
 
     Args:
         focal: (V,) px; displacements are in proportion to it.
@@ -220,6 +222,8 @@ def _calibration_errors(
         tau (V,) px, and the part of `off` (n, 2) that m explains.
     """
     views, scale = len(focal), focal / focal.mean()
+    if not measured.any():
+        return np.zeros(views), np.zeros_like(off)
     size = np.sqrt(weight * (off**2).sum(-1))
     pull = np.where(measured, weight * np.minimum(1, 2 / np.maximum(size, 1e-9)) * scale[view], 0)
     by_view = np.zeros((len(cov), views, 2, 3))  # of a point, before its covariance: J^T W of each camera
@@ -228,12 +232,15 @@ def _calibration_errors(
     own = np.repeat(np.bincount(view, pull * scale[view], views), 2)
     information = np.diag(own) - np.einsum("gai,gij,gbj->ab", moves, cov, moves)
     told = np.stack([np.bincount(view[measured], (pull[:, None] * off)[measured, k], views) for k in (0, 1)], 1).ravel()
-    tau2 = np.full(views, max((off[measured] ** 2).sum() / max(2 * measured.sum(), 1), _LEAST_PX**2))
+    seen = np.bincount(view[measured], minlength=views) > 0
+    tau2 = np.full(views, max((off[measured] ** 2).mean(), _LEAST_PX**2))
     for _ in range(_ROUNDS):
         covariance = np.linalg.inv(information + np.diag(np.repeat(1 / tau2, 2)))
         mean = covariance @ told
         square = (mean**2 + np.diag(covariance)).reshape(views, 2).sum(1)
-        tau2 = np.maximum((_SHARED / np.mean(1 / tau2) + square) / (_SHARED + 2), 1e-4)
+        usual2 = 1 / np.mean(1 / tau2[seen])
+        shared = _SHARED * np.minimum(1, 2 * _UNUSUAL**2 * usual2 / square)
+        tau2 = np.maximum((shared * usual2 + square) / (shared + 2), 1e-4)
     moved = np.einsum("gij,gaj,a->gi", cov, moves, mean)
     shift = scale[view, None] * mean.reshape(views, 2)[view] - (slope @ moved[group][..., None])[..., 0]
     return scale * np.sqrt(tau2), np.where(np.isfinite(shift), shift, 0)
