@@ -322,7 +322,7 @@ def test_evaluate_without_poses_says_what_to_do(clip):
         (["clip.json"], "clip"),
         (["calibration.json", "detection/0.txt"], "shelf"),
         (["pose/cam1_json/cam1.0.json"], "pose2sim"),
-        (["intri.yml", "extri.yml"], "easymocap"),
+        (["intri.yml", "annots/1/000000.json"], "easymocap"),
         (["cam0/cam0_000000000000_keypoints.json", "calibration.toml"], "openpose"),
         (["calibration_171204.json", "hdPose3d_stage1_coco19/body3DScene_00000001.json"], "panoptic"),
         (["camera_params.npy"], "released"),

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from dmae.data.cameras import CameraRig
-from dmae.files.contents import read_text, write_atomic
-from dmae.files.structured import parse_yaml
+from dmae.files.contents import write_atomic
+from dmae.files.structured import read_yaml
 from dmae.formats.calibrations import CameraTable, ParsedCamera, calibration_format, make_rig
 
 _KEYS = ("name", "size", "K", "dist", "cam_from_world", "fisheye", "focal", "position", "target")
@@ -42,7 +42,7 @@ def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
     Return the cameras of the file; `size` is width and height, px, of cameras without one. Other keys of a preset are
     not read.
     """
-    content = parse_yaml(read_text(path))
+    content = read_yaml(path)
     cameras = content.get("cameras") if isinstance(content, dict) else None
     if not isinstance(cameras, list):
         raise ValueError(f"{path}: expected cameras to be a list, found {cameras!r:.60}")

@@ -26,7 +26,7 @@ def in_t_pose(body: Body, looks: PersonLooks, *, naked: bool = False) -> list[Po
     bare = bare_body(body)
     with pytest.MonkeyPatch.context() as patch:
         if naked:
-            patch.setattr(mjcf, "parts", lambda *_: outfit._split(outfit._bare_sheet(bare), "skin", bare))
+            patch.setattr(mjcf, "parts", lambda *_: outfit._split(outfit._bare_sheet(bare), "skin", bare, body))
         spec = mujoco.MjSpec()
         mjcf.add_person(spec, 0, body, looks, position=(0, 0, body.hip_height), rng=None)
     model = spec.compile()
