@@ -28,7 +28,6 @@ from lightning.pytorch.callbacks import ModelCheckpoint, Timer, WeightAveraging
 from lightning.pytorch.loggers import TensorBoardLogger
 from lightning.pytorch.plugins.io import TorchCheckpointIO
 from lightning.pytorch.strategies import DDPStrategy
-from lightning.pytorch.trainer.states import TrainerFn
 from safetensors.torch import save_file
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
@@ -270,7 +269,7 @@ class Learner(lightning.LightningModule):
         super().__init__()
         self.model, self.train_config, self.timer, self.limit = model, config, timer, limit
         self.pairs, self.extra, self.recipe, self.validation = pairs, extra, recipe, validation
-        self.skeleton, self.mean_loss = skeleton, float("nan")
+        self.skeleton, self.mean_loss, self.said = skeleton, float("nan"), -1
 
     def fraction(self) -> float:
         """Return how much of the training is done, by steps or by time, in [0, 1]."""
@@ -413,10 +412,9 @@ class Learner(lightning.LightningModule):
     def on_validation_epoch_end(self) -> None:
         """Print how far the training is: the mean loss of the last hundred steps, and what validation found."""
         found = {name: float(value) for name, value in self.trainer.callback_metrics.items()}
-        whole = self.trainer.global_step % self.train_config.learning.epoch == 0
-        # If the last epoch was whole, its validation was printed already.
-        if not self.trainer.is_global_zero or (whole and self.trainer.state.fn != TrainerFn.FITTING):
+        if not self.trainer.is_global_zero or self.said == self.trainer.global_step:
             return
+        self.said = self.trainer.global_step
         validation = ""
         if "hidden_model_mm" in found:
             validation = (

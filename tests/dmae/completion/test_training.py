@@ -141,6 +141,12 @@ def test_a_training_that_ends_within_an_epoch_says_what_it_reached(clips, tmp_pa
         assert len(said) == whole + (steps % 5 > 0) and said[-1].startswith(f"step {steps}: loss")
 
 
+def test_a_training_that_time_ends_says_once_what_it_reached(clips, tmp_path, capsys):
+    train(replace(changed(TINY, steps=100000, epoch=20), max_minutes=0.02), clips, tmp_path)
+    said = [line.split(":")[0] for line in capsys.readouterr().err.splitlines() if line.startswith("step ")]
+    assert said and len(said) == len(set(said))
+
+
 def test_examples_are_made_for_the_steps_that_are_taken(clips, tmp_path, monkeypatch):
     made, masked_rows = [], training_data.masked_rows
     monkeypatch.setattr(
