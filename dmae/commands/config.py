@@ -63,8 +63,8 @@ class FilmedConfig:
     fps: float | None = None
     """1/s; frame rate, by default that of the videos. Required for folders of images."""
     offsets: list[int | str] | None = None
-    """Frames by which each camera started late, in the order of the calibration, or those of some cameras as
-    [name:frames]; by default read from the videos."""
+    """Frames by which cameras started late: a number for each, in the order of the calibration, or [name:frames] for
+    some; by default read from the videos."""
     world: WorldConfig = field(default_factory=WorldConfig)
     workers: int = 1
     """Processes that detect; -1 for one per core."""

@@ -61,7 +61,7 @@ def run(config: PretrainCommand, out: Path) -> None:
         run_step(evaluate, true_poses, out / "scores_true")
     print_tables([overview(read_scores(out / "scores"))])
     say("compare with the weights that come with the package", 7, _STEPS)
-    print("your weights beside those of the package:")
+    print("your weights, compared with the weights of the package:")
     for name, plan in (("scores", captured), ("scores_true", true_poses)):
         with logged(out):
             run_step(evaluate, replace(plan, methods=["dmae"], weights=None), out / f"{name}_shipped")

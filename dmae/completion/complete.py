@@ -134,7 +134,7 @@ def _by_frame(rows: np.ndarray, persons: int) -> np.ndarray:
 Factors = tuple[tuple[float, ...], tuple[float, ...]]
 """Of exact poses and of noisy ones, each for the classes of gaps."""
 CLASSES = len(GAPS) + 1
-"""Number of classes of gaps: those that scores distinguish, and joints never measured."""
+"""Number of gap classes: one for each range of lengths in the scores, and one for joints never measured."""
 
 
 def calibrated(scale: np.ndarray, lengths: np.ndarray, noisy: np.ndarray, factors: Factors) -> np.ndarray:

@@ -63,8 +63,8 @@ def open_recording(
         videos: Folder of a video, or a folder of images, for each camera, named as in the calibration.
         rig: The calibration; None for 2D detections alone.
         fps: Frames per second; by default what the videos say.
-        offsets: Frames by which each camera started late, in the order of the calibration, or those of some cameras as
-            "name:frames"; by default read from the videos.
+        offsets: Frames by which cameras started late: a number for each, in the order of the calibration, or
+            "name:frames" for some; by default read from the videos.
 
     Raises:
         FileNotFoundError: there are no videos.

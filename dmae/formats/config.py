@@ -125,8 +125,8 @@ class DataConfig:
     inverse: bool | None = None
     """Whether extrinsics of the calibration are world_from_cam; by default as in its format."""
     offsets: list[int | str] | None = None
-    """Frames by which each camera started late, in the order of the calibration, or those of some cameras as
-    [name:frames]: frame k of a camera is frame k + offset."""
+    """Frames by which cameras started late: a number for each, in the order of the calibration, or [name:frames] for
+    some. Frame k of a camera is frame k + offset."""
 
 
 def clip_range(total: int, first: int, clips: int | None) -> range:

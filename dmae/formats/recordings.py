@@ -82,8 +82,8 @@ def natural(name: str) -> list:
 def offsets_of_all(option: str, offsets: Sequence[int | str] | None, names: Sequence[str]) -> list[int] | None:
     """Return by how many frames each named camera started late, from numbers or entries `name:frames`, or None.
 
-    Names match as those of files and calibrations do, without case and punctuation. Raises ValueError, which names the
-    option, if an entry is malformed, or its camera is unknown or named twice.
+    Case and punctuation of names do not matter. Raises ValueError with the name of the option if an entry is malformed,
+    or its camera is unknown or named twice.
     """
     if offsets is None or all(isinstance(each, int) for each in offsets):
         return None if offsets is None else [int(each) for each in offsets]

@@ -443,7 +443,7 @@ def pair_evidence(candidates, half_distance, colour_weight, least):
     where they share none, and -inf for detections of one view and where less than half of the least affinity says that
     they are two people. For that, one more joint counts that just reaches it: detectors put single joints anywhere.
 
-    The arguments are those of `join`.
+    Its arguments mean what they mean in `join`.
     """
     view, one = candidates.in_view, np.float32(1)
     evidence = np.full((len(view), len(view)), -np.inf, np.float32)

@@ -339,16 +339,16 @@ def _propagate(
 
 
 def _match(
-    evidence: Evidence, free: np.ndarray, colours: Callable[[], np.ndarray] | None, compared: list[int], still: bool
+    evidence: Evidence, free: np.ndarray, colours: Callable[[], np.ndarray] | None, compared: list[int], exchange: bool
 ) -> np.ndarray:
     """Identity matching: group free detections (V, D) by rays and clothes; return (G, V, J) detections, or `NONE`.
 
-    Of a still, fragments of a joint or two are grouped as well, and groups are improved as a whole: no later frame adds
-    what was left out, or separates who was mixed.
+    With `exchange`, fragments of a joint or two are grouped as well, and groups are improved as a whole. Stills need
+    it, as no later frame adds what was left out or separates who was mixed; so do people who were just told apart.
     """
     config, confidence = evidence.config.association, evidence.confidence[0]
     present = ~np.isnan(confidence)
-    fewest = 1 if still else fewest_joints(present.shape[-1])
+    fewest = 1 if exchange else fewest_joints(present.shape[-1])
     view, detection = np.nonzero(free & (present.sum(-1) >= fewest) & present[..., compared].any(-1))
     if len(np.unique(view)) < 2:
         return np.empty((0, len(confidence), confidence.shape[-1]), int)
@@ -360,7 +360,7 @@ def _match(
         if highest + config.colour_weight * (1 - highest) >= config.min_affinity:
             colour = colours()[view, detection].astype(np.float32)
             candidates = candidates._replace(colours=colour)
-    members = find_groups(candidates, config, exchange=still)
+    members = find_groups(candidates, config, exchange)
     found = np.where(members == NONE, NONE, detection[members])
     shown = (members != NONE)[..., None] & present[np.arange(len(confidence)), found]
     return np.where(shown, found[..., None], NONE)

@@ -363,8 +363,8 @@ def run(
         capture: How people are reconstructed, or the name of a preset of `dmae capture`, as `paper`.
         weights: Folder that `train`, or `dmae train`, wrote; by default the weights that come with the package.
         fps: Frames per second of the videos, where they do not say.
-        offsets: Frames by which each camera started late, or those of some cameras as "name:frames"; by
-            default what the videos say.
+        offsets: Frames by which cameras started late: a number for each, or "name:frames" for some; by default
+            what the videos say.
         export: Formats of the poses that are written to `out`.
         workers: Processes that detect; -1 for one per core.
         out: Folder of what `dmae run` writes: clips of each step, a report, poses in each format. None: nothing is

@@ -107,8 +107,8 @@ def detect(
         calibration: Cameras, or their file; None if `source` is a clip, which contains its cameras.
         detector: `blazepose`, or `package.module:function`.
         fps: Frames per second of the videos, if the files do not state it.
-        offsets: Frames by which each camera started late, or those of some cameras as "name:frames"; by
-            default as the videos state.
+        offsets: Frames by which cameras started late: a number for each, or "name:frames" for some; by default
+            as the videos state.
         skeleton: Skeleton to convert to; by default that of the detector.
         workers: Processes; -1 for one per core.
 

@@ -94,7 +94,7 @@ def test_a_model_is_made_and_its_card_written(mocap, tmp_path, capsys):
     # A page of the terminal, with the loss of each epoch, and no line for each clip.
     assert len(said.splitlines()) <= 40 and len(noise.splitlines()) <= 10
     assert "step 4: loss" in noise and "validation: unmeasured joints" in noise
-    assert "your weights beside those of the package:\ndmae, 5 views: strict PCP" in said
+    assert "your weights, compared with the weights of the package:\ndmae, 5 views: strict PCP" in said
     assert "\ndmae, synthetic gaps: " in said
     before = (out / "model/weights.safetensors").read_bytes()
     run(config, out)

@@ -200,7 +200,9 @@ def test_formats_are_recognised_whatever_the_file_is_called(tmp_path):
 )
 def test_a_calibration_of_another_program_is_answered_with_what_converts_it(tmp_path, name, text):
     (tmp_path / name).write_text(text)
-    with pytest.raises(ValueError, match=rf"{name}: expected a calibration: .*EasyMocap.*Pose2Sim converts those of"):
+    with pytest.raises(
+        ValueError, match=rf"{name}: expected a calibration: .*EasyMocap.*Pose2Sim converts calibrations of"
+    ):
         read_calibration(tmp_path / name)
 
 
