@@ -475,11 +475,11 @@ def dmae_reject(weights: Path | None) -> Fill:
 
 @completion_method("dmae_denoise", learned=True)
 def dmae_denoise(weights: Path | None) -> Fill:
-    """As dmae_reject, and moves measured joints of two views too."""
-    return _fill(weights, reject=True, denoise=True)
+    """As `dmae complete`: dmae_reject, and moves measured joints of two views too where weights were trained for it."""
+    return _fill(weights, reject=True, denoise=None)
 
 
-def _fill(weights: Path | None, **options: bool) -> Fill:
+def _fill(weights: Path | None, **options: bool | None) -> Fill:
     # Torch is loaded when a network is used, not when methods are listed.
     completer_for = completers(weights, **options)
     return lambda poses, fps: completer_for(poses.skeleton)(poses, fps)

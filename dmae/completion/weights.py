@@ -148,7 +148,8 @@ def find_shipped(skeleton: Skeleton) -> Path:
     if skeleton.defined and not set(skeleton.joints) >= OF_PEOPLE:
         raise ValueError(
             f"the weights of this package know people, on {', '.join(shipped())}, and nothing of {skeleton.name!r}; "
-            "fill it with a method that learns from the recording itself, dmae capture fill=gaussian_process. A "
+            "fill it with a method that learns from the recording itself (dmae capture "
+            "fill=gaussian_process, dmae evaluate methods=[measured,linear,gaussian_process]). A "
             f"network can be trained (dmae train skeleton=...) on bodies with {', '.join(sorted(OF_PEOPLE))}"
         )
     common = {name: len(set(get_skeleton(name).joints) & set(skeleton.joints)) for name in shipped()}

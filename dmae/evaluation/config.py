@@ -48,7 +48,7 @@ class EvaluateConfig(PartConfig):
     data: DataConfig = field(default_factory=DataConfig)
     capture: CaptureConfig = field(default_factory=CaptureConfig)
     methods: list[str] = field(
-        default_factory=lambda: [name for name, method in completion_method.items() if not method.learned],
+        default_factory=lambda: ["measured", "linear", "gaussian_process", "dmae_denoise"],
         metadata={"choices": completion_method},
     )
     """How joints that no camera measured are filled: completion methods, module:function of your own, or folders that

@@ -8,7 +8,7 @@ import pytest
 import dmae
 from dmae.commands import complete as complete_command
 from dmae.commands.config import CompleteCommand
-from dmae.completion.methods import find_method
+from dmae.completion.methods import completion_method, find_method
 from dmae.data.store import load_clip, save_clip
 from dmae.evaluation.config import EvaluateConfig, Input
 from dmae.evaluation.evaluate import filled_trials
@@ -41,6 +41,10 @@ def test_command_function_and_score_are_one(trial, online, tmp_path):
         for name in ("xyz", "cov", "source"):
             np.testing.assert_array_equal(getattr(found, name), getattr(scored, name))
     assert np.abs(by_function.xyz - given.given.xyz)[given.given.measured].max() > 0.001
+
+
+def test_it_is_scored_by_default():
+    assert {"measured", "dmae_denoise"} <= {*EvaluateConfig().methods} <= {*completion_method}
 
 
 def test_what_was_measured_is_scored_as_it_is(trial):
