@@ -137,10 +137,16 @@ def _video(path: Path) -> CameraImages:
     with open_video(path) as container:
         stream = container.streams.video[0]
         base = float(stream.time_base)
-        stamps = sorted(packet.pts for packet in container.demux(video=0) if packet.pts is not None)
+        packets = [packet.pts for packet in container.demux(video=0) if packet.size]
+        stamps = sorted(stamp for stamp in packets if stamp is not None)
         stated = [float(rate) for rate in (stream.average_rate, stream.base_rate) if rate]
         codec = stream.codec_context.name
         timecode = stream.metadata.get("timecode") or container.metadata.get("timecode")
+    if len(packets) > 1 and len(set(stamps)) < 2:
+        raise ValueError(
+            f"{path}: its {len(packets)} images have no times of their own, as in a stream that a camera wrote; write "
+            f"them into a file that has times, with their rate: ffmpeg -r 25 -i {path.name} -c copy {path.stem}.mp4"
+        )
     try:
         first = next((each for each in _read_video(path, stamps, 0, min(len(stamps), 50)) if each is not None), None)
     except av.FFmpegError as error:
@@ -150,7 +156,7 @@ def _video(path: Path) -> CameraImages:
     times = np.array(stamps, float) * base
     rate = stated[0] if stated else None
     if len(times) > 1:
-        counted, span = _by_clock(times), max(times[-1] - times[0], 1e-9)
+        counted, span = _by_clock(times), times[-1] - times[0]
         if counted[-1] >= len(times):
             # The average rate counts images, and some were dropped.
             rate = min(stated, key=lambda each: abs(each * span - counted[-1]), default=None)
