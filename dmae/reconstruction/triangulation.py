@@ -115,45 +115,15 @@ def triangulate_points(projections, rays, centers, focal, xy, sigma, floor, gate
         max_error: m, largest standard error along the worst direction.
         iterations: Largest number of Gauss-Newton steps.
     """
-    count, views = xy.shape[:2]
-    xyz, cov = np.full((count, 3), np.nan), np.full((count, 3, 3), np.nan)
-    used, residual = np.zeros((count, views), np.bool_), np.full(count, np.nan)
-    seen, best = np.empty(views, np.int64), np.empty(_PAIRED_VIEWS, np.int64)
-    direction, point, proposal = np.empty((_PAIRED_VIEWS, 3)), np.empty(3), np.empty(3)
+    points, views = xy.shape[:2]
+    xyz, cov = np.full((points, 3), np.nan), np.full((points, 3, 3), np.nan)
+    used, residual = np.zeros((points, views), np.bool_), np.full(points, np.nan)
+    seen, point = np.empty(views, np.int64), np.empty(3)
     information, factor, gradient = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
-    errors, scales, kept = np.empty(views), np.empty(views), np.zeros(views, np.bool_)
-    pixels = np.empty((views, 3))
-    for i in range(len(xy)):
+    errors, scales, kept, pixels = np.empty(views), np.empty(views), np.zeros(views, np.bool_), np.empty((views, 3))
+    for i in range(points):
         count = _observing(sigma[i], seen)
-        if count < 2:
-            continue
-        pairs = _most_certain(seen, count, sigma[i], best)
-        for k in range(pairs):
-            _direction(rays[best[k]], xy[i, best[k]], direction[k])
-        least = np.inf
-        for a in range(pairs):
-            for b in range(a + 1, pairs):
-                if not _midpoint(centers[best[a]], direction[a], centers[best[b]], direction[b], proposal):
-                    continue
-                error, near_views = 0.0, 0
-                for k in range(count):
-                    v = seen[k]
-                    x, y, depth = project(projections[v], proposal)
-                    if depth <= _MIN_DEPTH:
-                        error += gate**2
-                        continue
-                    near = focal[v] * sigma[i, v] / depth
-                    square = ((x - xy[i, v, 0]) ** 2 + (y - xy[i, v, 1]) ** 2) / (floor[v] ** 2 + near**2)
-                    error += min(square, gate**2)
-                    near_views += square < gate**2
-                    if error >= least:
-                        break
-                if near_views < _AGREEING:
-                    error += gate**2 * views
-                if error < least:
-                    least = error
-                    point[0], point[1], point[2] = proposal[0], proposal[1], proposal[2]
-        if not np.isfinite(least):
+        if not _propose(projections, rays, centers, focal, xy[i], sigma[i], floor, gate, seen, count, point):
             continue
         for _ in range(iterations):
             _normal_equations(
@@ -190,14 +160,43 @@ def triangulate_points(projections, rays, centers, focal, xy, sigma, floor, gate
                 information[row, column] = gradient[row]
         if not largest_eigenvalue(information) <= max_error**2:
             continue
-        for row in range(3):
-            xyz[i, row] = point[row]
-            for column in range(3):
-                cov[i, row, column] = information[row, column]
-        residual[i] = np.sqrt(square / number)
+        xyz[i], cov[i], residual[i] = point, information, np.sqrt(square / number)
         for k in range(count):
             used[i, seen[k]] = kept[seen[k]]
     return xyz, cov, used, residual
+
+
+@compiled()
+def _propose(projections, rays, centers, focal, xy, sigma, floor, gate, seen, count, point):
+    """Write the midpoint of two rays with which most views agree to `point`; return False where no two rays meet."""
+    best, direction, proposal = np.empty(_PAIRED_VIEWS, np.int64), np.empty((_PAIRED_VIEWS, 3)), np.empty(3)
+    pairs, least = _most_certain(seen, count, sigma, best), np.inf
+    for k in range(pairs):
+        _direction(rays[best[k]], xy[best[k]], direction[k])
+    for a in range(pairs):
+        for b in range(a + 1, pairs):
+            if not _midpoint(centers[best[a]], direction[a], centers[best[b]], direction[b], proposal):
+                continue
+            error, near_views = 0.0, 0
+            for k in range(count):
+                v = seen[k]
+                x, y, depth = project(projections[v], proposal)
+                if depth <= _MIN_DEPTH:
+                    error += gate**2
+                    continue
+                near = focal[v] * sigma[v] / depth
+                square = ((x - xy[v, 0]) ** 2 + (y - xy[v, 1]) ** 2) / (floor[v] ** 2 + near**2)
+                error += min(square, gate**2)
+                near_views += square < gate**2
+                if error >= least:
+                    break
+            if near_views < _AGREEING:
+                error += gate**2 * len(sigma)
+            if error < least:
+                least = error
+                for k in range(3):
+                    point[k] = proposal[k]
+    return np.isfinite(least)
 
 
 @compiled()
