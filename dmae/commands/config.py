@@ -52,7 +52,8 @@ class FilmedConfig:
     videos: str | None = field(default=None, metadata={"reads": "path"})
     """Folder of a video, or a folder of images, for each camera, named as in the calibration."""
     calibration: str | None = field(default=None, metadata={"reads": "path"})
-    """Calibration file, or folder of them; without one, `dmae detect` writes files of 2D keypoints."""
+    """Calibration file, a folder with one, or a clip with these cameras; without one, `dmae detect` writes files of 2D
+    keypoints."""
     clip: str | None = field(default=None, metadata={"reads": "clips"})
     """Instead of videos: folder of a clip with colour images, or of a data set of them; truth and labels are kept."""
     photos: str | None = field(default=None, metadata={"reads": "path"})
@@ -234,7 +235,7 @@ class LiveCommand:
     """
 
     calibration: str = field(default="???", metadata={"reads": "path"})
-    """Calibration file of any supported format, or its folder."""
+    """Calibration file of any supported format, its folder, or a clip with these cameras."""
     fps: float = REQUIRED
     """1/s; rate at which frames arrive."""
     world: WorldConfig = field(default_factory=WorldConfig)
@@ -338,7 +339,8 @@ class PretrainCommand:
     motion: str | None = field(default=None, metadata={"reads": "path"})
     """Folder of motion files, or a list of takes that `synth split` wrote; by default people move procedurally."""
     rig: str = field(default="random", metadata={"reads": "path", "words": _presets("rig")})
-    """Calibration, a file or folder of any known format; or a preset of rigs, by its name or file."""
+    """Calibration of any known format, a file or folder, or a clip with these cameras; or a preset of rigs, by its name
+    or file."""
     detector: str = field(default="shelf_openpose", metadata={"reads": "path", "words": _presets("detector")})
     """Preset of the simulated detector, by its name or file, as `synth fit-detector` writes one."""
     clips: int = 60

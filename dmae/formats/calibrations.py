@@ -19,6 +19,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dmae.data.cameras import CameraRig
+from dmae.data.store import load_clip
 from dmae.files.contents import read_text
 from dmae.files.structured import read_json, read_toml
 from dmae.formats.config import OURS, Convention, LengthUnit, UpDirection
@@ -253,7 +254,7 @@ def read_calibration(
 
     Args:
         path: The file. Its content determines the format. For EasyMocap, one of its two files, or their folder. It can
-            also be a folder in which `find_calibration` finds one calibration.
+            also be a folder in which `find_calibration` finds one calibration, or a clip, which has its cameras.
         size: Image width and height, px, for files that do not state them.
         unit: Unit of lengths; None for the unit of the format.
         up: Axis that points up; None for the axis of the format.
@@ -267,9 +268,19 @@ def read_calibration(
     path = Path(path)
     if not path.exists():
         raise FileNotFoundError(f"calibration {path}: no such file; expected a calibration, or a folder with one")
+    if is_clip(path):
+        given = {"size": size, "unit": unit, "up": up, "inverse": inverse}
+        if said := [name for name, value in given.items() if value is not None]:
+            raise ValueError(f"{path}: a clip says that itself; leave out {', '.join(said)}")
+        return load_clip(path).rig
     path = find_calibration(path) if path.is_dir() else path
     format = calibration_format[recognise(path)]
     return format.convention.changed(unit, up, inverse).rig(format.function(path, size))
+
+
+def is_clip(path: Path) -> bool:
+    """Return whether a path is the folder of a clip, which has cameras in our convention, in no file of a format."""
+    return (Path(path) / "clip.json").is_file()
 
 
 def write_calibration(

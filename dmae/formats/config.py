@@ -105,7 +105,8 @@ class DataConfig:
     frames: list[int] | None = None
     """First frame to use, and the one after the last; by default all."""
     calibration: str | None = field(default=None, metadata={"reads": "path"})
-    """Calibration file, or folder of them; by default the one found in `path`, or the cameras that a clip contains."""
+    """Calibration file, a folder with one, or a clip with these cameras; by default the one found in `path`, or the
+    cameras that a clip contains."""
     detections: str | None = field(default=None, metadata={"reads": "path"})
     """Folder of the detections, or file of COCO's; by default found in `path`."""
     videos: str | None = field(default=None, metadata={"reads": "path"})

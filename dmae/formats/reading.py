@@ -15,7 +15,7 @@ from dmae.data.labels import NOT_DETECTED, DetectionLabels
 from dmae.data.skeleton import option_skeleton
 from dmae.data.store import clip_folders
 from dmae.files.checks import IMAGES, VIDEOS
-from dmae.formats.calibrations import CalibrationSource, LacksSize, calibration_format
+from dmae.formats.calibrations import CalibrationSource, LacksSize, calibration_format, is_clip
 from dmae.formats.calibrations import recognise as recognise_calibration
 from dmae.formats.config import Convention, DataConfig
 from dmae.formats.footage import with_images, with_videos
@@ -119,6 +119,8 @@ class Clips(Sequence):
 def written_convention(config: DataConfig) -> Convention | None:
     """Return the convention by which the calibration is read; None if the recording itself holds the cameras."""
     if config.calibration is None and not _reader(config).takes("calibration"):
+        return None
+    if config.calibration is not None and is_clip(Path(config.calibration)):
         return None
     format = calibration_format[recognise_calibration(Path(config.calibration or config.path))]
     return format.convention.changed(config.unit, config.up, config.inverse)

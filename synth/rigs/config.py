@@ -194,7 +194,7 @@ class RigConfig:
     name: str = "ring"
     """Descriptive name of the rig."""
     path: str = field(default="", metadata={"reads": "path"})
-    """Calibration file of any format of `dmae.formats.calibrations`."""
+    """Calibration file of any format of `dmae.formats.calibrations`, or a clip with these cameras."""
     size: list[int] = field(default_factory=list)
     """Image width and height, px, for files that do not state them."""
     unit: LengthUnit | None = None

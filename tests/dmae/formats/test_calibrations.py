@@ -10,6 +10,9 @@ import numpy as np
 import pytest
 
 from dmae.data.cameras import CameraRig
+from dmae.data.clip import Clip, Detections2D
+from dmae.data.skeleton import BODY25
+from dmae.data.store import save_clip
 from dmae.formats.calibrations import (
     CameraTable,
     calibration_format,
@@ -18,7 +21,8 @@ from dmae.formats.calibrations import (
     recognise,
     write_calibration,
 )
-from dmae.formats.config import METRES, Convention, LengthUnit, UpDirection
+from dmae.formats.config import METRES, Convention, DataConfig, LengthUnit, UpDirection
+from dmae.formats.reading import written_convention
 from tests.support.calibrations import CENTRE, POINT, TEXTS, K, R, intrinsics_text, pose2sim_text, write
 from tests.support.clips import looking_at_origin, walkers
 
@@ -469,3 +473,14 @@ def test_yaml_cut_anywhere_is_an_error_or_whole(name, tmp_path):
 def test_names_that_are_no_text_are_listed():
     with pytest.raises(ValueError, match=r"expected res of 2 numbers, found no such key among \['K', \"b'T'\"\]"):
         CameraTable(Path("camera_params.npy"), "1", {"K": 1, b"T": 2}).numbers("res", 2)
+
+
+def test_a_clip_is_a_calibration_as_well(tmp_path):
+    rig = pinholes()
+    save_clip(Clip("walk", 25.0, rig, Detections2D(BODY25, np.zeros((1, 4, 0, 25, 2)))), tmp_path / "walk")
+    found = read_calibration(tmp_path / "walk")
+    assert found.names == rig.names
+    np.testing.assert_array_equal(found.cam_from_world, rig.cam_from_world)
+    assert written_convention(DataConfig("openpose", "rec", calibration=str(tmp_path / "walk"))) is None
+    with pytest.raises(ValueError, match="walk: a clip says that itself; leave out unit, up"):
+        read_calibration(tmp_path / "walk", unit=LengthUnit.mm, up=UpDirection.y)
