@@ -2,6 +2,7 @@
 
 import doctest
 import inspect
+import re
 import shutil
 import subprocess
 import sys
@@ -248,6 +249,28 @@ def test_the_wrong_type_is_named_with_what_to_do(verb: str, tmp_path: Path):
     with pytest.raises(TypeError, match=r"clip: expected a dmae\.Clip, found 'walk'; dmae\.load reads a clip"):
         getattr(dmae, verb)("walk", *out)
     assert not list(tmp_path.iterdir())
+
+
+def test_results_are_printed_in_words_or_a_few_lines(clip):
+    assert re.match(r"1\. |nothing found wrong", repr(dmae.doctor(clip)))
+    refined = dmae.calibrate(clip)
+    assert "array(" not in repr(refined) and "covariance=float64" in repr(refined)
+    assert repr(dmae.triangulate(clip.rig, clip.rig.project(clip.truth.xyz)[0])).startswith("Points(xyz=float64[")
+
+
+def test_poses_are_drawn_and_reported_with_their_clip(clip, tmp_path: Path):
+    poses = dmae.to_skeleton(clip.truth, "body25")
+    assert clip.poses is None
+    dmae.report(clip, tmp_path / "report.html", poses=poses)
+    assert "not captured" not in (tmp_path / "report.html").read_text()
+    layers = dmae.LayersConfig(measured=True)
+    drawn = [
+        dmae.show(clip, tmp_path / str(len(given)), dmae.ShowConfig(frames=1, layers=layers), **given)[0].read_bytes()
+        for given in ({}, {"poses": poses})
+    ]
+    assert drawn[0] != drawn[1]
+    with pytest.raises(ValueError, match=r"^poses=.*expected one clip, found several"):
+        dmae.report([clip, clip], tmp_path / "report.html", poses=poses)
 
 
 @pytest.mark.parametrize("verb", ["show", "contact_sheet"])

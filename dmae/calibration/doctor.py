@@ -65,6 +65,9 @@ class Finding:
     # Faults of which one is present; the recording does not show which
     alternatives: tuple[Fault, ...] = ()
 
+    def __str__(self) -> str:
+        return f"{self.fault}: {', '.join(self.cameras)}\n   because {self.evidence}\n   correction: {self.remedy}"
+
 
 @dataclass(frozen=True)
 class CameraFit:
@@ -110,6 +113,11 @@ class Diagnosis:
     cameras: tuple[CameraFit, ...] = ()
     # Height of the floor and vertical direction, with the findings corrected; None if people cannot be measured
     floor: Floor | None = None
+
+    def __repr__(self) -> str:
+        """Return what was found, in words."""
+        found = [f"{number}. {finding}" for number, finding in enumerate(self.findings, 1)]
+        return "\n".join([*(found or ["nothing found wrong"]), *(f"not known: {unknown}" for unknown in self.unknown)])
 
 
 def diagnose(

@@ -25,6 +25,7 @@ from dmae.calibration.config import ALL, AUTO, RefineConfig
 from dmae.calibration.examination import SHORTEST_S, Examination, examine
 from dmae.calibration.matching import initial_rig, match_tracks
 from dmae.calibration.world import Floor, find_floor, place_rig, place_world, upright_world
+from dmae.data.array_fields import short_repr
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
 from dmae.numerics.filling import are_stills
@@ -71,6 +72,8 @@ class Refined:
     floor: Floor | None = None  # The original height of the floor and tilt of the world, if the world was made level
     turned_deg: float | None = None  # Angle between the original and the new z, if the world was made level
     note: str | None = None  # Why no camera changed, if `cameras=[auto]` found none; otherwise None
+
+    __repr__ = short_repr
 
 
 def refine(clip: Clip, config: RefineConfig | None = None) -> Refined:

@@ -77,8 +77,7 @@ def _print(clip: Clip, diagnosis: Diagnosis, has_options: bool) -> None:
     if diagnosis.floor is not None:
         print(f"{clip.id}: {diagnosis.floor.describe()}")
     for number, finding in enumerate(diagnosis.findings, 1):
-        print(f"{number}. {finding.fault}: {', '.join(finding.cameras)}\n   because {finding.evidence}")
-        print(f"   correction: {finding.remedy}")
+        print(f"{number}. {finding}")
     if not has_options and any(finding.fault in _BY_OPTION for finding in diagnosis.findings):
         print("   or by an option, which dmae doctor names if data.calibration= is the file of this calibration")
     short = describe_shortness(len(clip) / clip.fps)

@@ -5,6 +5,7 @@ from math import prod
 
 import numpy as np
 
+from dmae.data.array_fields import short_repr
 from dmae.data.cameras import CameraRig
 from dmae.numerics.compiled import compiled
 from dmae.reconstruction.config import NoiseModel
@@ -32,6 +33,8 @@ class Points:
     cov: np.ndarray
     used: np.ndarray
     residual: np.ndarray
+
+    __repr__ = short_repr
 
     @property
     def views(self) -> np.ndarray:

@@ -111,14 +111,14 @@ def draw(clip: Clip, poses: Poses3D | None = None, frame: int | None = None) -> 
     """
     from dmae.reporting.figures import views_figure
 
-    clip = as_clip(clip).without_lost_images()
-    return views_figure(clip if poses is None else replace(clip, poses=as_poses(poses)), frame)
+    return views_figure(_with(clip, poses).without_lost_images(), frame)
 
 
 def report(
     clip: Clip | Sequence[Clip],
     out: str | Path,
     *,
+    poses: Poses3D | None = None,
     scores: Sequence[dict] = (),
     title: str = "Multi-view motion: measured and completed",
 ) -> None:
@@ -127,18 +127,32 @@ def report(
     Args:
         clip: Any clip, captured and completed or not; or several, as `load_dataset` returns.
         out: The file.
+        poses: Captured or completed poses of the one clip; by default `clip.poses`.
         scores: Contents of `scores.json`, which `dmae evaluate` writes; shown at the end of the page.
         title: Heading of the page.
 
+    Raises:
+        ValueError: `poses` are given for several clips.
+
     Examples:
         >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
-        >>> dmae.report(replace(clip, poses=dmae.capture(clip)), "report.html")
+        >>> dmae.report(clip, "report.html", poses=dmae.capture(clip))
         >>> "Worst moments" in Path("report.html").read_text()
         True
     """
     from dmae.evaluation.report.page import write_clips_report
 
-    write_clips_report(Path(out), [as_clip(clip)] if isinstance(clip, Clip | str | Path) else clip, scores, title=title)
+    if isinstance(clip, Clip | str | Path):
+        clip = [_with(clip, poses)]
+    elif poses is not None:
+        raise ValueError("poses=...: expected one clip, found several, each with its own poses")
+    write_clips_report(Path(out), clip, scores, title=title)
+
+
+def _with(clip: Clip, poses: Poses3D | None) -> Clip:
+    """Return the clip with these poses, or with its own for None."""
+    clip = as_clip(clip)
+    return clip if poses is None else replace(clip, poses=as_poses(poses))
 
 
 def benchmark(
@@ -228,7 +242,7 @@ def regress(solver: Callable | str, *, skip: tuple[str, ...] = ()) -> list[Verdi
     return check(solver, skip)
 
 
-def show(clip: Clip, out: str | Path, config: ShowConfig | None = None) -> list[Path]:
+def show(clip: Clip, out: str | Path, config: ShowConfig | None = None, *, poses: Poses3D | None = None) -> list[Path]:
     """Draw a clip, captured, completed, simulated or as recorded: a contact sheet, a video, a recording for Rerun.
 
     Args:
@@ -237,6 +251,7 @@ def show(clip: Clip, out: str | Path, config: ShowConfig | None = None) -> list[
         config: Frames, cameras, layers and files, as `dmae.ShowConfig(frames=2, video=True)`; by default a sheet with
             the poses, or the truth if there are none, and the detections of real clips. The fields `data` and `out` are
             not used.
+        poses: Captured or completed poses; by default `clip.poses`.
 
     Returns:
         The files: `sheet.png`, `clip.mp4`, `clip.rrd`.
@@ -246,14 +261,14 @@ def show(clip: Clip, out: str | Path, config: ShowConfig | None = None) -> list[
 
     Examples:
         >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
-        >>> completed = dmae.complete(dmae.capture(clip), clip.fps)
-        >>> files = dmae.show(replace(clip, poses=completed), "drawings", dmae.ShowConfig(frames=1, width=240))
+        >>> full = dmae.complete(dmae.capture(clip), clip.fps)
+        >>> files = dmae.show(clip, "drawings", dmae.ShowConfig(frames=1, width=240), poses=full)
         >>> [file.name for file in files]
         ['sheet.png']
     """
     from dmae.viewing.show import show_clip
 
-    return show_clip(as_clip(clip), Path(out), configuration(config, ShowConfig))
+    return show_clip(_with(clip, poses), Path(out), configuration(config, ShowConfig))
 
 
 def review(clip: Clip, decisions: Sequence[Decision] = ()) -> list[Doubt]:

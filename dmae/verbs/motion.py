@@ -298,7 +298,7 @@ def doctor(clip: Clip, *, max_offset: int = 50) -> Diagnosis:
 
     Returns:
         `findings`, each with fault, cameras, evidence and remedy, in the order to correct them; empty if nothing is
-        wrong. `pairs`: how well every two cameras agree.
+        wrong. `pairs`: how well every two cameras agree. Printed, it is the findings in words.
 
     Raises:
         ValueError: `max_offset` is negative.
