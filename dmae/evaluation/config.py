@@ -130,10 +130,12 @@ class StressConfig(PartConfig):
     """Levels of an axis, as levels.jitter=[1,2,4]; others have those of the size."""
     methods: list[str] = field(
         default_factory=lambda: ["measured", "linear", "linear_body", "kalman", "gaussian_process", "dmae", "paper"],
-        metadata={"choices": (*completion_method, "paper", *capture_method)},
+        metadata={"choices": (*completion_method, "paper")},
     )
-    """Completion methods, or module:function of your own; `paper` captures with the thresholds of the paper, and
-    published systems as `mvpose` capture in their own way and fill nothing."""
+    """Completion methods, or module:function of your own; `paper` captures with the thresholds of the paper."""
+    captures: list[str] = field(default_factory=list, metadata={"choices": capture_method})
+    """Captures that are compared as they measure, with nothing filled: published systems, or module:function of a clip
+    and its CaptureConfig."""
     weights: str | None = field(default=None, metadata={"reads": "model", "words": ("paper",)})
     """Folder that `dmae train` wrote, for learned methods; by default the weights that come with the package."""
     paper_weights: str | None = field(default=None, metadata={"reads": "model"})
@@ -151,8 +153,10 @@ class StressConfig(PartConfig):
 
     def __post_init__(self):
         super().__post_init__()
-        if not self.methods:
-            raise ValueError(f"methods=[]: expected some of {', '.join([*completion_method, PAPER, *capture_method])}")
+        if not (self.methods or self.captures):
+            raise ValueError(f"methods=[]: expected some of {', '.join([*completion_method, PAPER])}, or captures")
+        for name in self.captures:
+            capture_method.check(name)
         if self.paper_weights and PAPER not in self.methods:
             raise ValueError(f"paper_weights={self.paper_weights}: expected {PAPER} among the methods")
         for pair in self.pairs or ():

@@ -186,13 +186,13 @@ def contenders(config: StressConfig) -> list[Contender]:
             weights = config.paper_weights or PAPER_WEIGHTS
             about = f"Captured with the paper's thresholds, completed by its network, weights={weights}."
             found.append(Contender(PAPER, about, read_preset(CaptureConfig, "capture", "paper"), "dmae", weights))
-        elif name in capture_method:
-            own = CaptureConfig(method=name)
-            found.append(Contender(name, f"{capture_method[name].help} As measured.", own, "measured", None))
         else:
             method = find_method(name)
             weights = config.weights if method.learned else None
             found.append(Contender(name, method.help, config.capture, name, weights))
+    for name in dict.fromkeys(config.captures):
+        about = f"{capture_method.find(name).help} As measured."
+        found.append(Contender(name, about, CaptureConfig(method=name), "measured", None))
     for each in found:
         if each.weights and not _record(each.weights).is_file():
             raise FileNotFoundError(f"{each.weights}: expected a folder that `dmae train` wrote, holding model.json")

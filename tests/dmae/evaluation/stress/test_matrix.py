@@ -13,6 +13,8 @@ from dmae.evaluation.config import StressConfig
 from dmae.evaluation.stress import matrix
 from dmae.evaluation.stress.matrix import CACHE, compute, prepare
 from dmae.evaluation.stress.page import angle_tables
+from dmae.reconstruction.config import CaptureConfig
+from dmae.reconstruction.pipeline import capture
 from tests.support.animals import dog_clip
 from tests.support.commands import dmae
 from tests.support.stressed_clips import strollers
@@ -231,12 +233,21 @@ def test_predictions_of_another_length_are_named():
         compute(prepare(CLIPS[:1], config(methods=[name], axes=["misses"])))
 
 
-def test_a_published_system_captures_in_its_own_way():
-    result = compute(prepare(CLIPS[:1], config(methods=["measured", "mvpose"], axes=["cameras"])))
+def halved(clip, _config):
+    """Every second frame."""
+    poses = capture(clip, CaptureConfig())
+    return poses.without(np.broadcast_to((np.arange(len(clip)) % 2 == 1)[:, None, None], poses.source.shape))
+
+
+def test_published_systems_and_captures_of_your_own_capture_in_their_own_way():
+    own = f"{__name__}:halved"
+    result = compute(prepare(CLIPS[:1], config(methods=["measured"], captures=["mvpose", own], axes=["cameras"])))
     assert "As measured" in result["methods"]["mvpose"]
+    assert result["methods"][own] == f"The function {own}. As measured."
     first = {name: method["points"][0] for name, method in result["axes"][0]["methods"].items()}
     assert first["mvpose"]["pcp"][0] > 80
     assert first["mvpose"]["pcp"] != first["measured"]["pcp"]
+    np.testing.assert_allclose(first[own]["pcp"][0], first["measured"]["pcp"][0] / 2, atol=2)
 
 
 def test_paper_is_captured_with_its_thresholds():
