@@ -6,7 +6,7 @@ from pathlib import Path
 
 from dmae.commands.config import CompleteCommand
 from dmae.commands.data_sets import ClipSet, check_apart, describe_joints, finished, forecast, settings_of
-from dmae.completion.complete import completers
+from dmae.completion.complete import completers, keep_smoothed
 from dmae.completion.weights import weights_folder
 from dmae.data.clip import Clip, Source
 from dmae.data.store import clip_folders, load_clip
@@ -66,11 +66,9 @@ def _complete(config: CompleteCommand, folder: Path, frames: int | None = None) 
         for verdict in (ReviewVerdict.blank, ReviewVerdict.hand_back, ReviewVerdict.accept)
     )
     given = clip.poses.without(blanked | handed_back)
-    # Joints that a reviewer saw smoothed are not smoothed again.
-    kept = accepted | (given.source == Source.DENOISED)
     if frames is not None:
         clip = clip.select(frames=range(min(frames, len(clip))))
-        given, blanked, kept = given.select(slice(frames)), blanked[:frames], kept[:frames]
+        given, blanked, accepted = given.select(slice(frames)), blanked[:frames], accepted[:frames]
     completer = _completers(config.weights, config.denoise, config.reject, config.smooth)(given.skeleton)
     notes = completer.notes(given, clip.fps)
     if config.online:
@@ -78,9 +76,10 @@ def _complete(config: CompleteCommand, folder: Path, frames: int | None = None) 
         poses = complete_online(completer, given, clip.fps, config.delay)
     else:
         poses = completer(given, clip.fps)
+    poses = keep_smoothed(poses, given)
     if poses.skeleton == given.skeleton:
         if decisions:
-            poses = poses.taking(kept, given).without(blanked)
+            poses = poses.taking(accepted, given).without(blanked)
         if replaced := int((given.measured & (poses.source == Source.COMPLETED)).sum()):
             notes.append(
                 f"{counted(replaced, 'measured joint')} ({replaced / given.measured.sum():.1%}) contradicted the "

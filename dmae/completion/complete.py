@@ -398,6 +398,17 @@ def _of_few_views(poses: Poses3D) -> np.ndarray:
     return poses.measured & (poses.views < _AGREEING_VIEWS)
 
 
+def keep_smoothed(completed: Poses3D, given: Poses3D) -> Poses3D:
+    """Return completed poses with the joints that were given smoothed as they were: nothing is smoothed twice.
+
+    Joints that were completed before are of them if any joint is smoothed.
+    """
+    smoothed = given.source == Source.DENOISED
+    if completed.skeleton != given.skeleton or not smoothed.any():
+        return completed
+    return completed.taking(smoothed | (given.source == Source.COMPLETED), given)
+
+
 # From weights to completed poses: load a completer, or find the shipped weights for a skeleton.
 
 

@@ -96,7 +96,8 @@ def complete(
 
     Returns:
         Poses of the same shape. Completed joints have a covariance, which is NaN (unknown) more than 0.2 s from any
-        measurement of the person. Persons are completed only between their first and their last measurement.
+        measurement of the person. Persons are completed only between their first and their last measurement. Joints of
+        poses that were completed or smoothed before stay as they are.
 
     Raises:
         FileNotFoundError: the weights do not exist, or there are none for this skeleton.
@@ -112,11 +113,13 @@ def complete(
         >>> bool(np.array_equal(filled.xyz[captured.measured], captured.xyz[captured.measured]))
         True
     """
+    from dmae.completion.complete import keep_smoothed
     from dmae.online.completion import complete_online
 
     as_poses(poses)
     completer_for = completer(poses.skeleton, weights=weights, denoise=denoise, reject=reject, smooth=smooth)
-    return complete_online(completer_for, poses, fps, delay) if online else completer_for(poses, fps)
+    done = complete_online(completer_for, poses, fps, delay) if online else completer_for(poses, fps)
+    return keep_smoothed(done, poses)
 
 
 def completer(

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+import dmae
 from dmae.commands import complete as command
 from dmae.commands.config import CompleteCommand
 from dmae.completion import pieces
@@ -435,6 +436,17 @@ def test_another_frame_rate_is_resampled_with_a_note(tmp_path, capsys, fps):
     # By default the command rejects and smooths; weights that were not trained to denoise do not.
     expected = replace(untrained(), reject=True, smooth=SMOOTHING)(poses, fps)
     np.testing.assert_array_equal(done.xyz, expected.xyz)
+
+
+@pytest.mark.parametrize("online", [False, True])
+def test_what_was_completed_before_is_not_smoothed_again(tmp_path, online):
+    save_model(untrained().model, SHELF14, tmp_path / "model", {"denoises": False, "calibration": None})
+    once = dmae.complete(with_holes(circling(8), 8), FPS, weights=tmp_path / "model", online=online)
+    again = dmae.complete(once, FPS, weights=tmp_path / "model", online=online)
+    np.testing.assert_array_equal(again.xyz, once.xyz)
+    save_clip(replace(clip_of(once, "walk"), poses=once), tmp_path / "clip")
+    command.run(CompleteCommand(str(tmp_path / "clip"), str(tmp_path / "model"), online=online), tmp_path / "out")
+    np.testing.assert_array_equal(load_clip(tmp_path / "out").poses.xyz, once.xyz)
 
 
 def test_there_are_no_notes_at_the_rate_of_the_weights():
