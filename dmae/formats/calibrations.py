@@ -34,11 +34,11 @@ class CalibrationFormat(Entry):
     # Function that takes the content of a JSON or TOML file, or the keys of a YAML file, and returns whether it has
     # this format
     matches: Callable[[object], bool] = lambda content: True
-    # Function that takes cameras in the convention of the file, and a path to write
-    write: Callable[[CameraRig, Path], None]
     convention: Convention = OURS  # Convention of the format for lengths, world axes and extrinsics
     files: tuple[str, ...]  # Patterns of its files, relative to the folder of a recording
     files_above: tuple[str, ...] = ()  # Patterns of its files, relative to each of the two folders above the recording
+    # Function that takes cameras in the convention of the file, and a path to write; None if the format is only read
+    write: Callable[[CameraRig, Path], None] | None = None
 
 
 calibration_format = Registry("calibration_format", CalibrationFormat, __package__)
@@ -193,17 +193,14 @@ def make_rig(path: Path | str, cameras: Iterable[ParsedCamera], size: tuple[int,
         raise ValueError(f"{path}: {error}") from None
 
 
-def require(format: str, rig: CameraRig, *, coefficients: int, fisheye: bool = False, skew: bool = True) -> None:
-    """Raise ValueError if a format cannot store a lens: more OpenCV coefficients, a fisheye, or skew in K."""
+def require(format: str, rig: CameraRig, *, coefficients: int, fisheye: bool = False) -> None:
+    """Raise ValueError if a format cannot store a lens: more OpenCV coefficients, or a fisheye."""
     for view, name in enumerate(rig.names):
         lost = None
         if rig.fisheye[view] and not fisheye:
             lost = "a fisheye lens"
         elif not rig.fisheye[view] and rig.dist[view, coefficients:].any():
-            beyond = f" beyond {coefficients} coefficients" if coefficients else ""
-            lost = f"distortion{beyond}, {rig.dist[view, coefficients:].tolist()}"
-        elif rig.K[view, 0, 1] and not skew:
-            lost = f"the skew {rig.K[view, 0, 1]} of K"
+            lost = f"distortion beyond {coefficients} coefficients, {rig.dist[view, coefficients:].tolist()}"
         if lost:
             raise ValueError(f"camera {name!r}: {format} cannot hold {lost}; choose another format or undistort first")
 
@@ -283,25 +280,16 @@ def is_clip(path: Path) -> bool:
     return (Path(path) / "clip.json").is_file()
 
 
-def write_calibration(
-    rig: CameraRig,
-    path: Path,
-    format: str,
-    *,
-    unit: LengthUnit | None = None,
-    up: UpDirection | None = None,
-    inverse: bool | None = None,
-) -> None:
-    """Write cameras to a file, or for EasyMocap to a folder; `unit`, `up` and `inverse` as in `read_calibration`.
+def write_calibration(rig: CameraRig, path: Path, format: str) -> None:
+    """Write cameras with their names and image sizes to a file, or for EasyMocap to a folder, as the format has them.
 
-    Every format stores names and image sizes. The formats pose2sim and easymocap write Rodrigues vectors: rotations
-    that a publication rounded become exact, and camera centres do not change.
-
-    Raises ValueError if the format is unknown or cannot store a lens. shelf stores no distortion, voxelpose and
-    panoptic store five coefficients, voxelpose stores no skew, and only pose2sim, caliscope and rig store fisheyes.
+    The formats pose2sim and easymocap write Rodrigues vectors: rotations that a publication rounded become exact, and
+    camera centres do not change. Raises ValueError if the format cannot store a lens: panoptic stores five
+    coefficients, and only pose2sim stores fisheyes.
     """
     found = calibration_format.find(format)
-    found.write(found.convention.changed(unit, up, inverse).written_rig(rig), Path(path))
+    assert found.write is not None, f"calibrations of {format} are only read"
+    found.write(found.convention.written_rig(rig), Path(path))
 
 
 def recognise(path: Path) -> str:

@@ -4,18 +4,16 @@ Its calibration is TOML with one table per camera in `cameras`; in older project
 """
 
 from collections.abc import Sequence
-from itertools import count
 from pathlib import Path
 
 import numpy as np
-import tomlkit
 
 from dmae.data.cameras import CameraRig
 from dmae.data.skeleton import BLAZEPOSE33, COCO17, HALPE26, Skeleton
 from dmae.files.checks import MOST_PIXELS, check_numbers
-from dmae.files.contents import read_text, write_atomic
+from dmae.files.contents import read_text
 from dmae.files.structured import read_toml
-from dmae.formats.calibrations import calibration_format, camera_tables, make_rig, orthonormal, require
+from dmae.formats.calibrations import calibration_format, camera_tables, make_rig
 from dmae.formats.pose2sim import toml_camera
 from dmae.formats.recordings import NumberedDetections, csv_rows
 from dmae.formats.registry import reader
@@ -39,35 +37,7 @@ def _matches(content: dict) -> bool:
     return any(isinstance(table, dict) and "matrix" in table for table in _tables(content).values())
 
 
-def write_cameras(rig: CameraRig, path: Path) -> None:
-    """Write cameras with rotations as matrices, numbered by names that are numbers; others have the numbers left."""
-    require("a Caliscope calibration", rig, coefficients=8, fisheye=True)
-    R, t = orthonormal(rig)
-    # "1" and "01" are the same number.
-    numbers = {int(name): name for name in reversed(rig.names) if name.isdecimal()}
-    ids = {name: number for number, name in numbers.items()}
-    left = (number for number in count() if number not in numbers)
-    tables = {}
-    for view, name in enumerate(rig.names):
-        dist = np.pad(rig.dist[view], (0, 8 - rig.dist.shape[1]))
-        coefficients = 4 if rig.fisheye[view] else 8 if dist[5:].any() else 5
-        tables[name] = {
-            "cam_id": ids[name] if name in ids else next(left),
-            "rotation_count": 0,
-            "size": rig.size[view].tolist(),
-            "matrix": rig.K[view].tolist(),
-            "distortions": dist[:coefficients].tolist(),
-            "rotation": R[view].tolist(),
-            "translation": t[view].tolist(),
-            "fisheye": bool(rig.fisheye[view]),
-            "ignore": False,
-        }
-    write_atomic(path, tomlkit.dumps({"cameras": tables}))
-
-
-@calibration_format(
-    "caliscope", syntax="toml", matches=_matches, write=write_cameras, files=(FILE,), files_above=(FILE,)
-)
+@calibration_format("caliscope", syntax="toml", matches=_matches, files=(FILE,), files_above=(FILE,))
 def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
     """TOML tables cameras.0 and on with matrix, distortions, rotation (Caliscope).
 

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 
 from dmae.data.cameras import CameraRig
-from dmae.files.contents import write_atomic
 from dmae.files.structured import read_yaml
 from dmae.formats.calibrations import CameraTable, ParsedCamera, calibration_format, make_rig
 
@@ -15,27 +14,7 @@ _CHOICES = (("K", "focal"), ("cam_from_world", "position"), ("cam_from_world", "
 """Keys of a camera, and pairs of keys of which it has one."""
 
 
-def write_cameras(rig: CameraRig, path: Path) -> None:
-    """Write the cameras of a rig, with K and cam_from_world."""
-    import yaml  # `--help` does not need it
-
-    cameras = [
-        {
-            "name": name,
-            "size": rig.size[view].tolist(),
-            "K": rig.K[view].ravel().tolist(),
-            "dist": rig.dist[view].tolist(),
-            "cam_from_world": rig.cam_from_world[view, :3].ravel().tolist(),
-            "fisheye": bool(rig.fisheye[view]),
-        }
-        for view, name in enumerate(rig.names)
-    ]
-    write_atomic(path, yaml.safe_dump({"cameras": cameras}, sort_keys=False, default_flow_style=None, width=120))
-
-
-@calibration_format(
-    "rig", syntax="yaml", matches=lambda keys: "cameras" in keys, write=write_cameras, files=("*alib*.yaml",)
-)
+@calibration_format("rig", syntax="yaml", matches=lambda keys: "cameras" in keys, files=("*alib*.yaml",))
 def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
     """YAML with a list of cameras, as a preset of rigs (synth).
 

@@ -1,6 +1,5 @@
 """The Shelf recording in the text format of the 4DAssociation release, and its calibration, JSON."""
 
-import json
 from collections.abc import Iterator, Sequence
 from itertools import chain
 from pathlib import Path
@@ -11,9 +10,9 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.skeleton import BODY25, SHELF14
 from dmae.files.checks import MOST_METRES, child
-from dmae.files.contents import read_text, write_atomic
+from dmae.files.contents import read_text
 from dmae.files.structured import read_json
-from dmae.formats.calibrations import CameraTable, ParsedCamera, calibration_format, camera_tables, make_rig, require
+from dmae.formats.calibrations import CameraTable, ParsedCamera, calibration_format, camera_tables, make_rig
 from dmae.formats.registry import reader
 
 FPS = 25.0
@@ -36,28 +35,12 @@ def _camera(entry: CameraTable) -> ParsedCamera:
     return ParsedCamera(entry.camera, entry.intrinsics("K"), np.zeros(5), R, pose[:, 3], entry.size("imgSize"))
 
 
-def write_cameras(rig: CameraRig, path: Path) -> None:
-    """Write cameras to a file."""
-    require("a 4DAssociation calibration", rig, coefficients=0)
-    cameras = {
-        name: {
-            "K": rig.K[view].ravel().tolist(),
-            "RT": rig.cam_from_world[view, :3].ravel().tolist(),
-            "imgSize": rig.size[view].tolist(),
-        }
-        for view, name in enumerate(rig.names)
-    }
-    write_atomic(path, json.dumps(cameras, indent=1))
-
-
 def _matches(content: object) -> bool:
     cameras = content.values() if isinstance(content, dict) else ()
     return any({"RT", "imgSize"} & set(camera) for camera in cameras if isinstance(camera, dict))
 
 
-@calibration_format(
-    "shelf", syntax="json", matches=_matches, write=write_cameras, files=("*alib*.json", "*alib*/*.json")
-)
+@calibration_format("shelf", syntax="json", matches=_matches, files=("*alib*.json", "*alib*/*.json"))
 def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
     """JSON cameras with K, RT, imgSize (4DAssociation).
 

@@ -1,14 +1,12 @@
 """Calibration of the Shelf and Campus recordings as VoxelPose publishes them: JSON."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 
 from dmae.data.cameras import CameraRig
-from dmae.files.contents import write_atomic
 from dmae.files.structured import read_json
-from dmae.formats.calibrations import CameraTable, ParsedCamera, calibration_format, camera_tables, make_rig, require
+from dmae.formats.calibrations import CameraTable, ParsedCamera, calibration_format, camera_tables, make_rig
 from dmae.formats.config import Convention, LengthUnit
 
 
@@ -28,29 +26,6 @@ def _camera(entry: CameraTable) -> ParsedCamera:
     )
 
 
-def write_cameras(rig: CameraRig, path: Path) -> None:
-    """Write cameras to a file. The rotations in `cam_from_world` are not changed.
-
-    Other programs ignore the additional key `size`.
-    """
-    require("a VoxelPose calibration", rig, coefficients=5, skew=False)
-    cameras = {}
-    for view, name in enumerate(rig.names):
-        K, (k1, k2, p1, p2, k3) = rig.K[view], rig.dist[view, :5]
-        cameras[name] = {
-            "R": rig.cam_from_world[view, :3, :3].tolist(),
-            "T": rig.centers[view][:, None].tolist(),
-            "fx": K[0, 0],
-            "fy": K[1, 1],
-            "cx": K[0, 2],
-            "cy": K[1, 2],
-            "k": [[k1], [k2], [k3]],
-            "p": [[p1], [p2]],
-            "size": rig.size[view].tolist(),
-        }
-    write_atomic(path, json.dumps(cameras, indent=1))
-
-
 def _matches(content: object) -> bool:
     cameras = content.values() if isinstance(content, dict) else ()
     keys = {key for camera in cameras if isinstance(camera, dict) for key in camera}
@@ -61,7 +36,6 @@ def _matches(content: object) -> bool:
     "voxelpose",
     syntax="json",
     matches=_matches,
-    write=write_cameras,
     convention=Convention(unit=LengthUnit.mm),
     files=("*alib*.json", "*alib*/*.json"),
 )

@@ -5,10 +5,13 @@ import pickle
 from pathlib import Path
 
 import numpy as np
+import tomlkit
 
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import BLAZEPOSE33, BODY21, BODY25, COCO17, Skeleton
+from dmae.files.structured import read_toml
 from dmae.formats.calibrations import write_calibration
+from dmae.formats.config import Convention, LengthUnit, UpDirection
 from tests.support.recordings import recording
 
 
@@ -23,7 +26,9 @@ def one_person(skeleton: Skeleton = BLAZEPOSE33, frames: int = 6, views: int = 3
 def write_caliscope(folder: Path, clip: Clip | None = None, tracker: str = "HOLISTIC") -> Clip:
     """A project with one recording; points of hands follow those of the body."""
     clip = clip or one_person()
-    write_calibration(clip.rig, folder / "camera_array.toml", "caliscope")
+    cameras = folder / "camera_array.toml"
+    write_calibration(clip.rig, cameras, "pose2sim")
+    cameras.write_text(tomlkit.dumps({"cameras": read_toml(cameras)}))
     lines = ["sync_index,port,frame_index,frame_time,point_id,img_loc_x,img_loc_y,obj_loc_x,obj_loc_y"]
     for frame in range(len(clip)):
         for view in range(len(clip.rig)):
@@ -44,7 +49,8 @@ def write_freemocap(folder: Path, clip: Clip | None = None, depth: bool = False,
     Absent points are NaN, or at the `corner` of the image.
     """
     clip = clip or one_person()
-    write_calibration(clip.rig, folder / "walk_camera_calibration.toml", "pose2sim", unit="mm", up="minus_y")
+    written = Convention(LengthUnit.mm, UpDirection.minus_y).written_rig(clip.rig)
+    write_calibration(written, folder / "walk_camera_calibration.toml", "pose2sim")
     values = np.full((len(clip.rig), len(clip), 543, 3 if depth else 2), np.nan)
     values[:, :, :33, :2] = clip.detections.xy[:, :, 0].swapaxes(0, 1)
     if corner:

@@ -27,6 +27,7 @@ from tests.support.calibrations import CENTRE, POINT, TEXTS, K, R, intrinsics_te
 from tests.support.clips import looking_at_origin, walkers
 
 FORMATS = list(calibration_format)
+WRITTEN = [name for name, each in calibration_format.items() if each.write]
 SHELF_SIZE, CAMPUS_SIZE = (1032, 776), (360, 288)
 BENT = (-0.25, 0.09, 0.001, -0.002, -0.01)
 
@@ -63,22 +64,16 @@ def skewed() -> CameraRig:
 
 RIGS = {rig.__name__: rig for rig in (pinholes, distorted, rational, fisheyes, skewed)}
 REFUSED = {
-    ("distorted", "shelf"): "distortion",
-    ("rational", "shelf"): "distortion",
-    ("rational", "voxelpose"): "beyond 5 coefficients",
     ("rational", "panoptic"): "beyond 5 coefficients",
-    ("fisheyes", "shelf"): "distortion",
-    ("fisheyes", "voxelpose"): "a fisheye",
     ("fisheyes", "easymocap"): "a fisheye",
     ("fisheyes", "panoptic"): "a fisheye",
-    ("skewed", "voxelpose"): "skew",
 }
 
 
-def there_and_back(rig: CameraRig, folder: Path, format: str, **options) -> CameraRig:
+def there_and_back(rig: CameraRig, folder: Path, format: str) -> CameraRig:
     path = folder / ("cameras" if format == "easymocap" else "cameras.txt")
-    write_calibration(rig, path, format, **options)
-    return read_calibration(path / "extri.yml" if path.is_dir() else path, **options)
+    write_calibration(rig, path, format)
+    return read_calibration(path / "extri.yml" if path.is_dir() else path)
 
 
 def moved(rig: CameraRig, other: CameraRig) -> float:
@@ -91,7 +86,7 @@ def moved(rig: CameraRig, other: CameraRig) -> float:
     return np.abs(other.project(points)[0] - xy)[inside].max()
 
 
-@pytest.mark.parametrize("format", FORMATS)
+@pytest.mark.parametrize("format", WRITTEN)
 @pytest.mark.parametrize("name", RIGS)
 def test_every_rig_survives_every_format_or_is_refused(name, format, tmp_path):
     rig, reason = RIGS[name](), REFUSED.get((name, format))
@@ -107,17 +102,7 @@ def test_every_rig_survives_every_format_or_is_refused(name, format, tmp_path):
     np.testing.assert_array_equal(again.fisheye, rig.fisheye)
 
 
-@pytest.mark.parametrize("format", FORMATS)
-def test_rigs_survive_in_other_units_and_worlds(format, tmp_path):
-    options = {"unit": LengthUnit.mm, "up": UpDirection.y, "inverse": True}
-    rig = pinholes()
-    again = there_and_back(rig, tmp_path, format, **options)
-    np.testing.assert_allclose(again.cam_from_world, rig.cam_from_world, atol=1e-9)
-    as_usual = read_calibration(next(p for p in (tmp_path / "cameras", tmp_path / "cameras.txt") if p.exists()))
-    assert np.abs(as_usual.centers - rig.centers).max() > 1
-
-
-@pytest.mark.parametrize("format", FORMATS)
+@pytest.mark.parametrize("format", WRITTEN)
 @pytest.mark.parametrize(
     "name", ["shelf/calibration.json", "rigs/calibration_shelf.json", "rigs/calibration_campus.json"]
 )

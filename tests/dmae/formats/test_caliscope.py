@@ -1,16 +1,12 @@
 """Projects of Caliscope, in the layouts of its versions."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 import dmae
 from dmae.data.skeleton import BLAZEPOSE33, HALPE26
-from dmae.files.structured import read_toml
-from dmae.formats.calibrations import read_calibration, recognise, write_calibration
+from dmae.formats.calibrations import read_calibration, recognise
 from tests.support.calibrations import K, R, T
-from tests.support.clips import looking_at_origin
 from tests.support.recordings import same_detections
 from tests.support.tracked_recordings import one_person, write_caliscope
 
@@ -41,13 +37,6 @@ def test_older_projects_have_the_cameras_in_config_toml(tmp_path):
     rig = read_calibration(tmp_path / "config.toml")
     assert rig.names == ("4",)
     np.testing.assert_allclose(rig.cam_from_world[0, :3, :3], R, atol=1e-9)
-
-
-def test_each_camera_has_its_own_number(tmp_path):
-    names = ("1", "left", "01", "right", "0")
-    write_calibration(replace(looking_at_origin(5), names=names), tmp_path / "camera_array.toml", "caliscope")
-    tables = read_toml(tmp_path / "camera_array.toml")["cameras"]
-    assert {name: table["cam_id"] for name, table in tables.items()} == dict(zip(names, (1, 2, 3, 4, 0), strict=True))
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 import json
 import os
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -144,13 +145,8 @@ def test_openpose_needs_cameras_and_detections_and_says_so(walk, tmp_path):
 
 
 def test_openpose_with_published_cameras_needs_the_size_of_the_images(walk, tmp_path):
-    write_frames(walk, tmp_path)
-    path = tmp_path / "calibration.json"
-    write_calibration(walk.rig, path, "voxelpose")
-    cameras = json.loads(path.read_text())
-    for camera in cameras.values():
-        del camera["size"]
-    path.write_text(json.dumps(cameras))
+    path = write_openpose_recording(walk, tmp_path) / "calibration.toml"
+    path.write_text(re.sub(r"(?m)^size = .*\n", "", path.read_text()))
     with pytest.raises(ValueError, match=r"size=\[width,height\]"):
         read("openpose", tmp_path, fps=25.0)
     same(read("openpose", tmp_path, fps=25.0, size=[960, 600]), walk)
@@ -170,7 +166,7 @@ def test_calibrations_in_other_conventions(walk, tmp_path, unit, up, inverse):
     """A wrong unit, axis or direction of the poses is mended by an option, and only by that."""
     write_frames(walk, tmp_path)
     said = {"unit": unit, "up": up, "inverse": inverse}
-    write_calibration(walk.rig, tmp_path / "calib.toml", "pose2sim", **said)
+    write_calibration(Convention(unit, up, inverse).written_rig(walk.rig), tmp_path / "calib.toml", "pose2sim")
     same(read("openpose", tmp_path, fps=25.0, **said), walk)
     assert not np.allclose(read("openpose", tmp_path, fps=25.0).rig.projections, walk.rig.projections, atol=1e-3)
 
