@@ -14,25 +14,21 @@ from dmae.metrics.table import Score, score_of
 from dmae.reporting.tables import Table, markdown_table
 
 _SECOND_HAND = "figures from a secondary source, not from the publication itself"
-_REQUIRED = {"table", "name", "data", "protocol", "source", "values"}
-_OPTIONAL = {"note", "second_hand"}
 
 
 def published_rows(number: int) -> list[dict]:
     """Return the published rows of a table, in the order of the file.
 
-    A row has `name`, `data` (what it was scored on), `protocol`, `source`, `note`, and `values` by the key of the
-    column. Raises ValueError if a row has other keys than it may have, or lacks one.
+    A row has `table`, `name`, `data` (what it was scored on), `protocol`, `source`, `note`, and `values` by the key of
+    the column.
     """
-    found, text = [], files(__package__).joinpath("published.toml").read_text(encoding="utf-8")
-    for row in tomllib.loads(text)["row"]:
-        if unfit := (set(row) - _OPTIONAL) ^ _REQUIRED:
-            raise ValueError(f"published.toml, {row.get('name')!r}: unknown or missing {sorted(unfit)}")
-        if row["table"] == number:
-            notes = [row.get("note", ""), _SECOND_HAND if row.get("second_hand") else ""]
-            kept = {key: row[key] for key in ("name", "data", "protocol", "source", "values")}
-            found.append(kept | {"note": "; ".join(filter(None, notes))})
-    return found
+    text, found = files(__package__).joinpath("published.toml").read_text(encoding="utf-8"), []
+    for group in tomllib.loads(text)["group"]:
+        shared = {key: value for key, value in group.items() if key != "rows"}
+        for row in (shared | own for own in group["rows"]):
+            notes = (row.get("note"), _SECOND_HAND if row.pop("second_hand", False) else None)
+            found.append(row | {"note": "; ".join(filter(None, notes))})
+    return [row for row in found if row["table"] == number]
 
 
 def mean_score(table: pd.DataFrame, scale: float = 100.0) -> Score:
