@@ -15,6 +15,7 @@ from pathlib import Path
 from filelock import FileLock
 
 from dmae.data.images import KINDS
+from dmae.data.json_values import flat
 from dmae.data.resume import claim_folder
 from dmae.data.store import MANIFEST, load_clip, read_manifest, save_clip, write_atomic, write_manifest
 from dmae.files.checksums import Checksum, begin_data_set, clip_checksum, end_data_set, find_damage, write_checksums
@@ -24,7 +25,7 @@ from dmae.parallel import in_parallel, running_on
 from dmae.progress import counted_progress, progress
 from synth.datasets.clip import attempt_seed, check, clip_id, simulate_clip
 from synth.datasets.config import GenerateConfig, RenderConfig, image_kinds
-from synth.datasets.images import add_images, check_same, image_files, missing_kinds
+from synth.datasets.images import add_images, image_files, missing_kinds
 from synth.errors import FailedSimulation
 from synth.physics.body_state import FILE as STATE
 from synth.physics.body_state import load_state, save_state
@@ -58,7 +59,7 @@ def generate(config: GenerateConfig) -> list[dict]:
     """
     out, numbers = Path(config.out), config.numbers
     rig = check(config)
-    claim(out, as_settings(config, leave=_NOT_STORED), config)
+    claim(out, as_settings(config, leave=_NOT_STORED))
     if (out / MANIFEST).is_file():
         read_manifest(out)  # a damaged one is refused before any work
     checksums = begin_data_set(out)
@@ -178,14 +179,14 @@ def _is_kept(folder: Path, config: GenerateConfig, expected: Checksum | None) ->
     return same and ((folder / STATE).is_file() or not missing_kinds(clip, config))
 
 
-def claim(out: Path, settings: dict, config: GenerateConfig | RenderConfig) -> None:
+def claim(out: Path, settings: dict) -> None:
     """Claim a folder for a data set: it is new, empty, or contains a part of it. Store the settings in it.
 
-    `settings` are all settings that the clips depend on, as JSON values. Settings of images may differ when images are
-    added to existing clips.
+    `settings` are all settings that the clips depend on, as JSON values. Those of images may differ for kinds of images
+    that the data set does not have.
 
-    Raises ValueError if the folder contains something else, a data set of another configuration, or clips with other
-    images than `config` asks for.
+    Raises ValueError if the folder contains something else, a data set of another configuration, or one with images of
+    other settings.
     """
     if out.exists() and not out.is_dir():
         raise ValueError(f"out={out}: expected a folder, found a file")
@@ -200,21 +201,20 @@ def claim(out: Path, settings: dict, config: GenerateConfig | RenderConfig) -> N
     before, kinds = image_kinds(kept["images"]), image_kinds(settings["images"])
     if not kinds:
         return
+    # Colour images stay as they are when others are added.
     stays = ("rgb", "imaging") if "rgb" in before and "rgb" not in kinds else ()
     now = kept | {name: settings[name] for name in _OF_IMAGES if name not in stays}
     now["images"] = [kind for kind in KINDS if kind in (*before, *kinds)]
-    if now == kept:
-        return
-    for path in sorted(out.glob("[!.]*/clip.json")):
-        try:
-            clip = read_json(path)
-            images, provenance = clip["images"], dict(clip["provenance"])
-            made = images and (clip["id"], tuple(images["kinds"]), images["rgb"], provenance)
-        except (ValueError, KeyError, TypeError):
-            continue  # A damaged clip is made again.
-        if made:
-            check_same(*made, config)
-    write_atomic(out / CONFIG, json.dumps(now, indent=1))
+    fixed = [*(["quality"] if before else []), *(["rgb", "imaging"] if "rgb" in before else [])]
+    made, asked = (flat({name: each[name] for name in fixed}) for each in (kept, now))
+    other = [f"{name}={made[name]}, not {value}" for name, value in asked.items() if value != made[name]]
+    if other:
+        raise ValueError(
+            f"{out} has images of {', '.join(other)}; `synth render data=... out=...` renders its clips again in "
+            "another folder"
+        )
+    if now != kept:
+        write_atomic(out / CONFIG, json.dumps(now, indent=1))
 
 
 def as_settings(config, leave: Collection[str] = ()) -> dict:

@@ -1,7 +1,7 @@
 """The images of a clip, rendered on request from the body states that are stored with its labels."""
 
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -37,41 +37,8 @@ def check_images(options: GenerateConfig | RenderConfig, rig: CameraRig) -> None
 
 
 def missing_kinds(clip: Clip, options: GenerateConfig | RenderConfig) -> tuple[str, ...]:
-    """Return the kinds of images that a clip lacks. Raises ValueError if it has images of other options."""
-    if clip.images is None:
-        return options.kinds
-    check_same(clip.id, clip.images.kinds, clip.images.rgb, clip.provenance, options)
-    return tuple(kind for kind in options.kinds if kind not in clip.images.kinds)
-
-
-def check_same(
-    clip: str, kinds: Sequence[str], rgb: str, provenance: dict, options: GenerateConfig | RenderConfig
-) -> None:
-    """Raise ValueError if a clip, given by its id, has images of another quality or format than the options ask for.
-
-    Args:
-        kinds: The kinds that the clip has.
-        rgb: Format of its colour images.
-        provenance: Of the clip; its `images` say how they were rendered.
-    """
-    if not options.kinds:
-        return
-    made, both = provenance.get("images", {}), "rgb" in kinds and "rgb" in options.kinds
-    found = made.get("quality", options.quality.name), rgb
-    asked = options.quality.name, options.rgb.value if both else rgb
-    if found != asked:
-        raise ValueError(
-            f"clip {clip!r} has images of quality={found[0]} rgb={found[1]}, not quality={asked[0]} rgb={asked[1]}; "
-            "`synth render data=... out=...` renders it again in another folder"
-        )
-    if both:
-        given, wanted = made.get("imaging", {}), asdict(options.imaging)
-        other = [f"{name}={given[name]:g}, not {wanted[name]:g}" for name in given if given[name] != wanted.get(name)]
-        if other:
-            raise ValueError(
-                f"clip {clip!r} has images of imaging.{other[0]}; `synth render data=... out=...` renders it again "
-                "in another folder"
-            )
+    """Return the kinds of images that a clip lacks."""
+    return tuple(kind for kind in options.kinds if clip.images is None or kind not in clip.images.kinds)
 
 
 def add_images(
@@ -87,7 +54,7 @@ def add_images(
     images only when all of them are complete. `seen` is called after each view of each frame.
 
     Raises:
-        ValueError: the clip has images of other options, or the scene is of another version.
+        ValueError: the scene is of another version.
         FileNotFoundError: a file of the room does not exist.
     """
     missing = missing_kinds(clip, options)

@@ -42,7 +42,7 @@ def render(config: RenderConfig) -> list[dict]:
     """
     out = Path(config.out)
     folders, settings, rig = _checked(config)
-    claim(out, settings, config)
+    claim(out, settings)
     lines = [read_json(folder / "clip.json")["provenance"]["manifest"] for folder in folders]
     images = sum(line["frames"] for line in lines) * len(rig)
     tasks = {folder.name: (config, settings, folder) for folder in folders}
