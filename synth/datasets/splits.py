@@ -62,9 +62,9 @@ def takes(
         ValueError: the shares do not add up to 1, or there are fewer subjects than sets.
 
     Examples:
-        >>> from synth.motion.readers.npz import write_npz
-        >>> from synth.motion.source import MotionConfig, load_motion
-        >>> write_npz(Path("2_1.npz"), load_motion(MotionConfig(), seconds=2, fps=30, rng=np.random.default_rng(0)))
+        >>> poses, trans = np.zeros((60, 66)), np.tile((0, 0, 1), (60, 1))
+        >>> poses[:, 0] = np.pi / 2
+        >>> np.savez("2_1.npz", poses=poses, trans=trans, fps=30)
         >>> [(take.listed.subject, take.seconds) for take in synth.takes("2_1.npz")]
         [('2', 2.0)]
     """

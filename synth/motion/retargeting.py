@@ -241,9 +241,7 @@ def retarget_take(recording: SkeletonRecording, options: ReadOptions) -> Motion:
     return motion if options.fps else correct_rate(motion)
 
 
-def retarget(
-    recording: SkeletonRecording, *, unit: float | None = None, up: str | None = None, from_motion: bool = False
-) -> Motion:
+def retarget(recording: SkeletonRecording, *, unit: float | None = None, up: str | None = None) -> Motion:
     """Retarget a recorded skeleton's motion to the canonical segments, on a level floor.
 
     Each segment turns with the joint that drives it, R(t) = W G(t) G_rest^-1 A. G is the orientation of the joint, and
@@ -262,7 +260,6 @@ def retarget(
         recording: With an unrotated root, x is left, y up and z forward, except if its joints are mapped.
         unit: Metres per unit of the recording, if its leg length does not determine the unit; see `unit_of`.
         up: Axis of its world that points up, `x`, `y` or `z`, if its skeleton does not determine the axis.
-        from_motion: Whether the recording was made from a `Motion`, so that floor, soles and forearms need no repair.
     """
     check_rate(recording.fps, recording.path)
     dialect, joint = recognise(recording)
@@ -276,7 +273,7 @@ def retarget(
     lengths = _limb_lengths(recording, positions, joint)
     leg = sum(lengths[f"{side}_{part}"] for side in "lr" for part in ("thigh", "shin")) / 2
     name, metres = unit_of(leg, recording.path, unit)
-    rotations = _segments(dialect, joint, positions, orientations, from_motion)
+    rotations = _segments(dialect, joint, positions, orientations)
     # In a T-pose arms point sideways and legs down, relative to the pelvis, to within 25 degrees.
     first = rotations[0, 0].T @ rotations[0]
     arms, legs = ([SEGMENTS.index(f"{side}_{part}") for side in "lr" for part in parts]
@@ -295,7 +292,7 @@ def retarget(
         rotations=rotations[start:],
         hip_height=(1 + ANKLE_OF_LEG) * leg * metres,
     )
-    return motion if from_motion else put_on_floor(motion, ankles, recording.path, lies=up is not None)
+    return put_on_floor(motion, ankles, recording.path, lies=up is not None)
 
 
 def put_on_floor(motion: Motion, ankles: np.ndarray, path: Path, *, lies: bool = False) -> Motion:
@@ -359,9 +356,7 @@ def _limb_lengths(recording: SkeletonRecording, positions: np.ndarray, joint: di
     return lengths
 
 
-def _segments(
-    dialect: Dialect, joint: dict[str, int], positions: np.ndarray, orientations: np.ndarray, from_motion: bool
-) -> np.ndarray:
+def _segments(dialect: Dialect, joint: dict[str, int], positions: np.ndarray, orientations: np.ndarray) -> np.ndarray:
     """Return the orientations (F, 16, 3, 3) of the canonical segments, before the floor is levelled."""
     # W G(t) G_rest^-1 W^-1: the rotation since the T-pose, in canonical axes.
     since_rest = {
@@ -375,7 +370,7 @@ def _segments(
             if f"{side}_{end}" not in joint:
                 continue
             along = (positions[:, joint[f"{side}_{end}"]] - positions[:, joint[segment]]) @ _CANONICAL_FROM_FILE.T
-            turns_with = f"{side}_hand" if part == "forearm" and not from_motion else segment
+            turns_with = f"{side}_hand" if part == "forearm" else segment
             forward = since_rest[turns_with] @ _FORWARD
             if part == "upper_arm":
                 forearm = positions[:, joint[f"{side}_wrist"]] - positions[:, joint[f"{side}_forearm"]]

@@ -22,7 +22,6 @@ from dmae.formats.panoptic import write_poses as write_panoptic_poses
 from dmae.formats.writing import write_recording
 from synth.labels.physical_labels import save_physical_labels
 from synth.motion.config import MotionConfig
-from synth.motion.readers.npz import write_npz as write_smpl
 from synth.scene.config import SceneConfig
 from synth.scene.sampling import sample_scene
 from tests.support.animal_files import write_deeplabcut, write_movement, write_sleap
@@ -32,6 +31,7 @@ from tests.support.marker_files import t_pose as marker_t_pose
 from tests.support.motion_files import amc, bvh
 from tests.support.physical_labels import made_labels
 from tests.support.recordings import recording, write_frames, write_openpose_recording
+from tests.support.smpl_files import write_smpl
 from tests.support.tracked_recordings import (
     write_caliscope,
     write_freemocap,

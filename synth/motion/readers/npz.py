@@ -1,6 +1,5 @@
-"""SMPL poses in npz files, as in the AMASS database, read and written without a body model."""
+"""SMPL poses in npz files, as in the AMASS database, read without a body model."""
 
-import io
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,15 +7,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dmae.files.arrays import read_arrays
-from dmae.files.contents import write_atomic
 from synth.motion.geometry import UPRIGHT, aligned
 from synth.motion.motion import Motion
 from synth.motion.readers import ReadOptions, reader
-from synth.motion.readers.dialects import SMPL
 from synth.motion.readers.recording import SkeletonRecording, fill_gaps
 from synth.motion.readers.takes import true_fps
-from synth.motion.retargeting import ANKLE_OF_LEG, check_rate, retarget
-from synth.people.body import SEGMENTS
+from synth.motion.retargeting import check_rate, retarget
 
 _COLUMNS = {66: "22 joints", 72: "SMPL", 156: "SMPL-H", 165: "SMPL-X"}
 _RATES = ("mocap_framerate", "mocap_frame_rate", "framerate", "frame_rate", "fps")
@@ -43,7 +39,7 @@ def read_motion(path: Path, options: ReadOptions) -> Motion:
     """
     if options.mapping:
         raise ValueError(f"{path}: motion.mapping names joints, but npz files have them by number, not by name")
-    content = read_arrays(path, "an npz file of arrays", ("poses", "trans"), (*_RATES, "mocap_time_length", "on_floor"))
+    content = read_arrays(path, "an npz file of arrays", ("poses", "trans"), (*_RATES, "mocap_time_length"))
     poses, places = _shaped(content, path)
     rate = _rate(content, len(poses), options.fps, path)
     poses, places, notes = _fill(poses, places, rate, path)
@@ -62,19 +58,14 @@ def read_motion(path: Path, options: ReadOptions) -> Motion:
     feet = recording.forward()[0][:, [JOINTS.index("left_foot"), JOINTS.index("right_foot")]]
     name, metres = _unit_of(places @ turn.T, feet, options.unit, path)
     places = places * metres
-    from_motion = np.array_equal(content.get("on_floor", ()), True)
-    size = 1.0 if from_motion else _size(places @ turn.T, feet, rate)
+    size = _size(places @ turn.T, feet, rate)
     whole = replace(
         recording,
         offsets=OFFSETS * size,
         root=(places + OFFSETS[0] * size) @ turn.T,
-        notes=(
-            *(() if from_motion else (f"size {size:.2f}",)),
-            *((f"trans in {name}",) if metres != 1 else ()),
-            *notes,
-        ),
+        notes=(f"size {size:.2f}", *((f"trans in {name}",) if metres != 1 else ()), *notes),
     )
-    return retarget(whole, up="y" if options.up else None, from_motion=from_motion)
+    return retarget(whole, up="y" if options.up else None)
 
 
 def _shaped(content: dict[str, np.ndarray], path: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -211,49 +202,3 @@ OFFSETS = np.array([row[2:] for row in _ROWS], np.float64)
 """(24, 3) position of each joint in its parent, m; for the pelvis, relative to the point that `trans` moves."""
 BODY = 22
 """Number of joints before the joints of the hands."""
-
-
-def write_npz(path: Path, motion: Motion) -> None:
-    """Write a motion to `<name>.npz` in AMASS's format, on SMPL-H's mean body (`betas` 0, fingers straight).
-
-    `read_motion` reads it back. The array `on_floor`, which is not part of the format, states that floor, soles and
-    forearms need no repair. Steps are scaled to the mean body's legs.
-    """
-    axes = UPRIGHT["y"]
-    turn = dict(zip(SEGMENTS, motion.rotations.swapaxes(0, 1), strict=True))
-    world = {"pelvis": turn["pelvis"], "spine1": turn["spine"], "spine3": turn["chest"], "head": turn["head"]}
-    for side, name, outward in (("l", "left", 1.0), ("r", "right", -1.0)):
-        for segment, joint, end, axis in (
-            ("upper_arm", "shoulder", "elbow", (0, outward, 0)),
-            ("forearm", "elbow", "wrist", (0, outward, 0)),
-            ("hand", "wrist", "hand", (0, outward, 0)),
-            ("thigh", "hip", "knee", (0, 0, -1)),
-            ("shin", "knee", "ankle", (0, 0, -1)),
-        ):
-            # The template's limbs are slightly off the axes of the T-pose.
-            bone = axes @ OFFSETS[JOINTS.index(f"{name}_{end}")]
-            world[f"{name}_{joint}"] = (
-                turn[f"{side}_{segment}"] @ aligned(bone[None], np.array([[1.0, 0, 0]]), axis)[0].T
-            )
-        world[f"{name}_ankle"] = turn[f"{side}_foot"] @ axes @ SMPL.rest_of(f"{side}_foot") @ axes.T
-    poses = np.zeros((len(motion), 52, 3))
-    within = {joint: matrices @ axes for joint, matrices in world.items()}
-    for joint, parent in zip(JOINTS[:BODY], PARENTS, strict=False):
-        above = within[JOINTS[parent]] if parent >= 0 else np.eye(3)
-        local = within.setdefault(joint, above)
-        poses[:, JOINTS.index(joint)] = Rotation.from_matrix(np.swapaxes(above, -1, -2) @ local).as_rotvec()
-    legs = [JOINTS.index(f"{side}_{joint}") for side in ("left", "right") for joint in ("knee", "ankle")]
-    hip_height = np.linalg.norm(OFFSETS[legs], axis=1).sum() / 2 * (1 + ANKLE_OF_LEG)
-    hips = OFFSETS[[JOINTS.index("left_hip"), JOINTS.index("right_hip")]].mean(0)
-    trans = motion.root * (hip_height / motion.hip_height) - within["pelvis"] @ hips - OFFSETS[0]
-    buffer = io.BytesIO()
-    np.savez_compressed(
-        buffer,
-        poses=poses.reshape(len(poses), -1),
-        trans=trans,
-        mocap_framerate=motion.fps,
-        gender="neutral",
-        betas=np.zeros(16),
-        on_floor=True,
-    )
-    write_atomic(path, buffer.getvalue())

@@ -14,7 +14,6 @@ from synth.errors import FailedSimulation
 from synth.interactions import casting
 from synth.interactions.registry import NO_INTERACTION, InteractionConfig, find_interaction, interaction_choices
 from synth.motion.config import MotionConfig
-from synth.motion.readers.npz import write_npz
 from synth.motion.source import read_take
 from synth.people.body import SKELETON
 from synth.people.skinning import Skin, mesh_triangles
@@ -36,6 +35,7 @@ from tests.support.simulated_interactions import (
     sampled,
     spec_of,
 )
+from tests.support.smpl_files import write_smpl
 
 KINDS = [kind for kind in interaction_choices() if kind != NO_INTERACTION]
 
@@ -63,7 +63,7 @@ def takes(data_folder, tmp_path_factory) -> dict[str, Path]:
     """A take of every kind of motion file."""
     found = {kind: data_folder / "cmu" / name for kind, name in RECORDED.items()}
     found["npz"] = tmp_path_factory.mktemp("npz") / "02_01.npz"
-    write_npz(found["npz"], read_take(found["amc"]))
+    write_smpl(found["npz"], read_take(found["amc"]))
     return found
 
 

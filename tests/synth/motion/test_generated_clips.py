@@ -8,9 +8,9 @@ from synth.datasets.config import GenerateConfig
 from synth.datasets.generate import generate
 from synth.motion.config import MotionConfig, ProceduralConfig
 from synth.motion.procedural.gait import make_motion
-from synth.motion.readers.npz import write_npz
 from synth.scene.config import SceneConfig
 from synth.scene.sampling import load_motions, sample_scene
+from tests.support.smpl_files import write_smpl
 
 
 @pytest.fixture(params=["npz", "c3d"])
@@ -23,7 +23,7 @@ def motion(request, tmp_path) -> MotionConfig:
         return MotionConfig("c3d", path=str(recordings))
     for seed in range(2):
         walk = make_motion(ProceduralConfig(standing=0), seconds=3, fps=60, rng=np.random.default_rng(seed))
-        write_npz(folder / f"walk_{seed}.npz", walk)
+        write_smpl(folder / f"walk_{seed}.npz", walk)
     return MotionConfig(request.param, path=str(folder))
 
 

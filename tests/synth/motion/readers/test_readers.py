@@ -14,16 +14,16 @@ import synth
 from synth.motion.config import MotionConfig, ProceduralConfig
 from synth.motion.procedural.gait import make_motion
 from synth.motion.readers import ReadOptions, reader, reader_of
-from synth.motion.readers.npz import write_npz
 from synth.motion.source import load_motion, read_take, takes
 from synth.people.body import SEGMENTS
 from tests.support.marker_files import c3d, t_pose
 from tests.support.motion_files import amc, bvh
+from tests.support.smpl_files import write_smpl
 
 
 def write_walk(path: Path) -> None:
     walk = make_motion(ProceduralConfig(standing=1), seconds=1, fps=60, rng=np.random.default_rng(0))
-    write_npz(path, walk)
+    write_smpl(path, walk)
 
 
 def write_markers(path: Path) -> None:
