@@ -1,12 +1,11 @@
-"""Metrics of joints: shares by source, PCK, position errors, and how well stated covariances predict them."""
+"""Metrics of joints: shares by source, PCK, position errors, and whether they are in the regions that poses state."""
 
 import numpy as np
-from scipy.stats import rankdata
 
 from dmae.data.clip import Source
 from dmae.metrics.comparison import Comparison, take_matched
 from dmae.metrics.registry import Column, metric
-from dmae.numerics.statistics import likely_error, mean_known
+from dmae.numerics.statistics import mean_known
 
 
 def percent(counted: np.ndarray, known: np.ndarray, axis=None):
@@ -91,11 +90,6 @@ REGION_PROBABILITY = 0.9
 REGION_RADIUS = 2.5003
 """Standard deviations of an isotropic Gaussian in three dimensions within which that probability lies."""
 
-COVERAGES = (10, 25, 50, 75, 90, 100)
-"""Percentages of the joints over which errors are averaged, the most certain joints first."""
-LARGE = 50.0
-"""mm; errors above this are large."""
-
 
 def in_region(error: np.ndarray, cov: np.ndarray) -> np.ndarray:
     """Return 1 for errors (..., 3) m inside the ellipsoid that contains `REGION_PROBABILITY` of a Gaussian, or else 0.
@@ -112,39 +106,6 @@ def in_region(error: np.ndarray, cov: np.ndarray) -> np.ndarray:
 def squared_deviations(error: np.ndarray, cov: np.ndarray) -> np.ndarray:
     """Return the squares (n,) of errors (n, 3), in standard deviations of Gaussians of the covariances (n, 3, 3)."""
     return (error * np.linalg.solve(cov.astype(np.float64), error[..., None])[..., 0]).sum(-1)
-
-
-def rank_scores(error: np.ndarray, stated: np.ndarray) -> dict[str, float]:
-    """Return how well stated errors (n,), in any unit, rank the true errors (n,) mm of joints; NaN where undefined.
-
-    These are `spearman`, the rank correlation; `auc`, the probability that a joint with an error over `LARGE` has a
-    larger stated error than a joint without (area under the ROC curve); `risk_10` and so on for `COVERAGES`, the mean
-    error, mm, of that percentage of the joints with the smallest stated errors.
-    """
-    scores = dict.fromkeys(("spearman", "auc", *(f"risk_{share}" for share in COVERAGES)), float("nan"))
-    if len(error) < 2:
-        return scores
-    ranks = rankdata(stated)
-    if np.ptp(error) > 0 and np.ptp(ranks) > 0:
-        scores["spearman"] = float(np.corrcoef(ranks, rankdata(error))[0, 1])
-    large = error > LARGE
-    above, below = int(large.sum()), int((~large).sum())
-    if above and below:
-        # Mann and Whitney's statistic: ties count half.
-        scores["auc"] = float((ranks[large].sum() - above * (above + 1) / 2) / (above * below))
-    risk = np.cumsum(error[np.argsort(stated, kind="stable")]) / np.arange(1, len(error) + 1)
-    for share in COVERAGES:
-        scores[f"risk_{share}"] = float(risk[max(round(share / 100 * len(error)), 1) - 1])
-    return scores
-
-
-@metric("ranking", order=10)
-def _ranking(comparison: Comparison) -> dict[str, float]:
-    """Of unmeasured joints with a stated uncertainty: Spearman, AUC over 50 mm, and mm at each coverage."""
-    error = comparison.error
-    stated = likely_error(take_matched(comparison.pred.cov, comparison.matches))
-    counted = comparison.hidden & ~np.isnan(error) & ~np.isnan(stated)
-    return rank_scores(error[counted], stated[counted])
 
 
 GAPS = ((1, 5), (6, 15), (16, 40), (41, None))

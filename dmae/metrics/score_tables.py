@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterable, Sequence
 
 from dmae.data.clip import person_name
 from dmae.metrics.angles import JUDGED
-from dmae.metrics.position import COVERAGES, LARGE
 from dmae.metrics.registry import metrics
 from dmae.reporting.tables import Table, number_text
 
@@ -28,8 +27,6 @@ def score_tables(scores: dict) -> list[Table]:
         tables.append(_regions_table(stated))
     if turned := [each for each in results if each["mean"].get("angles")]:
         tables.append(_angles_table(turned))
-    if ranked := [each for each in results if (each["mean"].get("ranking") or {}).get("risk_100")]:
-        tables.append(_ranking_table(ranked))
     return tables
 
 
@@ -119,22 +116,6 @@ def _angles_table(results: Sequence[dict]) -> Table:
         return [*map(angles.get, (*JUDGED, "determined", "held")), _text(angles["ece"], 2)]
 
     return _table(results, caption, (*JUDGED, "determined", "in 90 %", "ECE"), values)
-
-
-def _ranking_table(results: Sequence[dict]) -> Table:
-    caption = (
-        "Unmeasured joints ranked by stated uncertainty: rank correlation with the error, area under the curve for "
-        f"errors over {LARGE:.0f} mm, and mm over the most certain share of them"
-    )
-
-    def values(result: dict) -> list[str | float]:
-        ranking = result["mean"]["ranking"]
-        return [
-            *(_text(ranking[name], 2) for name in ("spearman", "auc")),
-            *(ranking[f"risk_{share}"] for share in COVERAGES),
-        ]
-
-    return _table(results, caption, ("Spearman", "AUC", *(f"{share} %" for share in COVERAGES)), values)
 
 
 def _lengths(results: Sequence[dict]) -> list[str]:
