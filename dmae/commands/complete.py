@@ -1,14 +1,16 @@
 """`dmae complete`: fill what no camera measured, with trained weights."""
 
+from collections.abc import Callable
 from dataclasses import replace
-from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 from dmae.commands.config import CompleteCommand
 from dmae.commands.data_sets import ClipSet, check_apart, describe_joints, finished, forecast, settings_of
 from dmae.completion.complete import completers, keep_smoothed
 from dmae.completion.weights import weights_folder
 from dmae.data.clip import Clip, Source
+from dmae.data.skeleton import Skeleton
 from dmae.data.store import clip_folders, load_clip
 from dmae.evaluation.review import ReviewVerdict, decided, load_decisions
 from dmae.files.checksums import checksum, refuse_damaged
@@ -23,8 +25,7 @@ interrupted = finished
 
 def run(config: CompleteCommand, out: Path) -> None:
     check_apart(out, Path(config.clip))
-    _completers.cache_clear()
-    _completers(config.weights, config.denoise, config.reject, config.smooth)
+    _completers(config)
     if not config.damaged:
         refuse_damaged(Path(config.clip), "damaged=true")
     folders = clip_folders(Path(config.clip))
@@ -69,7 +70,7 @@ def _complete(config: CompleteCommand, folder: Path, frames: int | None = None) 
     if frames is not None:
         clip = clip.select(frames=range(min(frames, len(clip))))
         given, blanked, accepted = given.select(slice(frames)), blanked[:frames], accepted[:frames]
-    completer = _completers(config.weights, config.denoise, config.reject, config.smooth)(given.skeleton)
+    completer = _completers(config)(given.skeleton)
     notes = completer.notes(given, clip.fps)
     if config.online:
         notes.append(f"each frame is completed from the frames until {config.delay:g} s after it")
@@ -89,7 +90,5 @@ def _complete(config: CompleteCommand, folder: Path, frames: int | None = None) 
     return replace(clip, poses=poses), notes
 
 
-@lru_cache(1)
-def _completers(weights: str | None, denoise: bool | None, reject: bool, smooth: float):
-    """Return the function of a skeleton that returns its completer; each process loads the weights once."""
-    return completers(Path(weights) if weights else None, denoise=denoise, reject=reject, smooth=smooth)
+def _completers(config: CompleteCommand) -> Callable[[Skeleton], Any]:
+    return completers(config.weights, denoise=config.denoise, reject=config.reject, smooth=config.smooth)

@@ -22,8 +22,7 @@ def run(config: LiveCommand, out: None) -> None:
     skeleton = get_skeleton(config.skeleton)
     completer = None
     if config.complete:
-        weights = Path(config.weights) if config.weights else None
-        completer = completers(weights, denoise=None, reject=True, smooth=SMOOTHING)(skeleton)
+        completer = completers(config.weights, denoise=None, reject=True, smooth=SMOOTHING)(skeleton)
 
     def answers(lines: Iterable[str]) -> Iterable[str]:
         capture = OnlineCapture(rig, skeleton, config.fps, config.capture, completer, config.look_ahead)

@@ -20,11 +20,12 @@ from dmae.completion.methods import Fill, completion_method
 from dmae.completion.network import DMAE
 from dmae.completion.pieces import in_pieces
 from dmae.completion.pose_prior import floor_height, likely_pose, stand_on_floor
-from dmae.completion.weights import find_shipped, load_model, pick_device, weights_folder
+from dmae.completion.weights import SHIPPED, find_shipped, load_model, weights_folder
 from dmae.completion.windows import Rows, make_rows
 from dmae.data.clip import Poses3D, Source
 from dmae.data.conversion import convert
 from dmae.data.skeleton import Skeleton
+from dmae.files.contents import cached_until_changed
 from dmae.metrics.position import GAPS
 from dmae.numerics.body import rotate_z
 from dmae.numerics.filling import are_stills, fill_stills, present, resample
@@ -413,14 +414,14 @@ def keep_smoothed(completed: Poses3D, given: Poses3D) -> Poses3D:
 
 
 def load_completer(
-    weights: Path, device: str = "auto", denoise: bool | None = False, reject: bool = False, smooth: float = 0.0
+    weights: Path, denoise: bool | None = False, reject: bool = False, smooth: float = 0.0
 ) -> "Completer | PaperCompleter":
-    """Return the completer of a folder that `dmae train` wrote, or of the shipped weights `paper`.
+    """Return the completer of a folder that `dmae train` wrote, or of the shipped weights `paper`, on a GPU if there is
+    one.
 
     The paper's network has no use for `denoise` and `reject`.
 
     Args:
-        device: As torch names it; `auto` is a GPU if there is one.
         denoise: Move measured joints of few views too; None where the model was trained for it.
         reject: Drop measured joints of few views that the frames around contradict, and joints with large stated
             errors.
@@ -434,13 +435,14 @@ def load_completer(
     if not 0 <= smooth < np.inf:
         raise ValueError(f"smooth={smooth:g}: expected seconds, 0 (no smoothing) or more")
     model, skeleton, record = load_model(weights_folder(weights))
+    model = model.to("cuda" if torch.cuda.is_available() else "cpu")
     if not model.config.residual:
         # It cuts windows as its training does, with modules that the default network does not need.
         from dmae.completion.paper import PaperCompleter
 
         if denoise:
             raise ValueError(f"{weights}: the paper's network keeps measured joints; leave out denoise")
-        return PaperCompleter(model.to(pick_device(device)), skeleton, record["fuses"], smooth)
+        return PaperCompleter(model, skeleton, record["fuses"], smooth)
     if denoise is None:
         denoise = record["denoises"] and len(skeleton.parts) == 1
     if denoise and len(skeleton.parts) > 1:
@@ -452,20 +454,20 @@ def load_completer(
         raise ValueError(
             f"{weights}: this model was not trained to denoise; train with learning.observed_weight above 0"
         )
-    where = pick_device(device)
     factors = record["calibration"] and tuple(map(tuple, record["calibration"]))
-    return Completer(model.to(where), skeleton, denoise, factors, reject, smooth)
+    return Completer(model, skeleton, denoise, factors, reject, smooth)
 
 
-def completers(weights: Path | None, **options) -> Callable[[Skeleton], Any]:
-    """Return a function from the skeleton of poses to their completer.
+@cached_until_changed(4, lambda weights: weights_folder(weights) / "model.json" if weights else SHIPPED)
+def completers(weights: str | Path | None, **options) -> Callable[[Skeleton], Any]:
+    """Return a function from the skeleton of poses to their completer. The last four are kept, until weights change.
 
     Without a folder of weights, each skeleton has the weights that come with the package
     (`dmae.completion.weights.find_shipped`). Options and errors are as in `load_completer`.
     """
-    if weights is None:
+    if not weights:
         return cache(lambda skeleton: load_completer(find_shipped(skeleton), **options))
-    completer = load_completer(weights, **options)
+    completer = load_completer(Path(weights), **options)
     return lambda skeleton: completer
 
 

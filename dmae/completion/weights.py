@@ -163,11 +163,6 @@ def find_shipped(skeleton: Skeleton) -> Path:
     return SHIPPED / best
 
 
-def pick_device(device: str) -> torch.device:
-    """Return the named device; `auto` is a GPU if there is one."""
-    return torch.device("cuda" if torch.cuda.is_available() else "cpu") if device == "auto" else torch.device(device)
-
-
 # The model card.
 
 _USE = """\

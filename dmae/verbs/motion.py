@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -152,17 +151,9 @@ def completer(
         >>> complete(dmae.capture(clip), clip.fps).skeleton.name
         'body25'
     """
-    model = Path(weights or "", "model.json")
-    written = model.stat().st_mtime_ns if weights and model.is_file() else 0
-    return _loaded(str(weights) if weights else None, written, denoise, reject, smooth)(skeleton)
-
-
-@lru_cache(maxsize=4)
-def _loaded(weights: str | None, written: int, denoise: bool | None, reject: bool, smooth: float):
-    """Return `completers` of weights; `written`, when they were, as a model trained anew is loaded anew."""
     from dmae.completion.complete import completers
 
-    return completers(Path(weights) if weights else None, denoise=denoise, reject=reject, smooth=smooth)
+    return completers(weights, denoise=denoise, reject=reject, smooth=smooth)(skeleton)
 
 
 def train(
