@@ -383,9 +383,13 @@ def test_errors_of_read_name_its_arguments(clip, tmp_path: Path):
         dmae.read(tmp_path)
 
 
-def test_a_folder_of_videos_is_answered_with_the_commands_for_them(tmp_path: Path):
-    (tmp_path / "left.MP4").touch()
-    with pytest.raises(ValueError, match=r"found videos, .* dmae run videos=.* dmae detect videos="):
+@pytest.mark.parametrize("folder", [".", "videos"])
+def test_a_folder_of_videos_is_answered_with_the_commands_for_them(tmp_path: Path, folder):
+    (tmp_path / "Calib.toml").touch()
+    (tmp_path / folder).mkdir(exist_ok=True)
+    (tmp_path / folder / "left.MP4").touch()
+    videos = re.escape(str(tmp_path / folder))
+    with pytest.raises(ValueError, match=rf"found videos, .* dmae run videos={videos} .* dmae detect videos={videos} "):
         dmae.read(tmp_path)
 
 

@@ -32,8 +32,9 @@ _LOOKING = {"--cfg", "-c", "--info", "-i", "--shell-completion", "-sc", "--hydra
 
 
 def nearest(word: str, words: Iterable[str]) -> str | None:
-    """Return the most similar of some words; None if none is similar."""
-    return next(iter(get_close_matches(word, list(words), 1)), None)
+    """Return the most similar of some words, in any case of letters; None if none is similar."""
+    folded = {each.lower(): each for each in words}
+    return next((folded[each] for each in get_close_matches(word.lower(), folded, 1)), None)
 
 
 def suggestion(word: str, words: Collection[str]) -> str:
@@ -332,7 +333,7 @@ def _check_value(option: Option, text: str, value: Any) -> None:
 
     if option.keyed or (value is None and option.optional):
         return
-    listed, wrong = isinstance(value, list), ValueError(f"{option.key}={text}: expected {_expected(option)}")
+    listed, wrong = isinstance(value, list), ValueError(f"{option.key}={text}: expected {_expected(option, text)}")
     if value is None or isinstance(value, dict) or (option.many != listed and not option.may_be_one):
         raise wrong
     node: Any = {"whole number": IntegerNode, "number": FloatNode, "true or false": BooleanNode}.get(option.kind)
@@ -350,12 +351,12 @@ def _check_value(option: Option, text: str, value: Any) -> None:
             raise wrong from None
 
 
-def _expected(option: Option) -> str:
+def _expected(option: Option, text: str) -> str:
     if option.choices:
         one = f"one of {', '.join(option.choices)}"
         return f"a list, as {option.key}=[{','.join(option.choices[:2])}]" if option.many else one
     if option.many:
         default = option.default if isinstance(option.default, list | tuple) else ()
-        example = ",".join(map(str, default)) or "..."
+        example = ",".join(map(str, default)) or (text if text.isdecimal() else "...")
         return f"a list{f' of {option.kind}s' if 'number' in option.kind else ''}, as {option.key}=[{example}]"
     return option.kind if option.kind in ("true or false", "text") else f"a {option.kind}"

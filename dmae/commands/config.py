@@ -270,8 +270,8 @@ class ExportCommand:
     clip: str = field(default="???", metadata={"reads": "clip"})
     """Folder of a clip; its captured or completed poses are exported, or its truth if it has none. What
     `dmae review` blanked or handed back is left out."""
-    format: str = field(default="npz", metadata={"choices": pose_writer})
-    """Format of the file."""
+    format: str | None = field(default=None, metadata={"choices": pose_writer})
+    """Format of the file; by default that of the suffix of `out`, as of walk.trc, or npz."""
     skeleton: str | None = field(default=None, metadata={"reads": "skeleton", "words": ("soma", "lafan1")})
     """Skeleton of the file; by default that of the poses. Of two fused skeletons all formats but npz write the
     first. `format=bvh` also takes `soma` and `lafan1`, in cm."""

@@ -7,7 +7,7 @@ from dmae.commands.config import ExportCommand
 from dmae.data.store import load_clip
 from dmae.evaluation.review import with_decisions
 from dmae.formats.registry import pose_writer
-from dmae.formats.writing import export_path, write_poses
+from dmae.formats.writing import export_path, format_of, write_poses
 from dmae.reporting.tables import counted
 
 
@@ -16,7 +16,7 @@ def written_path(config: ExportCommand, out: Path) -> Path:
 
 
 def run(config: ExportCommand, out: Path) -> None:
-    writer = pose_writer.find(config.format)
+    writer = pose_writer.find(config.format or format_of(out))
     out = written_path(config, out)
     check_out(out, "folder" if writer.folder else "file")
     folder = Path(config.clip)

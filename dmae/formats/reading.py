@@ -147,11 +147,13 @@ def recognise(path: Path) -> str:
         # Of what `dmae run` writes, the clip that was written last is the completed one.
         last = max(clips, key=lambda clip: clip.stat().st_mtime).parent
         raise ValueError(f"{path}: found a folder of clips, expected a clip or a data set; name one, as {last}")
-    if _holds_videos(path):
-        raise ValueError(
-            f"{path}: found videos, or folders of images, expected detections in them; use dmae run videos={path} "
-            f"calibration=... for people in 3D, or dmae detect videos={path} calibration=... for detections"
-        )
+    for folder in (path, *(sorted(filter(Path.is_dir, path.iterdir())) if path.is_dir() else ())):
+        if _holds_videos(folder):
+            raise ValueError(
+                f"{path}: found videos, or folders of images, expected detections in them; use dmae run "
+                f"videos={folder} calibration=... for people in 3D, or dmae detect videos={folder} calibration=... for "
+                "detections"
+            )
     if _is_image(path) or (path.is_dir() and any(_is_image(file) for file in path.iterdir())):
         raise ValueError(
             f"{path}: found images, expected detections in them; dmae detect photos={path} finds the people of "

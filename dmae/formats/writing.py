@@ -24,12 +24,21 @@ class Written:
     files: tuple[Path, ...]  # The files or folders of poses, and the table of their sources if the format needs one
 
 
-def export_path(path: Path, format: str) -> Path:
+def format_of(path: Path) -> str:
+    """Return the format whose name is the suffix of a file, as that of walk.trc; npz for others."""
+    name = path.suffix.lower().removeprefix(".")
+    return name if name in pose_writer and not pose_writer[name].folder else "npz"
+
+
+def export_path(path: Path, format: str | None) -> Path:
     """Return the path that `write_poses` writes. A file without a suffix gets the suffix of the format.
+
+    Without a format it is `format_of` the path.
 
     Raises ValueError if the format is unknown, or a format of this package writes another suffix.
     """
-    writer, path = pose_writer.find(format), Path(path)
+    path = Path(path)
+    writer = pose_writer.find(format or format_of(path))
     if writer.folder or writer.name not in pose_writer:
         return path
     own = _suffix(writer)
@@ -59,7 +68,7 @@ def _suffix(writer: PoseWriter) -> str:
 def write_poses(
     clip: Clip,
     path: Path,
-    format: str = "npz",
+    format: str | None = None,
     *,
     skeleton: str | None = None,
     unit: LengthUnit = LengthUnit.m,
@@ -77,7 +86,7 @@ def write_poses(
             number.
         KeyError: the skeleton is unknown.
     """
-    writer, path = pose_writer.find(format), export_path(path, format)
+    writer, path = pose_writer.find(format or format_of(Path(path))), export_path(path, format)
     poses = exported_poses(clip)
     if writer.table and not poses.source.size:
         frames, persons, _ = poses.source.shape

@@ -230,8 +230,29 @@ def test_a_file_with_a_suffix_of_no_or_another_format_is_refused(captured, tmp_p
     with pytest.raises(ValueError, match=message):
         export(captured, tmp_path, "npz", file)
     with pytest.raises(ValueError, match=message):
-        python_package.export(captured, tmp_path / file)
+        python_package.export(captured, tmp_path / file, "npz")
     assert not (tmp_path / file).exists()
+
+
+@pytest.mark.parametrize(
+    ("out", "files"),
+    [
+        ("walk.trc", ["walk_P1.trc"]),
+        ("walk.TRC", ["walk_P1.TRC"]),
+        ("walk.glb", ["walk.glb"]),
+        ("walk.npz", ["walk.npz"]),
+        ("walk", ["walk.npz"]),
+        ("panoptic", ["panoptic.npz"]),
+    ],
+)
+def test_the_format_is_by_default_that_of_the_suffix(captured, tmp_path, out, files):
+    save_clip(captured, tmp_path / "clip")
+    python_package.export(captured, tmp_path / out)
+    done = dmae(tmp_path, "export", "clip=clip", f"out=by/{out}")
+    assert done.returncode == 0, done.stderr
+    assert all((folder / file).is_file() for folder in (tmp_path, tmp_path / "by") for file in files)
+    with pytest.raises(ValueError, match=r"walk\.csv: format=npz writes"):
+        python_package.export(captured, tmp_path / "walk.csv")
 
 
 def test_two_formats_without_a_suffix_are_recorded_beside_each_file(captured, tmp_path):
