@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy.optimize import isotonic_regression
 
 from dmae.data.json_values import json_text
 from dmae.evaluation.corruption.registry import find_corruption
@@ -169,7 +168,6 @@ _COLOURS = ("#000000", "#e69f00", "#56b4e9", "#009e73", "#cc79a7", "#d55e00", "#
 """Colours of Okabe and Ito, which colour-blind readers can distinguish. Yellow is hard to see on white; grey replaces
 it."""
 _MARKERS = "osD^vP*X"
-_APART = 0.075  # Smallest distance between two names, as a share of the height of a panel
 
 
 def axis_figure(axis: dict) -> Figure:
@@ -184,10 +182,10 @@ def axis_figure(axis: dict) -> Figure:
     if all(point["hidden"][0] is None for method in axis["methods"].values() for point in method["points"]):
         right.set(ylim=(0, 1.2 * HIDDEN_ERROR))
         right.text(0.5, 0.5, "no unmeasured joint was filled", transform=right.transAxes, ha="center", fontsize=9)
-    for panel, which in ((left, "pcp"), (right, "hidden")):
+    for panel in (left, right):
         panel.set_xlabel(axis["unit"] if axis["name"] in axis["unit"] else f"{axis['name']} [{axis['unit']}]")
         plain(panel)
-        _name_lines(panel, axis, which)
+    figure.legend(*left.get_legend_handles_labels(), loc="outside right upper", frameon=False)
     return figure
 
 
@@ -202,31 +200,6 @@ def _draw(panel: Axes, axis: dict, figure: str) -> None:
         panel.fill_between(levels, low, high, color=style["color"], alpha=0.13, linewidth=0)
     panel.set_xticks(sorted({point["level"] for method in axis["methods"].values() for point in method["points"]}))
     panel.xaxis.set_major_formatter("{x:g}")
-
-
-def _name_lines(panel: Axes, axis: dict, figure: str) -> None:
-    """Write the name of each method at the end of its line. Names that would overlap are moved apart."""
-    low, high = panel.get_ylim()
-    ends = []
-    for number, (name, method) in enumerate(axis["methods"].items()):
-        known = [(point["level"], point[figure][0]) for point in method["points"] if point[figure][0] is not None]
-        if known:
-            ends.append(((known[-1][1] - low) / (high - low), known[-1], name, _COLOURS[number % len(_COLOURS)]))
-    ends.sort(key=lambda end: end[0])
-    heights = _apart([end[0] for end in ends])
-    for height, (_, place, name, colour) in zip(heights, ends, strict=True):
-        panel.annotate(
-            name, place, (1.03, height), "data", "axes fraction", color=colour, fontsize=9, va="center",
-            arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 0.5, "shrinkA": 0, "shrinkB": 3},
-        )  # fmt: skip
-
-
-def _apart(heights: list[float]) -> np.ndarray:
-    """Return increasing heights in [0, 1], at least `_APART` from each other, as near as possible to the given ones."""
-    if not heights:
-        return np.empty(0)
-    least = _APART * np.arange(len(heights))
-    return np.clip(isotonic_regression(np.array(heights) - least).x, 0, 1 - least[-1]) + least
 
 
 _MEASURED = (
