@@ -322,7 +322,7 @@ def calibrate(clip: Clip, refine: RefineConfig | None = None) -> Refined:
         ValueError: there are too few cameras or people, or `refine` names a camera that does not exist.
 
     Examples:
-        >>> clip = next(synth.generate(seconds=3, clips=1, seed=7))
+        >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
         >>> refined = dmae.calibrate(clip)
         >>> refined.rig.names == clip.rig.names
         True
@@ -373,7 +373,7 @@ def run(
             `out` is given for a clip in memory.
 
     Examples:
-        >>> clip = next(synth.generate(seconds=0.1, clips=1, seed=7, out="walks"))
+        >>> clip = next(synth.generate(seconds=0.1, clips=1, persons=[1, 1], out="walks"))
         >>> seen = next(synth.render("walks", quality="draft", images=["rgb"], out="seen"))
         >>> found = dmae.run(seen.select(views=[0, 2]))
         >>> len(found.poses.xyz) == len(seen)

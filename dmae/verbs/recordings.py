@@ -121,7 +121,7 @@ def detect(
         ValueError: a video cannot be read, has no calibration, or is of another size; the clip has no colour images.
 
     Examples:
-        >>> clip = next(synth.generate(seconds=0.1, clips=1, seed=7, out="walks"))
+        >>> clip = next(synth.generate(seconds=0.1, clips=1, persons=[1, 1], out="walks"))
         >>> seen = next(synth.render("walks", quality="draft", images=["rgb"], out="seen"))
         >>> found = dmae.detect(seen.select(views=[0, 2]), skeleton="body25")
         >>> found.detections.xy.shape[:2] == (len(seen), 2)
