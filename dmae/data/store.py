@@ -104,6 +104,7 @@ def load_clip(folder: Path) -> Clip:
     folder = Path(folder)
     if not (folder / "clip.json").is_file():
         data_set = "; this is a data set, name the folder of one clip in it" if (folder / MANIFEST).is_file() else ""
+        data_set = data_set if folder.exists() else ", found no such folder"
         raise FileNotFoundError(f"{folder}: expected a clip folder holding clip.json and arrays.safetensors{data_set}")
     meta = read_json(folder / "clip.json")
     found = meta.get("format") if isinstance(meta, dict) else None
@@ -185,8 +186,16 @@ def clip_folders(path: Path) -> list[Path]:
         return [path]
     if (path / MANIFEST).is_file():
         return [path / line["id"] for line in read_manifest(path) if line["status"] == "ok"]
-    expected = f"expected a clip (clip.json) or a data set ({MANIFEST}), found neither"
-    raise FileNotFoundError(f"{path}: {expected}; dmae capture data=... makes a clip of a recording")
+    found = "neither; dmae capture data=... makes a clip of a recording" if path.exists() else "no such folder"
+    raise FileNotFoundError(f"{path}: expected a clip (clip.json) or a data set ({MANIFEST}), found {found}")
+
+
+def filled_clip_folders(path: Path) -> list[Path]:
+    """Return `clip_folders`; ValueError if there are none, as all clips failed."""
+    folders = clip_folders(path)
+    if not folders:
+        raise ValueError(f"{path}: no clip of this data set is ok, nothing to do")
+    return folders
 
 
 def read_manifest(path: Path) -> list[dict]:

@@ -16,10 +16,11 @@ from safetensors import safe_open
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from dmae.data.store import clip_folders
+from dmae.data.store import filled_clip_folders
 from dmae.files.contents import write_atomic
 from dmae.files.structured import read_json
 from dmae.progress import progress
+from dmae.reporting.tables import counted
 from synth.datasets.config import SplitBy
 from synth.motion.readers.takes import LIST, NO_SET, ListedTake, find_takes, read_take_list, subject
 from synth.motion.source import read_take
@@ -237,13 +238,13 @@ def split(
     """
     if by not in SplitBy.__members__:
         raise ValueError(f"by={by!r}: expected one of {', '.join(SplitBy.__members__)}")
-    wanted, folders = _wanted(train, validation, test), clip_folders(Path(path))
+    wanted, folders = _wanted(train, validation, test), filled_clip_folders(Path(path))
     found = {folder.name: identities(folder, SplitBy[by]) for folder in progress(folders, "reading clips")}
     groups = _groups(found)
     if len(groups) < len(wanted):
         raise ValueError(
-            f"{path}: by={by} its {len(folders)} clips are {len(groups)} groups that share nothing, too few for "
-            f"{len(wanted)} splits; split by something else, or fewer ways"
+            f"{path}: expected {len(wanted)} groups of clips or more that share no {by}, for {len(wanted)} splits; "
+            f"found {len(groups)} in {counted(len(folders), 'clip')}; split by something else, or fewer ways"
         )
     made: dict[str, list[str]] = {name: [] for name in wanted}
     for group, name in zip(groups, _dealt([len(group) for group in groups], wanted, seed=seed), strict=True):

@@ -7,7 +7,7 @@ from importlib import metadata
 from pathlib import Path
 
 from dmae.data.skeleton import Skeleton, option_skeleton
-from dmae.data.store import clip_folders
+from dmae.data.store import filled_clip_folders
 from dmae.files.checksums import refuse_damaged
 from dmae.files.contents import check_vacant, whole_folder, write_atomic
 from dmae.files.structured import read_json
@@ -80,7 +80,7 @@ def export(
     if every < 1:
         raise ValueError(f"every: expected 1 or more frames, found {every}")
     check_workers(workers)
-    folders = clip_folders(data)
+    folders = filled_clip_folders(data)
     if not damaged:
         refuse_damaged(data, "damaged=true")
     if (data / "clip.json").is_file():

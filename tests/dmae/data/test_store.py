@@ -194,6 +194,9 @@ def test_clips_of_a_data_set_are_those_of_status_ok(tmp_path):
     assert clip_folders(tmp_path) == [tmp_path / "clip_0", tmp_path / "clip_2"]
     save_clip(full_clip(), tmp_path / "clip_0")
     assert clip_folders(tmp_path / "clip_0") == [tmp_path / "clip_0"]
+    with pytest.raises(FileNotFoundError, match="no such folder"):
+        clip_folders(tmp_path / "nothing")
+    (tmp_path / "nothing").mkdir()
     with pytest.raises(FileNotFoundError, match="neither"):
         clip_folders(tmp_path / "nothing")
 

@@ -187,6 +187,8 @@ def test_bad_input_is_refused(clips, images, tmp_path):
     for kind in (ClipDataset, WindowDataset, FrameDataset):
         with pytest.raises(FileNotFoundError, match="expected a clip"):
             kind(tmp_path)
+        with pytest.raises(FileNotFoundError, match=r"none: expected a clip .* found no such folder$"):
+            kind(tmp_path / "none")
     with pytest.raises(ValueError, match=r"no truth of 30 frames in 3 clips; the longest has 12 frames"):
         WindowDataset(clips)
     with pytest.raises(ValueError, match=r"no poses of 3 frames"):

@@ -143,7 +143,10 @@ def test_the_command_writes_what_export_takes(data, tmp_path):
         (["data=none"], "none: no such file or folder. Expected: Folder of a data set; or a folder of takes"),
         (["data=set", "train=0.9"], "expected shares from 0 to 1 that add up to 1, found train=0.9"),
         (["data=set", "train=1.1", "validation=-0.2"], "expected shares from 0 to 1"),
-        (["data=set", "by=rig"], "its 6 clips are 1 groups that share nothing, too few for 3 splits"),
+        (
+            ["data=set", "by=rig"],
+            "groups of clips or more that share no rig, for 3 splits; found 1 in 6 clips",
+        ),
         (["data=bare"], "no scene in the provenance"),
         (["data=set", "check=none.json"], "none.json: no such file"),
         (["data=set", "check=list.json"], "expected splits of format 1"),

@@ -127,6 +127,14 @@ def test_the_command_writes_page_image_and_numbers(data, tmp_path):
     assert synth(tmp_path, "stats", f"data={data}", "out=card").returncode == 0
 
 
+@pytest.mark.parametrize("command", ["stats", "split", "export format=npz"])
+def test_a_data_set_whose_clips_all_failed_is_refused(tmp_path, command):
+    write_manifest(tmp_path / "set", [{"id": "000000", "status": "failed", "seed": 0}])
+    done = synth(tmp_path, *command.split(), "data=set", "out=out")
+    assert done.returncode == 1 and "set: no clip of this data set is ok, nothing to do" in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
 def test_bad_input_is_refused(data, tmp_path):
     (tmp_path / "foreign").mkdir()
     (tmp_path / "foreign/README.md").write_text("mine")
