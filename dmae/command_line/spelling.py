@@ -320,10 +320,10 @@ def _check_preset(group: Group, text: str, value: str) -> None:
                 "it is elsewhere" if Path(value).exists() else f"there is no such file{similar_path(value).rstrip('.')}"
             )
             hint = f"; a file of a preset is <folder>/{group.key}/<name>.yaml, {found}"
-        elif not Path(value).suffix and not nearest(value, group.presets):
+        elif not Path(value).suffix and not Path(value).exists() and not nearest(value, group.presets):
             hint = f"; one of yours is <folder>/{group.key}/{value}.yaml, with --config-dir=<folder>"
-        if Path(value).suffix and group.find(by_path):
-            hint += f"; a file is {by_path}={text}"
+        if (Path(value).suffix or Path(value).exists()) and group.find(by_path):
+            hint += f"; a {'folder' if Path(value).is_dir() else 'file'} is {by_path}={text}"
         raise ValueError(f"{group.key}={text}: no such choice; {choices(value, group.presets)}{hint}")
 
 
@@ -356,7 +356,8 @@ def _expected(option: Option, text: str) -> str:
         one = f"one of {', '.join(option.choices)}"
         return f"a list, as {option.key}=[{','.join(option.choices[:2])}]" if option.many else one
     if option.many:
+        # An option that is nothing by default, as data.frames, is a range or a place rather than a list.
         default = option.default if isinstance(option.default, list | tuple) else ()
-        example = ",".join(map(str, default)) or (text if text.isdecimal() else "...")
+        example = ",".join(map(str, default)) or (text if default == [] and text.isdecimal() else "...")
         return f"a list{f' of {option.kind}s' if 'number' in option.kind else ''}, as {option.key}=[{example}]"
     return option.kind if option.kind in ("true or false", "text") else f"a {option.kind}"

@@ -159,6 +159,7 @@ class Poses3D:
 
     def select(self, frames) -> "Poses3D":
         """Return the poses of some frames (a slice or a list of indices)."""
+        frames = list(frames) if isinstance(frames, tuple) else frames
         return Poses3D(self.skeleton, **{name: array[frames] for name, array in self.arrays.items()})
 
 
@@ -275,6 +276,8 @@ class Clip:
 
         `poses` become None if views are left out, because the poses were computed from all views.
         """
+        # NumPy takes a tuple for indices of several axes.
+        frames, views = (list(each) if isinstance(each, tuple) else each for each in (frames, views))
         rig = self.rig[views]
         return replace(
             self,

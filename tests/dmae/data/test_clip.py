@@ -127,6 +127,16 @@ def test_select_of_all_is_the_clip():
     np.testing.assert_array_equal(clip.select().detections.xy, clip.detections.xy)
 
 
+def test_a_tuple_of_indices_is_a_list_of_them():
+    clip = full_clip()
+    found, expected = clip.select(frames=(0, 2), views=(1, 0)), clip.select(frames=[0, 2], views=[1, 0])
+    assert found.rig.names == expected.rig.names
+    for name in ("xyz", "source"):
+        np.testing.assert_array_equal(getattr(found.truth, name), getattr(expected.truth, name))
+    np.testing.assert_array_equal(found.detections.xy, expected.detections.xy)
+    np.testing.assert_array_equal(clip.truth.select((0, 2)).xyz, expected.truth.xyz)
+
+
 def test_a_clip_is_printed_in_a_few_lines():
     clip = full_clip()
     printed = repr(clip)
