@@ -121,20 +121,11 @@ def write_episodes(folder: Path, given: Sequence[Episode], fps: float) -> None:
     files = [start // _FILE_FRAMES for start in starts[:-1]]
     columns = [_columns(each, number, tasks.index(each.task), starts[number], fps) for number, each in enumerate(given)]
     features = _features(given[0].joints)
-    number_types = {"float32": pa.float32(), "int64": pa.int64()}
-    schema = pa.schema(
-        (name, pa.list_(pa.float32(), *about["shape"]) if about["names"] else number_types[about["dtype"]])
-        for name, about in features.items()
-    )
     for part in ("meta/episodes/chunk-000", "data/chunk-000"):
         (folder / part).mkdir(parents=True)
     for file in set(files):
         own = _joined([each for each, place in zip(columns, files, strict=True) if place == file])
-        arrays = [
-            pa.FixedSizeListArray.from_arrays(value.ravel(), value.shape[1]) if value.ndim == 2 else pa.array(value)
-            for value in own.values()
-        ]
-        parquet.write_table(pa.table(arrays, schema=schema), folder / f"data/chunk-000/file-{file:03d}.parquet")
+        parquet.write_table(_table(own, features), folder / f"data/chunk-000/file-{file:03d}.parquet")
     rows = [
         {
             "episode_index": number,
@@ -206,6 +197,22 @@ def _columns(episode: Episode, number: int, task: int, start: int, fps: float) -
         "index": np.arange(start, start + count),
         "task_index": np.full(count, task),
     }
+
+
+def _table(columns: dict[str, np.ndarray], features: dict[str, dict]):
+    """Return the columns as a table of pyarrow with the types that `features` states."""
+    import pyarrow as pa
+
+    number_types = {"float32": pa.float32(), "int64": pa.int64()}
+    schema = pa.schema(
+        (name, pa.list_(pa.float32(), *about["shape"]) if about["names"] else number_types[about["dtype"]])
+        for name, about in features.items()
+    )
+    arrays = [
+        pa.FixedSizeListArray.from_arrays(value.ravel(), value.shape[1]) if value.ndim == 2 else pa.array(value)
+        for value in columns.values()
+    ]
+    return pa.table(arrays, schema=schema)
 
 
 def _joined(columns: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:

@@ -115,11 +115,29 @@ class HandIn:
         return check_poses(poses, given.poses, self.task, where)
 
 
-def find_hand_in(given: str | Callable, task: Task, weights: str | None = None) -> HandIn:
-    """Return the hand-in for a name or a function."""
-    if callable(given):
-        return HandIn(getattr(given, "__name__", repr(given)), task, weights, given)
-    return HandIn(given, task, weights)
+def hand_ins_of(
+    config: BenchmarkConfig, clips: list[str], methods: Sequence[Callable], captures: Sequence[Callable]
+) -> list[HandIn]:
+    """Return the methods and captures of a configuration, and of the functions given, checked; errors as `benchmark`.
+
+    Raises also ValueError if there are none, or two of a task have one name.
+    """
+    given = [(each, Task.completion, config.weights) for each in (*config.methods, *methods)]
+    given += [(each, Task.capture, None) for each in (*config.captures, *captures)]
+    found = [
+        HandIn(getattr(each, "__name__", repr(each)), task, weights, each)
+        if callable(each)
+        else HandIn(each, task, weights)
+        for each, task, weights in given
+    ]
+    names = [(each.task, each.name) for each in found]
+    if len(set(names)) < len(names):
+        raise ValueError(f"expected methods of different names, found {[name for _, name in names]}")
+    if not found:
+        raise ValueError("methods=[] captures=[]: nothing to score")
+    for hand_in in found:
+        hand_in.check(clips)
+    return found
 
 
 def check_poses(poses: Poses3D, given: Poses3D, task: Task, where: str) -> Poses3D:
@@ -320,40 +338,24 @@ def benchmark(config: BenchmarkConfig, methods: Sequence[Callable] = (), capture
         FileNotFoundError: a folder of poses lacks clips, or the earlier scores do not exist.
     """
     definition = find_definition(config.name)
-    completing: list[str | Callable] = [*config.methods, *methods]
-    capturing: list[str | Callable] = [*config.captures, *captures]
-    hand_ins = [find_hand_in(each, Task.completion, config.weights) for each in completing]
-    hand_ins += [find_hand_in(each, Task.capture) for each in capturing]
-    names = [(each.task, each.name) for each in hand_ins]
-    if len(set(names)) < len(names):
-        raise ValueError(f"expected methods of different names, found {[name for _, name in names]}")
-    if not hand_ins:
-        raise ValueError("methods=[] captures=[]: nothing to score")
-    sets = definition.sets(config.size)
-    ids = [name for each in sets for name in each.ids]
-    for hand_in in hand_ins:
-        hand_in.check(ids)
+    level_of = {name: each.level for each in definition.sets(config.size) for name in each.ids}
+    hand_ins = hand_ins_of(config, [*level_of], methods, captures)
     earlier = None if config.against is None else read_scores(Path(config.against))
     if earlier:
         check_same(earlier, definition.name, config.size)
     data = Path(config.data_folder) if config.data_folder else Path(config.out) / "data"
     with running_on(config.backend):
         agreement = make_clips(definition, config.size, data, config.workers)
-    level_of = {name: each.level for each in sets for name in each.ids}
-    tasks = [(data, name, hand_ins, config.angles) for name in ids]
-    with running_on(config.backend):
-        scored = list(progress(in_parallel(score_clip, tasks, config.workers), "scoring clips", len(ids)))
+        tasks = [(data, name, hand_ins, config.angles) for name in level_of]
+        scored = list(progress(in_parallel(score_clip, tasks, config.workers), "scoring clips", len(tasks)))
     scores = {
         "benchmark": definition.name,
         "size": BenchmarkSize(config.size).value,
         "checksums": agreement.value,
         "axes": AXES,
         "levels": [
-            {
-                "name": level.name,
-                "about": level.about,
-                **_difficulty([s for s in scored if level_of[s["id"]] == number]),
-            }
+            {"name": level.name, "about": level.about}
+            | _difficulty([each for each in scored if level_of[each["id"]] == number])
             for number, level in enumerate(definition.levels)
         ],
         "holes": np.sum([each["holes"] for each in scored], 0).tolist(),
@@ -363,9 +365,8 @@ def benchmark(config: BenchmarkConfig, methods: Sequence[Callable] = (), capture
         ],
     }
     for task, summary in ((Task.completion, completion_summary), (Task.capture, capture_summary)):
-        names = list(scored[0][task])
-        cells = {name: {each["id"]: each[task][name] for each in scored} for name in names}
-        scores[task.value] = {name: {"summary": summary(level_of, cells[name]), "clips": cells[name]} for name in names}
+        cells = {name: {each["id"]: each[task][name] for each in scored} for name in scored[0][task]}
+        scores[task.value] = {name: {"summary": summary(level_of, each), "clips": each} for name, each in cells.items()}
     if earlier:
         scores["differences"] = differences(scores, earlier)
     return scores
