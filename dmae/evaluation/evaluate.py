@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -96,15 +96,10 @@ def filled_by(
 
 
 def _trials(clips: Sequence[Clip], config: EvaluateConfig) -> Iterator[Trial]:
-    synthetic = config.input != Input.captured_poses
-    data_set: Any = clips
     # A plain list of clips is not part of a larger data set.
-    total, numbers = getattr(clips, "total", len(clips)), getattr(clips, "numbers", range(len(clips)))
-    ids = [folder.name for folder in data_set.folders] if total > 1 else [clips[0].id]
-    paths = predictions_of(Path(config.poses), data_set.names if total > 1 else ids) if config.poses else {}
-    for number, clip, name in zip(numbers, clips, ids, strict=True):
-        path = paths.get(name)
-        if synthetic:
+    numbers = getattr(clips, "numbers", range(len(clips)))
+    for number, clip, path in zip(numbers, clips, _handed_in(clips, config), strict=True):
+        if config.input != Input.captured_poses:
             yield _synthetic_trial(clip, number, config, path)
         elif path:
             truth = compared_truth(clip, config.skeleton)
@@ -114,6 +109,17 @@ def _trials(clips: Sequence[Clip], config: EvaluateConfig) -> Iterator[Trial]:
             yield Trial(clip, [*range(len(clip.rig))], given, truth, scored_actors(clip), filled=filled)
         else:
             yield from _captured_trials(clip, config)
+
+
+def _handed_in(clips: Sequence[Clip], config: EvaluateConfig) -> list[Path | None]:
+    """Return the path of the poses of each clip that were made elsewhere; None if methods fill poses."""
+    if not config.poses:
+        return [None] * len(clips)
+    assert isinstance(clips, Clips)
+    if clips.total == 1:
+        return [*predictions_of(Path(config.poses), [clips[0].id]).values()]
+    found = predictions_of(Path(config.poses), clips.names)
+    return [found[folder.name] for folder in clips.folders]
 
 
 def _synthetic_trial(clip: Clip, number: int, config: EvaluateConfig, path: Path | None) -> Trial:

@@ -122,8 +122,11 @@ def hand_ins_of(
 
     Raises also ValueError if there are none, or two of a task have one name.
     """
-    given = [(each, Task.completion, config.weights) for each in (*config.methods, *methods)]
-    given += [(each, Task.capture, None) for each in (*config.captures, *captures)]
+    completing: list[str | Callable] = [*config.methods, *methods]
+    capturing: list[str | Callable] = [*config.captures, *captures]
+    given: list[tuple[str | Callable, Task, str | None]]
+    given = [(each, Task.completion, config.weights) for each in completing]
+    given += [(each, Task.capture, None) for each in capturing]
     found = [
         HandIn(getattr(each, "__name__", repr(each)), task, weights, each)
         if callable(each)

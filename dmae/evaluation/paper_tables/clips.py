@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -19,20 +18,15 @@ class NamedClips(Sequence):
     """Clips of several data sets, named after their folders, because clip ids start at 0 in each set."""
 
     def __init__(self, members: Sequence[tuple[Clips, int]]):
-        self.members = list(members)
+        self.members = members
         """The set and the index of each clip."""
-
-    @property
-    def folders(self) -> list[Path]:
-        """Folder of each clip."""
-        return [clips.folders[number] for clips, number in self.members]
 
     def __len__(self) -> int:
         return len(self.members)
 
     def __getitem__(self, index: int) -> Clip:  # type: ignore[override]  # clips are not read by slices
         clips, number = self.members[index]
-        folder = self.folders[index]
+        folder = clips.folders[number]
         return replace(clips[number], id=f"{folder.parent.name}/{folder.name}")
 
 
