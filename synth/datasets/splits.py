@@ -13,8 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 from safetensors import safe_open
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+from scipy.cluster.hierarchy import DisjointSet
 
 from dmae.data.store import filled_clip_folders
 from dmae.files.contents import write_atomic
@@ -257,15 +256,11 @@ def split(
 
 def _groups(found: dict[str, set[str]]) -> list[list[str]]:
     """Return groups of names of clips. Clips that share something, directly or through others, are in one group."""
-    names, things = list(found), {thing: index for index, thing in enumerate(set().union(*found.values()))}
-    pairs = [(row, len(names) + things[thing]) for row, name in enumerate(names) for thing in found[name]]
-    size = len(names) + len(things)
-    graph = coo_array((np.ones(len(pairs)), np.transpose(pairs)), (size, size))
-    _, labels = connected_components(graph, directed=False)
-    groups: dict[int, list[str]] = defaultdict(list)
-    for name, label in zip(names, labels.tolist(), strict=False):
-        groups[label].append(name)
-    return list(groups.values())
+    groups, owners = DisjointSet(found), {}
+    for name, things in found.items():
+        for thing in things:
+            groups.merge(name, owners.setdefault(thing, name))
+    return [list(group) for group in groups.subsets()]
 
 
 def find_leaks(data: Path, splits: dict[str, list[str]], kinds: Iterable[SplitBy] = tuple(SplitBy)) -> list[Leak]:

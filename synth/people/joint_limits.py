@@ -4,6 +4,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 from scipy.spatial.transform import Rotation
 
+from dmae.numerics.body import continuous
 from synth.people.body import PARENTS, SEGMENTS, side_and_name
 
 # Degrees about x, y and z of the parent's axes, on the left side. Active ranges of adults, after the American Academy
@@ -131,8 +132,7 @@ def _find_jumps(quats: np.ndarray, fps: float) -> np.ndarray:
 
 def _smoothed(quats: np.ndarray, jumping: np.ndarray, fps: float) -> np.ndarray:
     """Return rotations (F, ..., 16, 4), smoothed where a mask (F, ..., 16) is true, and less towards its edges."""
-    flips = np.where((quats[1:] * quats[:-1]).sum(-1, keepdims=True) < 0, -1.0, 1.0)
-    quats = np.concatenate([quats[:1], quats[1:] * np.cumprod(flips, axis=0)])
+    quats = continuous(quats)
     blur = {"sigma": _EASE / 2 * fps, "axis": 0, "mode": "nearest"}
     share = np.where(jumping, gaussian_filter1d(jumping.astype(float), **blur), 0.0)[..., None]
     quats = quats + share * (gaussian_filter1d(quats, **blur) - quats)

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
+from dmae.numerics.body import continuous
 from synth.motion.feet import FEET
 from synth.people.body import PARENTS, SEGMENTS, side_and_name
 from synth.people.joint_limits import WIDEST
@@ -96,11 +97,7 @@ def make_reference(
     relative = rotations.copy()
     relative[:, :, 1:] = np.swapaxes(rotations[:, :, PARENTS[1:]], -1, -2) @ rotations[:, :, 1:]
     quats = Rotation.from_matrix(relative.reshape(-1, 3, 3)).as_quat(scalar_first=True)
-    quats = quats.reshape(frames, persons, len(SEGMENTS), 4)
-    # q and -q are the same orientation: give each the sign that is closer to the one before, for interpolation.
-    flips = np.sign((quats[1:] * quats[:-1]).sum(-1, keepdims=True))
-    quats[1:] *= np.cumprod(np.where(flips < 0, -1.0, 1.0), axis=0)
-
+    quats = continuous(quats.reshape(frames, persons, len(SEGMENTS), 4))
     dt, beyond = 1 / (fps * substeps), max(0, last - (frames - 1) * substeps)
     times, steps = np.arange(frames) / fps, np.arange((frames - 1) * substeps + beyond + 1) * dt
     if frames == 1:

@@ -168,15 +168,9 @@ def cover_floor(rig: CameraRig, arena: Path, middle: np.ndarray, radius: float) 
 
 
 @dataclass(frozen=True)
-class PlannedRig:
-    """The cameras that a plan proposes for one number of cameras."""
+class PlannedRig(CandidateCameras):
+    """The V cameras that a plan proposes for one number of cameras, counter-clockwise around the people."""
 
-    rig: CameraRig  # V cameras, counter-clockwise around the people
-    kind: np.ndarray  # (V,) "wall", "ceiling", "tripod" or "given"
-    # view_deg, pan_deg, tilt_deg: (V,) as in `synth.planning.places.CandidateCameras`
-    view_deg: np.ndarray
-    pan_deg: np.ndarray
-    tilt_deg: np.ndarray
     prediction: RigPrediction  # Prediction of the search
     # Figures on people that were not used in the search, by name in `synth.planning.plan.FIGURES`
     figures: dict[str, Expected]
@@ -262,7 +256,8 @@ def gather_evidence(config: PlanConfig, candidates: CandidateCameras) -> JointEv
     """Simulate the people of the search, and return the evidence of all candidates on them."""
     tasks = ((config, candidates, number) for number in range(config.search.clips))
     made = in_parallel(_gather, tasks, config.workers)
-    return JointEvidence.joined(list(progress(made, "rehearsing", config.search.clips)))
+    parts = list(progress(made, "rehearsing", config.search.clips))
+    return JointEvidence(*(np.concatenate([vars(part)[name] for part in parts]) for name in vars(parts[0])))
 
 
 def _gather(config: PlanConfig, candidates: CandidateCameras, number: int) -> JointEvidence:
@@ -308,10 +303,9 @@ def _planned(
     )
     return PlannedRig(
         rig,
+        candidates.place[cameras],
         candidates.kind[cameras],
         candidates.view_deg[cameras],
-        candidates.pan_deg[cameras],
-        candidates.tilt_deg[cameras],
         predict(evidence, cameras),
         whole,
         worth,

@@ -92,13 +92,6 @@ class JointEvidence:
     # yy, zz, xy, xz, yz
     information: np.ndarray
 
-    @staticmethod
-    def joined(parts: list["JointEvidence"]) -> "JointEvidence":
-        """Return the joined evidence of several clips."""
-        return JointEvidence(
-            np.concatenate([part.probability for part in parts]), np.concatenate([part.information for part in parts])
-        )
-
 
 def gather(rehearsal: Rehearsal, candidates: CandidateCameras, detector: DetectorConfig, frames: int) -> JointEvidence:
     """Return the evidence of candidates on the joints of a clip, in `frames` frames, evenly spread.

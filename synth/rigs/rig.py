@@ -24,11 +24,6 @@ def displace(rig: CameraRig, position: float, rotation: float, *, rng: np.random
     return replace(rig, cam_from_world=pose(turned, rig.centers + position * shift))
 
 
-def jitter(rig: CameraRig, config: JitterConfig, *, rng: np.random.Generator) -> CameraRig:
-    """Return the rig with displaced cameras."""
-    return rig if config == JitterConfig() else displace(rig, config.position, config.rotation, rng=rng)
-
-
 def miscalibrate(rig: CameraRig, config: MiscalibrationConfig, *, rng: np.random.Generator) -> CameraRig | None:
     """Return a random calibration of a rig; None if all errors are 0."""
     if config == MiscalibrationConfig():
@@ -67,22 +62,28 @@ def make_rig(config: RigConfig, *, rng: np.random.Generator, stage: Stage = _MID
             help if the placement is random.
     """
     (child,) = rng.spawn(1)
-    if config.path or config.cameras:
+    given = config.path or config.cameras
+    random = not given and config.placement is CameraPlacement.random
+    if given:
         cameras = [vars(camera) for camera in config.cameras]
         rig = _read(config) if config.path else listed_cameras(cameras, config.source)
         # Published rotations are rounded, and MuJoCo stores quaternions: take the nearest exact ones.
         rotation = Rotation.from_matrix(rig.cam_from_world[:, :3, :3]).as_matrix()
         rig = replace(rig, cam_from_world=pose(rotation, rig.centers - config.origin))
-        return _checked(jitter(rig, config.jitter, rng=child), config, stage, origin=config.origin)
-    match config.placement:
-        case CameraPlacement.ring:
-            rig = ring(config.ring, stage, rng=rng)
-        case CameraPlacement.dome:
-            rig = dome(config.dome, stage)
-        case CameraPlacement.random:
-            rig = scatter(config.random, stage, rng=rng)
-    rig = _checked(jitter(rig, config.jitter, rng=child), config, stage)
-    random = config.placement is CameraPlacement.random
+    elif random:
+        rig = scatter(config.random, stage, rng=rng)
+    elif config.placement is CameraPlacement.dome:
+        rig = dome(config.dome, stage)
+    else:
+        rig = ring(config.ring, stage, rng=rng)
+    if config.jitter != JitterConfig():
+        rig = displace(rig, config.jitter.position, config.jitter.rotation, rng=child)
+    for name in rig.names:
+        if name in ("", ".", "..") or not {"/", "\\", "\0"}.isdisjoint(name):
+            raise ValueError(
+                f"{config.source}, camera {name!r}: its images are called by its name; expected a file's name"
+            )
+    check_rig(rig, config.source, stage, origin=config.origin if given else None)
     if random and views_of_cells(rig, stage).min() < config.random.views_at_least:
         raise FailedSimulation(f"{config.source}: rig.jitter turned cameras away from {stage}; lower it")
     return rig
@@ -94,14 +95,3 @@ def _read(config: RigConfig) -> CameraRig:
         return read_calibration(Path(config.path), size=size, unit=config.unit, up=config.up, inverse=config.inverse)
     except LacksSize as error:
         raise LacksSize(error.what, "rig.size") from None
-
-
-def _checked(rig: CameraRig, config: RigConfig, stage: Stage, origin: list[float] | None = None) -> CameraRig:
-    """Return the rig if its names are valid file names and every camera sees people; otherwise raise an error."""
-    for name in rig.names:
-        if name in ("", ".", "..") or not {"/", "\\", "\0"}.isdisjoint(name):
-            raise ValueError(
-                f"{config.source}, camera {name!r}: its images are called by its name; expected a file's name"
-            )
-    check_rig(rig, config.source, stage, origin=origin)
-    return rig

@@ -27,18 +27,18 @@ def export_g1(selection: Selection, out: Path) -> dict[str, Counter]:
 def export_lerobot(selection: Selection, out: Path) -> dict[str, Counter]:
     """LeRobot v3 data set of Unitree G1 robots for each split: `<split>/data`, `<split>/meta`."""
     load_robot(selection.robot)
-    found = selection.export(_write_part, out)
-    given, rates = defaultdict(list), defaultdict(dict)
-    for task in selection.tasks(out):
-        with np.load(task.part("npz")) as part:
-            rates[task.split][float(part["fps"])] = None
-            words, joints = str(part["task"]), tuple(part["joints"].tolist())
-            of_persons = zip(part["qpos"], part["flags"], part["measured"], strict=True)
-            given[task.split] += [Episode(words, joints, *arrays) for arrays in of_persons]
-    for split, fps in rates.items():
-        if len(fps) > 1:
-            raise ValueError(f"format=lerobot: expected clips of one frame rate, found {', '.join(map(str, fps))} fps")
-        write_episodes(out / split, given[split], *fps)
+    found = {split: Counter() for split in selection.splits}
+    given: dict[str, list[Episode]] = defaultdict(list)
+    rates: dict[str, set[float]] = defaultdict(set)
+    for task, (counts, fps, each) in selection.each_clip(_episodes, out):
+        found[task.split] += counts
+        given[task.split] += each
+        rates[task.split].add(fps)
+    for split, each_rate in rates.items():
+        if len(each_rate) > 1:
+            several = ", ".join(map(str, sorted(each_rate)))
+            raise ValueError(f"format=lerobot: expected clips of one frame rate, found {several} fps")
+        write_episodes(out / split, given[split], *each_rate)
     return found
 
 
@@ -48,18 +48,9 @@ def _write_csv(task: ClipTask) -> Counter:
     return counts
 
 
-def _write_part(task: ClipTask) -> Counter:
+def _episodes(task: ClipTask) -> tuple[Counter, float, list[Episode]]:
     motion, words, counts = _retargeted(task)
-    each = episodes(motion, words)
-    parts: dict = {name: np.stack([getattr(one, name) for one in each]) for name in ("qpos", "flags", "measured")}
-    np.savez(
-        task.part("npz"),
-        fps=task.load().fps / task.every,
-        joints=np.array(motion.joints),
-        task=words,
-        **parts,
-    )
-    return counts
+    return counts, task.load().fps / task.every, episodes(motion, words)
 
 
 def _retargeted(task: ClipTask) -> tuple[RobotMotion, str, Counter]:

@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeVar
 
 from dmae.data.clip import Clip
 from dmae.data.skeleton import Skeleton
@@ -12,6 +13,7 @@ from dmae.formats.labelled_images import DEPTH, LabelledImage, file_part, joint_
 from dmae.parallel import in_parallel
 from dmae.progress import progress
 
+Made = TypeVar("Made")
 PARTS = ".parts"
 """Folder for temporary files of the processes, within the export. It is removed at the end."""
 
@@ -104,8 +106,8 @@ class Selection:
         how = self.skeleton, self.every, self.images, out, self.robot
         return [ClipTask(self.data / name, name, split, *how) for split, names in self.splits.items() for name in names]
 
-    def each_clip(self, function: Callable[[ClipTask], Counter], out: Path) -> Iterator[tuple[ClipTask, Counter]]:
-        """Yield each task, and the counts that `function` returns for it in some process."""
+    def each_clip(self, function: Callable[[ClipTask], Made], out: Path) -> Iterator[tuple[ClipTask, Made]]:
+        """Yield each task, and what `function` returns for it in some process."""
         tasks = self.tasks(out)
         made = in_parallel(function, ((task,) for task in tasks), self.workers)
         yield from zip(tasks, progress(made, "exporting clips", len(tasks)), strict=True)
