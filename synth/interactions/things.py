@@ -1,6 +1,7 @@
 """What people do with things: carry a box and pass it on, fill a shelf, work at a counter or a table."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -134,6 +135,21 @@ _PASSING = 0.5
 """Share of the clips in which a box is passed."""
 
 
+@dataclass
+class _Worker:
+    """A person around a shelf at the origin. Angles are in rad, distances in m, curves (F,)."""
+
+    angle: np.ndarray  # Direction of the person from the shelf
+    gap: np.ndarray  # Distance from the shelf's surface at work
+    away: np.ndarray  # The same before the person has arrived
+    here: np.ndarray  # From 0, away, to 1, at work
+    astray: np.ndarray  # Heading, from straight at the shelf
+    gaze: np.ndarray  # Index of the person looked at; -1 for none
+    free: np.ndarray  # Share in which the hands work
+    # Share in which a box is being passed, and the distance from the origin and the heading of the person meanwhile
+    passing: tuple[np.ndarray, float, float] | None = None
+
+
 @interaction(persons=(2, 6))
 def shelving(cast: Cast, *, rng: np.random.Generator) -> Script:
     """People stand around a shelf, shift and turn, and put hands to it; all but two of them walk up to it.
@@ -143,52 +159,15 @@ def shelving(cast: Cast, *, rng: np.random.Generator) -> Script:
     moving or not.
     """
     # Rounded up to centimetres: hands keep clear of the posts.
-    half_length, half_depth = np.ceil(100 * prop_size("shelf").reach[:2]) / 100
+    half_size = np.ceil(100 * prop_size("shelf").reach[:2]) / 100
     count, seconds = len(cast.bodies), cast.seconds
     last, first = max(seconds[-1], 1e-9), rng.uniform(0, 2 * np.pi)
     passing, rounds = rng.random() < _PASSING, max(1, round(last / _ROUND))
-    giver, taken, quick = count - 1, rng.uniform(0.4, 0.6) * last, min(1.2, 0.25 * last)
-    # The two people are side by side where they meet, as seen from the shelf.
-    middle, meeting = first - np.pi / count, during(seconds, taken - 0.5, taken + 0.9, quick)
-    paths, gazes, free, gaps = [], [], [], []
-    for person in range(count):
-        moves = _moves(last, rng=rng)
-        aside = rng.uniform(-1, 1, len(moves) + 1) * min(_ASIDE, 2 / 3 * np.pi / count)
-        gap = rng.uniform(*_NEAR, len(moves) + 1)
-        angle = first + 2 * np.pi * person / count + _held(aside, moves, seconds)
-        gap = _held(gap, moves, seconds) + random_drift(rng, seconds, 0.03, 0.4)
-        off, begin, speed = rng.uniform(*_AWAY), rng.uniform(0.05, 0.7) * last, rng.uniform(0.5, 1.0)
-        here = np.ones(len(seconds)) if person < 2 else ease((seconds - begin) * speed / off)
-        away = off + random_drift(rng, seconds, 0.1, 0.3)
-        moves = _moves(last, rng=rng)
-        astray = _FACING * np.tanh(rng.normal(0, 0.9, len(moves) + 1))
-        astray = _held(astray, moves, seconds) + random_drift(rng, seconds, np.radians(4), 0.3)
-        looked_at = np.where(rng.random(rounds) < 0.3, (person + rng.integers(1, count, rounds)) % count, -1)
-        gaze = looked_at[np.minimum((seconds / last * rounds).astype(int), rounds - 1)]
-        free.append(np.clip(2 * here - 1, 0, 1))
-        if passing and person in (0, giver):
-            # The box needs space: the person who holds it stays farther from the shelf.
-            gives = person == giver
-            back = minimum_jerk((seconds - taken + 0.5 + quick) / quick)
-            back = 1 - minimum_jerk((seconds - taken - 0.9) / quick) if gives else back
-            gap, free[-1] = gap + back * np.maximum(_BACK - gap, 0), free[-1] * (1 - back)
-            held = holding_place([cast.bodies[giver], cast.bodies[0]])[0][0 if gives else 1] * (-1 if gives else 1)
-            angle = angle - 2 * np.pi * gives
-            angle = angle + meeting * (middle + np.arctan2(held, half_length + _BACK) - angle)
-            gaze = np.where(meeting > 0.5, giver - person, gaze)
-        out = forwards(angle)
-        surface = np.minimum(
-            half_length / np.maximum(np.abs(out[:, 0]), 1e-9), half_depth / np.maximum(np.abs(out[:, 1]), 1e-9)
-        )
-        far = np.minimum(away, np.maximum(cast.radius - surface, gap))
-        distance, heading = surface + gap + (1 - here) * (far - gap), angle + np.pi + astray
-        if passing and person in (0, giver):
-            distance += meeting * (np.hypot(half_length + _BACK, held) - distance)
-            towards = middle + np.copysign(np.pi / 2, -held)
-            heading += meeting * wrapped(towards - heading)
-        paths.append(np.column_stack([distance[:, None] * out, heading]))
-        gazes.append(gaze)
-        gaps.append(gap)
+    giver, taken = count - 1, rng.uniform(0.4, 0.6) * last
+    workers = [_around_shelf(cast, person, first, rounds, rng=rng) for person in range(count)]
+    if passing:
+        _meet(cast, workers[giver], workers[0], first - np.pi / count, taken, half_size[0])
+    paths = [_shelf_path(worker, half_size, cast.radius) for worker in workers]
     busy, heights = rng.random((count, 2, rounds)) < 0.55, rng.uniform(0.75, 1.45, (count, 2, rounds))
     box, hold = hand_over(cast, (giver, 0), (paths[giver], paths[0]), taken) if passing else (None, None)
     length = last / rounds
@@ -200,22 +179,81 @@ def shelving(cast: Cast, *, rng: np.random.Generator) -> Script:
             ahead = np.stack([np.cos(path[:, 2]), np.sin(path[:, 2]), 0 * path[:, 2]], 1)
             left = np.stack([-ahead[:, 1], ahead[:, 0], 0 * path[:, 2]], 1)
             # No farther than the shelf's surface, whatever the heading.
-            forward = np.minimum(0.75 * arm, gaps[person] - 0.1)[:, None]
+            forward = np.minimum(0.75 * arm, workers[person].gap - 0.1)[:, None]
             for hand, (side, sign) in enumerate((("l", 1.0), ("r", -1.0))):
                 for turn in np.flatnonzero(busy[person, hand]):
                     share = during(seconds, turn * length + 0.5, (turn + 1) * length - 0.5, 0.5)
                     palm = poses.origins[:, person, 0] + forward * ahead + 0.22 * sign * arm * left
                     palm[:, 2] = heights[person, hand, turn]
-                    reaches.append(Reach(person, side, share * free[person], palm, ahead))
+                    reaches.append(Reach(person, side, share * workers[person].free, palm, ahead))
         return reaches + (hold(poses) if hold else [])
 
     return Script(
-        tuple(Role(path, gaze=gaze) for path, gaze in zip(paths, gazes, strict=True)),
+        tuple(Role(path, gaze=worker.gaze) for path, worker in zip(paths, workers, strict=True)),
         clearance=0.45,
         furniture=(PlacedProp("shelf", (0.0, 0.0), 0.0),),
         loads=(box,) if box else (),
         reaches=work,
     )
+
+
+def _around_shelf(cast: Cast, person: int, first: float, rounds: int, *, rng: np.random.Generator) -> _Worker:
+    """Return a person who works at the shelf by themselves. `first` is the direction of the first person, rad."""
+    count, seconds = len(cast.bodies), cast.seconds
+    last = max(seconds[-1], 1e-9)
+    moves = _moves(last, rng=rng)
+    aside = rng.uniform(-1, 1, len(moves) + 1) * min(_ASIDE, 2 / 3 * np.pi / count)
+    gap = rng.uniform(*_NEAR, len(moves) + 1)
+    angle = first + 2 * np.pi * person / count + _held(aside, moves, seconds)
+    gap = _held(gap, moves, seconds) + random_drift(rng, seconds, 0.03, 0.4)
+    off, begin, speed = rng.uniform(*_AWAY), rng.uniform(0.05, 0.7) * last, rng.uniform(0.5, 1.0)
+    here = np.ones(len(seconds)) if person < 2 else ease((seconds - begin) * speed / off)
+    away = off + random_drift(rng, seconds, 0.1, 0.3)
+    moves = _moves(last, rng=rng)
+    astray = _FACING * np.tanh(rng.normal(0, 0.9, len(moves) + 1))
+    astray = _held(astray, moves, seconds) + random_drift(rng, seconds, np.radians(4), 0.3)
+    looked_at = np.where(rng.random(rounds) < 0.3, (person + rng.integers(1, count, rounds)) % count, -1)
+    gaze = looked_at[np.minimum((seconds / last * rounds).astype(int), rounds - 1)]
+    return _Worker(angle, gap, away, here, astray, gaze, free=np.clip(2 * here - 1, 0, 1))
+
+
+def _meet(cast: Cast, giver: _Worker, taker: _Worker, middle: float, taken: float, half_length: float) -> None:
+    """Let the last person meet the first one in the direction `middle`, rad, to pass a box at the time `taken`, s.
+
+    The two are side by side there, as seen from the shelf, which is 2 `half_length` long, m.
+    """
+    seconds, last = cast.seconds, len(cast.bodies) - 1
+    quick = min(1.2, 0.25 * max(seconds[-1], 1e-9))
+    meeting = during(seconds, taken - 0.5, taken + 0.9, quick)
+    held, _ = holding_place([cast.bodies[last], cast.bodies[0]])
+    received = minimum_jerk((seconds - taken + 0.5 + quick) / quick)
+    given = minimum_jerk((seconds - taken - 0.9) / quick)
+    for worker, partner, has_box, aside, turn in (
+        (giver, 0, 1 - given, -held[0], 2 * np.pi),
+        (taker, last, received, held[1], 0.0),
+    ):
+        # The box needs space: the person who holds it stays farther from the shelf.
+        worker.gap = worker.gap + has_box * np.maximum(_BACK - worker.gap, 0)
+        worker.free = worker.free * (1 - has_box)
+        angle = worker.angle - turn
+        worker.angle = angle + meeting * (middle + np.arctan2(aside, half_length + _BACK) - angle)
+        worker.gaze = np.where(meeting > 0.5, partner, worker.gaze)
+        distance, heading = np.hypot(half_length + _BACK, aside), middle + np.copysign(np.pi / 2, -aside)
+        worker.passing = meeting, distance, heading
+
+
+def _shelf_path(worker: _Worker, half_size: np.ndarray, radius: float) -> np.ndarray:
+    """Return the (F, 3) path of a person around a shelf of half length and depth (2,), m, within a radius, m."""
+    out = forwards(worker.angle)
+    surface = (half_size / np.maximum(np.abs(out), 1e-9)).min(1)
+    far = np.minimum(worker.away, np.maximum(radius - surface, worker.gap))
+    distance = surface + worker.gap + (1 - worker.here) * (far - worker.gap)
+    heading = worker.angle + np.pi + worker.astray
+    if worker.passing:
+        meeting, meeting_distance, meeting_heading = worker.passing
+        distance += meeting * (meeting_distance - distance)
+        heading += meeting * wrapped(meeting_heading - heading)
+    return np.column_stack([distance[:, None] * out, heading])
 
 
 def _moves(last: float, *, rng: np.random.Generator) -> np.ndarray:
