@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal, TypedDict
 
@@ -17,7 +16,7 @@ from dmae.data.conversion import convert
 from dmae.data.labels import Visibility
 from dmae.data.skeleton import Skeleton, decode_skeleton, get_skeleton
 from dmae.data.store import FORMAT, assemble_clip, clip_folders, is_of_frames, load_clip
-from dmae.files.contents import check_file
+from dmae.files.contents import cached_until_changed, check_file
 from dmae.files.structured import read_json
 from dmae.formats.labelled_images import PersonLabel, joint_labels, label_persons
 
@@ -50,9 +49,9 @@ class ClipFile:
         if not 0 <= start <= stop <= self.frames:
             raise ValueError(f"frames {start} to {stop}: expected an order, and frames 0 to {self.frames}")
         path = self.folder / ARRAYS
-        meta = _meta(self.folder / META, _modified(self.folder / META))
+        meta = _meta(self.folder / META)
         try:
-            file = _arrays(path, _modified(path))
+            file = _arrays(path)
             stored = file.keys()
             arrays = {name: file.get_slice(name)[start:stop] for name in stored if is_of_frames(name)}
             arrays |= {name: file.get_tensor(name) for name in stored if name.startswith(("rig.", "true_rig."))}
@@ -73,7 +72,7 @@ class ClipFile:
         """
         path = self.folder / ARRAYS
         try:
-            file = _arrays(path, _modified(path))
+            file = _arrays(path)
             xyz, source, views = (
                 file.get_slice(f"{of}.{name}")[start:stop, person : person + 1] for name in ("xyz", "source", "views")
             )
@@ -132,18 +131,12 @@ def _head(folder: Path, meta: dict) -> ClipFile:
         raise ValueError(f"{folder / META}: {error}; the clip is damaged, make it again") from None
 
 
-def _modified(path: Path) -> int:
-    return path.stat().st_mtime_ns
+_meta = cached_until_changed(_OPEN)(read_json)
 
 
-@lru_cache(maxsize=_OPEN)
-def _arrays(path: Path, modified: int):
+@cached_until_changed(_OPEN)
+def _arrays(path: Path):
     return safe_open(path, framework="numpy").__enter__()
-
-
-@lru_cache(maxsize=_OPEN)
-def _meta(path: Path, modified: int) -> dict:
-    return read_json(path)
 
 
 def _place(index: int, ends: np.ndarray, what: str) -> tuple[int, int]:
