@@ -36,7 +36,8 @@ def mean_score(table: pd.DataFrame, scale: float = 100.0) -> Score:
     return score_of(table, "cameras", "clip", "person", scale=scale)
 
 
-NOISE_NOTE = (
+_JOINT_TABLES = (5, 6)  # They count joints within 0.2 m, not limbs by a protocol
+_NOISE = (
     "Brackets: 95 % bootstrap intervals over blocks of one second. A difference with zero in its interval is noise. "
     "Published figures come without an interval, and theirs is taken to be nothing; under another protocol they differ "
     "by that, too. No interval is stated for fewer than five blocks."
@@ -87,7 +88,6 @@ def paper_table(
     recording: str,
     frames: dict[str, int],
     footnotes: Sequence[str],
-    rules: str = "",
     pairs: Sequence[tuple[str, str]] = (),
 ) -> dict:
     """Return a table.
@@ -101,7 +101,6 @@ def paper_table(
         recording: Name of the scored data.
         frames: Number of annotated frames of each actor.
         footnotes: Differences from the paper, with their reasons.
-        rules: How rows are scored; by default the protocol of the configuration.
         pairs: Further comparisons: the name of a measured row, and of the row that it is compared with.
 
     Returns:
@@ -113,7 +112,7 @@ def paper_table(
     by_name = {row.name: row for row in rows}
     reference = by_name[against]
     made = [_published(row, columns, reference, comparable) for row in published_rows(config.number)]
-    rules = rules or config.protocol
+    rules = "joints within 0.2 m" if config.number in _JOINT_TABLES else config.protocol
     made += [_measured(row, columns, reference, rules) for row in rows]
     compared = [
         {"name": name, "against": other, "differences": _differences(by_name[name], by_name[other], columns)}
@@ -130,7 +129,7 @@ def paper_table(
         "columns": [vars(column) for column in columns],
         "rows": made,
         "pairs": compared,
-        "footnotes": [*footnotes, *([_SMALL] if config.size == TableSize.small else [])],
+        "footnotes": [*footnotes, _NOISE, *([_SMALL] if config.size == TableSize.small else [])],
     }
 
 

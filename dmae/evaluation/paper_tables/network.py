@@ -27,7 +27,7 @@ from dmae.data.rng import Stream, generator
 from dmae.data.skeleton import SHELF14, Skeleton, get_skeleton
 from dmae.evaluation.config import TableConfig, TableSize
 from dmae.evaluation.paper_tables.clips import NamedClips, captured, halves, load_sets
-from dmae.evaluation.paper_tables.layout import NOISE_NOTE, MeasuredRow, TableColumn, mean_score, paper_table
+from dmae.evaluation.paper_tables.layout import MeasuredRow, TableColumn, mean_score, paper_table
 from dmae.formats.reading import camera_subsets
 from dmae.metrics.position import PCK_THRESHOLD
 from dmae.metrics.table import Score, block_of, tally
@@ -229,7 +229,7 @@ def codes_table(config: TableConfig, out: Path) -> dict:
     ]
     return paper_table(
         config, _CODE_COLUMNS, rows, against=BOTH, comparable=None, recording=f"{len(scored)} simulated clips",
-        frames={}, footnotes=[*_CODE_NOTES, NOISE_NOTE], rules="joints within 0.2 m",
+        frames={}, footnotes=_CODE_NOTES,
     )  # fmt: skip
 
 

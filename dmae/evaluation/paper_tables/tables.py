@@ -28,7 +28,7 @@ from dmae.data.skeleton import BODY25, SHELF14, Skeleton
 from dmae.evaluation.config import EvaluateConfig, TableConfig, TableSize
 from dmae.evaluation.evaluate import Trial, filled_trials, load_methods
 from dmae.evaluation.paper_tables.clips import NamedClips, captured, check_truth, halves, load_recording, load_sets
-from dmae.evaluation.paper_tables.layout import NOISE_NOTE, MeasuredRow, TableColumn, mean_score, paper_table
+from dmae.evaluation.paper_tables.layout import MeasuredRow, TableColumn, mean_score, paper_table
 from dmae.evaluation.paper_tables.network import (
     MISSING,
     NETWORK,
@@ -315,7 +315,6 @@ def _recording_table(
         frames={f"actor {number}": count for number, count in enumerate(frames, 1)},
         footnotes=[
             *notes, *([TUNED_NOTE] if config.extra_data else []), *([SHELF_NOTE] if shelf else []), PROTOCOL_NOTE,
-            NOISE_NOTE,
         ],
         pairs=STAGES if config.extra_data else (),
     )  # fmt: skip
@@ -375,7 +374,7 @@ def interaction_table(config: TableConfig, out: Path) -> dict:
     return paper_table(
         config, [*_TRANSFER_COLUMNS, *angle_columns(config)], rows, against=AGAINST, comparable=None,
         recording=f"{len(scored)} simulated clips",
-        frames={"persons times frames": frames}, footnotes=[*_TRANSFER_NOTES, PROTOCOL_NOTE, NOISE_NOTE],
+        frames={"persons times frames": frames}, footnotes=[*_TRANSFER_NOTES, PROTOCOL_NOTE],
     )  # fmt: skip
 
 
@@ -439,8 +438,7 @@ def counts_table(config: TableConfig, out: Path) -> dict:
             row.cells[f"recall_{count}"] = summary(found)["mean"]["pck"]["recall"]
     return paper_table(
         config, columns, list(rows.values()), against=AGAINST, comparable=None,
-        recording=f"{len(clips)} simulated clips", frames={}, footnotes=[*_NOTES, NOISE_NOTE],
-        rules="joints within 0.2 m",
+        recording=f"{len(clips)} simulated clips", frames={}, footnotes=_NOTES,
     )  # fmt: skip
 
 
