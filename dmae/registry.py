@@ -174,6 +174,17 @@ def _home(function: Callable) -> str:
     return f"{function.__module__}:{getattr(function, '__qualname__', '')}"
 
 
+def takes(function: Callable, *arguments: str) -> bool:
+    """Return whether a function can be called with these arguments in their order."""
+    try:
+        inspect.signature(function).bind(*arguments)
+    except TypeError:
+        return False
+    except ValueError:
+        pass  # compiled functions may have no signature
+    return True
+
+
 def load_function(option: str, name: str, example: str = "my_module:my_function") -> Callable:
     """Import a function, `package.module:function`, from the current folder or from the installed packages.
 

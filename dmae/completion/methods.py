@@ -11,7 +11,7 @@ from functools import cache, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dmae.registry import Entry, Registry
+from dmae.registry import Entry, Registry, takes
 
 if TYPE_CHECKING:
     from dmae.data.clip import Poses3D
@@ -52,6 +52,8 @@ def _of_any_size(function: Fill) -> Fill:
     from dmae.numerics.filling import are_stills, fill_stills
 
     name = f"{function.__module__}:{function.__name__}"
+    if not takes(function, "poses", "fps"):
+        raise ValueError(f"method {name}: expected a function of poses and their frames per second")
 
     def poses_of(poses: Poses3D, fps: float) -> Poses3D:
         if name.startswith("dmae."):

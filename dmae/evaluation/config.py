@@ -134,8 +134,8 @@ class StressConfig(PartConfig):
     )
     """Completion methods, or module:function of your own; `paper` captures with the thresholds of the paper."""
     captures: list[str] = field(default_factory=list, metadata={"choices": capture_method})
-    """Captures that are compared as they measure, with nothing filled: published systems, or module:function of a clip
-    and its CaptureConfig."""
+    """Captures that are compared as they measure, with nothing filled: published systems, or module:function of a clip,
+    or of a clip and its CaptureConfig."""
     weights: str | None = field(default=None, metadata={"reads": "model", "words": ("paper",)})
     """Folder that `dmae train` wrote, for learned methods; by default the weights that come with the package."""
     paper_weights: str | None = field(default=None, metadata={"reads": "model"})

@@ -149,7 +149,7 @@ class CaptureConfig:
 
     method: str = field(default=ADAPTIVE, metadata={"choices": (ADAPTIVE, *capture_method)})
     """The capture of this package, adaptive, or a published system for comparison, which takes no other option than
-    `th_p`, or module:function of a clip and this configuration."""
+    `th_p`, or module:function of a clip, or of a clip and this configuration."""
     th_p: float = 0.2
     """Smallest confidence of a 2D joint that is used (joint-level filtering)."""
     th_v: int = 2

@@ -25,6 +25,7 @@ from dmae.reconstruction.pruning import prune
 from dmae.reconstruction.reassignment import expected_paths, most_confident_rays, reassign
 from dmae.reconstruction.sides import Sides, correct_sides
 from dmae.reconstruction.tracking import MIN_JOINTS, Tracker, Tracks, count_figures, track
+from dmae.registry import takes
 
 _WIDE_PX, _WIDE_M = 0.006, 0.06
 """Noise that is assumed before anything is known: share of the width of the image, and m on the person."""
@@ -96,13 +97,26 @@ def capture(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None = No
         )
     if config.method == ADAPTIVE:
         return in_units_of_people(partial(_capture, noise=noise), clip, config)
-    poses = in_units_of_people(capture_method.find(config.method).function, clip, config)
+    function = capture_method.find(config.method).function
+    poses = in_units_of_people(of_clip_and_config(function, f"method={config.method}"), clip, config)
     if not isinstance(poses, Poses3D) or len(poses.xyz) != len(clip):
         found = f"Poses3D of {len(poses.xyz)} frames" if isinstance(poses, Poses3D) else type(poses).__name__
         raise ValueError(
             f"clip {clip.id!r}: method={config.method}: expected Poses3D of {len(clip)} frames, found {found}"
         )
     return poses
+
+
+def of_clip_and_config(function: Callable, name: str) -> Callable[[Clip, CaptureConfig], Poses3D]:
+    """Return a capture that takes a clip and a configuration; the function may take the clip alone.
+
+    Raises ValueError, which begins with the name, if it takes other arguments.
+    """
+    if takes(function, "clip", "config"):
+        return function
+    if takes(function, "clip"):
+        return lambda clip, config: function(clip)
+    raise ValueError(f"{name}: expected a function of a clip, or of a clip and its dmae.CaptureConfig")
 
 
 def check_origin(rig: CameraRig, where: str) -> None:

@@ -15,6 +15,11 @@ from tests.support.scored_clips import by_method, config, seen
 from tests.support.untrained_methods import UNTRAINED
 
 
+def of_poses(poses):
+    """A method without the frame rate."""
+    return poses
+
+
 class TestEvaluate:
     def test_methods_and_subsets_of_a_clip(self, tmp_path):
         save_clip(seen(), tmp_path)
@@ -96,6 +101,11 @@ class TestEvaluate:
                 "nowhere: expected a folder that `dmae train`",
             ),
             ({"methods": []}, ValueError, "expected some of"),
+            (
+                {"methods": [f"{__name__}:of_poses"]},
+                ValueError,
+                "method .*:of_poses: expected a function of poses and their frames per second",
+            ),
             ({"views": [5]}, ValueError, "expected numbers from 2 to 4"),
             ({"views": [1]}, ValueError, "expected numbers from 2 to 4"),
             ({"skeleton": "body25", "input": "true_poses"}, ValueError, "skeleton=body25: with input"),

@@ -164,6 +164,13 @@ class TestOwnMethod:
     def test_of_a_module(self, monkeypatch):
         assert captured(full_clip(frames=2), "tests.dmae.reconstruction.test_systems:nobody").xyz.shape == (2, 0, 25, 3)
 
+    def test_of_the_clip_alone(self):
+        assert captured(full_clip(frames=2), "tests.dmae.reconstruction.test_systems:alone").xyz.shape == (2, 0, 25, 3)
+
+    def test_of_other_arguments(self):
+        with pytest.raises(ValueError, match=r"method=tests.*:crowded: expected a function of a clip, or of a clip "):
+            captured(full_clip(frames=2), "tests.dmae.reconstruction.test_systems:crowded")
+
     def test_that_returns_something_else(self):
         with pytest.raises(
             ValueError, match=r"method=tests.*:too_short: expected Poses3D of 3 frames, found Poses3D of 1"
@@ -178,6 +185,16 @@ class TestOwnMethod:
 def nobody(clip: Clip, config: CaptureConfig) -> Poses3D:
     """Find no one."""
     return Poses3D(clip.detections.skeleton, np.empty((len(clip), 0, len(clip.detections.skeleton), 3)))
+
+
+def alone(clip: Clip) -> Poses3D:
+    """Find no one either."""
+    return nobody(clip, CaptureConfig())
+
+
+def crowded(clip: Clip, config: CaptureConfig, people: int) -> Poses3D:
+    """Ask for more than there is."""
+    raise AssertionError
 
 
 def too_short(clip: Clip, config: CaptureConfig) -> Poses3D:
