@@ -1,6 +1,7 @@
 """Each layout, read by the library that it is for, shows what the images of ids show."""
 
 import json
+import tarfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -154,27 +155,21 @@ import webdataset
 for number, sample in enumerate(webdataset.WebDataset(sys.argv[2:], shardshuffle=False).decode("rgb8")):
     image = next(sample[suffix] for suffix in ("png", "jpg") if suffix in sample)
     np.save(f"{sys.argv[1]}/{number}.npy", image)
-    print(json.dumps({"key": sample["__key__"], "label": sample["json"]}))
+    print(json.dumps({"shard": sample["__url__"], "key": sample["__key__"], "label": sample["json"]}))
 """
-
-
-def read(shards, folder):
-    """Each sample's key, label and image."""
-    folder.mkdir()
-    lines = printed_lines(READ_SHARDS, folder, folder, *sorted(shards))
-    return [line | {"image": np.load(folder / f"{number}.npy")} for number, line in enumerate(lines)]
 
 
 def test_samples_hold_image_camera_and_persons(exported, data, tmp_path):
     out = exported("webdataset", images="png")
-    samples = read(out.glob("train-*.tar"), tmp_path / "train")
-    assert len(samples) == 12 and len(read(out.glob("validation-*.tar"), tmp_path / "validation")) == 6
-    for sample in samples:
+    samples = printed_lines(READ_SHARDS, tmp_path, tmp_path, *sorted(out.glob("*.tar")))
+    assert [Path(sample["shard"]).name.partition("-")[0] for sample in samples] == ["train"] * 12 + ["validation"] * 6
+    for number, sample in enumerate(samples):
         label = sample["label"]
         clip = load_clip(data / label["clip"])
         camera, frame = label["camera"], label["frame"] - 5
         assert sample["key"] == f"{label['clip']}/{camera['name']}/{label['frame']:06d}"
-        np.testing.assert_array_equal(sample["image"], list(clip.images.read("rgb", camera["name"]))[frame])
+        image = np.load(tmp_path / f"{number}.npy")
+        np.testing.assert_array_equal(image, list(clip.images.read("rgb", camera["name"]))[frame])
         ids = list(clip.images.read("ids", camera["name"]))[frame]
         own = [[camera[name]] for name in ("K", "dist", "cam_from_world", "size", "fisheye")]
         rig = CameraRig([camera["name"]], *own)
@@ -190,13 +185,18 @@ def test_samples_hold_image_camera_and_persons(exported, data, tmp_path):
             np.testing.assert_allclose(projected[0, 0][labelled], joints[labelled, :2], atol=0.05)
 
 
-def test_a_new_shard_begins_when_one_is_full(exported, monkeypatch, tmp_path):
+def test_a_new_shard_begins_when_one_is_full(exported, monkeypatch):
     monkeypatch.setattr(layouts, "SHARD_BYTES", 1000)
     out = exported("webdataset")
     assert sorted(path.name for path in out.glob("*.tar")) == [
         "train-000000.tar", "train-000001.tar", "validation-000000.tar",
     ]  # fmt: skip
-    assert len(read(out.glob("train-*.tar"), tmp_path / "read")) == 12
+    held = []
+    for shard in sorted(out.glob("train-*.tar")):
+        with tarfile.open(shard) as archive:
+            held.append([Path(name).suffix for name in archive.getnames()])
+    assert all(suffixes.count(".jpg") == suffixes.count(".json") > 0 for suffixes in held)
+    assert sum(suffixes.count(".json") for suffixes in held) == 12
 
 
 # Image folders as the library `datasets` reads them.
