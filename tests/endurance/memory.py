@@ -19,9 +19,8 @@ _EVERY = 0.2
 OPTIONS = ("seed=1", "scene.seconds=0.4", "scene.persons=[1,2]", "workers=-1")
 
 
-def peak_memory(clips: int, folder: Path) -> dict[str, float]:
-    """Generate clips; return the peak memory of the command and of all its processes, MiB, and the time, s."""
-    line = command_line("synth", "generate", *OPTIONS, f"clips={clips}", "out=set")
+def peak_memory(line: list[str], folder: Path) -> dict[str, float]:
+    """Run a command in a folder; return the peak memory of it and of all its processes, MiB, and the time, s."""
     begun = time.monotonic()
     process = subprocess.Popen(line, cwd=folder, stdout=subprocess.DEVNULL)
     main = total = 0.0
@@ -30,8 +29,8 @@ def peak_memory(clips: int, folder: Path) -> dict[str, float]:
         main, total = max(main, sizes[0]), max(total, sum(sizes))
         time.sleep(_EVERY)
     if process.returncode:
-        raise RuntimeError(f"synth generate ended with {process.returncode}")
-    return {"clips": clips, "main_mib": main, "all_mib": total, "seconds": time.monotonic() - begun}
+        raise RuntimeError(f"{line} ended with {process.returncode}")
+    return {"main_mib": main, "all_mib": total, "seconds": time.monotonic() - begun}
 
 
 def _private(number: int) -> float:
@@ -52,7 +51,8 @@ def main() -> None:
     found = []
     for clips in asked.clips:
         with tempfile.TemporaryDirectory() as folder:
-            found.append(peak_memory(clips, Path(folder)))
+            line = command_line("synth", "generate", *OPTIONS, f"clips={clips}", "out=set")
+            found.append({"clips": clips} | peak_memory(line, Path(folder)))
         print(found[-1], flush=True)
         if asked.out:
             command = f"python -m tests.endurance.memory {' '.join(map(str, asked.clips))}"

@@ -2,14 +2,17 @@
 
 import resource
 import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
+from dmae.cli import compose
+from synth.cli import SYNTH
 from tests.endurance.kills import LINES, kill_often, run_here, run_undisturbed
-from tests.endurance.memory import peak_memory
+from tests.endurance.memory import OPTIONS, peak_memory
 from tests.support.commands import command_line, run_command
 
 pytestmark = pytest.mark.slow
@@ -61,5 +64,9 @@ def test_a_full_disk_leaves_nothing_half_written(name, undisturbed, tmp_path):
 
 
 def test_memory_is_measured(tmp_path):
-    found = peak_memory(2, tmp_path)
-    assert 20 < found["main_mib"] < found["all_mib"] < 4000
+    """Of a process that holds 40 MiB, and of its child, which holds 60."""
+    child = "import time; held = b'.' * (60 << 20); time.sleep(2)"
+    code = f"import subprocess, sys; held = b'.' * (40 << 20); subprocess.run([sys.executable, '-c', {child!r}])"
+    found = peak_memory([sys.executable, "-c", code], tmp_path)
+    assert 40 < found["main_mib"] < 60 and 100 < found["all_mib"] < 140
+    compose(SYNTH.commands["generate"], [*OPTIONS, "clips=2", "out=set"])
