@@ -75,7 +75,7 @@ def train(poses: np.ndarray, steps: int, rng: np.random.Generator, out: Path) ->
 def _scene(poses: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, ...] | None:
     """Return what a target view has to learn: scores by depth, scores around the true depth of the hips, and the true
     depths of hips and, from there, of joints. None where the view sees nobody's hips."""
-    rig = _ring(rng)
+    rig = ring(rng)
     chosen = poses[rng.integers(len(poses), size=rng.integers(1, 6))]
     angle = rng.uniform(-np.pi, np.pi, len(chosen))
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]).transpose(2, 0, 1)
@@ -102,7 +102,7 @@ def _scene(poses: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, ...
     return scores, around, hips, np.where(known, of_people - hips[:, None], np.nan)
 
 
-def _ring(rng: np.random.Generator) -> CameraRig:
+def ring(rng: np.random.Generator) -> CameraRig:
     """Return 3 to 6 cameras of Shelf's image size around the origin, with any lens that shows whole people."""
     views, radius = rng.integers(3, 7), rng.uniform(3.5, 6.5)
     angle = np.linspace(0, 2 * np.pi, views, endpoint=False) + rng.uniform(-0.4, 0.4, views)
@@ -122,9 +122,14 @@ def _ring(rng: np.random.Generator) -> CameraRig:
     )
 
 
-def main(folder: str, steps: int) -> None:
+def poses_of(folder: str) -> np.ndarray:
+    """Return all whole poses (N, 25, 3), m, of a set of simulated clips, on BODY_25."""
     poses = np.concatenate([convert(clip.truth, BODY25).xyz.reshape(-1, 25, 3) for clip in dmae.load_dataset(folder)])
-    poses = poses[np.isfinite(poses).all((1, 2))]
+    return poses[np.isfinite(poses).all((1, 2))]
+
+
+def main(folder: str, steps: int) -> None:
+    poses = poses_of(folder)
     print(f"{len(poses)} poses")
     torch.manual_seed(0)
     train(poses, steps, np.random.default_rng(0), WEIGHTS)

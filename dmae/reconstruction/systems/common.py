@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from dmae.data.clip import Clip, Poses3D
-from dmae.data.skeleton import Skeleton
+from dmae.data.skeleton import BODY25, Skeleton
 from dmae.numerics.body import parents_first
 from dmae.numerics.statistics import evenly_spaced, median_over_frames
 from dmae.reconstruction.config import CaptureConfig
@@ -46,6 +46,33 @@ def frames_of(clip: Clip, config: CaptureConfig) -> Iterator[Frame]:
             view, row = np.nonzero(np.isfinite(evidence.confidence[frame]).any(-1))
             score = evidence.confidence[frame, view, row]
             yield Frame(view, evidence.xy[frame, view, row], score, evidence.rays(frame, view, row))
+
+
+def learned_joints(clip: Clip, method: str) -> tuple[list[int], list[int]]:
+    """Return the joints of a clip that networks for BODY_25 have learned, and where they are in `BODY25`.
+
+    Raises:
+        ValueError: hips and shoulders are not among them.
+    """
+    skeleton = clip.detections.skeleton
+    shared = [joint for joint in skeleton.joints if joint in BODY25.joints]
+    if not {"l_hip", "r_hip", "l_shoulder", "r_shoulder"} <= set(shared):
+        raise ValueError(
+            f"clip {clip.id!r}: method={method} has learned joints of {BODY25.name}, hips and shoulders among them; "
+            f"found {skeleton.name!r} with {len(shared)} of them"
+        )
+    return skeleton.index(*shared), BODY25.index(*shared)
+
+
+def on_body25(frame: Frame, here: list[int], there: list[int]) -> Frame:
+    """Return detections on `BODY25`, from `learned_joints`. Joints that their skeleton lacks are absent, and so are
+    detections of other joints alone."""
+    shown = np.flatnonzero(np.isfinite(frame.score[:, here]).any(-1))
+    xy, score, rays = (np.full((len(shown), len(BODY25), *each), np.nan) for each in ((2,), (), (3,)))
+    rows, columns = shown[:, None], np.array(here)
+    xy[:, there], score[:, there] = frame.xy[rows, columns], frame.score[rows, columns]
+    rays[:, there] = frame.rays[rows, columns]
+    return Frame(frame.view[shown], xy, score, rays)
 
 
 def meet(frame: Frame, centers: np.ndarray, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

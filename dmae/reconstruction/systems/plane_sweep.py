@@ -35,7 +35,7 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import BODY25
 from dmae.reconstruction.config import CaptureConfig, capture_method
-from dmae.reconstruction.systems.common import Frame, as_tracks, frames_of, project
+from dmae.reconstruction.systems.common import Frame, as_tracks, frames_of, learned_joints, on_body25, project
 
 WEIGHTS = Path(__file__).parents[2] / "models" / "plane_sweep.safetensors"
 NEAREST, _FARTHEST, _LIMIT, STEP = 1.0, 8.0, 50.0, 7 / 63
@@ -52,29 +52,16 @@ _SHOULDERS = BODY25.index("l_shoulder", "r_shoulder")
 @capture_method("plane_sweep", paper="Lin and Lee 2021")
 def capture_by_plane_sweep(clip: Clip, config: CaptureConfig) -> Poses3D:
     """Estimate the depth of each 2D pose by a sweep of planes and two small networks; for joints of BODY_25."""
+    here, there = learned_joints(clip, "plane_sweep")
     skeleton, rig = clip.detections.skeleton, clip.rig.undistorted
-    shared = [joint for joint in skeleton.joints if joint in BODY25.joints]
-    if not {"l_hip", "r_hip", "l_shoulder", "r_shoulder"} <= set(shared):
-        raise ValueError(
-            f"clip {clip.id!r}: method=plane_sweep has learned joints of {BODY25.name}, hips and shoulders among them; "
-            f"found {skeleton.name!r} with {len(shared)} of them"
-        )
-    here, there = skeleton.index(*shared), BODY25.index(*shared)
     networks, found, views = load_networks(), [], []
     for frame in frames_of(clip, config):
-        poses, weight = _sweep_frame(_on_body25(frame, here, there), rig, networks)
+        poses, weight = _sweep_frame(on_body25(frame, here, there), rig, networks)
         people, targets = _fused(poses, weight)
         found.append(np.full((len(people), len(skeleton), 3), np.nan))
         views.append(np.zeros((len(people), len(skeleton)), int))
         found[-1][:, here], views[-1][:, here] = people[:, there], targets[:, there]
     return as_tracks(clip, found, views)
-
-
-def _on_body25(frame: Frame, here: list[int], there: list[int]) -> Frame:
-    count = len(frame.view)
-    xy, score, rays = (np.full((count, len(BODY25), *each), np.nan) for each in ((2,), (), (3,)))
-    xy[:, there], score[:, there], rays[:, there] = frame.xy[:, here], frame.score[:, here], frame.rays[:, here]
-    return Frame(frame.view, xy, score, rays)
 
 
 def _sweep_frame(frame: Frame, rig: CameraRig, networks: "Networks") -> tuple[np.ndarray, np.ndarray]:

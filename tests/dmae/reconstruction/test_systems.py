@@ -14,11 +14,12 @@ from dmae.metrics.comparison import match, take_matched
 from dmae.online.capture import OnlineCapture
 from dmae.reconstruction.config import CaptureConfig, capture_method
 from dmae.reconstruction.pipeline import capture
-from dmae.reconstruction.systems.common import as_tracks
+from dmae.reconstruction.systems.common import Frame, as_tracks
+from dmae.reconstruction.systems.voxelpose import heat
 from tests.support.clips import full_clip, looking_at_origin, walkers
 
 WRIST, ELBOW = BODY25.index("l_wrist", "l_elbow")
-EXACT_M = {"4d_association": 1e-4, "mvpose": 1e-4, "pictorial_structures": 1e-4, "plane_sweep": 0.05}
+EXACT_M = {"4d_association": 1e-4, "mvpose": 1e-4, "pictorial_structures": 1e-4, "plane_sweep": 0.05, "voxelpose": 0.03}
 """Median error of joints that are detected exactly."""
 
 
@@ -141,23 +142,52 @@ class TestHowTheyFail:
         assert captured(alone, "plane_sweep").xyz.shape[1] > 1
         assert captured(alone, "mvpose").xyz.shape[1] == 1
 
-    def test_plane_sweep_takes_the_joints_that_it_has_learned(self):
-        poses = captured(seen(walkers(2, persons=1, skeleton=SHELF14)), "plane_sweep")
+    def test_voxelpose_places_a_wrist_that_no_camera_sees(self):
+        clip = seen(walkers(2, persons=1))
+        xy, confidence = clip.detections.xy.copy(), clip.detections.score.copy()
+        xy[..., WRIST, :], confidence[..., WRIST] = np.nan, np.nan
+        hidden = replace(clip, detections=Detections2D(BODY25, xy, confidence))
+        assert np.isfinite(captured(hidden, "voxelpose").xyz[..., WRIST, :]).all()
+        assert np.isnan(captured(hidden, "plane_sweep").xyz[..., WRIST, :]).all()
+
+    @pytest.mark.parametrize("method", ["plane_sweep", "voxelpose"])
+    def test_networks_take_the_joints_that_they_have_learned(self, method):
+        poses = captured(seen(walkers(2, persons=1, skeleton=SHELF14)), method)
         assert np.isfinite(poses.xyz[..., 0]).all((0, 1)).tolist() == [
             joint in BODY25.joints for joint in SHELF14.joints
         ]
 
-    def test_plane_sweep_of_other_bodies(self):
+    @pytest.mark.parametrize("method", ["plane_sweep", "voxelpose"])
+    def test_networks_and_other_bodies(self, method):
         cat = Skeleton("cat", ("tail", "paw"), (-1, 0))
         clip = seen(Poses3D(cat, np.zeros((2, 1, 2, 3))))
         with pytest.raises(
-            ValueError, match=r"method=plane_sweep has learned joints of body25, .* found 'cat' with 0 of"
+            ValueError, match=rf"method={method} has learned joints of body25, .* found 'cat' with 0 of"
         ):
-            captured(clip, "plane_sweep")
+            captured(clip, method)
 
     def test_4d_association_of_a_dome(self):
         with pytest.raises(ValueError, match=r"takes at most 12; found 13\. Choose some of them"):
             captured(seen(walkers(1), views=13), "4d_association")
+
+
+def test_voxels_have_the_mean_of_gaussians_as_high_as_confidences_over_the_views_that_see_them():
+    """Beside a joint by its standard deviation in one view, on it in the others; the last view detects nothing."""
+    rig = looking_at_origin(4)
+    joint = np.array([0.1, 0.2, 1.0])
+    xy = np.full((3, 25, 2), np.nan)
+    xy[:, 0] = rig.project(joint[None, None])[0][0, :3, 0]
+    xy[:, 1] = xy[:, 0] + (0, 300)  # A pose of 300 px
+    sigma = 3 * 2**0.5 / 96 * 300
+    xy[0, :2, 0] += sigma
+    score = np.where(np.isnan(xy[..., 0]), np.nan, 0.8)
+    frame = Frame(np.arange(3), xy, score, np.empty((3, 0, 3)))
+    found = heat(frame, rig, joint[None])[0]
+    np.testing.assert_allclose(found[0], 0.8 * (np.exp(-0.5) + 1 + 1) / 3, rtol=1e-5)
+    assert (found[2:] == 0).all()
+    wider = heat(frame, rig, joint[None], 2.0)[0]
+    np.testing.assert_allclose(wider[0], 0.8 * (np.exp(-1 / 8) + 1 + 1) / 3, rtol=1e-5)
+    assert (heat(frame, rig, np.array([[0.1, 0.2, -50.0]])) == 0).all()
 
 
 class TestOwnMethod:
@@ -204,7 +234,13 @@ def too_short(clip: Clip, config: CaptureConfig) -> Poses3D:
 
 @pytest.mark.parametrize(
     ("method", "least", "most"),
-    [("4d_association", 94, 99), ("mvpose", 80, 92), ("pictorial_structures", 88, 96), ("plane_sweep", 93, 99.5)],
+    [
+        ("4d_association", 94, 99),
+        ("mvpose", 80, 92),
+        ("pictorial_structures", 88, 96),
+        ("plane_sweep", 93, 99.5),
+        ("voxelpose", 88, 97),
+    ],
 )
 def test_on_shelf_it_is_as_good_as_published_up_to_its_differences(data_folder, method, least, most):
     """30 frames with four people, where systems differ; published figures are in their files."""
