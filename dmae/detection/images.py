@@ -55,9 +55,13 @@ def find_cameras(path: Path) -> list[CameraImages]:
     if not found and path.is_dir() and images_in(path):
         found = [_folder(path)]
     if not found:
+        there = ", ".join(each.name for each in places[:6]) or "nothing"
+        for inner in (each for each in places if each.is_dir()):
+            if any(file.suffix.lower() in VIDEOS or (file.is_dir() and images_in(file)) for file in inner.iterdir()):
+                there = f"them in a folder of it; name that, as videos={inner}"
         raise FileNotFoundError(
             f"videos={path}: expected for each camera a video ({', '.join(VIDEOS)}) or a folder of images "
-            f"({', '.join(IMAGES)}), found {', '.join(each.name for each in places[:6]) or 'nothing'}"
+            f"({', '.join(IMAGES)}), found {there}"
         )
     names = [camera.name for camera in found]
     if twice := sorted({name for name in names if names.count(name) > 1}):

@@ -75,6 +75,14 @@ def test_no_videos(tmp_path: Path, files):
         find_cameras(tmp_path)
 
 
+@pytest.mark.parametrize("inside", ["a.mp4", "a/000.png"])
+def test_a_session_is_answered_with_its_folder_of_videos(tmp_path: Path, inside):
+    (tmp_path / "videos" / inside).parent.mkdir(parents=True)
+    (tmp_path / "videos" / inside).touch()
+    with pytest.raises(FileNotFoundError, match=r"name that, as videos=.*/videos$"):
+        find_cameras(tmp_path)
+
+
 def test_a_file_that_is_no_video(tmp_path: Path):
     (tmp_path / "a.mp4").write_bytes(b"nothing" * 100)
     with pytest.raises(ValueError, match=r"a\.mp4: expected a video"):
