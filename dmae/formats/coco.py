@@ -198,7 +198,7 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
         raise FileNotFoundError(
             f"{path}: expected COCO annotations, *.json, found none; name them by data.detections=..."
         )
-    people, sizes, fps, names = People(skeleton=skeleton), {}, None, None
+    people, fps, names = People(skeleton=skeleton), None, None
     for file in files:
         content = read_json(file)
         images, annotations = _parts(file, content)
@@ -209,13 +209,13 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
             images = _result_images(file, annotations)
         elif "categories" in content:
             names = category_joints(file, content["categories"]) or names
-        _add_people(file, annotations, _places(file, images, camera, people, sizes), people)
+        _add_people(file, annotations, _places(file, images, camera, people), people)
         about = content.get("info") if isinstance(content, dict) else None
         fps = fps or (about.get("fps") if isinstance(about, dict) else None)
     skeleton = skeleton or recognise_skeleton(path, names, people.joints)
     if people.joints not in (None, len(skeleton)):
         raise ValueError(f"{path}: expected {len(skeleton)} keypoints as of {skeleton.name}, found {people.joints}")
-    return people.detections(skeleton, fps=fps, sizes=sizes)
+    return people.detections(skeleton, fps=fps)
 
 
 def _parts(file: Path, content) -> tuple[list | None, list]:
@@ -239,10 +239,8 @@ def _result_images(file: Path, results: list) -> list[dict]:
     return [{"id": image, "file_name": str(image)} for image in dict.fromkeys(ids)]
 
 
-def _places(
-    file: Path, images: list, camera: str | None, people: People, sizes: dict[str, tuple[int, int]]
-) -> dict[_Id, tuple[str, int]]:
-    """Return camera and frame of each image by its id; add frames to `people`, and widths and heights to `sizes`."""
+def _places(file: Path, images: list, camera: str | None, people: People) -> dict[_Id, tuple[str, int]]:
+    """Return camera and frame of each image by its id; add frames and sizes of images to `people`."""
     places: dict = {}
     for number, image in enumerate(images):
         if not isinstance(image, dict) or not isinstance(image.get("id"), _Id) or "file_name" not in image:
@@ -261,11 +259,7 @@ def _places(
             raise ValueError(f"{file}: images[{number}]: image {image['id']}, frame {frame} of {view}, occurs twice")
         places[image["id"]] = str(view), frame
         people.frame(str(view), frame)
-        if "width" in image and "height" in image:
-            size = image["width"], image["height"]
-            first = sizes.setdefault(str(view), size)
-            if first != size:
-                raise ValueError(f"{file}: images[{number}]: expected {first} px as before of {view}, found {size}")
+        people.image(str(view), f"{file}: images[{number}]", image)
     return places
 
 

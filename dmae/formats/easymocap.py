@@ -168,26 +168,17 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
     """
     folders = _camera_folders(Path(path))
     files = {name: sorted(folder.glob("*.json")) for name, folder in folders.items()}
-    unreadable: dict[str, list[str]] = {}
-    sizes: dict[str, tuple[int, int]] = {}
     people = People(files, skeleton or BODY25)
     notes: tuple[str, ...] = ()
-    for name, number, file, content in json_frames(path, files, unreadable):
+    for name, number, file, content in json_frames(path, files, people.unreadable):
         people.frame(name, number)
         for i, person in enumerate(listed(file, content, "annots")):
             keypoints = person.get("keypoints") if isinstance(person, dict) else None
             people.add(name, number, f"{file}: annots[{i}].keypoints", keypoints)
-        if "width" in content and "height" in content:
-            size = content["width"], content["height"]
-            if not all(isinstance(length, int) and length > 0 for length in size):
-                raise ValueError(f"{file}: expected positive whole width and height, found {size}")
-            if sizes.setdefault(name, size) != size:
-                raise ValueError(
-                    f"{file}: expected images of {sizes[name]} px as before of camera {name!r}, found {size}"
-                )
+        people.image(name, str(file), content)
     if skeleton is None:
         skeleton, notes = guess_skeleton(path, people.all())
-    return people.detections(skeleton, notes, unreadable=unreadable, sizes=sizes)
+    return people.detections(skeleton, notes)
 
 
 def _camera_folders(path: Path) -> dict[str, Path]:

@@ -52,9 +52,8 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
     """
     folders = camera_folders(Path(path))
     files = {name: sorted(filter(_is_frame, folder.glob("*.json"))) for name, folder in folders.items()}
-    unreadable: dict[str, list[str]] = {}
     people = People(files, skeleton)
-    for name, number, file, content in json_frames(path, files, unreadable):
+    for name, number, file, content in json_frames(path, files, people.unreadable):
         people.frame(name, number)
         for i, person in enumerate(listed(file, content, "people")):
             if person != {}:
@@ -70,7 +69,7 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
     notes: tuple[str, ...] = ()
     if skeleton is None and people.joints in (None, len(BODY25)):
         skeleton, notes = guess_skeleton(path, people.all())
-    return people.detections(skeleton or default_skeleton(path, people.joints), notes, unreadable=unreadable)
+    return people.detections(skeleton or default_skeleton(path, people.joints), notes)
 
 
 def camera_folders(path: Path) -> dict[str, Path]:

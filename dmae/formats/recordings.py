@@ -192,6 +192,8 @@ class People:
 
     def __init__(self, cameras: Iterable[str] = (), skeleton: Skeleton | None = None):
         self.views: dict[str, dict[int, list[np.ndarray]]] = {camera: {} for camera in cameras}
+        self.sizes: dict[str, tuple[int, int]] = {}  # By camera, image width and height, px, if files state them
+        self.unreadable: dict[str, list[str]] = {}  # By camera, error messages of the files that could not be read
         self.joints: int | None = None  # Number of joints of each person; None before the first
         self._like = ""  # Where the number of joints comes from, for messages
         if skeleton is not None:
@@ -202,6 +204,19 @@ class People:
     def frame(self, camera: str, number: int) -> list[np.ndarray]:
         """Add a frame, maybe of nobody. Return its people, (J, 3) each: x, y in px and confidence; NaN where absent."""
         return self.views.setdefault(camera, {}).setdefault(number, [])
+
+    def image(self, camera: str, place: str, about: dict) -> None:
+        """Keep the `width` and `height` of an image, if it has both, as the size of its camera's images.
+
+        Raises ValueError, with the place, if they are no whole numbers, or earlier ones of the camera are others.
+        """
+        if not {"width", "height"} <= set(about):
+            return
+        size = about["width"], about["height"]
+        if not all(isinstance(length, int | float) and length > 0 and length % 1 == 0 for length in size):
+            raise ValueError(f"{place}: expected positive whole width and height, found {size}")
+        if (first := self.sizes.setdefault(camera, size)) != size:
+            raise ValueError(f"{place}: expected images of {first} px as before of camera {camera!r}, found {size}")
 
     def add(self, camera: str, number: int, place: str, keypoints: object, scores: object = None) -> None:
         """Add a person to a frame.
@@ -250,7 +265,7 @@ class People:
         return np.array(people).reshape(len(people), self.joints or 0, 3)
 
     def detections(self, skeleton: Skeleton, notes: tuple[str, ...] = (), **known) -> "NumberedDetections":
-        """Return the people on a skeleton of J joints or fewer, the first ones; `known` are further fields."""
+        """Return the people on a skeleton of J joints or fewer, the first ones; `known` are further fields of these."""
         kept, empty = len(skeleton), np.empty((0, len(skeleton), 3))
         views = {
             camera: {number: np.array(found)[:, :kept] if found else empty for number, found in view.items()}
@@ -262,7 +277,7 @@ class People:
             joints, are = ("1 joint has", "is") if self._odd == 1 else (f"{self._odd} joints have", "are")
             what = f"a negative or null confidence and {are} treated as absent"
             notes += (f"{joints} {what}, first in {self._first_odd}",)
-        return NumberedDetections(skeleton, views, notes=notes, **known)
+        return NumberedDetections(skeleton, views, unreadable=self.unreadable, notes=notes, sizes=self.sizes, **known)
 
 
 _MAX_SPAN = 20

@@ -22,7 +22,7 @@ def _camera(entry: CameraTable) -> ParsedCamera:
         np.array([k1, k2, p1, p2, k3]),
         R,
         -R @ entry.numbers("T", 3),
-        entry.size("size") if "size" in entry.values else None,
+        None,
     )
 
 
@@ -44,7 +44,6 @@ def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
 
     Return the cameras of the file: cam_from_world, mm. `T` is the centre of the camera: x = R (X - T).
 
-    The published files contain no image sizes (Shelf 1032 x 776 px, Campus 360 x 288 px). Files from `write_cameras`
-    contain them.
+    The files contain no image sizes (Shelf 1032 x 776 px, Campus 360 x 288 px).
     """
     return make_rig(path, map(_camera, camera_tables(path, read_json(path))), size)
