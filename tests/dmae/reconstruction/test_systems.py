@@ -158,6 +158,18 @@ class TestHowTheyFail:
         ]
 
     @pytest.mark.parametrize("method", ["plane_sweep", "voxelpose"])
+    def test_networks_leave_out_a_pose_without_a_joint_that_they_have_learned(self, method):
+        clip = seen(walkers(2, persons=2, skeleton=SHELF14))
+        xy, confidence = clip.detections.xy.copy(), clip.detections.score.copy()
+        learned = [joint in BODY25.joints for joint in SHELF14.joints]
+        xy[:, :, 1, learned], confidence[:, :, 1, learned] = np.nan, np.nan
+        assert np.isfinite(xy[:, :, 1]).any()
+        heads = captured(replace(clip, detections=Detections2D(SHELF14, xy, confidence)), method)
+        xy[:, :, 1], confidence[:, :, 1] = np.nan, np.nan
+        alone = captured(replace(clip, detections=Detections2D(SHELF14, xy, confidence)), method)
+        np.testing.assert_array_equal(heads.xyz, alone.xyz)
+
+    @pytest.mark.parametrize("method", ["plane_sweep", "voxelpose"])
     def test_networks_and_other_bodies(self, method):
         cat = Skeleton("cat", ("tail", "paw"), (-1, 0))
         clip = seen(Poses3D(cat, np.zeros((2, 1, 2, 3))))
