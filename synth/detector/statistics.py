@@ -134,18 +134,8 @@ def measure(clip: Clip, reference: ErrorReference = ErrorReference.others) -> De
     Raises ValueError if there are fewer than three cameras, so that no joint can be checked against the others, no
     annotation for `ErrorReference.annotated`, or no person detected in two views.
     """
+    clip = _measurable(clip, reference)
     views = len(clip.rig)
-    if reference == ErrorReference.annotated:
-        known = np.zeros(len(clip), bool) if clip.truth is None else ~np.isnan(clip.truth.xyz).all((1, 2, 3))
-        if not known.any():
-            raise ValueError(
-                f"clip {clip.id!r}: no person is annotated; measure against the other views with truth=others"
-            )
-        clip = replace(clip.select(frames=np.flatnonzero(known)), rig=clip.actual_rig)
-    elif views < 3:
-        raise ValueError(
-            f"clip {clip.id!r}: errors are measured against the other views, which takes 3 cameras or more"
-        )
     poses = _reference(clip, reference)
     whole = match_detections(clip, poses)
     if not whole.matched.any():
@@ -153,6 +143,7 @@ def measure(clip: Clip, reference: ErrorReference = ErrorReference.others) -> De
     joints = clip.detections.skeleton.joints
     kinds = tuple(dict.fromkeys(kind_of(joint) for joint in joints))
     kind_index = np.array([kinds.index(kind_of(joint)) for joint in joints])
+    of_kind = [kind_index == k for k in range(len(kinds))]
     errors = [_errors_of_view(clip, view, reference) for view in range(views)]
     expected = whole.matched[..., None] & ~np.isnan(whole.xy[..., 0])
     missed = expected & np.isnan(whole.score)
@@ -167,7 +158,7 @@ def measure(clip: Clip, reference: ErrorReference = ErrorReference.others) -> De
     count = (~np.isnan(whole.score)).sum(1)[in_image.sum(1) >= 2]
     histograms = [
         np.bincount(each.ravel(), minlength=views + 1) / max(each.size, 1)
-        for each in (count[:, kind_index == k] for k in range(len(kinds)))
+        for each in (count[:, kind] for kind in of_kind)
     ]
     return DetectorStatistics(
         name=clip.id,
@@ -177,12 +168,9 @@ def measure(clip: Clip, reference: ErrorReference = ErrorReference.others) -> De
         error=np.concatenate([each.error for each in errors]),
         inverted=np.concatenate([each.inverted for each in errors]),
         score=np.concatenate([each.score for each in errors]),
-        missed=np.stack([_share(missed, expected, kind_index == k, (0, 2, 3)) for k in range(len(kinds))], -1),
+        missed=np.stack([_share(missed, expected, kind, (0, 2, 3)) for kind in of_kind], -1),
         missed_by_side=np.stack(
-            [
-                [_share(missed & side, expected & side, kind_index == k, (0, 1, 2, 3)) for side in sides]
-                for k in range(len(kinds))
-            ]
+            [[_share(missed & side, expected & side, kind, (0, 1, 2, 3)) for side in sides] for kind in of_kind]
         ),
         joint_misses=_joint_misses(missed, expected, clip),
         views=np.stack(histograms),
@@ -196,6 +184,22 @@ def measure(clip: Clip, reference: ErrorReference = ErrorReference.others) -> De
         ghost_score=float(np.median(clip.detections.score[ghost_joints])) if ghosts.any() else float("nan"),
         fragments=(whole.left_over & whole.near).sum((0, 2)) / len(clip),
     )
+
+
+def _measurable(clip: Clip, reference: ErrorReference) -> Clip:
+    """Return the frames that the reference knows, with the cameras of the truth if it is the annotations."""
+    if reference == ErrorReference.annotated:
+        known = np.zeros(len(clip), bool) if clip.truth is None else ~np.isnan(clip.truth.xyz).all((1, 2, 3))
+        if not known.any():
+            raise ValueError(
+                f"clip {clip.id!r}: no person is annotated; measure against the other views with truth=others"
+            )
+        return replace(clip.select(frames=np.flatnonzero(known)), rig=clip.actual_rig)
+    if len(clip.rig) < 3:
+        raise ValueError(
+            f"clip {clip.id!r}: errors are measured against the other views, which takes 3 cameras or more"
+        )
+    return clip
 
 
 def _ratio(part: np.ndarray, whole: np.ndarray) -> np.ndarray:

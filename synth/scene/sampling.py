@@ -9,7 +9,7 @@ import numpy as np
 from dmae.data.rng import Stream, generator
 from synth.interactions.casting import draw_motions
 from synth.interactions.registry import InteractionConfig
-from synth.interactions.script import STOOL, Script
+from synth.interactions.script import STOOL, Load, Script
 from synth.motion.config import MotionConfig
 from synth.motion.motion import Motion, redirect, redirected_path
 from synth.people.body import ADULT_AGE, MOST_PERSONS, Body, sample_body
@@ -152,19 +152,11 @@ def lay_out(
     seed, clip, clearance = people.seed, people.clip, people.clearance if clearance is None else clearance
     kinds = find_meshes(props.path) if props.path else config.prop_kinds
     sizes = {kind: prop_size(kind, props.scale, props.up) for kind in kinds}
-    furniture, loads = [], []
     if people.script:
-        taking_part = people.motions[: len(people.script.roles)]
-        placements, furniture, loads = place_script(people.script, taking_part, config, rng=rng)
-        if bystanders := people.motions[len(taking_part) :]:
-            paths = [redirected_path(motion, *at) for motion, at in zip(taking_part, placements, strict=True)]
-            placements += place_persons(
-                bystanders, config, clearance=max(clearance, _BYSTANDER_GAP), rng=rng.spawn(_PLACES + 1)[_PLACES],
-                others=np.stack(paths, axis=1), occupied=_occupied(furniture),
-            )  # fmt: skip
+        placements, furniture, loads = _place_cast(people, people.script, config, clearance, rng=rng)
         clearance = min(clearance, people.script.clearance or clearance)
     else:
-        placements = place_persons(people.motions, config, clearance=clearance, rng=rng)
+        placements, furniture, loads = place_persons(people.motions, config, clearance=clearance, rng=rng), [], []
     paths = [redirected_path(motion, *placed) for motion, placed in zip(people.motions, placements, strict=True)]
     for motion, placed in zip(people.motions, placements, strict=True):
         furniture += [PlacedProp(STOOL, (x, y), 0.0) for x, y, _ in stool_discs(motion, placed).tolist()]
@@ -201,6 +193,21 @@ def lay_out(
         seconds=float(config.seconds),
     )
     return SampledScene(spec, _in_place(people.motions, placements))
+
+
+def _place_cast(
+    people: People, script: Script, config: SceneConfig, clearance: float, *, rng: np.random.Generator
+) -> tuple[list[Placement], list[PlacedProp], list[Load]]:
+    """Place the people of an interaction with its furniture and loads, and bystanders around them."""
+    taking_part = people.motions[: len(script.roles)]
+    placements, furniture, loads = place_script(script, taking_part, config, rng=rng)
+    if bystanders := people.motions[len(taking_part) :]:
+        paths = [redirected_path(motion, *at) for motion, at in zip(taking_part, placements, strict=True)]
+        placements += place_persons(
+            bystanders, config, clearance=max(clearance, _BYSTANDER_GAP), rng=rng.spawn(_PLACES + 1)[_PLACES],
+            others=np.stack(paths, axis=1), occupied=_occupied(furniture),
+        )  # fmt: skip
+    return placements, furniture, loads
 
 
 def load_motions(spec: SceneSpec) -> list[Motion]:
