@@ -7,7 +7,6 @@ A trial is poses with gaps and their truth: captured with some of the cameras, o
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -175,8 +174,7 @@ def evaluate(config: EvaluateConfig) -> dict:
             options exclude each other, or poses made elsewhere do not fit their clip.
         FileNotFoundError: the poses made elsewhere do not exist.
     """
-    _loaded.cache_clear()
-    _loaded(tuple(config.methods), config.weights, config.poses)
+    _methods(config)  # Unknown ones are refused before anything is read.
     clips = _clips(config)
     tasks = ((config, clips.part(range(n, n + 1)), len(clips) == 1) for n in clips.numbers)
     with running_on(config.backend):
@@ -211,7 +209,7 @@ class _ScoredClip(NamedTuple):
 def _score_clip(config: EvaluateConfig, clips: Sequence[Clip], shown: bool) -> _ScoredClip:
     """Score the methods on the one clip, with each subset of cameras."""
     runs, facts = [], {}
-    methods = _loaded(tuple(config.methods), config.weights, config.poses)
+    methods = _methods(config)
     truth = angles = None
     for trial, filled in filled_trials(clips, config, methods, shown=shown):
         facts = facts or scored_clip(trial.clip)
@@ -241,8 +239,7 @@ def _filled_by_all(trial: Trial, filled: dict[str, Poses3D]) -> np.ndarray:
 
 def forecast(config: EvaluateConfig) -> str:
     """Return an estimate of the time that `evaluate` takes, from short pieces of some clips. Raises as `evaluate`."""
-    _loaded.cache_clear()
-    _loaded(tuple(config.methods), config.weights, config.poses)
+    _methods(config)  # Unknown ones are refused before anything is read.
     clips = _clips(config)
     chosen = sorted({0, len(clips) // 2, len(clips) - 1})
     seconds, frames, lengths = 0.0, 0, []
@@ -269,10 +266,9 @@ def _clips(config: EvaluateConfig) -> Clips:
     return clips.part(clip_range(len(clips), config.first, config.clips))
 
 
-@lru_cache(1)
-def _loaded(names: tuple[str, ...], weights: str | None, poses: str | None) -> Methods:
-    """Return the methods of a configuration, which each process loads once; none if poses made elsewhere are scored."""
-    return {} if poses else load_methods(names, weights)
+def _methods(config: EvaluateConfig) -> Methods:
+    """Return the methods of a configuration; none if poses made elsewhere are scored."""
+    return {} if config.poses else load_methods(config.methods, config.weights)
 
 
 def load_methods(names: Sequence[str], weights: str | None = None) -> Methods:

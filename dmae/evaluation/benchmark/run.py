@@ -7,7 +7,7 @@ sums by cause, length and body part of the gaps; `completion_summary` and `captu
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -106,7 +106,7 @@ class HandIn:
                 raise ValueError(f"{where}: expected {given.fps:g} frames per second, found {found.fps:g}")
             poses = found.poses
         else:
-            function = _loaded(self)
+            function = self.function()
             try:
                 poses = function(given.poses, given.fps) if self.task == Task.completion else function(given)
             # A function of another project may raise any error. The message names the clip and the function.
@@ -159,12 +159,6 @@ def _file(folder: Path, name: str) -> Path | None:
     """Return the file or folder of a clip's poses; None if it does not exist."""
     place = folder / name
     return (pose_paths(place.parent) or {}).get(place.name) if place.parent.is_dir() else None
-
-
-@cache
-def _loaded(hand_in: HandIn) -> Callable:
-    """Return the function of a hand-in. It is loaded once per process, because weights are large."""
-    return hand_in.function()
 
 
 def completion_summary(levels: dict[str, int], cells: dict[str, dict]) -> dict:
