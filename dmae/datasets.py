@@ -354,7 +354,7 @@ class FrameDataset(Dataset):
                 if kind not in file.kinds:
                     raise ValueError(
                         f"{file.folder}: expected images of kind {kind}, found {', '.join(file.kinds) or 'none'}; "
-                        f"synth generate images={'rgb' if len(kinds) == 1 else 'all'} makes them"
+                        f"synth render data=... images={'rgb' if len(kinds) == 1 else 'all'} out=... makes them"
                     )
             if "truth" not in file.persons:
                 raise ValueError(f"{file.folder}: the clip has no truth, which the labels of images are made from")

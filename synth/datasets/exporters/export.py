@@ -128,7 +128,8 @@ def _skeleton(entry: Exporter, folders: list[Path], wanted: str | None) -> Skele
             raise ValueError(
                 f"{folder}: format={entry.name} needs images, and the clip has images of "
                 f"{', '.join(kinds) or 'no kind'}; "
-                "synth generate images=rgb makes them (images=all for masks and true boxes, too)"
+                "synth render data=... images=rgb out=... makes them (images=all for masks and true "
+                "boxes, too)"
             )
     if len(found) > 1:
         listed = " and ".join(f"{skeleton} (clip {name})" for skeleton, name in found.items())

@@ -195,9 +195,9 @@ def test_bad_input_is_refused(clips, images, tmp_path):
         WindowDataset(images, frames=3, of="poses")
     with pytest.raises(ValueError, match="found frames=0"):
         WindowDataset(clips, frames=0)
-    with pytest.raises(ValueError, match=r"expected images of kind rgb, found none; synth generate images=rgb"):
+    with pytest.raises(ValueError, match=r"expected images of kind rgb, found none; synth render .* images=rgb"):
         FrameDataset(clips)
-    with pytest.raises(ValueError, match=r"expected images of kind depth, found rgb, ids; synth generate images=all"):
+    with pytest.raises(ValueError, match=r"expected images of kind depth, found rgb, ids; synth render .* images=all"):
         FrameDataset(images, depth=True)
     with pytest.raises(KeyError, match="body26"):
         FrameDataset(images, skeleton="body26")

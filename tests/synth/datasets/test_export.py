@@ -134,7 +134,7 @@ def test_poses_of_panoptic_are_of_the_frames_of_its_images(data, tmp_path):
         (["data=set", "out=file"], "expected a folder, found a file"),
         (["data=set", "out=file/in"], "file is a file, not a folder"),
         (["data=set", "out=foreign"], "foreign: expected no such folder yet, or an empty one"),
-        (["data=unpictured"], "needs images, and the clip has images of no kind; synth generate images=rgb"),
+        (["data=unpictured"], "needs images, and the clip has images of no kind; synth render data=... images=rgb"),
         (["data=untrue"], "the clip has no truth"),
         (["data=mixed"], "expected clips with truth of one skeleton, found body25 (clip 0) and shelf14 (clip 1)"),
         (["data=set", "skeleton=body26"], "skeleton=body26"),
