@@ -1,6 +1,7 @@
 """People: which tracks are one person, which are nobody, and which are wanted."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise, permutations
 
@@ -11,11 +12,12 @@ from dmae.data.clip import Clip
 from dmae.data.skeleton import Skeleton
 from dmae.files.mapped import by_frames, frame_blocks
 from dmae.numerics.body import bone_lengths, symmetric_bone_lengths
-from dmae.numerics.statistics import median_known, median_over_frames
+from dmae.numerics.statistics import evenly_spaced, median_known, median_over_frames
 from dmae.reconstruction.appearance import appearance_differs, has_appearance
 from dmae.reconstruction.association import NONE
 from dmae.reconstruction.chance import passing_ghosts, resting_ghosts, surprise
 from dmae.reconstruction.config import CaptureConfig, SubjectConfig
+from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.noise import DetectionNoise
 from dmae.reconstruction.tracking import Tracks
 
@@ -52,7 +54,7 @@ def steps_to_people(
         passing = passing_ghosts(measured[lasting], surprises[lasting], len(clip), tracking.max_by_chance)
         tracks = tracks.select(~passing)
         yield "chance", tracks
-        tracks = tracks.select(~coincidental(tracks, config.th_v))
+        tracks = tracks.select(~coincidental(clip, tracks, config, noise))
         yield "agreement", tracks
     tracks = tracks.select(~resting_ghosts(clip, tracks.assigned, tracks.xyz, config, noise))
     yield "motion", tracks
@@ -140,6 +142,7 @@ def _join(label: np.ndarray, a: int, b: int) -> None:
 _MIN_AGREEMENT = 0.75
 """Smallest share of joints on which the views agree, among the joints that enough views detected. People have
 more than 0.9, ghosts that line up by coincidence about 0.5."""
+_JUDGED_FRAMES = 50  # Largest number of frames in which doubtful tracks are triangulated again
 
 
 def known_joints(xyz: np.ndarray) -> np.ndarray:
@@ -164,14 +167,26 @@ def too_brief(measured: np.ndarray, frames: int, fps: float, min_duration_s: flo
     return measured < min(min_duration_s * fps, frames / 2)
 
 
-def coincidental(tracks: Tracks, views: int) -> np.ndarray:
+def coincidental(clip: Clip, tracks: Tracks, config: CaptureConfig, noise: DetectionNoise) -> np.ndarray:
     """Return (P,) True for tracks of detections that belong to different figures and line up by coincidence.
 
-    Args:
-        views: Number of views. Nearly all joints of a person that this number of views detect can be triangulated.
+    Views agree on nearly all joints of a person that enough of them detect. Some of these joints may be absent because
+    they are not precise enough, as of a person seen by two cameras whose calibration is off; so doubtful tracks are
+    triangulated again, however imprecisely.
     """
-    detected = by_frames(lambda assigned: ((assigned != NONE).sum(2) >= views).sum(-1), tracks.assigned).sum(0)
-    return known_joints(tracks.xyz).sum(0) < _MIN_AGREEMENT * detected
+    detected = by_frames(lambda assigned: ((assigned != NONE).sum(2) >= config.th_v).sum(-1), tracks.assigned).sum(0)
+    doubtful = known_joints(tracks.xyz).sum(0) < _MIN_AGREEMENT * detected
+    imprecise = replace(config, noise=replace(config.noise, max_error_m=np.inf))
+    for person in np.flatnonzero(doubtful):
+        enough = by_frames(
+            lambda assigned: ((assigned != NONE).sum(1) >= config.th_v).sum(-1), tracks.assigned[:, person]
+        )
+        frames = np.flatnonzero(enough)
+        frames = frames[evenly_spaced(len(frames), _JUDGED_FRAMES)]
+        evidence = Evidence.of(clip, config.th_p, imprecise, frames, noise)
+        agreed = known_joints(evidence.triangulate(tracks.assigned[frames, person][:, None]).xyz)
+        doubtful[person] = agreed.sum() < _MIN_AGREEMENT * enough[frames].sum()
+    return doubtful
 
 
 _LINK_BUILD = 0.1  # Relative difference of bone lengths above which two tracks are never linked to one person

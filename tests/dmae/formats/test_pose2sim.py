@@ -138,14 +138,14 @@ def test_the_real_person_is_captured_in_every_frame(balancing):
 
 
 def test_large_errors_are_smaller_than_those_of_the_authors_in_every_camera(balancing):
-    """Cameras disagree, two of them more than the others, which therefore count more.
+    """Cameras disagree, by 9 to 19 px; none is trusted to a pixel.
 
     The authors leave out views that disagree. Nine in ten joints are within 30, 15, 31 and 18 px against 31, 15, 54 and
     18; medians are 19.2, 8.5, 18.9 and 9.1 px against 11.4, 8.0, 18.0 and 9.4.
     """
     clip, theirs = balancing
     noise = learn_noise(clip, CaptureConfig())
-    assert noise.floor_px[[0, 2]].min() > 1.15 * noise.floor_px[[1, 3]].max()
+    assert noise.floor_px.min() > 5
     assert "calibrations are off by" in noise.describe(clip.rig.names)
     poses = capture(clip, CaptureConfig(), noise)
     ours = poses.xyz[:, person(poses, theirs)]
@@ -160,6 +160,16 @@ def test_large_errors_are_smaller_than_those_of_the_authors_in_every_camera(bala
     for camera in range(len(clip.rig)):
         large, of_authors = (np.quantile(each[:, camera][both[:, camera]], 0.9) for each in (found, errors))
         assert large <= of_authors
+
+
+def test_what_is_learned_of_a_camera_hardly_depends_on_the_others(balancing):
+    """Points follow some of the cameras, and others with each camera left out; these must not look right by that."""
+    clip, _ = balancing
+    floor = np.full((5, 4), np.nan)
+    for left_out in range(5):
+        views = [view for view in range(4) if view != left_out]
+        floor[left_out, views] = learn_noise(clip.select(views=views), CaptureConfig()).floor_px
+    assert (np.nanmax(floor, 0) < 5 * np.nanmin(floor, 0)).all()
 
 
 def test_the_real_person_written_as_trc_is_read_by_others(balancing, tmp_path):

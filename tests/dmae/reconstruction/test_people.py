@@ -1,17 +1,22 @@
 """Tracks that are of one person, and their merging."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import BODY25
 from dmae.online.capture import OnlineCapture
 from dmae.reconstruction.association import NONE
 from dmae.reconstruction.chance import passing_ghosts, surprise
 from dmae.reconstruction.config import CaptureConfig, SubjectConfig
+from dmae.reconstruction.evidence import Evidence
+from dmae.reconstruction.noise import DetectionNoise
 from dmae.reconstruction.people import coincidental, merge, same_person, too_brief, well_measured
 from dmae.reconstruction.pipeline import capture
 from dmae.reconstruction.tracking import Tracks
-from tests.support.clips import looking_at_origin
+from tests.support.clips import looking_at_origin, looking_inwards
 from tests.support.detected_people import FPS, FRAMES, crossing, detected_clip, errors, standing, walk
 
 
@@ -94,16 +99,40 @@ def test_half_of_a_short_clip_is_long_enough():
     assert not too_brief(well_measured(tracks_of(standing(frames=3)), 4)[0].sum(0), 3, FPS, 0.3).any()
 
 
+def exactly_seen(xyz: np.ndarray, *cameras: tuple[float, float]) -> Clip:
+    """People p (F, P, J, 3) m as detection p of cameras at places x, y, 1.5 m high."""
+    rig = looking_inwards(np.array([(*camera, 1.5) for camera in cameras]))
+    xy = rig.project(xyz)[0]
+    return Clip("people", FPS, rig, Detections2D(BODY25, xy, np.where(np.isnan(xy[..., 0]), np.nan, 0.9)))
+
+
 def test_views_of_a_coincidence_agree_on_few_joints():
     xyz = standing(persons=3)
+    clip = exactly_seen(xyz, (0.0, -5.0), (5.0, 0.0), (0.0, 5.0))
+    clip.detections.xy[:, 1, 1, ::2, 1] += 200
     xyz[:, 1, ::2] = np.nan
     xyz[:, 2, :5] = np.nan
-    assigned = np.zeros((*xyz.shape[:2], 3, 25), int)
+    assigned = np.tile(np.arange(3)[:, None, None], (len(xyz), 1, 3, 25))
     assigned[:, :, 2] = NONE
-    assert coincidental(tracks_of(xyz, assigned), views=2).tolist() == [False, True, False]
+    config, noise = CaptureConfig(), DetectionNoise.prior(CaptureConfig().noise, 3, 25)
+    assert coincidental(clip, tracks_of(xyz, assigned), config, noise).tolist() == [False, True, False]
     # A joint that a single view detects is not expected to be found.
     assigned[:, 1, 1, ::2] = NONE
-    assert not coincidental(tracks_of(xyz, assigned), views=2).any()
+    assert not coincidental(clip, tracks_of(xyz, assigned), config, noise).any()
+
+
+def test_a_person_whose_joints_are_not_precise_is_no_coincidence():
+    """Views agree on joints that are absent because two cameras from one side do not show how far they are."""
+    xyz = standing(persons=1)
+    clip = exactly_seen(xyz, (0.0, -5.0), (0.8, -5.0))
+    config, noise = (
+        CaptureConfig(),
+        replace(DetectionNoise.prior(CaptureConfig().noise, 2, 25), floor_px=np.full(2, 20)),
+    )
+    assigned = np.zeros((len(xyz), 1, 2, 25), int)
+    joints = Evidence.of(clip, config.th_p, config, noise=noise).triangulate(assigned).xyz
+    assert np.isnan(joints).all()
+    assert not coincidental(clip, tracks_of(joints, assigned), config, noise).any()
 
 
 WAYS = {"adult": ((-1.0, -1.0), (1.0, -1.0), 1.0), "child": ((1.0, 1.0), (-1.0, 1.0), 0.65)}
