@@ -24,7 +24,7 @@ from dmae.calibration.bundle_adjustment import (
 from dmae.calibration.config import ALL, AUTO, RefineConfig
 from dmae.calibration.examination import SHORTEST_S, Examination, examine
 from dmae.calibration.matching import initial_rig, match_tracks
-from dmae.calibration.world import Floor, find_floor, place_rig, place_world, upright_world
+from dmae.calibration.world import Floor, find_floor, place_like, place_rig, place_world, upright_world
 from dmae.data.array_fields import short_repr
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
@@ -118,6 +118,9 @@ def refine(clip: Clip, config: RefineConfig | None = None) -> Refined:
             iterations=30,
         )  # fmt: skip
         calibration = adjusted.calibration
+        if config.extrinsics and len(views) == len(clip.rig):
+            # Detections do not show where the world of the cameras is, nor how large it is.
+            calibration = replace(calibration, rig=place_like(calibration.rig, origin.rig))
         if not views:
             break
     assert before is not None and tracks is not None

@@ -14,6 +14,7 @@ from functools import partial
 
 import numpy as np
 from scipy.spatial.distance import pdist
+from scipy.spatial.transform import Rotation
 from scipy.special import stdtrit
 
 from dmae.data.cameras import CameraRig
@@ -535,6 +536,30 @@ def place_rig(rig: CameraRig, world: np.ndarray, scale: float = 1.0) -> CameraRi
     centres = scale * rig.centers @ world[:3, :3].T + world[:3, 3]
     pose[:, :3, :3], pose[:, :3, 3] = R, -(R @ centres[..., None])[..., 0]
     return replace(rig, cam_from_world=pose)
+
+
+_ALIGNED_M, _ALIGNED_ROUNDS = 0.005, 20
+"""m: cameras nearer to their place than this count alike; number of times that they are weighted again."""
+
+
+def place_like(rig: CameraRig, other: CameraRig) -> CameraRig:
+    """Return a rig moved, turned and scaled as a whole, so that its cameras are where those of another rig are.
+
+    Sums of distances, not of their squares, are minimised, so that a camera that is elsewhere has no influence on the
+    others (iteratively reweighted least squares).
+    """
+    turns = other.cam_from_world[:, :3, :3].swapaxes(1, 2) @ rig.cam_from_world[:, :3, :3]
+    world, scale, weight, placed = np.eye(4), 1.0, np.ones(len(rig)), rig
+    for _ in range(_ALIGNED_ROUNDS):
+        world[:3, :3] = R = Rotation.from_matrix(turns).mean(weight).as_matrix()
+        share = weight[:, None] / weight.sum()
+        here, there = rig.centers @ R.T, other.centers
+        here, there = here - (share * here).sum(0), there - (share * there).sum(0)
+        scale = (weight[:, None] * here * there).sum() / (weight[:, None] * here**2).sum()
+        world[:3, 3] = (share * (other.centers - scale * rig.centers @ R.T)).sum(0)
+        placed = place_rig(rig, world, scale)
+        weight = 1 / np.maximum(np.linalg.norm(placed.centers - other.centers, axis=1), _ALIGNED_M)
+    return placed
 
 
 def _placed_poses(poses: Poses3D, world: np.ndarray) -> Poses3D:

@@ -27,6 +27,7 @@ from dmae.calibration.config import RefineConfig
 from dmae.calibration.examination import Kind, examine
 from dmae.calibration.matching import initial_rig, match_tracks
 from dmae.calibration.refinement import refine
+from dmae.calibration.world import place_like
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import BODY25, Skeleton
 from tests.support.circling_people import circling_people
@@ -228,3 +229,10 @@ def test_a_calibration_that_stays_says_why(views, frames, note):
     assert refined.note.startswith(note)
     np.testing.assert_allclose(refined.rig.centers, clip.rig.centers, atol=1e-9)
     assert refine(clip, RefineConfig(cameras=[clip.rig.names[1]])).note is None
+
+
+def test_all_cameras_stay_in_their_world_when_all_are_refined():
+    clip = displaced(exact(noise_px=4.0), 1, moved=(0.07, 0.05, 0.05), turned=(0.02, 0.02, -0.02))
+    found = refine(clip, RefineConfig(cameras=["all"])).rig
+    np.testing.assert_allclose(place_like(found, clip.rig).centers, found.centers, atol=1e-6)
+    assert np.linalg.norm(found.centers - ring().centers, axis=1).max() < 0.03

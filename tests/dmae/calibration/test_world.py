@@ -11,7 +11,7 @@ from dmae.calibration import world as world_module
 from dmae.calibration.doctor import diagnose, tilt_fault
 from dmae.calibration.faults import Fault
 from dmae.calibration.refinement import RefineConfig, refine
-from dmae.calibration.world import find_floor, place_clip, place_rig, place_world, turn_to_z, upright_world
+from dmae.calibration.world import find_floor, place_clip, place_like, place_rig, place_world, turn_to_z, upright_world
 from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.store import save_clip
 from dmae.reconstruction.config import CaptureConfig
@@ -224,3 +224,14 @@ def test_a_rig_in_another_world_sees_the_same():
     np.testing.assert_allclose(
         place_rig(rig, T).project(points @ T[:3, :3].T + T[:3, 3])[0], rig.project(points)[0], atol=1e-8
     )
+
+
+def test_a_rig_returns_to_the_place_of_another_though_one_camera_differs():
+    rig, T = ring(), np.eye(4)
+    T[:3, :3], T[:3, 3] = Rotation.from_rotvec([0.02, -0.01, 0.03]).as_matrix(), (0.2, -0.1, 0.05)
+    elsewhere = place_rig(rig, T, 1.06)
+    np.testing.assert_allclose(place_like(elsewhere, rig).cam_from_world, rig.cam_from_world, atol=1e-9)
+    pose = rig.cam_from_world.copy()
+    pose[2, :3, 3] += 0.1
+    found = place_like(elsewhere, replace(rig, cam_from_world=pose))
+    assert np.linalg.norm(found.centers - rig.centers, axis=1).max() < 0.005
