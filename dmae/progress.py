@@ -8,7 +8,7 @@ from contextlib import contextmanager, nullcontext
 
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import track
+from rich.progress import Progress, track
 
 LINE_EVERY = 60.0
 """s between lines where there is no terminal."""
@@ -60,6 +60,31 @@ def duration(seconds: float) -> str:
     return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
 
 
+def counted_progress(items: Iterable, description: str, count: Callable[[], tuple[int, int]]) -> Iterator:
+    """Yield the items, and show progress ("rendering images") and the time left on stderr.
+
+    `count` returns how many parts are done, and how many there are; called from another thread.
+    """
+    console = Console(stderr=True)
+    with _bar(console, description, count) if console.is_terminal else _lines(description, count):
+        yield from items
+
+
+@contextmanager
+def _bar(console: Console, description: str, count: Callable[[], tuple[int, int]]) -> Iterator[None]:
+    """Show a bar in the block, in a thread."""
+
+    def show(over: threading.Event) -> None:
+        with Progress(console=console, transient=True) as bar:
+            task = bar.add_task(description)
+            while not over.wait(0.5):
+                done, total = count()
+                bar.update(task, completed=done, total=total)
+
+    with _watched(show):
+        yield
+
+
 @contextmanager
 def _lines(description: str, count: Callable[[], tuple[int, int | None]]) -> Iterator[None]:
     """Print a line each minute in the block, in a thread: a single part may take many minutes.
@@ -78,6 +103,17 @@ def _lines(description: str, count: Callable[[], tuple[int, int | None]]) -> Ite
                     print(progress_line(description, done, total, seconds, first), file=sys.stderr, flush=True)
                 shown, lines = done, int(seconds // LINE_EVERY)
 
+    with _watched(show):
+        yield
+
+
+_running: list[threading.Event] = []
+"""The loops that are shown, from the outermost to the innermost."""
+
+
+@contextmanager
+def _watched(show: Callable[[threading.Event], None]) -> Iterator[None]:
+    """Run `show` in a thread until the end of the block, which sets the event that it is given."""
     over = threading.Event()
     watcher = threading.Thread(target=show, args=(over,), daemon=True)
     _running.append(over)
@@ -88,7 +124,3 @@ def _lines(description: str, count: Callable[[], tuple[int, int | None]]) -> Ite
         over.set()
         watcher.join()
         _running.remove(over)
-
-
-_running: list[threading.Event] = []
-"""The loops that are shown, from the outermost to the innermost."""

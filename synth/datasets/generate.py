@@ -22,7 +22,7 @@ from dmae.files.checksums import Checksum, begin_data_set, clip_checksum, end_da
 from dmae.files.contents import whole_folder
 from dmae.files.structured import read_json
 from dmae.parallel import in_parallel, running_on
-from dmae.progress import progress
+from dmae.progress import counted_progress, progress
 from synth.datasets.clip import attempt_seed, check, clip_id, simulate_clip
 from synth.datasets.config import GenerateConfig, RenderConfig, image_kinds
 from synth.datasets.images import add_images, image_files, missing_kinds
@@ -58,14 +58,14 @@ def generate(config: GenerateConfig) -> list[dict]:
         FailedSimulation: no clip could be made, or `occlusion.target` cannot be met.
     """
     out, numbers = Path(config.out), config.numbers
-    check(config)
+    rig = check(config)
     claim(out, as_settings(config, leave=_NOT_STORED))
     if (out / MANIFEST).is_file():
         read_manifest(out)  # a damaged one is refused before any work
     checksums = begin_data_set(out)
     names = {clip_id(number, config.prefix): number for number in numbers}
     tasks = {name: (config, number, checksums.get(name)) for name, number in names.items()}
-    lines = make_clips(config, _make, tasks, checksums)
+    lines = make_clips(config, _make, tasks, checksums, config.scene.frames * len(rig) * len(tasks))
     if all(line["status"] == "failed" for line in lines):
         raise FailedSimulation(f"{out}: all {len(lines)} clips failed, the first because of this: {lines[0]['reason']}")
     return lines
@@ -76,25 +76,34 @@ def make_clips(
     make: Callable[..., dict],
     tasks: dict[str, tuple],
     checksums: dict[str, Checksum | None],
+    images: int,
 ) -> list[dict]:
     """Make clips in parallel, and write the manifest and the checksums of their data set. Return the manifest.
 
     Args:
-        make: Makes one clip on disk from its task, and returns its manifest line.
+        make: Makes one clip on disk from its task, counts its images in the tally, and returns its manifest line.
         tasks: Arguments of `make`, by the name of the clip.
         checksums: Checksums of clips from before, from `begin_data_set`.
+        images: Number of images of the clips, one for each frame and view.
     """
-    out, made = Path(config.out), []
+    out, made, tally = Path(config.out), [], ImageTally(config)
     limit_threads(config.workers)
+    if config.kinds:
+        tally.begin()
     try:
         with running_on(config.backend):
             lines = in_parallel(make, tasks.values(), config.workers, ordered=False)
-            made += progress(lines, "making clips", len(tasks))
+            if config.kinds:
+                lines = counted_progress(lines, "rendering images", lambda: tally.count(images))
+            else:
+                lines = progress(lines, "generating clips", len(tasks))
+            made += lines
     finally:
         # Processes that were stopped during a clip leave an incomplete folder.
         for name in tasks:
             for leftover in (out / f".{name}.partial", out / name / ".images"):
                 shutil.rmtree(leftover, ignore_errors=True)
+        tally.end()
         seal(out, made, checksums)
     return read_manifest(out)
 
@@ -145,10 +154,12 @@ def _make(config: GenerateConfig, number: int, expected: Checksum | None) -> dic
 
 def with_images(config: GenerateConfig | RenderConfig, folder: Path) -> dict:
     """Add the images that a clip lacks, and return its manifest line."""
-    clip = load_clip(folder)
+    clip, tally = load_clip(folder), ImageTally(config)
     if missing_kinds(clip, config):
-        add_images(clip, load_state(folder), folder, config)
+        add_images(clip, load_state(folder), folder, config, tally.add)
         write_checksums(folder)
+    else:
+        tally.add(kept=len(clip) * len(clip.rig))
     return clip.provenance["manifest"]
 
 
@@ -215,3 +226,29 @@ def as_settings(config, leave: Collection[str] = ()) -> dict:
     settings = {name: value for name, value in asdict(config).items() if name not in leave}
     settings["images"] = image_kinds(config.images)
     return json.loads(json.dumps(settings, default=plain))
+
+
+class ImageTally:
+    """How many images processes have rendered: the marks in a file that they append to, if it exists."""
+
+    def __init__(self, config: GenerateConfig | RenderConfig):
+        self._path = Path(config.out) / f".images.{getattr(config, 'first', 0)}"
+
+    def begin(self) -> None:
+        """Create the file."""
+        self._path.write_bytes(b"")
+
+    def end(self) -> None:
+        """Remove the file."""
+        self._path.unlink(missing_ok=True)
+
+    def add(self, kept: int = 0) -> None:
+        """Count an image that was rendered, or so many that are kept and need not be."""
+        if self._path.is_file():
+            with self._path.open("ab") as file:
+                file.write(b"k" * kept or b"r")
+
+    def count(self, images: int) -> tuple[int, int]:
+        """Return the number of rendered images, and of all to render, which are `images` without the kept ones."""
+        marks = self._path.read_bytes()
+        return marks.count(b"r"), images - marks.count(b"k")

@@ -1,6 +1,7 @@
 """The images of a clip, rendered on request from the body states that are stored with its labels."""
 
 import shutil
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -40,11 +41,17 @@ def missing_kinds(clip: Clip, options: GenerateConfig | RenderConfig) -> tuple[s
     return tuple(kind for kind in options.kinds if clip.images is None or kind not in clip.images.kinds)
 
 
-def add_images(clip: Clip, state: BodyState, folder: Path, options: GenerateConfig | RenderConfig) -> Clip:
+def add_images(
+    clip: Clip,
+    state: BodyState,
+    folder: Path,
+    options: GenerateConfig | RenderConfig,
+    seen: Callable[[], None] = lambda: None,
+) -> Clip:
     """Render the missing images of a clip from its states, write them and the clip to its folder, and return the clip.
 
     Labels do not change, except that id images add the numbers of pixels of each person. The clip refers to the new
-    images only when all of them are complete.
+    images only when all of them are complete. `seen` is called after each view of each frame.
 
     Raises:
         ValueError: the scene is of another version.
@@ -67,7 +74,7 @@ def add_images(clip: Clip, state: BodyState, folder: Path, options: GenerateConf
         with Renderer(scene.model, scene.geom_ids, rig, options.quality, options.imaging) as renderer:
             sensors = [Sensor(options.imaging, spec.seed, spec.clip, view) for view in range(len(rig))]
             images, visible, amodal = render_images(
-                renderer, state.qpos, rig, partial, clip.fps, missing, options.rgb.value, sensors
+                renderer, state.qpos, rig, partial, clip.fps, missing, options.rgb.value, seen, sensors
             )
         for kind in missing:
             shutil.rmtree(folder / _FOLDER / kind, ignore_errors=True)

@@ -20,7 +20,7 @@ from dmae.parallel import process_count
 from synth.datasets.clip import label_clip
 from synth.datasets.config import OcclusionConfig, RenderConfig
 from synth.datasets.forecast import Forecast, bytes_in, image_cost, lacks_images, makespan
-from synth.datasets.generate import CONFIG, as_settings, claim, make_clips, with_images
+from synth.datasets.generate import CONFIG, ImageTally, as_settings, claim, make_clips, with_images
 from synth.datasets.images import add_images, check_images
 from synth.detector.config import DetectorConfig
 from synth.physics.body_state import BodyState, load_state, save_state
@@ -41,10 +41,12 @@ def render(config: RenderConfig) -> list[dict]:
             clips.
     """
     out = Path(config.out)
-    folders, settings = _checked(config)
+    folders, settings, rig = _checked(config)
     claim(out, settings)
+    lines = [read_json(folder / "clip.json")["provenance"]["manifest"] for folder in folders]
+    images = sum(line["frames"] for line in lines) * len(rig)
     tasks = {folder.name: (config, settings, folder) for folder in folders}
-    return make_clips(config, _render, tasks, begin_data_set(out))
+    return make_clips(config, _render, tasks, begin_data_set(out), images)
 
 
 def forecast_rendering(config: RenderConfig) -> Forecast:
@@ -52,7 +54,7 @@ def forecast_rendering(config: RenderConfig) -> Forecast:
 
     Nothing is written to `config.out`. Raises as `render`.
     """
-    folders, settings = _checked(config)
+    folders, settings, _ = _checked(config)
     left, new = [], []
     for folder in folders:
         made = Path(config.out) / folder.name / "clip.json"
@@ -79,8 +81,8 @@ def forecast_rendering(config: RenderConfig) -> Forecast:
     return Forecast(sum(new), labelled, sum(frames) * len(clip.rig), float(took), float(size) / 1e6)
 
 
-def _checked(config: RenderConfig) -> tuple[list[Path], dict]:
-    """Return the folders of the clips, and the settings of the new data set."""
+def _checked(config: RenderConfig) -> tuple[list[Path], dict, CameraRig]:
+    """Return the folders of the clips, the settings of the new data set, and the cameras of the first clip."""
     out, data = Path(config.out), Path(config.data)
     folders = clip_folders(data)
     if not folders:
@@ -95,7 +97,7 @@ def _checked(config: RenderConfig) -> tuple[list[Path], dict]:
     load_state(folders[0])
     rig = clip.rig if config.rig == NO_RIG else _new_rig(config, settings, SceneSpec.of(clip))
     check_images(config, rig)
-    return folders, settings
+    return folders, settings, rig
 
 
 def _settings(config: RenderConfig, folder: Path) -> dict:
@@ -140,7 +142,7 @@ def _render(config: RenderConfig, settings: dict, folder: Path) -> dict:
     with whole_folder(target) as partial:
         save_clip(clip, partial)
         save_state(state, partial)
-        add_images(clip, state, partial, config)
+        add_images(clip, state, partial, config, ImageTally(config).add)
         write_checksums(partial)
     return clip.provenance["manifest"]
 

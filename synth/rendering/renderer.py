@@ -1,7 +1,7 @@
 """Render a scene: colour, depth, ids, body parts, normals, flow and amodal masks of persons."""
 
 import copy
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -323,6 +323,7 @@ def render_images(
     fps: float,
     kinds: tuple[str, ...] = KINDS,
     rgb: str = "h264",
+    seen: Callable[[], None] = lambda: None,
     sensors: Sequence[Sensor] = (),
 ) -> RenderedImages:
     """Write images of every view of every frame in the layout of `dmae.data.images`, with only one in memory at a time.
@@ -335,6 +336,7 @@ def render_images(
         fps: Frames per second of the videos.
         kinds: Kinds of images, from `dmae.data.images.KINDS`.
         rgb: Format of colour images, from `dmae.data.images.RGB_FILES`.
+        seen: Called after each view of each frame.
         sensors: The sensor of each camera; none for colours without their faults.
     """
     images = Images(folder, rig.names, tuple(range(len(qpos))), kinds, SEGMENTS if "parts" in kinds else (), rgb)
@@ -356,6 +358,7 @@ def render_images(
                 for person in range(renderer.persons):
                     visible[frame, view, person] = np.count_nonzero(image.ids == 1 + person)
                     amodal[frame, view, person] = np.count_nonzero(renderer.alone(state, view, person))
+            seen()
             yield image.rgb
 
     for view, name in enumerate(rig.names):

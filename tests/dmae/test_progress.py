@@ -7,7 +7,7 @@ import pytest
 from rich.console import Console
 
 from dmae import progress as module
-from dmae.progress import progress, progress_line
+from dmae.progress import counted_progress, progress, progress_line
 
 
 def test_items_pass_unchanged():
@@ -37,7 +37,7 @@ def test_an_outer_loop_prints_only_what_is_new_while_an_inner_one_prints(monkeyp
 
 
 def test_the_forecast_leaves_the_first_parts_out(monkeypatch, capsys):
-    """Of clips the first loads and compiles for all: 1 of 750 after 2 minutes forecast 25 hours."""
+    """As images are, of which the first comes after the simulation: 1 of 750 after 2 minutes forecast 25 hours."""
     clock, waits, counts = itertools.count(0, 30), iter([False] * 4 + [True]), itertools.count()
     event = SimpleNamespace(wait=lambda seconds: next(waits), set=lambda: None)
     monkeypatch.setattr(module.time, "monotonic", lambda: float(next(clock)))
@@ -46,8 +46,7 @@ def test_the_forecast_leaves_the_first_parts_out(monkeypatch, capsys):
         module.threading, "Thread",
         lambda target, args, daemon: SimpleNamespace(start=lambda: None, join=lambda: target(*args)),
     )  # fmt: skip
-    with module._lines("rendering", lambda: (next(counts), 750)):
-        pass
+    list(counted_progress([], "rendering", lambda: (next(counts), 750)))
     assert capsys.readouterr().err.splitlines() == [
         "rendering: 1 of 750, 1.0 min",
         "rendering: 3 of 750, 2.0 min, about 373.5 min left",

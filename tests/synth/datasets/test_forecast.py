@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from dmae.progress import counted_progress
 from synth.datasets import forecast as module
 from synth.datasets.config import GenerateConfig
 from synth.datasets.forecast import Forecast, forecast, is_long
@@ -105,3 +106,22 @@ def test_a_dry_run_prints_and_writes_nothing(tmp_path):
     assert done.returncode == 0, done.stderr
     assert "set: 2 clips, 20 frames: about" in done.stdout
     assert not list(tmp_path.iterdir())
+
+
+def test_progress_by_image_prints_lines_where_there_is_no_terminal(capsys, monkeypatch):
+    monkeypatch.setattr("dmae.progress.LINE_EVERY", 0.05)
+    start = time.monotonic()
+
+    def count() -> tuple[int, int]:
+        """The second image is done before the first line."""
+        return 1 + (time.monotonic() - start > 0.03), 1000
+
+    def slowly():
+        for item in "ab":
+            time.sleep(0.2)
+            yield item
+
+    assert list(counted_progress(slowly(), "rendering images", count)) == ["a", "b"]
+    lines = capsys.readouterr().err.splitlines()
+    assert lines
+    assert lines[0].startswith("rendering images: 2 of 1000, 0.0 min, about")
