@@ -262,25 +262,23 @@ def _explains(undone: Hypothesis, correction: Correction | None, hypothesis: Hyp
 def _confirmed(correction: Correction, hypothesis: Hypothesis, found: Examination | None, pairs: Pairs) -> bool:
     """Return whether a fault of lenses, scale or time explains more than wrong poses of cameras, which are similar.
 
-    A pose may explain more and still not be named, if the recording is too short for certainty. Times are compared with
-    poses only if there are two cameras: more have to agree on them (`refine_offsets`).
+    A pose may explain more and still not be named, if the recording is too short for certainty. In a short recording,
+    other offsets of one camera may also make up for the wrong pose of another.
     """
     if correction.fault in _LENSES:
         return lens_matters(hypothesis, correction.hypothesis)
-    if len(hypothesis.rig) == 2:
-        similar = correction.fault in (Fault.scale, Fault.delay)
-    else:
-        similar = correction.fault == Fault.scale and len(correction.views) == 1
-    if not similar or found is None:
+    several = len(hypothesis.rig) > 2
+    scaled = correction.fault == Fault.scale and (len(correction.views) == 1 or not several)
+    if not (scaled or correction.fault == Fault.delay) or found is None:
         return True
-    views = range(2) if len(hypothesis.rig) == 2 else correction.views
+    views = correction.views if scaled and several else range(len(hypothesis.rig))
     tried = [each for each in found.tried if each.view in views and each.kind in _POSES]
     if not tried:
         return True
     best = max(tried, key=lambda each: each.gain)
     posed = replace(hypothesis, rig=Calibration.of(hypothesis.rig).with_step(best.view, best.step).rig)
-    scaled, other = _agreements(hypothesis, pairs, correction.hypothesis, posed)
-    return scaled > other + _SAME
+    ours, other = _agreements(hypothesis, pairs, correction.hypothesis, posed)
+    return ours > other + _SAME
 
 
 def _agreements(hypothesis: Hypothesis, pairs: Pairs, *others: Hypothesis) -> list[float]:
@@ -406,11 +404,12 @@ def undetermined(hypothesis: Hypothesis, found: Examination | None) -> tuple[str
     # Every calibration has small errors. Smaller differences than this are not reported.
     if best is None or _size(best, hypothesis.fps) < 2 * _SMALLEST[best.kind]:
         return ()
-    names = " and ".join(hypothesis.rig.names[view] for view in found.suspects)
-    return (
-        f"one of the cameras {names} seems to differ from its calibration; this recording does not determine which; "
-        "use more cameras, or people in more places",
-    )
+    names = [camera_label(hypothesis.rig.names[view]) for view in found.suspects]
+    if len(names) == 1:
+        what = f"{names[0]} seems to differ from its calibration; this recording does not make that certain"
+    else:
+        what = f"{' or '.join(names)} seems to differ from its calibration; this recording does not determine which"
+    return (f"{what}; record for longer, with more cameras, or people in more places",)
 
 
 def lens_matters(before: Hypothesis, after: Hypothesis) -> bool:

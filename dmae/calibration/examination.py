@@ -42,6 +42,8 @@ _NEAR = 0.04
 _RIVAL = 0.7  # Largest gain that a change of another camera may have, as a share of the gain
 _SURE = 0.1
 """Share of the cost that a reliably detected difference saves. In some stretches of time its effect is small."""
+_MUCH, _CHANCE_OF_MUCH = 0.25, 0.01
+"""Share of the cost, and probability of a coincidence, from which a difference that is not certain raises suspicion."""
 _EXAMINED = 2  # Number of cameras that are examined for every kind
 _OFFSETS = (0, *(sign * frames for frames in (2, 4, 7, 10, 14, 18) for sign in (-1, 1)))
 """Frames at which the search of a time offset starts. Larger offsets are found earlier, without tracks."""
@@ -107,7 +109,7 @@ class Examination:
 
     # Differences of the named camera that fit equally well, the best first; empty if no camera is named
     kinds: tuple[CameraDifference, ...]
-    # One of these cameras differs, and the recording does not show which; empty otherwise
+    # One of these cameras seems to differ, and the recording does not show which, or not for certain; empty otherwise
     suspects: tuple[int, ...]
     tried: tuple[CameraDifference, ...]  # All differences that were tried
     base: Adjusted  # The fit of the unchanged calibration
@@ -243,10 +245,12 @@ def _start(observations: Observations, state: Adjusted) -> np.ndarray:
 def _judge(
     tried: list[CameraDifference], reference: dict[Kind, float], views: int
 ) -> tuple[tuple[CameraDifference, ...], tuple[int, ...]]:
-    """Return the kinds that explain the recording; else the cameras, one of which differs, if one cannot be named."""
+    """Return the kinds that explain the recording; else the cameras, one of which seems to differ, if none is named."""
     clear = [each for each in tried if each.chance < _CHANCE and each.gain > _REFERENCE * reference[each.kind]]
     if not clear:
-        return (), ()
+        much = [each for each in tried if each.chance < _CHANCE_OF_MUCH and each.gain > _MUCH * each.before.mean()]
+        most = max((each.gain for each in much), default=0.0)
+        return (), tuple(dict.fromkeys(each.view for each in much if each.gain > _RIVAL * most))
     best = max(clear, key=lambda each: each.gain)
     rival = max((each for each in tried if each.view != best.view), key=lambda each: each.gain)
     if views < 3 or not best.beats(rival) or rival.gain > _RIVAL * best.gain:

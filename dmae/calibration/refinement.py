@@ -182,7 +182,7 @@ def _why_none(rig: CameraRig, found: Examination | None) -> str:
         )
     if found.suspects:
         names = " or ".join(rig.names[view] for view in found.suspects)
-        return f"{names} differs, but it is not determined which one: give its name as refine.cameras=[...]"
+        return f"{names} seems to differ, which is not certain: give its name as refine.cameras=[...]"
     return "no camera clearly differs from its calibration; refine.cameras=[all] refines all cameras"
 
 

@@ -24,7 +24,7 @@ from dmae.calibration.bundle_adjustment import (
     adjust,
 )
 from dmae.calibration.config import RefineConfig
-from dmae.calibration.examination import Kind, examine
+from dmae.calibration.examination import CameraDifference, Kind, _judge, examine
 from dmae.calibration.matching import initial_rig, match_tracks
 from dmae.calibration.refinement import refine
 from dmae.calibration.world import place_like
@@ -229,6 +229,19 @@ def test_a_calibration_that_stays_says_why(views, frames, note):
     assert refined.note.startswith(note)
     np.testing.assert_allclose(refined.rig.centers, clip.rig.centers, atol=1e-9)
     assert refine(clip, RefineConfig(cameras=[clip.rig.names[1]])).note is None
+
+
+def test_cameras_that_are_off_are_suspected_where_the_rest_is_off_too():
+    """After the best correction the other cameras still disagree, so no camera is certain; silence would be wrong."""
+    before = np.array([300.0, 360, 330, 340])
+    tried = [
+        CameraDifference(view, Kind.moved, np.zeros(Q), saved * before.mean(), (1 - saved) * before * noise, before)
+        for view, saved, noise in ((1, 0.4, (1, 0.9, 1.1, 1)), (3, 0.3, (1, 1.1, 1, 0.9)), (0, 0.1, (1, 1, 1, 1.02)))
+    ]
+    reference = dict.fromkeys(Kind, 60.0)
+    assert _judge(tried, reference, 4) == ((), (1, 3))
+    assert _judge([tried[0], tried[2]], reference, 4) == ((), (1,))
+    assert _judge([tried[2]], reference, 4) == ((), ())
 
 
 def test_all_cameras_stay_in_their_world_when_all_are_refined():

@@ -241,6 +241,18 @@ def test_a_camera_turned_is_not_called_one_of_another_resolution():
     assert _confirmed(scale, small, examined(small)[0], pairs)
 
 
+def test_offsets_do_not_make_up_for_the_pose_of_another_camera():
+    clip, pairs, third = sound("ring"), pairs_to_compare(4), np.arange(4) == 2
+    step = np.zeros((4, Q))
+    step[1, ROTATION] = np.radians(2) * np.array([0.6, 0.64, 0.48])
+    hypothesis = Hypothesis.of(replace(clip, rig=Calibration.of(clip.rig).changed(step).rig), Convention())
+    delay = Correction(Fault.delay, (2,), hypothesis.delayed(-3 * third))
+    assert not _confirmed(delay, hypothesis, examined(hypothesis)[0], pairs)
+    behind = Hypothesis.of(late(clip, 3, 2), Convention())
+    delay = Correction(Fault.delay, (2,), behind.delayed(3 * third))
+    assert _confirmed(delay, behind, examined(behind)[0], pairs)
+
+
 CLIPS = {"dogs": (lambda: dog_clip(70, dogs=2), 4.0), "hands": (lambda: hands_clip(70), 8.0)}
 
 
