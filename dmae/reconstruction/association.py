@@ -476,20 +476,24 @@ def exchange_members(members, view, evidence, least):
         evidence: (n, n) as `pair_evidence` returns it.
         least: As for `pair_evidence`.
     """
-    group, gains = np.zeros(len(view), np.int64), np.zeros(len(view))
+    group, gains, most = np.zeros(len(view), np.int64), np.zeros(len(view)), np.zeros(len(view))
+    one, others = np.nonzero(evidence > 0)
+    first = np.searchsorted(one, np.arange(len(view) + 1))
     for g in range(len(members)):
         for i in members[g]:
             if i >= 0:
                 group[i] = g
     for _ in range(_SWEEPS):
         for i in range(len(view)):
-            gains[i], _to = _best_move(i, members, group, view, evidence, least)
+            agreeing = others[first[i] : first[i + 1]]
+            gains[i], _to = _best_move(i, agreeing, most, members, group, view, evidence, least)
         changed = False
         while gains.max() > _ROUNDING:
             i = gains.argmax()
             gains[i] = 0
             # Earlier moves may have changed what is best.
-            gain, to = _best_move(i, members, group, view, evidence, least)
+            agreeing = others[first[i] : first[i + 1]]
+            gain, to = _best_move(i, agreeing, most, members, group, view, evidence, least)
             if gain <= _ROUNDING:
                 continue
             own, v, changed = group[i], view[i], True
@@ -504,16 +508,28 @@ def exchange_members(members, view, evidence, least):
 
 
 @compiled()
-def _best_move(i, members, group, view, evidence, least):
-    """Return the largest gain of a move of detection i, and the group to which it moves; see `exchange_members`."""
+def _best_move(i, agreeing, most, members, group, view, evidence, least):
+    """Return the largest gain of a move of detection i, and the group to which it moves; see `exchange_members`.
+
+    Args:
+        agreeing: Detections with evidence for being the same person as i.
+        most: (n,) zeros, for the evidence of each group; zeros again afterwards.
+    """
     own, v = group[i], view[i]
     here = _link(i, members[own], v, evidence, least)
     best, to = 0.0, own
     if here < 0:
         best, to = -here, _empty(members)
-    for g in range(len(members)):
+    # No group gains more than what its members that agree with the detection say, which most groups need not exceed.
+    for j in agreeing:
+        most[group[j]] += evidence[i, j]
+    for j in agreeing:
+        g, bound = group[j], most[group[j]] - least - here
+        most[g] = 0
+        if g == own or bound <= best:
+            continue
         gain, replaced = _link(i, members[g], v, evidence, least) - here, members[g, v]
-        if g == own or gain <= best:
+        if gain <= best:
             continue
         if replaced >= 0:
             gain -= _link(replaced, members[g], v, evidence, least)
