@@ -172,6 +172,8 @@ def _option(each, key: str, hint, meaning: str, values: dict[str, object]) -> Op
         inner = get_args(hint)
     many, keyed = get_origin(hint) is list, get_origin(hint) is dict
     hint = inner[-1] if keyed else inner[0] if many else hint
+    if keyed and get_origin(hint) is list:
+        many, hint = True, get_args(hint)[0]
     kind = _KINDS.get(hint, "item" if is_dataclass(hint) else "text")
     choices = tuple(each.metadata.get("choices", ()))
     if isinstance(hint, type) and issubclass(hint, enum.Enum):

@@ -275,14 +275,13 @@ def _checked(options: Group, override: str, sweep: bool) -> str:
     if re.split("[./]", key)[0] == "hydra":
         return override
     found = options.find(key)
-    if found is None:
-        parent = options.find(key.rpartition(".")[0])
-        if isinstance(parent, Option) and parent.keyed:
-            return override  # an entry of a dictionary
+    parent = options.find(key.rpartition(".")[0]) if found is None else None
+    dictionary = parent if isinstance(parent, Option) and parent.keyed else None
+    if found is None and dictionary is None:
         raise ValueError(f"{key}: no such option; {like(options, key)}")
-    if read.type == OverrideType.ADD:
+    if found is not None and read.type == OverrideType.ADD:
         raise ValueError(f"{override}: there is an option {key}; leave out the +")
-    if read.type == OverrideType.DEL:
+    if found is not None and read.type == OverrideType.DEL:
         raise ValueError(f"{override}: options cannot be removed; give {key} another value")
     if read.is_sweep_override() and not sweep:
         if isinstance(found, Option) and found.kind == "number" and re.fullmatch(r"[^=]+=[+-]?\d+,\d+", override):
@@ -291,6 +290,9 @@ def _checked(options: Group, override: str, sweep: bool) -> str:
             f"{override}: several values are tried in turn with -m; a list is written as {key}=[a,b], a text "
             f"with commas in quotes within quotes, as \"{key}='a,b'\""
         )
+    if found is None:
+        assert dictionary is not None
+        return _in_lists(key, override, _values(read)) if dictionary.many and override.startswith(key) else override
     values = _values(read)
     for text, value in values:
         if isinstance(value, str) and "${" in value:
@@ -299,14 +301,14 @@ def _checked(options: Group, override: str, sweep: bool) -> str:
             _check_preset(found, text, str(value))
         else:
             _check_value(found, text, value)
-    if (
-        isinstance(found, Option)
-        and found.may_be_one
-        and values
-        and not any(value is None or isinstance(value, list) for _, value in values)
-    ):
-        return f"{key}={','.join(f'[{text}]' for text, _ in values)}"
-    return override
+    return _in_lists(key, override, values) if isinstance(found, Option) and found.may_be_one else override
+
+
+def _in_lists(key: str, override: str, values: list) -> str:
+    """Return an override with each value as a list of it; as it is if one is a list or nothing."""
+    if not values or any(value is None or isinstance(value, list) for _, value in values):
+        return override
+    return f"{key}={','.join(f'[{text}]' for text, _ in values)}"
 
 
 def _check_preset(group: Group, text: str, value: str) -> None:

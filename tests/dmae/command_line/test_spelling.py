@@ -37,6 +37,7 @@ def folder(tmp_path_factory):
         ("synth generate clips=1,2", "clips=1,2: several values are tried in turn with -m"),
         ("dmae capture data=set data.frames=10", "expected a list of whole numbers, as data.frames=[...]"),
         ("synth generate rig=set", "ring, shelf, studio5; a folder is rig.path=set"),
+        ("dmae stress data=set levels.jitter=1,2", "a list is written as levels.jitter=[a,b]"),
         ("dmae review clip=set blank=1", "blank=1: expected a list of whole numbers, as blank=[1]"),
         ("synth generate scene.persons=2", "scene.persons=2: expected a list of whole numbers"),
         ("synth generate scene.randomize=maybe", "scene.randomize=maybe: expected true or false"),

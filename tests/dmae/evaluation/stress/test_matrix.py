@@ -277,7 +277,7 @@ def folder(tmp_path_factory):
 
 class TestCommand:
     def test_writes_a_result_and_a_page(self, folder):
-        options = ("data=set", "axes=[jitter]", "levels.jitter=[2]", "pairs=[]", "methods=[linear]", "out=found")
+        options = ("data=set", "axes=[jitter]", "levels.jitter=2", "pairs=[]", "methods=[linear]", "out=found")
         done = dmae(folder, "stress", *options)
         assert done.returncode == 0, done.stderr
         assert done.stdout.startswith(
