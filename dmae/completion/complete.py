@@ -28,7 +28,7 @@ from dmae.data.skeleton import Skeleton
 from dmae.files.contents import cached_until_changed
 from dmae.metrics.position import GAPS
 from dmae.numerics.body import rotate_z
-from dmae.numerics.filling import are_stills, fill_stills, present, resample
+from dmae.numerics.filling import are_stills, present, resample
 from dmae.numerics.paths import gap_lengths
 from dmae.parallel import one_thread
 
@@ -223,11 +223,7 @@ class Completer:
     """s; light smoothing of the completed poses, see `dmae.completion.features.smooth_by_noise`."""
 
     def __call__(self, poses: Poses3D, fps: float, frames: slice = slice(None)) -> Poses3D:
-        if not (np.isfinite(fps) and fps > 0):
-            raise ValueError(f"fps must be positive, found {fps}")
-        if are_stills(fps):
-            return fill_stills(lambda stills, rate: self._whole(stills, rate, slice(None)), poses.select(frames))
-        return in_pieces(lambda poses, frames: self._whole(poses, fps, frames), poses, fps, frames)
+        return in_pieces(self._whole, poses, fps, frames)
 
     def _whole(self, poses: Poses3D, fps: float, frames: slice) -> Poses3D:
         with one_thread():

@@ -124,8 +124,6 @@ class Loss(StrEnum):
 
     mse = "mse"
     """Squared distance, as in the paper, in dm^2."""
-    euclidean = "euclidean"
-    """Distance."""
     relative = "relative"
     """Distance relative to the error that the model expects; else the model learns mostly from joints that are hidden
     for long, where it can be off by decimetres."""

@@ -34,7 +34,7 @@ from dmae.data.resources import read_preset
 from dmae.data.rng import Stream, generator
 from dmae.data.skeleton import Skeleton
 from dmae.numerics.body import rotate_z
-from dmae.numerics.filling import are_stills, fill_stills, present, resample
+from dmae.numerics.filling import are_stills, present, resample
 from dmae.numerics.paths import linear
 from dmae.parallel import one_thread
 
@@ -284,12 +284,8 @@ class PaperCompleter:
     smooth: float = 0.0
 
     def __call__(self, poses: Poses3D, fps: float, frames: slice = slice(None)) -> Poses3D:
-        if not (np.isfinite(fps) and fps > 0):
-            raise ValueError(f"fps must be positive, found {fps}")
         with one_thread():
-            if are_stills(fps):
-                return fill_stills(lambda stills, rate: self._whole(stills, rate, slice(None)), poses.select(frames))
-            return in_pieces(lambda poses, frames: self._whole(poses, fps, frames), poses, fps, frames)
+            return in_pieces(self._whole, poses, fps, frames)
 
     def notes(self, poses: Poses3D, fps: float) -> list[str]:
         """Return what users of the result should know about how poses like these are completed."""

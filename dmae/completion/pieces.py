@@ -4,8 +4,11 @@ from collections.abc import Callable, Iterator
 from itertools import pairwise
 from math import ceil
 
+import numpy as np
+
 from dmae.data.clip import Poses3D
 from dmae.files.mapped import empty, in_steps
+from dmae.numerics.filling import are_stills, fill_stills
 from dmae.progress import progress
 
 WHOLE, _PIECE = 4000, 3000
@@ -18,28 +21,33 @@ _MARGIN = 4  # Units before and after a piece that are given with it
 
 
 def in_pieces(
-    complete: Callable[[Poses3D, slice], Poses3D], poses: Poses3D, fps: float, frames: slice = slice(None)
+    complete: Callable[[Poses3D, float, slice], Poses3D], poses: Poses3D, fps: float, frames: slice = slice(None)
 ) -> Poses3D:
-    """Return `complete(poses, frames)`, of a long recording person by person, in pieces with 20 s on both sides.
+    """Return `complete(poses, fps, frames)`, of a long recording person by person, in pieces with 20 s on both sides.
 
     Lengths of bones are then the medians within a piece and its sides, and gaps are filled by what was measured there.
+    Stills are completed each by itself. Raises ValueError if fps is not positive and finite.
 
     Args:
         complete: Returns some frames of poses, completed by all of them, with the same persons.
         fps: Frames per second.
         frames: Those to return.
     """
+    if not (np.isfinite(fps) and fps > 0):
+        raise ValueError(f"fps must be positive, found {fps}")
+    if are_stills(fps):
+        return fill_stills(lambda stills, rate: complete(stills, rate, slice(None)), poses.select(frames))
     asked = range(len(poses.xyz))[frames]
     parts = list(_parts(len(poses.xyz), fps, asked))
     count, persons = poses.xyz.shape[:2]
     if not (count and persons and parts) or parts[0][1] == slice(0, count):
-        return complete(poses, frames)
+        return complete(poses, fps, frames)
     made, skeleton = {}, poses.skeleton
     tasks = [(person, *part) for person in range(persons) for part in parts]
     for person, inner, around in in_steps(progress(tasks, "completing")):
         given = {name: array[around, person : person + 1] for name, array in poses.arrays.items()}
         inside = slice(inner.start - around.start, inner.stop - around.start)
-        done = complete(Poses3D(poses.skeleton, **given), inside)
+        done = complete(Poses3D(poses.skeleton, **given), fps, inside)
         skeleton = done.skeleton
         for name, array in done.arrays.items():
             if name not in made:

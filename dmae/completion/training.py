@@ -28,7 +28,6 @@ from lightning.pytorch.callbacks import ModelCheckpoint, Timer, WeightAveraging
 from lightning.pytorch.loggers import TensorBoardLogger
 from lightning.pytorch.plugins.io import TorchCheckpointIO
 from lightning.pytorch.strategies import DDPStrategy
-from safetensors.torch import save_file
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
@@ -246,8 +245,6 @@ def error_loss(loss: Loss, squared: Tensor, log_scale: Tensor) -> Tensor:
         return 100 * squared
     # The gradient of a root is infinite at zero; a hundredth of a millimetre is close enough.
     distance = (squared + 1e-10).sqrt()
-    if loss == Loss.euclidean:
-        return distance
     return distance * 2 * _SMALLEST_ERROR / (3 * log_scale.exp() + _SMALLEST_ERROR)
 
 
@@ -369,7 +366,11 @@ class Learner(lightning.LightningModule):
         if weight:
             loss = loss + weight * self._loss(predicted, batch.truth, batch.observed)
         if not torch.isfinite(loss):
-            raise ValueError(self._not_finite(batch, float(loss.detach())))
+            raise ValueError(
+                f"step {self.trainer.global_step}: the loss is {float(loss.detach())}, so training stopped and wrote "
+                f"no weights. Give a smaller learning.lr than {self.train_config.peak_lr:g}, in another folder, or "
+                "look for the clip with coordinates that are far off"
+            )
         self.log("train_loss", loss, sync_dist=True)
         return loss
 
@@ -377,18 +378,6 @@ class Learner(lightning.LightningModule):
         # The default network is trained on observed joints, too.
         wanted = None if self.train_config.learning.observed_weight else batch.hidden
         return Prediction(*(part.float() for part in self.model(*batch.windows, wanted=wanted)))
-
-    def _not_finite(self, batch: Examples, loss: float) -> str:
-        """Save the batch of a loss that is not finite; return what happened and what to do."""
-        path = Path(self.trainer.default_root_dir, "not_finite.safetensors")
-        tensors = {"truth": batch.truth, "hidden": batch.hidden, "observed": batch.observed}
-        tensors |= {f"windows.{name}": tensor for name, tensor in batch.windows._asdict().items() if tensor is not None}
-        save_file({name: tensor.contiguous() for name, tensor in tensors.items()}, path)
-        return (
-            f"step {self.trainer.global_step}: the loss is {loss}, so training stopped and wrote no weights; the batch "
-            f"is in {path}. Give a smaller learning.lr than {self.train_config.peak_lr:g}, in another folder, or look "
-            "for the clip with coordinates that are far off"
-        )
 
     def _loss(self, predicted: Prediction, truth: Tensor, counted: Tensor) -> Tensor:
         squared = (predicted.xyz - truth).square().sum(-1)

@@ -134,7 +134,7 @@ def write_weights(folder: Path) -> None:
     (folder / "training.json").write_text(json.dumps({"clips": dict.fromkeys(clips, "")}))
     (folder / "config.yaml").write_text(
         "data: {path: runs/walks}\nvalidation_data: [runs/dances]\nmax_minutes: null\n"
-        "learning:\n  batch: 16\n  lr: 0.002\n  loss: euclidean\nseed: 0\n"
+        "learning:\n  batch: 16\n  lr: 0.002\n  loss: relative\nseed: 0\n"
     )
 
 

@@ -480,7 +480,7 @@ def test_pieces_cover_all_frames_with_their_surroundings(frames, fps):
 def test_short_recordings_are_completed_whole():
     poses, calls = recording(300), []
     pieces.in_pieces(lambda *given: calls.append(given) or poses, poses, 25.0, slice(10, 20))
-    assert calls == [(poses, slice(10, 20))]
+    assert calls == [(poses, 25.0, slice(10, 20))]
 
 
 @pytest.mark.parametrize("asked", [slice(None), slice(700, 1900), slice(120, 130)])
@@ -492,9 +492,9 @@ def test_pieces_give_what_the_whole_gives(asked, monkeypatch):
     monkeypatch.setattr(pieces, "_PIECE", 1250)
     sizes = []
 
-    def complete(given: Poses3D, frames: slice) -> Poses3D:
+    def complete(given: Poses3D, fps: float, frames: slice) -> Poses3D:
         sizes.append(given.source.shape[:2])
-        return fill_world(given, 25.0, pchip).select(frames)
+        return fill_world(given, fps, pchip).select(frames)
 
     found = pieces.in_pieces(complete, poses, 25.0, asked)
     for name in (field.name for field in fields(Poses3D)[1:]):
@@ -505,4 +505,4 @@ def test_pieces_give_what_the_whole_gives(asked, monkeypatch):
 def test_nobody(monkeypatch):
     monkeypatch.setattr(pieces, "WHOLE", 10)
     poses = recording(5000, persons=0)
-    assert pieces.in_pieces(lambda given, frames: given.select(frames), poses, 25.0).xyz.shape == (5000, 0, 14, 3)
+    assert pieces.in_pieces(lambda given, fps, frames: given.select(frames), poses, 25.0).xyz.shape == (5000, 0, 14, 3)

@@ -218,7 +218,6 @@ def test_extra_data_without_people_cannot_be_replayed(clips, tmp_path):
 def test_errors_that_are_expected_to_be_large_have_less_weight():
     squared, sure, unsure = torch.tensor([0.01, 0.04]), torch.tensor(0.001).log(), torch.tensor(1.0).log()
     assert torch.equal(error_loss(Loss.mse, squared, sure), 100 * squared)
-    torch.testing.assert_close(error_loss(Loss.euclidean, squared, unsure), squared.sqrt())
     once, twice = error_loss(Loss.relative, squared, sure)
     assert float(twice / once) == pytest.approx(2, rel=1e-3)
     assert (error_loss(Loss.relative, squared, sure) > 100 * error_loss(Loss.relative, squared, unsure)).all()
@@ -229,8 +228,6 @@ def test_a_loss_that_is_not_finite_ends_training_without_weights(clips, tmp_path
     with pytest.raises(ValueError, match=r"step \d: the loss is (nan|inf).*smaller learning\.lr than 1e\+30"):
         train(config, clips, tmp_path)
     assert not (tmp_path / "weights.safetensors").exists() and not (tmp_path / "model.json").exists()
-    batch = load_file(tmp_path / "not_finite.safetensors")
-    assert batch["truth"].shape == batch["windows.x"].shape
 
 
 def test_infinite_coordinates_are_not_learned_from(clips, tmp_path):

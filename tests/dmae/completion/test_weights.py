@@ -152,7 +152,7 @@ def trained(tmp_path):
     save_model(untrained().model, SHELF14, folder, facts)
     write_atomic(folder / "training.json", json.dumps({"clips": dict.fromkeys(clips, "")}))
     made = {"data": {"path": "runs/walks"}, "validation_data": ["runs/dances", "runs/jumps"]}
-    made |= {"max_minutes": None, "learning": {"batch": 16, "lr": 0.002, "loss": "euclidean"}, "seed": 0}
+    made |= {"max_minutes": None, "learning": {"batch": 16, "lr": 0.002, "loss": "relative"}, "seed": 0}
     write_atomic(folder / "config.yaml", yaml.safe_dump(made))
     return folder
 
