@@ -5,9 +5,8 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from copy import deepcopy
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import asdict, is_dataclass, replace
 from difflib import get_close_matches
-from enum import Enum
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from dmae.cli import compose
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, as_clip
+from dmae.data.json_values import decode
 from dmae.data.rng import Stream, generator
 from dmae.data.store import clip_folders, load_clip
 from dmae.parallel import in_parallel, running_on
@@ -93,21 +93,19 @@ def _configured(command: str, config: Any, given: dict[str, Any]) -> Any:
         raise TypeError(f"{command}: config: expected a synth.{expected.__name__}, found {config!r:.80}")
     else:
         given |= {name: preset(name, value) for name, value in presets.items()}
-    names = [field.name for field in fields(config)]
-    of_scene = {name: given.pop(name) for name in ("seconds", "persons") if name in given and name not in names}
-    for name in given.keys() - set(names):
-        near = get_close_matches(name, names, 1)
+    values = asdict(config)
+    of_scene = {name: given.pop(name) for name in ("seconds", "persons") if name in given and name not in values}
+    for name in given.keys() - values.keys():
+        near = get_close_matches(name, values, 1)
         raise TypeError(f"{command}: no option {name}{f'; did you mean {near[0]}?' if near else ''}")
-    for name, value in given.items():
-        choices = type(getattr(config, name))
-        if isinstance(value, str) and issubclass(choices, Enum):
-            if value not in choices.__members__:
-                raise ValueError(f"{name}={value!r}: expected one of {', '.join(choices.__members__)}")
-            given[name] = choices[value]
-        if is_dataclass(choices) and not isinstance(value, choices):
-            raise TypeError(f"{name}: expected a synth.{choices.__name__}, found {value!r:.80}")
-    config = replace(config, **given)
-    return replace(config, scene=replace(config.scene, **of_scene)) if of_scene else config
+    values |= {name: _plain(value) for name, value in given.items()}
+    if of_scene:
+        values["scene"] |= of_scene
+    return decode(expected, values, command)
+
+
+def _plain(value: Any) -> Any:
+    return asdict(value) if is_dataclass(value) and not isinstance(value, type) else value
 
 
 def _group(command: str, name: str, value: Any) -> Any:

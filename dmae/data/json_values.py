@@ -1,11 +1,13 @@
 """JSON: readable text, and frozen dataclasses decoded from their fields."""
 
 import json
+import os
 import re
 import types
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import MISSING, asdict, fields, is_dataclass
 from enum import Enum
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from numbers import Integral, Real
+from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 
 def json_text(value) -> str:
@@ -27,7 +29,17 @@ def flat(values: dict, prefix: str = "") -> dict[str, Any]:
     return found
 
 
+T = TypeVar("T")
 _LARGEST = 1e9  # Largest absolute value of a float
+
+
+def checked(configuration: T) -> T:
+    """Return a configuration that Python made, as the command line would read it: names of enums as members, tuples as
+    lists, dictionaries as the configurations of groups.
+
+    Raises ValueError, with the name of the field, if a value has another type than its field.
+    """
+    return decode(type(configuration), asdict(configuration))  # type: ignore[call-overload]
 
 
 def decode(kind: Any, value: Any, name: str = "") -> Any:
@@ -41,8 +53,8 @@ def decode(kind: Any, value: Any, name: str = "") -> Any:
     if origin in (Union, types.UnionType):
         if value is None and type(None) in inner:
             return None
-        (kind,) = (one for one in inner if one is not type(None))
-        return decode(kind, value, name)
+        *kinds, kind = (one for one in inner if one is not type(None))
+        return value if isinstance(value, tuple(kinds)) else decode(kind, value, name)
     if isinstance(kind, type) and is_dataclass(kind):
         names = {f.name for f in fields(kind)}
         needed = {f.name for f in fields(kind) if f.default is MISSING and f.default_factory is MISSING}
@@ -52,7 +64,7 @@ def decode(kind: Any, value: Any, name: str = "") -> Any:
         of_fields = get_type_hints(kind)
         return kind(**{field: decode(of_fields[field], item, f"{where}.{field}") for field, item in value.items()})
     if origin in (list, tuple):
-        if not isinstance(value, list):
+        if not isinstance(value, list | tuple):
             raise ValueError(f"{where}: expected a list, found {type(value).__name__}")
         each = inner if origin is tuple and inner[-1] is not Ellipsis else (inner[0],) * len(value)
         if len(each) != len(value):
@@ -63,13 +75,19 @@ def decode(kind: Any, value: Any, name: str = "") -> Any:
             raise ValueError(f"{where}: expected an object, found {type(value).__name__}")
         return {key: decode(inner[1], item, f"{where}.{key}") for key, item in value.items()}
     if isinstance(kind, type) and issubclass(kind, Enum):
-        return kind(value)
-    if kind is float and isinstance(value, int | float) and not isinstance(value, bool):
-        if not abs(value) <= _LARGEST:
+        try:
+            return kind(value)
+        except ValueError:
+            known = ", ".join(kind.__members__)
+            raise ValueError(f"{where}={value!r:.40}: expected one of {known}") from None
+    if kind is float and isinstance(value, Real) and not isinstance(value, bool):
+        if not abs(number := float(value)) <= _LARGEST:
             raise ValueError(f"{where}: expected a number up to {_LARGEST:g}, found {value!r:.40}")
-        return float(value)
-    if kind is int and isinstance(value, bool):
-        raise ValueError(f"{where}: expected int, found {value!r}")
+        return number
+    if kind is int and isinstance(value, Integral) and not isinstance(value, bool):
+        return int(value)
+    if kind is str and isinstance(value, os.PathLike):
+        return os.fspath(value)
     if isinstance(kind, type) and not isinstance(value, kind):
         raise ValueError(f"{where}: expected {kind.__name__}, found {value!r}")
     return value

@@ -121,7 +121,7 @@ def report(
     poses: Poses3D | None = None,
     scores: Sequence[dict] = (),
     title: str = "Multi-view motion: measured and completed",
-) -> None:
+) -> Path:
     """Write the report of a clip: a player, the worst moments, errors by group, as one HTML file without network.
 
     Args:
@@ -131,13 +131,16 @@ def report(
         scores: Contents of `scores.json`, which `dmae evaluate` writes; shown at the end of the page.
         title: Heading of the page.
 
+    Returns:
+        The file.
+
     Raises:
         ValueError: `poses` are given for several clips.
 
     Examples:
         >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
-        >>> dmae.report(clip, "report.html", poses=dmae.capture(clip))
-        >>> "Worst moments" in Path("report.html").read_text()
+        >>> page = dmae.report(clip, "report.html", poses=dmae.capture(clip))
+        >>> "Worst moments" in page.read_text()
         True
     """
     from dmae.evaluation.report.page import write_clips_report
@@ -147,6 +150,7 @@ def report(
     elif poses is not None:
         raise ValueError("poses=...: expected one clip, found several, each with its own poses")
     write_clips_report(Path(out), clip, scores, title=title)
+    return Path(out)
 
 
 def _with(clip: Clip, poses: Poses3D | None) -> Clip:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -15,6 +14,7 @@ from dmae.completion.config import TrainConfig
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D, as_clip, as_poses
 from dmae.data.conversion import convert as convert_poses
+from dmae.data.json_values import checked
 from dmae.data.resources import read_preset
 from dmae.data.skeleton import Skeleton, get_skeleton
 from dmae.data.store import load_clip, save_clip
@@ -61,30 +61,19 @@ def read(path: str | Path, fps: float | None = None, format: str | None = None, 
     for name in options.keys() - _FIELDS:
         near = get_close_matches(name, _FIELDS, 1)
         raise TypeError(f"read: no option {name}{f'; did you mean {near[0]}?' if near else ''}")
-    with _arguments_named():
-        clips = Clips(DataConfig(name=format, path=str(path), fps=fps, **options))
+    try:
+        clips = Clips(checked(DataConfig(name=format, path=str(path), fps=fps, **options)))
         if len(clips) != 1:
             raise ValueError(f"{path}: expected one recording, found a data set of {len(clips)}; use dmae.load_dataset")
         return clips[0]
-
-
-_FIELDS = [each.name for each in fields(DataConfig)]
-_OPTION = re.compile(rf"(?<![\w/.])data(?:\.({'|'.join(_FIELDS)})\b|(?==\.\.\.))")
-
-
-@contextmanager
-def _arguments_named() -> Iterator[None]:
-    """Name the arguments of `read` in errors that name options of commands: `fps=...`, not `data.fps=...`."""
-    try:
-        yield
     except (ValueError, FileNotFoundError) as error:
-        error.args = tuple(_OPTION.sub(_argument, each) if isinstance(each, str) else each for each in error.args)
+        # Errors name the options of commands, as `data.fps=...`, and `data=...` for the format.
+        error.args = tuple(_OPTION.sub(lambda option: option[1] or "format", str(each)) for each in error.args)
         raise
 
 
-def _argument(option: re.Match[str]) -> str:
-    name = option[1] or "name"  # `data=...` is short for `data.name=...`
-    return "format" if name == "name" else name
+_FIELDS = [each.name for each in fields(DataConfig) if each.name != "name"]
+_OPTION = re.compile(rf"(?<![\w/.])data(?:\.({'|'.join(_FIELDS)})\b|\.name\b|(?==\.\.\.))")
 
 
 def detect(
@@ -275,8 +264,8 @@ def export(
     return list(done.files)
 
 
-def convert(clip: Clip, out: str | Path, format: str = "clip") -> None:
-    """Write the detections and cameras of a clip in the format of another program.
+def convert(clip: Clip, out: str | Path, format: str = "clip") -> Path:
+    """Write the detections and cameras of a clip in the format of another program. Return the folder.
 
     Args:
         clip: Any clip.
@@ -288,11 +277,12 @@ def convert(clip: Clip, out: str | Path, format: str = "clip") -> None:
 
     Examples:
         >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
-        >>> dmae.convert(clip, "walk", "openpose")
-        >>> dmae.read("walk", fps=25).rig.names == clip.rig.names
+        >>> folder = dmae.convert(clip, "walk", "openpose")
+        >>> dmae.read(folder, fps=25).rig.names == clip.rig.names
         True
     """
     write_recording(as_clip(clip), Path(out), format)
+    return Path(out)
 
 
 def to_skeleton(poses: Poses3D, skeleton: str | Skeleton) -> Poses3D:
@@ -323,14 +313,14 @@ def configuration(given: Any, expected: type, group: str | None = None) -> Any:
 
     Raises:
         TypeError: something else was given.
-        ValueError: there is no such preset.
+        ValueError: there is no such preset, or a field has another type than its value.
     """
     if isinstance(given, str) and group:
         return preset(group, given)
     if given is not None and not isinstance(given, expected):
         or_preset = " or the name of a preset" if group else ""
         raise TypeError(f"config: expected a dmae.{expected.__name__}{or_preset}, found {given!r:.80}")
-    return given or expected()
+    return checked(given) if given else expected()
 
 
 def preset(group: str, name: str, **changes: Any) -> Any:
