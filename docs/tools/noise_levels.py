@@ -12,17 +12,18 @@ noise of each camera, joint and confidence. Generated clips are kept in `runs/no
 import json
 import sys
 import warnings
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-from planted_recordings import ROOT, write_tables
+from planted_recordings import ROOT, planted, write_tables
 from scipy.optimize import linear_sum_assignment
 
 import dmae
 import synth
+from dmae.calibration.faults import Fault
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.conversion import convert
@@ -158,7 +159,8 @@ def _depths(rig: CameraRig, xyz: np.ndarray) -> np.ndarray:
 
 
 def scores(clip: Clip, poses: Poses3D, seen: np.ndarray) -> dict[str, float]:
-    """Return recall and PCP in %, mean error in mm, % of joints in their 90 % regions, and people per person.
+    """Return recall, PCP and joints within 10 cm in %, mean error in mm, % of joints in their 90 % regions, and people
+    per person.
 
     Args:
         clip: With the truth.
@@ -185,6 +187,7 @@ def scores(clip: Clip, poses: Poses3D, seen: np.ndarray) -> dict[str, float]:
     return {
         "recall": 100 * near[seen].mean(),
         "pcp": 100 * correct[seen[..., start] & seen[..., end]].mean(),
+        "within 10 cm": 100 * (error < 0.1)[seen].mean(),
         "mm": 1000 * error[seen & near].mean(),
         "inside": 100 * (distance2 < QUANTILE).mean() if known.any() else np.nan,
         "people": np.isfinite(found[..., 0]).any(-1).sum(1).mean() / truth.shape[1],
@@ -317,12 +320,96 @@ def stills() -> dict:
 
 def _meal() -> Clip:
     """Return five people at a table that hides most of their legs."""
+    return _without_most_legs(
+        _exact("meal", clips=1, seed=202, seconds=4, persons=[5, 5], interaction="table", rig=_around_table())
+    )
+
+
+def _around_table() -> synth.RigConfig:
+    """Return a ring of five cameras around a table."""
     ring = {"radius": [2.6, 3.4], "height": [1.3, 2.4], "focal": 1300, "size": [1920, 1080], "views": 5}
-    meal = _exact(
-        "meal", clips=1, seed=202, seconds=4, persons=[5, 5], interaction="table",
-        rig=synth.RigConfig(name="ring", ring=synth.RingConfig(**ring)),
-    )  # fmt: skip
-    return _without_most_legs(meal)
+    return synth.RigConfig(name="ring", ring=synth.RingConfig(**ring))
+
+
+FAULTS = "none", "all a little", "one displaced", "one focal length", "one blind"
+"""All cameras displaced by 2.5 cm and 0.5 degrees; one by 10 cm and 2 degrees; the focal length of one 3 % off; one
+without detections."""
+
+
+def faulty_rooms() -> Iterator[tuple[tuple[str, str, str], Clip, Clip, DetectionNoise]]:
+    """Yield rooms with faults: fault, number of cameras and room; the clip; and what the oracle is given, with the true
+    calibration."""
+    for seed in SEEDS:
+        rooms = {
+            "Shelf's cameras": ({"persons": [3, 4], "rig": "shelf"}, {"sigma_px": 5}),
+            "meal": (
+                {"persons": [4, 5], "interaction": "table", "rig": _around_table()}, {"sigma_px": 5, "grid_px": 5.7}
+            ),
+            "operating room": (
+                {"persons": [5, 6], "interaction": "huddle", "rig": _few_pixels(5)},
+                {"sigma_px": 6, "confidences": "missing"},
+            ),
+        }  # fmt: skip
+        for number, (room, (scene, noise)) in enumerate(rooms.items()):
+            exact = _exact(f"faulty{number}_{seed}", clips=1, seed=930 + 10 * number + seed, seconds=12, **scene)
+            exact = exact.select(frames=slice(0, 60))
+            for count in (2, 3, 4, 5):
+                rng = np.random.default_rng([seed, number, count])
+                views = sorted(rng.permutation(5)[:count].tolist())
+                options = {"grid_px": 0, "confidences": "good"} | noise
+                given, told, truth = detected(exact, views, 1.0, seed=seed, **options)
+                view = int(rng.integers(count))
+                # Of two cameras with one blind, nobody can be measured.
+                for fault in FAULTS[: 5 if count > 2 else 4]:
+                    faulty, right = (
+                        with_fault(clip, fault, view, np.random.default_rng([seed, number, count]))
+                        for clip in (given, told)
+                    )
+                    yield (fault, f"{count} cameras", room), faulty, replace(right, rig=told.rig), truth
+
+
+def with_fault(clip: Clip, fault: str, view: int, rng: np.random.Generator) -> Clip:
+    """Return a clip with one of `FAULTS`; `view` is the camera that alone has it."""
+    if fault == "all a little":
+        for each in range(len(clip.rig)):
+            clip = planted(clip, each, Fault.displaced, 0.025, rng)
+    if fault == "one displaced":
+        clip = planted(clip, view, Fault.displaced, 0.1, rng)
+    if fault == "one focal length":
+        clip = planted(clip, view, Fault.focal_length, 0.03, rng)
+    if fault == "one blind":
+        xy, score = clip.detections.xy.copy(), clip.detections.score.copy()
+        xy[:, view], score[:, view] = np.nan, np.nan
+        clip = replace(clip, detections=Detections2D(BODY25, xy, score))
+    return clip
+
+
+def calibration() -> dict:
+    """Return the table of rooms with faulty calibrations: means over the rooms with each fault, of each number of
+    cameras, and of each kind."""
+    found: dict[str, list] = defaultdict(list)
+    for names, given, told, noise in faulty_rooms():
+        seen = np.isfinite(given.detections.score).sum(1) >= 2
+        both = (
+            scores(given, capture(given, CONFIG), seen),
+            scores(told, capture(told, CONFIG, noise), seen),
+        )
+        for name in ("all", *names):
+            found[name].append(both)
+        print(*names, *(f"{a['recall']:.1f}" for a in both), flush=True)
+    order = ["all", *FAULTS, *(f"{n} cameras" for n in (2, 3, 4, 5))]
+    order += [name for name in found if name not in order]
+    rows = [
+        [
+            f"{name} ({len(found[name])})",
+            *(" / ".join(f"{np.mean([each[who][kind] for each in found[name]]):.1f}" for who in (0, 1))
+              for kind in ("recall", "within 10 cm", "pcp")),
+            f"{np.mean([each[0]['inside'] for each in found[name]]):.0f}",
+        ]
+        for name in order
+    ]  # fmt: skip
+    columns = ["fault, cameras, room", "within 20 cm, %", "within 10 cm, %", "PCP, %", "in 90 % regions, %"]
+    return {"calibration": (columns, rows)}
 
 
 def _without_most_legs(clip: Clip) -> Clip:
@@ -413,7 +500,7 @@ if __name__ == "__main__":
     warnings.simplefilter("ignore")
     makers = {
         "levels": levels, "rooms": rooms, "stills": stills, "meal": meal, "ghosts": ghosts,
-        "generated_ghosts": generated_ghosts,
+        "generated_ghosts": generated_ghosts, "calibration": calibration,
     }  # fmt: skip
     if unknown := set(sys.argv[1:]) - set(makers):
         sys.exit(f"no tables {', '.join(unknown)}; there are {', '.join(makers)}")
