@@ -5,7 +5,6 @@
 
 import gc
 import os
-import shutil
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -13,17 +12,15 @@ from contextlib import contextmanager, nullcontext
 from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import NoReturn
 
 from dmae.command_line import interruption
 from dmae.command_line.help import command_help, program_help
 from dmae.command_line.inputs import check_inputs
-from dmae.command_line.options import Command, Group, Option, Program, presets_of
+from dmae.command_line.options import Command, Group, Option, Presets, Program, presets_of
 from dmae.command_line.outputs import check_out, locked, record
 from dmae.command_line.spelling import checked, choices, split_flags, sweeps
 from dmae.commands import COMMANDS
-from dmae.data.resources import resource_folder
 from dmae.formats.registry import reader
 
 _HELP = ("-h", "--help", "help")
@@ -95,23 +92,29 @@ def _run_command(command: Command, arguments: list[str], interrupted: interrupti
         print(command_help(command, options, topics[0] if topics else ""))
         return
     flags, folders, overrides = split_flags(arguments)
-    with TemporaryDirectory() as copy:
-        if folders or any(".yaml" in override for override in overrides):
-            from dmae.command_line import presets  # it loads NumPy, which `--help` does not need
-
-            for folder in folders:
-                presets.copy_presets(options, folder, Path(copy))
-            overrides = presets.named(options, overrides, folders, Path(copy))
-            flags.append(f"--config-dir={copy}")
-            options = command.options((Path(copy),))
-        overrides = checked(options, overrides, flags, presets=bool(folders))
-        for override in overrides:
-            if override.startswith("out=") and not set("$'\"") & set(override):
-                check_out(override.removeprefix("out="), "folder" if sweeps(flags) else command.writes)
-        _run_hydra(command, options, [*flags, *overrides], interrupted)
+    options, own, overrides = _with_own_presets(command, options, folders, overrides)
+    overrides = checked(options, overrides, flags, presets=bool(folders))
+    for override in overrides:
+        if override.startswith("out=") and not set("$'\"") & set(override):
+            check_out(override.removeprefix("out="), "folder" if sweeps(flags) else command.writes)
+    _run_hydra(command, options, own, [*flags, *overrides], interrupted)
 
 
-def _run_hydra(command: Command, options: Group, arguments: list[str], interrupted: interruption.Interruption) -> None:
+def _with_own_presets(
+    command: Command, options: Group, folders: Sequence[Path], overrides: Sequence[str]
+) -> tuple[Group, Presets, list[str]]:
+    """Return options with the user's presets, these presets, and overrides with their names."""
+    if not folders and not any(".yaml" in override for override in overrides):
+        return options, {}, [*overrides]
+    from dmae.command_line.presets import own_presets  # it loads NumPy, which `--help` does not need
+
+    own, taken = own_presets(options, folders, overrides)
+    return command.options(own), own, taken
+
+
+def _run_hydra(
+    command: Command, options: Group, own: Presets, arguments: list[str], interrupted: interruption.Interruption
+) -> None:
     """Hand a command to Hydra, which composes its configuration and runs it, for a sweep several times."""
     import hydra
     from hydra.errors import HydraException
@@ -137,12 +140,12 @@ def _run_hydra(command: Command, options: Group, arguments: list[str], interrupt
     # With this setting Hydra raises errors instead of printing them in several lines.
     os.environ["HYDRA_FULL_ERROR"] = "1"
     try:
-        with _config_folder(options) as folder, _stored(command, options):
+        with _stored(command, options, own, arguments):
             if any(argument.startswith("-") or "hydra" in argument for argument in arguments):
-                hydra.main(version_base="1.3", config_path=folder, config_name=command.name)(application)()
+                hydra.main(version_base="1.3", config_path=None, config_name=command.name)(application)()
                 return
             # Hydra's own program composes twice, first to learn whether it is to sweep.
-            with hydra.initialize_config_dir(folder, version_base="1.3"):
+            with hydra.initialize(version_base="1.3"):
                 config = hydra.compose(command.name, overrides=arguments)
         application(config)
     except (HydraException, OmegaConfBaseException) as error:
@@ -220,24 +223,14 @@ def compose(command: Command, overrides: Sequence[str]) -> object:
     from omegaconf import OmegaConf
     from omegaconf.errors import OmegaConfBaseException
 
-    options = command.options()
+    options, own, overrides = _with_own_presets(command, command.options(), (), overrides)
+    overrides = checked(options, overrides)
     # Hydra allows one user at a time: a command, as `dmae demo`, may call a verb that composes another configuration.
     running = GlobalHydra.instance().hydra
     GlobalHydra.instance().clear()
     try:
-        with (
-            TemporaryDirectory() as copy,
-            _config_folder(options) as folder,
-            hydra.initialize_config_dir(folder, version_base="1.3"),
-        ):
-            if any(".yaml" in override for override in overrides):
-                from dmae.command_line.presets import named
-
-                overrides = named(options, overrides, (), Path(copy))
-                options = command.options((Path(copy),))
-            overrides = [*checked(options, overrides), f"hydra.searchpath=['file://{copy}']"]
-            with _stored(command, options):
-                return OmegaConf.to_object(hydra.compose(command.name, overrides=overrides))
+        with _stored(command, options, own, overrides), hydra.initialize(version_base="1.3"):
+            return OmegaConf.to_object(hydra.compose(command.name, overrides=overrides))
     except (HydraException, OmegaConfBaseException) as error:
         raise ValueError(_in_one_line(error)) from None
     finally:
@@ -245,20 +238,7 @@ def compose(command: Command, overrides: Sequence[str]) -> object:
 
 
 @contextmanager
-def _config_folder(options: Group) -> Iterator[str]:
-    """Yield the folder of configurations, less presets named like a plain option (`pretrain rig=mine.toml`)."""
-    folder = resource_folder("dmae", "configs").resolve()
-    plain = [each.key for each in options.members if isinstance(each, Option) and (folder / each.key).is_dir()]
-    if not plain:
-        yield str(folder)
-        return
-    with TemporaryDirectory() as copy:
-        shutil.copytree(folder, copy, ignore=shutil.ignore_patterns(*plain), dirs_exist_ok=True)
-        yield copy
-
-
-@contextmanager
-def _stored(command: Command, options: Group) -> Iterator[None]:
+def _stored(command: Command, options: Group, own: Presets, arguments: Sequence[str]) -> Iterator[None]:
     """Give Hydra the schema and the presets of a command for the block. Each composition copies all that Hydra has."""
     from hydra.core.config_store import ConfigStore
 
@@ -266,17 +246,22 @@ def _stored(command: Command, options: Group) -> Iterator[None]:
     before, store.repo = store.repo, dict(store.repo)
     store.store(name=f"{command.name}_schema", node=_schema(command.configuration))
     groups = [{group: preset} for group, preset in command.presets.items()]
-    node: dict = {"defaults": [f"{command.name}_schema", "base", *groups, "_self_"]}
+    # Hydra writes nothing of its own; results go to `out`, and under `-m` to `out/0`, `out/1`, ...
+    silent = [{f"override hydra/{each}_logging": "none"} for each in ("job", "hydra")]
     out = options.find("out")
-    if not isinstance(out, Option) or out.default is None:
-        node["hydra"] = {"sweep": {"dir": f"runs/{command.name}"}}
-    store.store(name=command.name, node=node)
-    for group in {each.key for each in options.members} | command.registries.keys():
+    sweep = "${out}" if isinstance(out, Option) and out.default is not None else f"runs/{command.name}"
+    own_files = {"output_subdir": None, "run": {"dir": "."}, "sweep": {"dir": sweep, "subdir": "${hydra.job.num}"}}
+    defaults = [f"{command.name}_schema", *groups, "_self_", *silent]
+    store.store(name=command.name, node={"defaults": defaults, "hydra": own_files})
+    for member in options.members:
         # `data=...` and others are groups of presets for some commands, and plain paths for others.
-        store.repo.pop(group, None)
-        if isinstance(options.find(group), Group):
-            for name, preset in command.registries.get(group, dict)().items():
-                store.store(group=group, name=name, node=preset.values)
+        store.repo.pop(member.key, None)
+    # Only presets that may be meant: Hydra takes milliseconds for each.
+    asked = f"{arguments} {own} {command.presets}"
+    for group in command.presets:
+        for name, preset in {**command.presets_of(group), **own.get(group, {})}.items():
+            if name in asked or "glob(" in asked:
+                store.store(group=group, name=name, node=preset.values, package="_global_" if preset.whole else None)
     try:
         yield
     finally:

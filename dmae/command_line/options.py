@@ -7,6 +7,7 @@ reference page read it here, with the docstring below each field. Its module imp
 import enum
 import importlib
 import inspect
+import itertools
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
 from functools import cache
@@ -68,12 +69,22 @@ class Group:
 
 @dataclass(frozen=True)
 class Preset:
-    """What `key=name` stands for in a registry: a line of help, and values of the options of the group."""
+    """What `key=name` stands for: a line of help, and values of the options of the group, or of the whole command."""
 
     meaning: str
     values: dict[str, object]
+    whole: bool = False
+
+    @classmethod
+    def of(cls, text: str, values: dict | None) -> "Preset":
+        """Return the preset of a file with this text and values: the comment at the top is its help."""
+        lines = itertools.takewhile(lambda line: line.startswith("#"), text.splitlines())
+        meaning = " ".join(line.lstrip("# ") for line in lines if "@package" not in line)
+        return cls(meaning, values or {}, "@package _global_" in text)
 
 
+Presets = Mapping[str, Mapping[str, Preset]]
+"""Presets by group and name."""
 Registries = Mapping[str, Callable[[], dict[str, Preset]]]
 """Functions that return the presets of groups by name, where a registry has them rather than files in `configs/`."""
 
@@ -116,25 +127,26 @@ class Command:
     def module(self) -> ModuleType:
         return importlib.import_module(f"{self.program}.commands.{self.name.replace('-', '_')}")
 
-    def options(self, folders: tuple[Path, ...] = ()) -> Group:
-        """Its options, with the presets in further folders (`--config-dir`)."""
-        places = (resource_folder("dmae", "configs"), *folders)
-        registered = {group: self.registries[group]() for group in self.presets if group in self.registries}
+    def presets_of(self, group: str) -> dict[str, Preset]:
+        """The presets of a group that come with the package: of its registry, and the files in `configs/`."""
+        files = sorted((resource_folder("dmae", "configs") / group).glob("*.yaml"))
+        registered = self.registries[group]() if group in self.registries else {}
+        return {**registered, **{file.stem: _read(file) for file in files}}
+
+    def options(self, own: Presets | None = None) -> Group:
+        """Its options; `own` are further presets."""
+        presets = {group: self.presets_of(group) for group in self.presets}
         values: dict[str, object] = {}
-        for group, preset in self.presets.items():
-            if preset in registered.get(group, {}):
-                values |= flat(registered[group][preset].values, f"{group}.")
-            file = places[0] / group / f"{preset}.yaml"
-            if file.is_file():
-                values |= flat(_yaml(file), "" if "@package _global_" in file.read_text() else f"{group}.")
+        for group, name in self.presets.items():
+            if default := presets[group].get(name or ""):
+                values |= flat(default.values, "" if default.whole else f"{group}.")
         options = _group(self.configuration, "", values)
         members: list[Option | Group] = []
         for member in options.members:
             if isinstance(member, Group) and member.key in self.presets:
-                files = {file.stem: file for place in places for file in sorted((place / member.key).glob("*.yaml"))}
-                presets = {name: preset.meaning for name, preset in registered.get(member.key, {}).items()}
-                presets |= {name: _comment(file) for name, file in files.items()}
-                member = replace(member, presets=presets, preset=self.presets[member.key])
+                known = {**presets[member.key], **(own or {}).get(member.key, {})}
+                meanings = {name: preset.meaning for name, preset in known.items()}
+                member = replace(member, presets=meanings, preset=self.presets[member.key])
             members.append(member)
         return replace(options, members=tuple(members))
 
@@ -199,18 +211,9 @@ def _documentation(configuration: type) -> str:
     return (inspect.getdoc(configuration) or "").partition("\nAttributes:")[0].strip()
 
 
-def _comment(file: Path) -> str:
-    """Return the comment at the top of a preset's file, without Hydra's own line."""
-    lines = []
-    for line in file.read_text().splitlines():
-        if not line.startswith("#"):
-            break
-        if "@package" not in line:
-            lines.append(line.lstrip("# "))
-    return " ".join(lines)
-
-
-def _yaml(file: Path) -> dict:
+@cache
+def _read(file: Path) -> Preset:
     import yaml
 
-    return yaml.load(file.read_text(), getattr(yaml, "CSafeLoader", yaml.SafeLoader)) or {}
+    text = file.read_text()
+    return Preset.of(text, yaml.load(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader)))

@@ -1,14 +1,15 @@
 """Presets of users, found by `--config-dir` or given as files: data that people share, checked before it is used.
 
 Hydra would take more from such a file than options: where a value goes, files to write, functions to call, variables of
-the environment. So Hydra is not given the folder, but a copy that holds nothing except checked options.
+the environment. So Hydra is not given the folder, but checked values.
 """
 
 import re
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
-from dmae.command_line.options import Group, Option
+from dmae.command_line.options import Group, Option, Preset
 from dmae.command_line.spelling import FUNCTION, like
 from dmae.files.contents import read_text
 from dmae.files.structured import parse_yaml
@@ -18,22 +19,23 @@ _PACKAGE = re.compile(r"#\s*@package\s+(\S+)")
 _MOST_BYTES, _MOST_FILES = 1 << 20, 1000
 
 
-def copy_presets(options: Group, folder: Path, copy: Path) -> None:
-    """Copy the presets of a command's groups from `folder/<group>/<name>.yaml` to the same place in `copy`.
+def read_presets(options: Group, folder: Path) -> dict[str, dict[str, Preset]]:
+    """Return the presets of a command's groups in `folder/<group>/<name>.yaml`, by group and name.
 
     Raises ValueError if there is no such folder, or a file is no preset, or is called like one of the package; the
     message names it and the option, and says what a preset can hold.
     """
     if not folder.is_dir():
         raise ValueError(f"--config-dir {folder}: no such folder")
+    found: dict[str, dict[str, Preset]] = {}
     for group in options.members:
         if not (isinstance(group, Group) and group.presets):
             continue
         files = sorted((folder / group.key).glob("*.yaml"))
         if len(files) > _MOST_FILES:
             raise ValueError(f"{folder / group.key}: expected at most {_MOST_FILES} presets, found {len(files)}")
-        for file in files:
-            _copy(options, group, file, copy)
+        found[group.key] = {file.stem: _read(options, group, file) for file in files}
+    return found
 
 
 def is_preset(key: str, value: object) -> bool:
@@ -42,48 +44,43 @@ def is_preset(key: str, value: object) -> bool:
     return path.suffix == ".yaml" and path.absolute().parent.name == key and path.is_file()
 
 
-def named(options: Group, overrides: Iterable[str], folders: Sequence[Path], copy: Path) -> list[str]:
-    """Return overrides in which a preset's file, `detector=mine/detector/fog.yaml`, is its name; copy the file.
+def own_presets(
+    options: Group, folders: Sequence[Path], overrides: Iterable[str]
+) -> tuple[dict[str, dict[str, Preset]], list[str]]:
+    """Return the presets in folders and those given as files, and overrides with the names of these.
 
-    An option that is not a group, as `dmae pretrain rig=...`, gets the file in `folders` where a name is given. Raises
-    ValueError as `copy_presets`.
+    `detector=mine/detector/fog.yaml` becomes `detector=fog`. An option that is not a group, as `dmae pretrain rig=...`,
+    gets the file in `folders` where a name is given. Raises ValueError as `read_presets`.
     """
+    own: dict[str, dict[str, Preset]] = {}
+    for folder in folders:
+        for key, presets in read_presets(options, folder).items():
+            own[key] = own.get(key, {}) | presets
     taken = []
     for override in overrides:
         key, equals, value = override.partition("=")
         found, values = options.find(key), value.split(",")
         for place, each in enumerate(values):
             if isinstance(found, Group) and found.presets and is_preset(key, each):
-                _copy(options, found, Path(each), copy)
+                own.setdefault(key, {})[Path(each).stem] = _read(options, found, Path(each))
                 values[place] = Path(each).stem
             elif isinstance(found, Option) and _NAME.fullmatch(each):
                 files = [folder / key / f"{each}.yaml" for folder in folders]
                 values[place] = str(next((file for file in files if file.is_file()), each))
         taken.append(f"{key}{equals}{','.join(values)}")
-    return taken
+    return own, taken
 
 
-def _copy(options: Group, group: Group, file: Path, copy: Path) -> None:
-    import yaml
-
+def _read(options: Group, group: Group, file: Path) -> Preset:
+    """Return the checked preset of a file."""
     if file.stem in group.presets:
         raise ValueError(
             f"{file}: {group.key}={file.stem} is a preset of the package, and would be used; give the file another name"
         )
-    comments, values = _read(options, group, file)
-    written = copy / group.key / file.name
-    written.parent.mkdir(parents=True, exist_ok=True)
-    content = yaml.safe_dump(values, sort_keys=False, allow_unicode=True) if values else ""
-    written.write_text("\n".join([*comments, content]), encoding="utf-8")
-
-
-def _read(options: Group, group: Group, file: Path) -> tuple[list[str], dict]:
-    """Return the comments at the top, and the checked values."""
     if not _NAME.fullmatch(file.stem):
         raise ValueError(f"{str(file)!r}: expected a preset's name of letters, digits, - and _")
     text = read_text(file, _MOST_BYTES)
-    top = [line for line in text.splitlines() if line.startswith("#")]
-    for line in top:
+    for line in text.splitlines():
         package = _PACKAGE.match(line)
         if package and package[1] not in (group.key, "_group_"):
             raise ValueError(
@@ -100,8 +97,7 @@ def _read(options: Group, group: Group, file: Path) -> tuple[list[str], dict]:
     _check(options, file, group.key, values)
     if above is not None:
         values = {"defaults": _checked_defaults(group, file, above)} | values
-    # Hydra accepts several spellings of lines with @.
-    return [line for line in top if "@" not in line], values
+    return replace(Preset.of(text, values), whole=False)
 
 
 def _checked_defaults(group: Group, file: Path, names) -> list[str]:

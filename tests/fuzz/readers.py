@@ -2,14 +2,13 @@
 
 import hashlib
 import os
-import tempfile
 from dataclasses import asdict
 from functools import cache, partial
 from pathlib import Path
 
 from dmae.cli import DMAE
 from dmae.command_line.options import Program
-from dmae.command_line.presets import copy_presets
+from dmae.command_line.presets import read_presets
 from dmae.completion.training import CHECKPOINT, CheckedCheckpoints, newest_checkpoint
 from dmae.completion.weights import load_model, model_card
 from dmae.data.images import KINDS, Images
@@ -109,8 +108,7 @@ def _options(program: Program, command: str):
 
 
 def _read_presets(program: Program, command: str, folder: Path) -> None:
-    with tempfile.TemporaryDirectory() as copy:
-        copy_presets(_options(program, command), folder, Path(copy))
+    read_presets(_options(program, command), folder)
 
 
 def _read_motion(kind: str, folder: Path):

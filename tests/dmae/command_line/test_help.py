@@ -10,6 +10,7 @@ import pytest
 from omegaconf import MISSING as REQUIRED_BY_HYDRA
 
 from dmae.command_line.options import REQUIRED, Command, Option
+from dmae.command_line.presets import read_presets
 from tests.support.commands import COMMANDS, command_line, run_command
 
 HEAVY = {"torch", "lightning", "mujoco", "hydra", "omegaconf", "cv2", "scipy", "numba", "joblib", "matplotlib"}
@@ -66,7 +67,8 @@ def test_presets_of_your_own_folder_are_found(tmp_path):
     (tmp_path / "mine/rig").mkdir(parents=True)
     (tmp_path / "mine/rig/hall.yaml").write_text("name: hall\n")
     (command,) = (each for each in COMMANDS if str(each) == "synth generate")
-    assert "hall" in command.options((tmp_path / "mine",)).find("rig").presets
+    own = read_presets(command.options(), tmp_path / "mine")
+    assert "hall" in command.options(own).find("rig").presets
     assert "hall" not in command.options().find("rig").presets
 
 
