@@ -93,7 +93,7 @@ class AssociationConfig:
 class TrackingConfig:
     """Tracking: birth, coasting and re-entry of persons, and how their motion is predicted."""
 
-    birth_joints: int = 4
+    birth_joints: int = 3
     """Number of joints on which two views or more must agree for a new track."""
     velocity_gain: float = 0.3
     """Share of each step that is added to the velocity for the next prediction; 0 predicts no motion."""

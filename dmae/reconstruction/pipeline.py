@@ -35,8 +35,7 @@ _EXPECTED_BY, _EXPECTED_IN_CLIPS = 2.0, 10.0
 _STILLS = 4000  # Frames of stills whose people are kept in memory
 _SHOWN_FPS = 25.0  # Rate at which a still is shown twice
 _STILL_AFFINITY = 0.9
-"""Of `min_affinity`, what counts in stills: no other frame makes up for a person who is not matched. For the same
-reason `MIN_JOINTS` are enough for a new person there."""
+"""Of `min_affinity`, what counts in stills: no other frame makes up for a person who is not matched."""
 _COARSEST = 1e-3  # m; coordinates within 16 km of the origin are stored in smaller steps
 _FEWEST_PX = 2.0  # People are larger; where no coordinate of a detected joint is, coordinates are not pixels
 _MOST_ZEROS = 0.01  # Share of detected joints at pixel (0, 0); detectors put none there, but absent ones
@@ -156,12 +155,7 @@ def _captured_stills(clip: Clip, config: CaptureConfig, noise: DetectionNoise) -
             "is captured by itself, and nobody is followed from one to the next"
         )
     least = _STILL_AFFINITY * config.association.min_affinity
-    births = min(MIN_JOINTS, config.tracking.birth_joints)
-    config = replace(
-        config,
-        association=replace(config.association, min_affinity=least),
-        tracking=replace(config.tracking, birth_joints=births),
-    )
+    config = replace(config, association=replace(config.association, min_affinity=least))
     strangers = _strangers(clip, config, noise)
     blocks = [range(start, min(start + _STILLS, len(clip))) for start in range(0, len(clip), _STILLS)]
     return _joined(

@@ -145,9 +145,10 @@ def test_one_impossible_bone_does_not_cost_the_person():
     assert not known[BODY25.index("l_wrist")[0]]
 
 
+@pytest.mark.parametrize(("frames", "fps"), [(1, RATE), (50, 25.0)])
 @pytest.mark.parametrize(("joints", "found"), [(3, 1), (2, 0)])
-def test_three_joints_of_two_views_show_a_person(joints, found):
-    clip = replace(detected_clip(crossing()[50:51, :1], views=3, miss=0, noise=1.0), fps=RATE)
+def test_three_joints_of_two_views_show_a_person(joints, found, frames, fps):
+    clip = replace(detected_clip(crossing()[50 : 50 + frames, :1], views=3, miss=0, noise=1.0), fps=fps)
     score = clip.detections.score.copy()
     score[:, 1, :, joints:] = score[:, 2] = np.nan
     xy = np.where(np.isnan(score)[..., None], np.nan, clip.detections.xy)
