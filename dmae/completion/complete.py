@@ -484,7 +484,7 @@ def dmae_reject(weights: Path | None) -> Fill:
 
 @completion_method("dmae_denoise", learned=True)
 def dmae_denoise(weights: Path | None) -> Fill:
-    """As `dmae complete`: dmae_reject, and moves measured joints of two views too where weights were trained for it."""
+    """As `dmae complete` runs: dmae_reject, and moves joints of two views if trained for it."""
     return _fill(weights, reject=True, denoise=None)
 
 

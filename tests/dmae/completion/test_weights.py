@@ -32,6 +32,7 @@ from tests.support.completers import FPS, circling, untrained, with_holes
 def ours(tmp_path, monkeypatch) -> Path:
     """A package that ships weights for shelf14 alone."""
     monkeypatch.setattr(weights, "SHIPPED", tmp_path / "models")
+    monkeypatch.setattr("dmae.completion.complete.SHIPPED", tmp_path / "models")
     save_model(
         untrained().model, SHELF14, tmp_path / "models/shelf14", {"denoises": False, "calibration": [[1] * CLASSES] * 2}
     )
