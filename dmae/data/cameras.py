@@ -90,12 +90,8 @@ class CameraRig:
         return len(self.names)
 
     def __getitem__(self, views) -> "CameraRig":
-        """Return the rig of some views: a slice, or a list of indices. One camera is `rig[2:3]`."""
-        try:
-            index = np.arange(len(self))[views]
-        except IndexError:
-            named = ", ".join(f"{index} ({name})" for index, name in enumerate(self.names))
-            raise IndexError(f"cameras {views}: expected a slice or a list of indices; there are {named}") from None
+        """Return the rig of some views: a slice, or a list of names or indices. One camera is `rig[2:3]`."""
+        index = self.indices(views)
         if index.ndim != 1:
             raise TypeError(f"a rig is indexed by a slice or a list; for one camera use rig[{views}:{views} + 1]")
         return CameraRig(
@@ -106,6 +102,21 @@ class CameraRig:
             self.size[index],
             self.fisheye[index],
         )
+
+    def indices(self, views) -> np.ndarray:
+        """Return the indices (n,) of some views: a slice, or a list of names or indices.
+
+        Raises IndexError if there is no such camera.
+        """
+        try:
+            if isinstance(views, list | tuple) and any(isinstance(each, str) for each in views):
+                views = [self.names.index(each) for each in views]
+            return np.arange(len(self))[views]
+        except (IndexError, ValueError):
+            named = ", ".join(f"{index} ({name})" for index, name in enumerate(self.names))
+            raise IndexError(
+                f"cameras {views}: expected a slice, or a list of names or indices; there are {named}"
+            ) from None
 
     @property
     def distorted(self) -> np.ndarray:

@@ -274,10 +274,13 @@ class Clip:
     def select(self, frames=slice(None), views=slice(None)) -> "Clip":
         """Return the clip with only some frames and views (a slice or a list of indices each), in all fields.
 
-        `poses` become None if views are left out, because the poses were computed from all views.
+        Views may also be a list of names of cameras. `poses` become None if views are left out, because the poses were
+        computed from all views.
         """
         # NumPy takes a tuple for indices of several axes.
         frames, views = (list(each) if isinstance(each, tuple) else each for each in (frames, views))
+        if isinstance(views, list):
+            views = self.rig.indices(views)
         rig = self.rig[views]
         return replace(
             self,

@@ -137,6 +137,15 @@ def test_a_tuple_of_indices_is_a_list_of_them():
     np.testing.assert_array_equal(clip.truth.select((0, 2)).xyz, expected.truth.xyz)
 
 
+def test_views_are_chosen_by_the_names_of_cameras():
+    clip = full_clip()
+    names = [clip.rig.names[1], clip.rig.names[0]]
+    np.testing.assert_array_equal(clip.select(views=names).detections.xy, clip.select(views=[1, 0]).detections.xy)
+    assert clip.select(views=names).rig.names == clip.rig[names].names == tuple(names)
+    with pytest.raises(IndexError, match=r"cameras \['left'\]: expected .* names or indices; there are 0 "):
+        clip.select(views=["left"])
+
+
 def test_a_clip_is_printed_in_a_few_lines():
     clip = full_clip()
     printed = repr(clip)
