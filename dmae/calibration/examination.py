@@ -245,7 +245,7 @@ def _start(observations: Observations, state: Adjusted) -> np.ndarray:
 def _judge(
     tried: list[CameraDifference], reference: dict[Kind, float], views: int
 ) -> tuple[tuple[CameraDifference, ...], tuple[int, ...]]:
-    """Return the kinds that explain the recording; else the cameras, one of which seems to differ, if none is named."""
+    """Return the kinds that explain the recording. If there are none, return the cameras that may differ instead."""
     clear = [each for each in tried if each.chance < _CHANCE and each.gain > _REFERENCE * reference[each.kind]]
     if not clear:
         much = [each for each in tried if each.chance < _CHANCE_OF_MUCH and each.gain > _MUCH * each.before.mean()]

@@ -543,7 +543,7 @@ _ALIGNED_M, _ALIGNED_ROUNDS = 0.005, 20
 
 
 def place_like(rig: CameraRig, other: CameraRig) -> CameraRig:
-    """Return a rig moved, turned and scaled as a whole, so that its cameras are where those of another rig are.
+    """Move, turn and scale a rig as a whole to bring its cameras to the places of those of another rig; return it.
 
     Sums of distances, not of their squares, are minimised, so that a camera that is elsewhere has no influence on the
     others (iteratively reweighted least squares).

@@ -271,7 +271,7 @@ class ExportCommand:
     """Folder of a clip; its captured or completed poses are exported, or its truth if it has none. What
     `dmae review` blanked or handed back is left out."""
     format: str | None = field(default=None, metadata={"choices": pose_writer})
-    """Format of the file; by default that of the suffix of `out`, as of walk.trc, or npz."""
+    """Format of the file. By default the suffix of `out` decides, as in walk.trc; without one it is npz."""
     skeleton: str | None = field(default=None, metadata={"reads": "skeleton", "words": ("soma", "lafan1")})
     """Skeleton of the file; by default that of the poses. Of two fused skeletons all formats but npz write the
     first. `format=bvh` also takes `soma` and `lafan1`, in cm."""

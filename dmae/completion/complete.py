@@ -396,9 +396,9 @@ def _of_few_views(poses: Poses3D) -> np.ndarray:
 
 
 def keep_smoothed(completed: Poses3D, given: Poses3D) -> Poses3D:
-    """Return completed poses with the joints that were given smoothed as they were: nothing is smoothed twice.
+    """Return completed poses that keep the joints which were smoothed before: nothing is smoothed twice.
 
-    Joints that were completed before are of them if any joint is smoothed.
+    If any joint was smoothed, so were those completed before.
     """
     smoothed = given.source == Source.DENOISED
     if completed.skeleton != given.skeleton or not smoothed.any():
@@ -454,9 +454,9 @@ def load_completer(
     return Completer(model, skeleton, denoise, factors, reject, smooth)
 
 
-@cached_until_changed(4, lambda weights: weights_folder(weights) / "model.json" if weights else SHIPPED)
+@cached_until_changed(16, lambda weights: weights_folder(weights) / "model.json" if weights else SHIPPED)
 def completers(weights: str | Path | None, **options) -> Callable[[Skeleton], Any]:
-    """Return a function from the skeleton of poses to their completer. The last four are kept, until weights change.
+    """Return a function from the skeleton of poses to their completer. The last sixteen are kept, until weights change.
 
     Without a folder of weights, each skeleton has the weights that come with the package
     (`dmae.completion.weights.find_shipped`). Options and errors are as in `load_completer`.

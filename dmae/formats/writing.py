@@ -25,7 +25,7 @@ class Written:
 
 
 def format_of(path: Path) -> str:
-    """Return the format whose name is the suffix of a file, as that of walk.trc; npz for others."""
+    """Return the format that the suffix of a file names: trc for walk.trc; npz if it names none."""
     name = path.suffix.lower().removeprefix(".")
     return name if name in pose_writer and not pose_writer[name].folder else "npz"
 

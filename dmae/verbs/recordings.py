@@ -241,7 +241,7 @@ def export(
         out: The file; for `panoptic`, `openpose` and `lerobot` a folder. Formats of one person a file (`trc`, `mot`,
             `bvh`, `g1`) write several people as `<name>_P1` and so on.
         format: `npz`, `trc`, `mot`, `c3d`, `bvh`, `glb`, `movement`, `coco`, `panoptic`, `openpose`, `g1` or `lerobot`.
-            Each marks completed joints in its own way. By default that of the suffix of `out`, or `npz`.
+            Each marks completed joints in its own way. By default the suffix of `out` decides, else it is `npz`.
         poses: Export these instead.
         skeleton: Convert to this skeleton first.
         unit: `m`, `cm` or `mm`, for `trc` and `bvh`; of `g1` `m` with radians or `cm` with degrees.

@@ -1,8 +1,8 @@
 """VoxelPose: heatmaps of all views are averaged in voxels, where one network finds people and another their joints.
 
-Tu, Wang and Zeng, VoxelPose: Towards Multi-Camera 3D Human Pose Estimation in Wild Environment, ECCV 2020. Constants
-are those of the released code for Shelf (github.com/microsoft/voxelpose-pytorch), which sees no images there either:
-heatmaps are drawn around 2D poses. Published on Shelf: 97.0 % PCP.
+Tu, Wang and Zeng, VoxelPose: Towards Multi-Camera 3D Human Pose Estimation in Wild Environment, ECCV 2020. The
+released code (github.com/microsoft/voxelpose-pytorch) gives the constants for Shelf. It sees no images there either,
+but draws heatmaps around 2D poses. Published on Shelf: 97.0 % PCP.
 
 1. A heatmap of each joint and view has a Gaussian around each 2D pose's joint, as high as its confidence.
 2. The room is a grid of coarse voxels. Each takes the mean of the heatmaps where it is seen, joint by joint. A network
@@ -21,7 +21,7 @@ What differs:
   voxels, which are farther apart than the published width.
 - The room reaches as far as cameras are apart. A camera that detects nothing in a frame takes no part in it.
 
-All joints of a proposal are found, also those that no view shows.
+Every person gets all joints, even if no view shows them.
 J joints of `BODY25`, V views, n 2D poses of a frame, N voxels.
 """
 
