@@ -5,7 +5,7 @@ from pathlib import Path
 
 from dmae.data.clip import Source
 from dmae.data.json_values import json_text
-from dmae.evaluation.config import EvaluateConfig
+from dmae.evaluation.config import SCORED, EvaluateConfig
 from dmae.evaluation.evaluate import evaluate, forecast
 from dmae.evaluation.gates import check_baseline, compare_scores, scored_options
 from dmae.evaluation.scores import read_scores
@@ -32,6 +32,9 @@ def run(config: EvaluateConfig, out: Path) -> None:
     poses = clips[0].poses if clips.reader.name == "clip" and not config.poses else None
     if poses is not None and (poses.source == Source.COMPLETED).any():
         print(f"Scored is a new capture of the detections; poses={config.data.path} scores the completed poses there")
+    missing = [] if config.methods or config.poses else [*{*SCORED} - {each["method"] for each in scores["results"]}]
+    for name in missing:
+        print(f"{name} is not scored: its weights know people, and nothing of {clips[0].detections.skeleton.name}")
     path = out / "scores.json"
     write_atomic(path, json_text(scores))
     print_tables(score_tables(scores))

@@ -20,6 +20,7 @@ from torch.overrides import TorchFunctionMode
 
 from dmae.completion.config import ModelConfig
 from dmae.completion.fusion import namesakes
+from dmae.completion.methods import completion_method
 from dmae.completion.network import DMAE
 from dmae.data.json_values import decode
 from dmae.data.skeleton import Skeleton, decode_skeleton, encode, get_skeleton
@@ -161,6 +162,19 @@ def find_shipped(skeleton: Skeleton) -> Path:
             f"train on that skeleton (dmae train) and name the folder by weights=..."
         )
     return SHIPPED / best
+
+
+def methods_for(usual: Sequence[str], skeleton: Skeleton, weights: str | None) -> list[str]:
+    """Return the usual methods, without those of a network if no weights are given and none shipped know the body.
+
+    The network's are the learned completion methods, and `paper`.
+    """
+    try:
+        if weights is None:
+            find_shipped(skeleton)
+    except ValueError:
+        return [name for name in usual if name in completion_method and not completion_method[name].learned]
+    return list(usual)
 
 
 # The model card.

@@ -10,6 +10,11 @@ from dmae.metrics.registry import protocol
 from dmae.parallel import ProcessesConfig
 from dmae.reconstruction.config import CaptureConfig, capture_method
 
+SCORED = ("measured", "linear", "gaussian_process", "dmae_denoise")
+"""Methods that `dmae evaluate` scores by default."""
+STRESSED = ("measured", "linear", "linear_body", "kalman", "gaussian_process", "dmae", "paper")
+"""Methods that `dmae stress` scores by default."""
+
 
 class Input(StrEnum):
     """The poses that methods complete."""
@@ -47,12 +52,9 @@ class EvaluateConfig(PartConfig):
 
     data: DataConfig = field(default_factory=DataConfig)
     capture: CaptureConfig = field(default_factory=CaptureConfig)
-    methods: list[str] = field(
-        default_factory=lambda: ["measured", "linear", "gaussian_process", "dmae_denoise"],
-        metadata={"choices": completion_method},
-    )
+    methods: list[str] | None = field(default=None, metadata={"choices": completion_method})
     """How joints that no camera measured are filled: completion methods, module:function of your own, or folders that
-    `dmae train` wrote."""
+    `dmae train` wrote. By default measured, linear, gaussian_process and, if weights know the body, dmae_denoise."""
     poses: str | None = field(default=None, metadata={"reads": "path"})
     """Poses made elsewhere, which are scored in place of `methods`: a file, or a folder with one for each clip."""
     weights: str | None = field(default=None, metadata={"reads": "model", "words": ("paper",)})
@@ -128,11 +130,9 @@ class StressConfig(PartConfig):
     """Pairs of corruptions at the same time, such as [cameras+objects]; by default one pair, or with size=full four."""
     levels: dict[str, list[float]] = field(default_factory=dict)
     """Levels of an axis, as levels.jitter=[1,2,4]; others have those of the size."""
-    methods: list[str] = field(
-        default_factory=lambda: ["measured", "linear", "linear_body", "kalman", "gaussian_process", "dmae", "paper"],
-        metadata={"choices": (*completion_method, "paper")},
-    )
-    """Completion methods, or module:function of your own; `paper` captures with the thresholds of the paper."""
+    methods: list[str] | None = field(default=None, metadata={"choices": (*completion_method, "paper")})
+    """Completion methods, or module:function of your own; `paper` captures with the thresholds of the paper. By default
+    measured, linear, linear_body, kalman, gaussian_process and, if weights know the body, dmae and paper."""
     captures: list[str] = field(default_factory=list, metadata={"choices": capture_method})
     """Captures that are compared as they measure, with nothing filled: published systems, or module:function of a clip,
     or of a clip and its CaptureConfig."""
@@ -153,11 +153,11 @@ class StressConfig(PartConfig):
 
     def __post_init__(self):
         super().__post_init__()
-        if not (self.methods or self.captures):
+        if self.methods == [] and not self.captures:
             raise ValueError(f"methods=[]: expected some of {', '.join([*completion_method, PAPER])}, or captures")
         for name in self.captures:
             capture_method.check(name)
-        if self.paper_weights and PAPER not in self.methods:
+        if self.paper_weights and self.methods is not None and PAPER not in self.methods:
             raise ValueError(f"paper_weights={self.paper_weights}: expected {PAPER} among the methods")
         for pair in self.pairs or ():
             for name in pair.split("+"):

@@ -18,7 +18,7 @@ from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.conversion import convert, scale_of
 from dmae.data.rng import Stream, generator
 from dmae.data.skeleton import Skeleton
-from dmae.evaluation.config import EvaluateConfig, Input, ReferencePoses
+from dmae.evaluation.config import SCORED, EvaluateConfig, Input, ReferencePoses
 from dmae.evaluation.gates import scored_clip, scored_options
 from dmae.evaluation.predictions import predictions_of, read_prediction
 from dmae.evaluation.scores import compared_truth, measured_by_all, score, scored_actors, summary, truth_of
@@ -174,7 +174,7 @@ def evaluate(config: EvaluateConfig) -> dict:
             options exclude each other, or poses made elsewhere do not fit their clip.
         FileNotFoundError: the poses made elsewhere do not exist.
     """
-    _methods(config)  # Unknown ones are refused before anything is read.
+    _check_methods(config)
     clips = _clips(config)
     tasks = ((config, clips.part(range(n, n + 1)), len(clips) == 1) for n in clips.numbers)
     with running_on(config.backend):
@@ -209,7 +209,7 @@ class _ScoredClip(NamedTuple):
 def _score_clip(config: EvaluateConfig, clips: Sequence[Clip], shown: bool) -> _ScoredClip:
     """Score the methods on the one clip, with each subset of cameras."""
     runs, facts = [], {}
-    methods = _methods(config)
+    methods = {} if config.poses else load_methods(scored_methods(config, clips[0]), config.weights)
     truth = angles = None
     for trial, filled in filled_trials(clips, config, methods, shown=shown):
         facts = facts or scored_clip(trial.clip)
@@ -239,7 +239,7 @@ def _filled_by_all(trial: Trial, filled: dict[str, Poses3D]) -> np.ndarray:
 
 def forecast(config: EvaluateConfig) -> str:
     """Return an estimate of the time that `evaluate` takes, from short pieces of some clips. Raises as `evaluate`."""
-    _methods(config)  # Unknown ones are refused before anything is read.
+    _check_methods(config)
     clips = _clips(config)
     chosen = sorted({0, len(clips) // 2, len(clips) - 1})
     seconds, frames, lengths = 0.0, 0, []
@@ -266,9 +266,17 @@ def _clips(config: EvaluateConfig) -> Clips:
     return clips.part(clip_range(len(clips), config.first, config.clips))
 
 
-def _methods(config: EvaluateConfig) -> Methods:
-    """Return the methods of a configuration; none if poses made elsewhere are scored."""
-    return {} if config.poses else load_methods(config.methods, config.weights)
+def scored_methods(config: EvaluateConfig, clip: Clip) -> list[str]:
+    """Return the methods of a configuration, or the usual ones for the body in the detections of a clip."""
+    from dmae.completion.weights import methods_for  # it loads torch, which other methods do not need
+
+    return methods_for(SCORED, clip.detections.skeleton, config.weights) if config.methods is None else config.methods
+
+
+def _check_methods(config: EvaluateConfig) -> None:
+    """Refuse unknown methods, and weights that do not exist, before anything is read."""
+    if not config.poses:
+        load_methods(SCORED if config.methods is None else config.methods, config.weights)
 
 
 def load_methods(names: Sequence[str], weights: str | None = None) -> Methods:

@@ -23,7 +23,7 @@ from dmae.completion.methods import find_method
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.conversion import convert
 from dmae.data.resources import read_preset
-from dmae.evaluation.config import PAPER, StressConfig, StressSize
+from dmae.evaluation.config import PAPER, STRESSED, StressConfig, StressSize
 from dmae.evaluation.corruption.corrupt import corrupt, people_of
 from dmae.evaluation.corruption.registry import corruptions, find_corruption
 from dmae.evaluation.evaluate import filled_by
@@ -175,10 +175,21 @@ class Contender:
     weights: str | None  # Folder of the weights of a learned method; None for those that come with the package
 
 
+def _with_usual_methods(config: StressConfig, clip: Clip) -> tuple[StressConfig, list[str]]:
+    """Return the configuration with the usual methods for the body in a clip, and a note on what is left out."""
+    from dmae.completion.weights import methods_for  # it loads torch
+
+    skeleton = clip.detections.skeleton
+    methods = methods_for(STRESSED, skeleton, config.weights)
+    left_out = [name for name in STRESSED if name not in methods]
+    why = f"Left out {', '.join(left_out)}: their weights know people, and nothing of {skeleton.name}."
+    return replace(config, methods=methods), [why] if left_out else []
+
+
 def contenders(config: StressConfig) -> list[Contender]:
     """Return the contenders; ValueError if a method does not exist, FileNotFoundError if weights do not."""
     found = []
-    for name in dict.fromkeys(config.methods):
+    for name in dict.fromkeys(config.methods or ()):
         weights: str | None
         if name == PAPER:
             from dmae.completion.weights import PAPER as PAPER_WEIGHTS  # it loads torch
@@ -403,7 +414,11 @@ def prepare(clips: Sequence[Clip], config: StressConfig, cache: Path | None = No
         raise ValueError("no clip to stress: expected one or more")
     numbers = clip_range(len(clips), config.first, config.clips)
     clips = clips.part(numbers) if isinstance(clips, Clips) else [clips[number] for number in numbers]
-    planned, compared = plan(config), contenders(config)
+    planned = plan(config)
+    if config.methods is None:
+        config, notes = _with_usual_methods(config, clips[0])
+        planned = replace(planned, notes=(*planned.notes, *notes))
+    compared = contenders(config)
     hashes, ids, known = [], [], []
     for clip in clips:
         if clip.id in ids:

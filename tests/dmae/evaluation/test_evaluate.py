@@ -4,6 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dmae.commands import evaluate as command
 from dmae.data.clip import Detections2D, Poses3D
 from dmae.data.skeleton import BODY25
 from dmae.data.store import save_clip, write_manifest
@@ -11,6 +12,7 @@ from dmae.evaluation.config import EvaluateConfig
 from dmae.evaluation.evaluate import evaluate
 from dmae.evaluation.scores import figure_score, run_table
 from dmae.formats.reading import DataConfig
+from tests.support.animals import dog_clip
 from tests.support.scored_clips import by_method, config, seen
 from tests.support.untrained_methods import UNTRAINED
 
@@ -160,6 +162,16 @@ def test_methods_are_compared_on_joints_that_all_of_them_filled(tmp_path):
     long = results["hold", 4]["mean"]["gaps"][3]
     assert (long["hidden"], long["filled"]) == (50, 12)
     assert results["measured", 4]["mean"]["gaps"][3]["filled"] == 0
+
+
+def test_bodies_that_no_weights_know_are_scored_by_default_without_a_network(tmp_path, capsys):
+    save_clip(dog_clip(40), tmp_path / "dog")
+    command.run(config(tmp_path / "dog"), tmp_path)
+    scores = json.loads((tmp_path / "scores.json").read_text())
+    assert [each["method"] for each in scores["results"]] == ["measured", "linear", "gaussian_process"]
+    assert "dmae_denoise is not scored: its weights know people, and nothing of dog19" in capsys.readouterr().out
+    with pytest.raises(ValueError, match="the weights of this package know people"):
+        evaluate(config(tmp_path / "dog", methods=["dmae_denoise"]))
 
 
 def test_real_shelf_with_five_cameras(data_folder):

@@ -10,7 +10,7 @@ from dmae.commands import complete as complete_command
 from dmae.commands.config import CompleteCommand
 from dmae.completion.methods import completion_method, find_method
 from dmae.data.store import load_clip, save_clip
-from dmae.evaluation.config import EvaluateConfig, Input
+from dmae.evaluation.config import SCORED, EvaluateConfig, Input
 from dmae.evaluation.evaluate import filled_trials
 from dmae.formats.reading import Clips, DataConfig
 from tests.support.circling_people import circling_people, clip_of
@@ -44,7 +44,8 @@ def test_command_function_and_score_are_one(trial, online, tmp_path):
 
 
 def test_it_is_scored_by_default():
-    assert {"measured", "dmae_denoise"} <= {*EvaluateConfig().methods} <= {*completion_method}
+    assert {"measured", "dmae_denoise"} <= {*SCORED} <= {*completion_method}
+    assert EvaluateConfig().methods is None
 
 
 def test_what_was_measured_is_scored_as_it_is(trial):

@@ -84,6 +84,13 @@ def test_bodies_that_are_no_people_are_stressed_too(tmp_path):
         assert learned[0]["pcp"][0] > 95
 
 
+def test_networks_that_do_not_know_a_body_are_left_out_with_a_note():
+    matrix = prepare([dog_clip(30)], StressConfig(axes=["cameras"], pairs=[]))
+    methods = ["measured", "linear", "linear_body", "kalman", "gaussian_process"]
+    assert [each.name for each in matrix.contenders] == methods
+    assert "Left out dmae, paper: their weights know people, and nothing of dog19." in matrix.plan.notes
+
+
 def test_a_second_run_computes_nothing(first, ran):
     file, result = first
     again = prepare(CLIPS, config(), file)
