@@ -13,6 +13,10 @@ from dmae.formats.reading import Clips
 from dmae.reporting.tables import Table, print_tables
 
 
+def written_path(config: CalibrateCommand, out: Path) -> Path:
+    return out if out.suffix else out.with_suffix(".toml")
+
+
 def run(config: CalibrateCommand, out: Path) -> None:
     if out.suffix.lower() != ".toml":
         raise ValueError(
@@ -26,7 +30,10 @@ def run(config: CalibrateCommand, out: Path) -> None:
         )
     clips = Clips(config.data)
     if clips.data_set:
-        raise ValueError(f"{config.data.path}: expected a recording or a single clip, found a data set of clips")
+        raise ValueError(
+            f"data.path={config.data.path}: expected a recording or a single clip, found a data set; name a clip of "
+            f"it, as data.path={clips.folders[0] if len(clips) else config.data.path}"
+        )
     clip = clips[0]
     refined = refine(clip, config.refine)
     write_cameras(refined.rig, out)

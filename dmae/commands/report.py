@@ -12,6 +12,12 @@ def default_out(config: ReportCommand) -> Path:
     return Path(config.clip or config.scores[0]) / "report.html"
 
 
+def written_path(config: ReportCommand, out: Path) -> Path:
+    if out.suffix.lower() not in ("", ".html", ".htm"):
+        raise ValueError(f"out={out}: the report is a page, .html; a browser prints it to PDF")
+    return out if out.suffix else out.with_suffix(".html")
+
+
 def run(config: ReportCommand, out: Path) -> None:
     scores = [read_shown_scores(Path(folder)) for folder in config.scores]
     clips = Clips(DataConfig(name="clip", path=config.clip)) if config.clip else None

@@ -24,6 +24,12 @@ def default_out(config: ReviewCommand) -> Path:
     return folder.parent / f"{folder.name}_review.csv"
 
 
+def written_path(config: ReviewCommand, out: Path) -> Path:
+    if out.suffix.lower() not in ("", ".csv"):
+        raise ValueError(f"out={out}: the ranking is a table, .csv; dmae report makes a page that shows these joints")
+    return out.with_suffix(".csv")
+
+
 def run(config: ReviewCommand, out: Path) -> None:
     folder = Path(config.clip)
     clip = load_clip(folder)

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,8 +10,9 @@ import pytest
 from dmae.calibration.bundle_adjustment import CENTRE, Calibration, Q
 from dmae.calibration.config import RefineConfig
 from dmae.commands import calibrate as command
-from dmae.commands.config import CalibrateCommand
-from dmae.data.store import save_clip
+from dmae.commands import report, review
+from dmae.commands.config import CalibrateCommand, ReportCommand, ReviewCommand
+from dmae.data.store import save_clip, write_manifest
 from dmae.formats.calibrations import read_calibration
 from dmae.formats.reading import DataConfig
 from tests.support.clips import full_clip
@@ -41,11 +43,28 @@ def test_the_command_writes_cameras_and_what_changed(tmp_path, capsys):
     assert np.shape(facts["covariance"]) == (4, Q, Q)
 
 
-@pytest.mark.parametrize("name", ["rig.json", "rig"])
-def test_the_changes_do_not_overwrite_the_calibration(tmp_path, name):
+def test_the_changes_do_not_overwrite_the_calibration(tmp_path):
     save_clip(full_clip(), tmp_path / "clip")
-    with pytest.raises(ValueError, match=f"{name}: expected a file with the suffix .toml"):
-        command.run(CalibrateCommand(DataConfig(path=str(tmp_path / "clip"))), tmp_path / name)
+    with pytest.raises(ValueError, match=r"rig.json: expected a file with the suffix .toml"):
+        command.run(CalibrateCommand(DataConfig(path=str(tmp_path / "clip"))), tmp_path / "rig.json")
+
+
+def test_files_without_a_suffix_get_that_of_their_command():
+    rig, page, table = Path("runs/rig"), Path("runs/page"), Path("runs/doubts")
+    assert command.written_path(CalibrateCommand(), rig) == Path("runs/rig.toml")
+    assert report.written_path(ReportCommand(clip="walk"), page) == Path("runs/page.html")
+    assert review.written_path(ReviewCommand(), table) == Path("runs/doubts.csv")
+    with pytest.raises(ValueError, match=r"page.pdf: the report is a page, .html"):
+        report.written_path(ReportCommand(clip="walk"), page.with_suffix(".pdf"))
+    with pytest.raises(ValueError, match=r"doubts.html: the ranking is a table, .csv"):
+        review.written_path(ReviewCommand(), table.with_suffix(".html"))
+
+
+def test_a_data_set_is_refused_with_the_path_of_a_clip(tmp_path):
+    save_clip(full_clip(), tmp_path / "set/a")
+    write_manifest(tmp_path / "set", [{"id": "a", "status": "ok"}])
+    with pytest.raises(ValueError, match=r"found a data set; name a clip of it, as data.path=.*set/a$"):
+        command.run(CalibrateCommand(DataConfig(path=str(tmp_path / "set"))), tmp_path / "rig.toml")
 
 
 def test_a_calibration_is_never_overwritten_by_its_correction(tmp_path):
