@@ -3,11 +3,13 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import yaml
+
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.conversion import convert
-from dmae.data.skeleton import Skeleton, get_skeleton
+from dmae.data.skeleton import Skeleton, encode, get_skeleton
 from dmae.files.checks import child
-from dmae.files.contents import check_vacant
+from dmae.files.contents import check_vacant, write_atomic
 from dmae.formats.config import LengthUnit
 from dmae.formats.poses import provenance_table, write_provenance
 from dmae.formats.registry import PoseWriter, pose_writer, recording_writer
@@ -131,6 +133,8 @@ def write_poses(
 def write_recording(clip: Clip, path: Path, format: str = "clip") -> str:
     """Write the detections and cameras of a clip, as `dmae.convert`. The format `clip` writes everything in the clip.
 
+    A skeleton of your own, if the format cannot store it, is written beside the detections as `<name>.yaml`.
+
     Returns the options, as on a command line, that the format cannot store and that its reader needs; empty if none.
     Raises ValueError if the format is unknown, the folder is not empty, or the format cannot store the cameras.
     """
@@ -139,7 +143,11 @@ def write_recording(clip: Clip, path: Path, format: str = "clip") -> str:
         _check_folder(path, clip)
     writer.function(clip, path)
     skeleton = clip.detections.skeleton
-    values = {"fps": f"{clip.fps:g}", "skeleton": f"{skeleton.name}.yaml" if skeleton.defined else skeleton.name}
+    values = {"fps": f"{clip.fps:g}", "skeleton": skeleton.name}
+    if skeleton.defined and "skeleton" in writer.lacks:
+        definition = child(path, f"{skeleton.name}.yaml", "skeleton")
+        write_atomic(definition, yaml.safe_dump(encode(skeleton), sort_keys=False, allow_unicode=True))
+        values["skeleton"] = str(definition)
     return " ".join(f"data.{option}={values[option]}" for option in writer.lacks)
 
 

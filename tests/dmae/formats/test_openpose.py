@@ -8,10 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import dmae
 from dmae.data.clip import Detections2D, Poses3D, Source
 from dmae.data.skeleton import BODY21, BODY25, BODY25B, COCO17, COCO18, HALPE26
 from dmae.formats.openpose import COMPLETED_SCORE, read_detections, reproject, write_detections
 from dmae.formats.recordings import NumberedDetections, to_clip
+from dmae.formats.writing import write_recording
+from tests.support.animals import dog_clip
 from tests.support.clips import looking_at_origin, walkers
 from tests.support.recordings import recording, same_detections, write_frames
 
@@ -199,3 +202,13 @@ def test_exported_poses_say_what_was_completed(tmp_path):
     np.testing.assert_allclose(joints[:, :2], rig.project(poses.xyz)[0][1, 2, 0], atol=1e-3)
     assert joints[4, 2] == COMPLETED_SCORE
     assert (np.delete(joints[:, 2], 4) == 1).all()
+
+
+@pytest.mark.parametrize("format", ["openpose", "easymocap"])
+def test_a_skeleton_of_your_own_is_written_beside_and_named(tmp_path, format):
+    clip = dog_clip(20)
+    lacking = write_recording(clip, tmp_path / "walk", format)
+    file = tmp_path / "walk/dog19.yaml"
+    assert lacking == f"data.fps=30 data.skeleton={file}"
+    read = dmae.read(tmp_path / "walk", fps=30, skeleton=str(file))
+    assert read.detections.skeleton == clip.detections.skeleton
