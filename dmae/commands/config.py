@@ -66,6 +66,8 @@ class FilmedConfig:
     offsets: list[int | str] | None = None
     """Frames by which cameras started late: a number for each, in the order of the calibration, or [name:frames] for
     some; by default read from the videos."""
+    frames: list[int] | None = None
+    """[first, end] of the frames to take, as [0,500] for a first look; by default all."""
     world: WorldConfig = field(default_factory=WorldConfig)
     workers: int = 1
     """Processes that detect; -1 for one per core."""
@@ -112,6 +114,9 @@ class DetectCommand(FilmedConfig):
             )
         if self.clip is not None and (self.calibration or self.fps or self.offsets):
             raise ValueError("clip=... holds its calibration, fps and offsets; leave them out")
+        if self.clip is not None and self.frames:
+            shorter = f"dmae convert data={self.clip} data.frames={[*self.frames]} out=shorter".replace(", ", ",")
+            raise ValueError(f"frames are of videos and photographs; a shorter clip: {shorter}")
         if self.calibration is None and self.world != WorldConfig():
             raise ValueError("world.* are of calibration=..., and there is none; leave them out")
         if self.photos is not None and (self.offsets or (self.fps and not self.calibration)):

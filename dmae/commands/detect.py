@@ -61,9 +61,9 @@ def run(config: DetectCommand, out: Path, name: str | None = None, least: int = 
         rig = read_calibration(Path(config.calibration), **asdict(config.world))
     source = Path(str(config.photos or config.videos))
     if config.photos is not None and rig is not None:
-        recording = open_sets(source, rig, config.fps)
+        recording = open_sets(source, rig, config.fps, config.frames)
     else:
-        recording = open_recording(source, rig, config.fps, config.offsets)
+        recording = open_recording(source, rig, config.fps, config.offsets, config.frames)
     name = name or recording_name(source)
     for note in recording.notes:
         print(note)
@@ -152,6 +152,7 @@ def _claim(config: DetectCommand, recording: Recording, out: Path) -> None:
     names = recording.rig.names if recording.rig else [each.name for each in recording.cameras]
     offsets = offsets_of_all("offsets", config.offsets, names)
     given = {"videos": files, "fps": config.fps, "offsets": offsets, "calibration": rig}
+    given |= {} if config.frames is None else {"frames": list(config.frames)}
     try:
         claim_folder(out / _CLAIM, _settings(config) | given, "detections")
     except ValueError as error:

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -11,7 +11,7 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from dmae.data.images import Images
 from dmae.files.checks import IMAGES, VIDEOS, check_rate
-from dmae.files.images import open_video, read_upright, upright_frame, upright_size
+from dmae.files.images import check_times, open_video, read_upright, upright_frame, upright_size
 from dmae.formats.footage import Fitting
 from dmae.formats.recordings import by_name, frame_number
 
@@ -146,11 +146,7 @@ def _video(path: Path) -> CameraImages:
         stated = [float(rate) for rate in (stream.average_rate, stream.base_rate) if rate]
         codec = stream.codec_context.name
         timecode = stream.metadata.get("timecode") or container.metadata.get("timecode")
-    if len(packets) > 1 and len(set(stamps)) < 2:
-        raise ValueError(
-            f"{path}: its {len(packets)} images have no times of their own, as in a stream that a camera wrote; write "
-            f"them into a file that has times, with their rate: ffmpeg -r 25 -i {path.name} -c copy {path.stem}.mp4"
-        )
+    check_times(path, packets)
     try:
         first = next((each for each in _read_video(path, stamps, 0, min(len(stamps), 50)) if each is not None), None)
     except av.FFmpegError as error:
@@ -248,6 +244,35 @@ class Recording:
     # Scale and margin of the images of each camera, relative to the images of its calibration
     fittings: tuple[Fitting, ...]
     notes: tuple[str, ...]  # Decisions that can be wrong
+    first: int = 0  # Number of its first frame in the videos
+
+
+def part_of(recording: Recording, frames: Sequence[int] | None) -> Recording:
+    """Return the recording with only the frames [first, end), or all for None; ValueError if it lacks some."""
+    if frames is None:
+        return recording
+    alignment = recording.alignment
+    if len(frames) != 2 or not 0 <= frames[0] < frames[1] <= alignment.count:
+        raise ValueError(
+            f"frames={list(frames)}: expected [first, end] within the {alignment.count} frames of the recording"
+        )
+    first, end = frames
+    cameras, placed = [], []
+    for camera, place in zip(recording.cameras, alignment.frames, strict=True):
+        inside = np.flatnonzero((place >= first) & (place < end))
+        images = slice(inside[0], inside[-1] + 1) if len(inside) else slice(0, 0)
+        read = partial(_read_from, camera.read, images.start)
+        # Without a codec the video is not linked, but a part of it is written.
+        cameras.append(replace(camera, times=camera.times[images], read=read, codec=""))
+        placed.append(np.where(place[images] >= 0, place[images] - first, -1))
+    alignment = replace(alignment, frames=tuple(placed), count=end - first)
+    return replace(recording, cameras=tuple(cameras), alignment=alignment, first=first)
+
+
+def _read_from(
+    read: Callable[[int, int], Iterator[np.ndarray | None]], first: int, start: int, stop: int
+) -> Iterator[np.ndarray | None]:
+    return read(first + start, first + stop)
 
 
 def align(cameras: Sequence[CameraImages], fps: float | None, offsets: Sequence[int] | None) -> Alignment:

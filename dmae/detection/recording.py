@@ -25,6 +25,7 @@ from dmae.detection.images import (
     find_cameras,
     images_in,
     images_of,
+    part_of,
     read_files,
 )
 from dmae.detection.pipeline import (
@@ -55,7 +56,11 @@ _STILLS_RATE = 0.1  # 1/s; of photographs in sets, where it is not known
 
 
 def open_recording(
-    videos: Path, rig: CameraRig | None = None, fps: float | None = None, offsets: Sequence[int | str] | None = None
+    videos: Path,
+    rig: CameraRig | None = None,
+    fps: float | None = None,
+    offsets: Sequence[int | str] | None = None,
+    frames: Sequence[int] | None = None,
 ) -> Recording:
     """Find the videos of a recording, and match them to its calibration.
 
@@ -65,10 +70,12 @@ def open_recording(
         fps: Frames per second; by default what the videos say.
         offsets: Frames by which cameras started late: a number for each, in the order of the calibration, or
             "name:frames" for some; by default read from the videos.
+        frames: First frame and end; by default all.
 
     Raises:
         FileNotFoundError: there are no videos.
-        ValueError: a video cannot be read, has no calibration, or differs from it in more than scale and margin.
+        ValueError: a video cannot be read, has no calibration, or differs from it in more than scale and margin; or
+            there are no such frames.
     """
     cameras, notes = find_cameras(videos), []
     fittings = [Fitting()] * len(cameras)
@@ -79,10 +86,10 @@ def open_recording(
     else:
         named = cameras
     alignment = align(named, fps, offsets_of_all("offsets", offsets, [camera.name for camera in named]))
-    return Recording(tuple(cameras), alignment, rig, tuple(fittings), (*notes, *alignment.notes))
+    return part_of(Recording(tuple(cameras), alignment, rig, tuple(fittings), (*notes, *alignment.notes)), frames)
 
 
-def open_sets(path: Path, rig: CameraRig, fps: float | None = None) -> Recording:
+def open_sets(path: Path, rig: CameraRig, fps: float | None = None, frames: Sequence[int] | None = None) -> Recording:
     """Find photographs that calibrated cameras took together, in sets: stills, as nothing connects two sets.
 
     Args:
@@ -90,6 +97,7 @@ def open_sets(path: Path, rig: CameraRig, fps: float | None = None) -> Recording
             each camera. Either are named as in the calibration.
         rig: The calibration.
         fps: Sets per second, where they were taken at a steady rate, less than one.
+        frames: First set and end; by default all.
 
     Raises:
         FileNotFoundError: there are no photographs.
@@ -107,7 +115,7 @@ def open_sets(path: Path, rig: CameraRig, fps: float | None = None) -> Recording
     cameras, rig, fittings, more = _calibrated(cameras, rig, path)
     frames = tuple(camera.times.astype(int) for camera in cameras)
     alignment = Alignment(fps or _STILLS_RATE, frames, max(int(each.max()) for each in frames) + 1, ())
-    return Recording(tuple(cameras), alignment, rig, tuple(fittings), (how, *more))
+    return part_of(Recording(tuple(cameras), alignment, rig, tuple(fittings), (how, *more)), frames)
 
 
 def _from_folders_of_sets(path: Path, sets: Sequence[Sequence[Path]]) -> tuple[list[CameraImages], str]:
@@ -251,6 +259,7 @@ def make_clip(name: str, recording: Recording, detections: Detections2D, notes: 
     assert recording.rig is not None
     provenance: dict = {"notes": [*recording.notes, *notes], "detector": detector}
     provenance["videos"] = {camera.name: camera.path.name for camera in recording.cameras}
+    provenance |= {"first_frame": recording.first} if recording.first else {}
     return Clip(name, recording.alignment.fps, recording.rig, detections, provenance=provenance)
 
 

@@ -9,7 +9,8 @@ import numpy as np
 from dmae.files.mapped import frame_blocks
 
 IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".webp", ".tif", ".tiff")
-VIDEOS = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".mpg", ".mpeg", ".mts", ".wmv")
+VIDEOS = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".mpg", ".mpeg", ".mts", ".wmv", ".h264", ".264", ".h265",
+          ".265", ".hevc")  # fmt: skip
 """Suffixes of image and of video files."""
 
 _SIGNS = frozenset('/\\<>:"|?*')

@@ -3,7 +3,7 @@
 import os
 import warnings
 from bisect import bisect_right
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache, lru_cache
 from pathlib import Path
@@ -124,15 +124,29 @@ def open_video(path: Path):
     return container
 
 
+def check_times(path: Path, times: Sequence[int | None]) -> None:
+    """Raise ValueError if the images of a video have no times of their own: a raw stream has none, or all are equal."""
+    if len(times) > 1 and len({*times}) < 2:
+        raise ValueError(
+            f"{path}: its {len(times)} images have no times of their own, as in a stream that a camera wrote; write "
+            f"them into a file that has times, with their rate: ffmpeg -r 25 -i {path.name} -c copy {path.stem}.mp4"
+        )
+
+
 class VideoFrames:
-    """The frames of an open video, in any order; FileNotFoundError if there is no such file."""
+    """The frames of an open video, in any order.
+
+    Raises FileNotFoundError if there is no such file, and ValueError as `open_video` and `check_times`.
+    """
 
     def __init__(self, path: Path):
         self._path = path
         self._container = open_video(path)
         # Videos are read in parallel by several processes, not threads.
         self._container.streams.video[0].codec_context.thread_count = 1
-        packets = [packet for packet in self._container.demux(video=0) if packet.pts is not None]
+        packets = [packet for packet in self._container.demux(video=0) if packet.size]
+        check_times(path, [packet.pts for packet in packets])
+        packets = [packet for packet in packets if packet.pts is not None]
         self._times = sorted(packet.pts for packet in packets)
         self._keyframes = sorted(packet.pts for packet in packets if packet.is_keyframe)
         self._decoded: Iterator = iter(())

@@ -13,11 +13,9 @@ import numpy as np
 from dmae.data.cameras import camera_label
 from dmae.data.clip import Clip
 from dmae.data.images import Images, image_files
-from dmae.files.checks import check_rate
+from dmae.files.checks import VIDEOS, check_rate
 from dmae.files.images import kept_open, open_video, read_image, upright_frame, upright_size
 from dmae.formats.recordings import by_name, match_cameras, plain
-
-_ENDINGS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v")
 
 
 def video_rate(folder: Path) -> float | None:
@@ -45,7 +43,7 @@ def with_videos(clip: Clip, folder: Path) -> Clip:
         FileNotFoundError: the folder contains no videos.
         ValueError: a camera has no video, or a video is damaged or has too few frames.
     """
-    files = [file for file in Path(folder).glob("*") if file.suffix.lower() in _ENDINGS]
+    files = [file for file in Path(folder).glob("*") if file.suffix.lower() in VIDEOS]
     if not files:
         raise FileNotFoundError(f"{folder}: expected a video for each camera, <camera>.mp4, found none")
     matching = {"what": "videos", "options": "data.videos=..."}

@@ -341,6 +341,7 @@ def run(
     weights: str | Path | None = None,
     fps: float | None = None,
     offsets: Sequence[int | str] | None = None,
+    frames: Sequence[int] | None = None,
     export: Sequence[str] = ("trc",),
     workers: int = 1,
     out: str | Path | None = None,
@@ -359,6 +360,7 @@ def run(
         fps: Frames per second of the videos, where they do not say.
         offsets: Frames by which cameras started late: a number for each, or "name:frames" for some; by default
             what the videos say.
+        frames: First frame of the videos to take, and end, as (0, 500); by default all.
         export: Formats of the poses that are written to `out`.
         workers: Processes that detect; -1 for one per core.
         out: Folder of what `dmae run` writes: clips of each step, a report, poses in each format. None: nothing is
@@ -388,7 +390,7 @@ def run(
     if isinstance(given, Clip) and len(given.rig) < 2:
         raise ValueError(f"clip {given.id!r}: capture needs at least 2 cameras, found {len(given.rig)}")
     if out is None:
-        clip = detect_in(given, calibration, detector, fps, offsets, None, workers, least=2)
+        clip = detect_in(given, calibration, detector, fps, offsets, frames, None, workers, least=2)
         captured = pipeline.capture(clip, configuration(capture, CaptureConfig, "capture"))
         poses = complete(captured, clip.fps, weights=weights)
         return replace(clip, poses=poses)
@@ -401,6 +403,7 @@ def run(
         weights=None if weights is None else str(weights),
         fps=fps,
         offsets=None if offsets is None else list(offsets),
+        frames=None if frames is None else list(frames),
         export=list(export),
         workers=workers,
     )

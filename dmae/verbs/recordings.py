@@ -83,6 +83,7 @@ def detect(
     detector: str = "blazepose",
     fps: float | None = None,
     offsets: Sequence[int | str] | None = None,
+    frames: Sequence[int] | None = None,
     skeleton: str | None = None,
     workers: int = 1,
 ) -> Clip:
@@ -98,6 +99,7 @@ def detect(
         fps: Frames per second of the videos, if the files do not state it.
         offsets: Frames by which cameras started late: a number for each, or "name:frames" for some; by default
             as the videos state.
+        frames: First frame of the videos to take, and end, as (0, 500); by default all.
         skeleton: Skeleton to convert to; by default that of the detector.
         workers: Processes; -1 for one per core.
 
@@ -116,7 +118,7 @@ def detect(
         >>> found.detections.xy.shape[:2] == (len(seen), 2)
         True
     """
-    return detect_in(source, calibration, detector, fps, offsets, skeleton, workers)
+    return detect_in(source, calibration, detector, fps, offsets, frames, skeleton, workers)
 
 
 def detect_in(
@@ -125,6 +127,7 @@ def detect_in(
     detector: str,
     fps: float | None,
     offsets: Sequence[int | str] | None,
+    frames: Sequence[int] | None,
     skeleton: str | None,
     workers: int,
     least: int = 1,
@@ -135,11 +138,13 @@ def detect_in(
         if isinstance(source, Clip):
             if calibration is not None or fps is not None or offsets is not None:
                 raise ValueError("a clip contains its calibration, fps and offsets; leave them out")
+            if frames is not None:
+                raise ValueError("frames are of videos; of a clip, clip.select(frames=slice(0, 500)) takes some")
             return detect_clip(source, config, Path(pieces), skeleton, workers)
         if calibration is None:
             raise ValueError("expected a calibration; without one, dmae detect writes files of 2D keypoints")
         rig = calibration if isinstance(calibration, CameraRig) else read_calibration(Path(calibration))
-        recording = open_recording(Path(source), rig, fps, offsets)
+        recording = open_recording(Path(source), rig, fps, offsets, frames)
         if len(recording.cameras) < least:
             raise ValueError(f"{source}: capture needs at least {least} cameras, found {len(recording.cameras)}")
         detections, notes = detect_recording(recording, config, Path(pieces), skeleton, workers)

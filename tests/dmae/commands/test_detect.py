@@ -281,6 +281,24 @@ def test_a_clip_made_by_the_verb_is_that_of_the_command(session: Clip, tmp_path:
     assert in_memory.poses.xyz.shape[1] == 1 and (tmp_path / "run/poses.trc").is_file()
 
 
+def test_some_frames_of_a_recording_keep_their_numbers(session: Clip, tmp_path: Path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    given = {"source": tmp_path / "videos", "calibration": tmp_path / "calibration.toml", "detector": "my_dots:dots"}
+    whole = dmae_package.detect(**given, fps=25)
+    part = dmae_package.run(**given, fps=25, frames=(4, 9), out=tmp_path / "run")
+    np.testing.assert_array_equal(part.detections.xy, whole.detections.xy[4:9])
+    rows = (tmp_path / "run/poses.trc").read_text().splitlines()[5:]
+    assert [row.split("\t")[0] for row in rows if row] == ["4", "5", "6", "7", "8"]
+    shown, filmed = part.images.at("rgb", part.rig.names[0], 0), cv2.imread(tmp_path / "videos" / "cam0/00004.png")
+    assert np.abs(shown.astype(int) - filmed).mean() < 1
+    with pytest.raises(ValueError, match=r"frames are of videos"):
+        dmae_package.detect(part, frames=(0, 2))
+    done = dmae(tmp_path, "run", "clip=run/completed", "frames=[0,2]", "out=other")
+    assert "a shorter clip: dmae convert data=run/completed data.frames=[0,2] out=shorter" in done.stderr
+    done = dmae(tmp_path, "run", *ARGUMENTS, "frames=[4,10]", "out=run")
+    assert done.returncode == 1 and "frames" in done.stderr
+
+
 def test_a_verb_given_a_clip_in_memory_writes_no_folder(session: Clip, tmp_path: Path):
     with pytest.raises(ValueError, match=r"dmae\.save"):
         dmae_package.run(session, out=tmp_path / "run")
@@ -307,7 +325,7 @@ def test_a_verb_refuses_a_data_set_and_one_camera_before_people_are_detected(
 def test_options_of_the_verb_default_to_those_of_the_command():
     named = inspect.signature(dmae_package.run).parameters
     config = compose(DMAE.commands["run"], ["videos=a", "calibration=b"])
-    for name in ("weights", "fps", "offsets", "workers"):
+    for name in ("weights", "fps", "offsets", "frames", "workers"):
         assert named[name].default == getattr(config, name)
     assert list(named["export"].default) == config.export and named["detector"].default == config.detector.name
 

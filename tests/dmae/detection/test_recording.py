@@ -11,8 +11,8 @@ import pytest
 from dmae.data.images import write_image, write_video
 from dmae.detection.images import CameraImages, align, find_cameras
 from dmae.detection.recording import open_recording
-from dmae.formats.footage import fit_images
-from tests.support.clips import looking_at_origin
+from dmae.formats.footage import fit_images, with_videos
+from tests.support.clips import full_clip, looking_at_origin
 
 
 def shades(count: int, size: tuple[int, int] = (64, 48)) -> list[np.ndarray]:
@@ -65,6 +65,38 @@ def test_a_video_whose_times_are_all_0_says_how_to_give_it_times(tmp_path: Path)
                 container.mux(packet)
     with pytest.raises(ValueError, match=r"a\.mkv: its 8 images have no times .*ffmpeg -r 25 -i a\.mkv .*a\.mp4"):
         find_cameras(tmp_path)
+
+
+def test_a_raw_stream_says_how_to_give_it_times(tmp_path: Path):
+    clip = full_clip()
+    for name in clip.rig.names:
+        with av.open(str(tmp_path / f"{name}.h264"), "w", format="h264") as container:
+            stream = container.add_stream("libx264", rate=25)
+            stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+            for image in [*map(av.VideoFrame.from_ndarray, shades(8)), None]:
+                container.mux(stream.encode(image))
+    remedy = rf"{clip.rig.names[0]}\.h264: its 8 images have no times .*ffmpeg -r 25 -i {clip.rig.names[0]}\.h264"
+    with pytest.raises(ValueError, match=remedy):
+        find_cameras(tmp_path)
+    with pytest.raises(ValueError, match=remedy):
+        with_videos(clip, tmp_path)
+
+
+def test_the_first_frames_of_videos_and_those_in_the_middle(tmp_path: Path):
+    rig = looking_at_origin(3)
+    size = tuple(map(int, rig.size[0]))
+    for name, count in zip(rig.names, (20, 20, 6), strict=True):
+        write_video(tmp_path / f"{name}.mp4", shades(count, size), 10)
+    found = open_recording(tmp_path, rig, offsets=[0, 2, 0], frames=[5, 9])
+    assert (found.first, found.alignment.count) == (5, 4)
+    assert [each.tolist() for each in found.alignment.frames] == [[0, 1, 2, 3], [0, 1, 2, 3], [0]]
+    for camera, first in zip(found.cameras, (5, 3, 5), strict=True):
+        shown = [image.mean() for image in camera.read(0, len(camera))]
+        np.testing.assert_allclose(shown, [10 + 5 * (first + number) for number in range(len(camera))], atol=3)
+    empty = open_recording(tmp_path, rig, frames=[10, 12])
+    assert [len(camera) for camera in empty.cameras] == [2, 2, 0]
+    with pytest.raises(ValueError, match=r"frames=\[0, 99\]: expected \[first, end\] within the 20 frames"):
+        open_recording(tmp_path, rig, frames=[0, 99])
 
 
 @pytest.mark.parametrize("files", [[], ["notes.txt"]])
