@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from dmae.data.clip import Clip, Source, person_name
+from dmae.data.clip import Clip, Poses3D, Source, person_name
 from dmae.evaluation.config import TITLE
 from dmae.evaluation.report.findings import (
     BY_CAUSE,
@@ -27,7 +27,10 @@ from dmae.evaluation.report.findings import (
 from dmae.evaluation.review import DECISIONS, FORMAT, ReviewVerdict
 from dmae.evaluation.scores import read_scores
 from dmae.formats.poses import SOURCE_WORDS
+from dmae.metrics.angles import SHOWN_BY, leg_angles
 from dmae.metrics.score_tables import score_tables
+from dmae.numerics.filling import are_stills
+from dmae.numerics.kinematics import can_move
 from dmae.progress import progress
 from dmae.reporting.figures import COMPLETED, PERSONS, gaps_figure, plain
 from dmae.reporting.page import CaptionedFigure, Section, write_report
@@ -75,6 +78,7 @@ def write_clips_report(
     sections = [
         *clips_section(findings, ranges),
         *moments_section(findings, ranges),
+        *(angles_section(clips[0], cuts[0]) if clips is not None and len(findings) == 1 and cuts else []),
         *doubts_section(findings, ranges),
         *breakdown_sections(findings),
         *uncertainty_section(findings),
@@ -378,6 +382,52 @@ def uncertainty_section(findings: Sequence[Findings]) -> list[Section]:
         )
     caption = "Stated against measured probability; on the diagonal the uncertainty is correct."
     return [Section("Is the uncertainty right?", words, [table], [CaptionedFigure(caption, _regions_figure(regions))])]
+
+
+def angles_section(clip: Clip, frames: slice) -> list[Section]:
+    """Return the angles of the legs of each person in some frames of a clip; nothing for stills or other bodies."""
+    poses = None if clip.poses is None else clip.poses.select(frames)
+    if poses is None or are_stills(clip.fps) or not can_move(poses.skeleton):
+        return []
+    poses = poses.without(np.isinf(poses.xyz).any(-1))  # Files cannot hold infinite coordinates, but users can.
+    values, spread = leg_angles(poses)
+    seconds = (frames.start + np.arange(len(values))) / clip.fps
+    figures = []
+    for person in np.flatnonzero(np.isfinite(values).any((0, 2, 3))).tolist():
+        guessed = [_guessed(poses, person, joints) for joints in SHOWN_BY.values()]
+        figure = _angles_figure(seconds, values[:, person], spread[:, person], np.stack(guessed, 1))
+        figures.append(CaptionedFigure(f"{person_name(person)}, with one standard deviation on both sides.", figure))
+    words = (
+        "Flexion of hips and knees and dorsiflexion of ankles, as in the joint angles for OpenSim (format=mot). There "
+        "is no line where joints do not determine an angle; where it is underlaid in red, no camera measured one of "
+        "the joints that show it."
+    )
+    return [Section("Joint angles", words, figures=figures)] if figures else []
+
+
+def _guessed(poses: Poses3D, person: int, joints: Sequence[str]) -> np.ndarray:
+    """Return (F, 2) True where one of the joints is completed, of the right and of the left side."""
+    names = [[f"{side}_{joint}" for joint in joints] for side in "rl"]
+    index = [[poses.skeleton.joints.index(name) for name in side if name in poses.skeleton.joints] for side in names]
+    return np.stack([(poses.source[:, person, side] == Source.COMPLETED).any(-1) for side in index], -1)
+
+
+def _angles_figure(seconds: np.ndarray, values: np.ndarray, spread: np.ndarray, guessed: np.ndarray) -> Figure:
+    """Draw angles (F, 3, 2), degrees, right sides first, with their standard deviations, where they are guessed too."""
+    figure = Figure(figsize=(12, 3), layout="constrained")
+    panels = figure.subplots(1, len(SHOWN_BY))
+    for number, (axes, name) in enumerate(zip(panels, SHOWN_BY, strict=True)):
+        for side, (label, colour) in enumerate(zip(("right", "left"), PERSONS, strict=False)):
+            value, sd = values[:, number, side], spread[:, number, side]
+            axes.fill_between(seconds, value - sd, value + sd, color=colour, alpha=0.2, linewidth=0)
+            marked = np.where(guessed[:, number, side], value, np.nan)
+            axes.plot(seconds, marked, color=COMPLETED, alpha=0.5, linewidth=5)
+            axes.plot(seconds, value, color=colour, linewidth=1.2, label=label)
+        axes.set(title=name, xlabel="s", xlim=(seconds[0], seconds[-1] + 1e-3))
+        plain(axes)
+    panels[0].set_ylabel("degrees")
+    panels[-1].legend(frameon=False)
+    return figure
 
 
 def residuals_section(findings: Sequence[Findings]) -> list[Section]:

@@ -10,6 +10,7 @@ from dmae.data.images import Images
 from dmae.evaluation.report import page as report_page
 from dmae.evaluation.report.page import write_clips_report
 from dmae.formats.poses import SOURCE_WORDS
+from tests.support.animals import dog_clip
 from tests.support.clips import full_clip
 from tests.support.reported_clips import completed_clip
 
@@ -76,3 +77,16 @@ def test_joints_at_infinity_do_not_break_the_page(tmp_path, lost):
     xyz[3, 0, 2] = np.inf
     dmae.report(replace(clip, **{lost: replace(getattr(clip, lost), xyz=xyz)}), tmp_path / "report.html")
     assert players(tmp_path / "report.html")[0]["frames"] == 30
+
+
+def test_joint_angles_are_drawn_for_each_person_of_one_clip(tmp_path):
+    clip = completed_clip()
+    write_clips_report(tmp_path / "one.html", [clip])
+    page = (tmp_path / "one.html").read_text()
+    assert "<h2>Joint angles</h2>" in page
+    persons = clip.poses.xyz.shape[1]
+    assert page.count("with one standard deviation on both sides.</figcaption>") == persons
+    clips = [clip, replace(clip, id="b")], [replace(clip, fps=0.5)], [dog_clip(20)]
+    for others in clips:
+        write_clips_report(tmp_path / "others.html", others)
+        assert "Joint angles" not in (tmp_path / "others.html").read_text()
