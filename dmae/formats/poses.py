@@ -42,7 +42,7 @@ def read_poses(path: Path) -> PoseFile:
     if found is None and not path.exists():
         raise FileNotFoundError(f"{path}: expected poses, found no such file or folder")
     if found is None:
-        raise ValueError(f"{path}: expected poses, {_expected()}; found none of them")
+        raise ValueError(f"{path}: expected poses, {_expected(path)}; found none of them")
     try:
         return found.function(path)
     except KeyError as error:
@@ -74,7 +74,9 @@ def pose_paths(path: Path) -> dict[str, Path] | None:
         if found.setdefault(name, item) != item:
             raise ValueError(f"{path}: expected poses of clip {name!r} once, found {found[name].name} and {item.name}")
     if not found:
-        raise FileNotFoundError(f"{path}: expected poses, {_expected()}, a file or folder for each clip; found none")
+        raise FileNotFoundError(
+            f"{path}: expected poses, a file or folder for each clip, {_expected(path)}; found none"
+        )
     return found
 
 
@@ -85,8 +87,10 @@ def _reader(path: Path) -> PoseReader | None:
     return next((each for each in pose_reader.values() if there and fnmatch(path.name, each.file)), None)
 
 
-def _expected() -> str:
-    return " or ".join(each.file or f"a folder of {each.signs[0]}" for each in pose_reader.values())
+def _expected(path: Path) -> str:
+    formats = " or ".join(each.file or f"a folder of {each.signs[0]}" for each in pose_reader.values())
+    on_skin = " (markers of a C3D are on the skin, not at joints: docs/how-to/biomechanics.md)"
+    return formats + on_skin * (path.suffix.lower() == ".c3d")
 
 
 SOURCE_WORDS = {

@@ -22,6 +22,7 @@ EXECUTED = ROOT / "docs/tutorials/executed"
 TITLES = {
     "clip_from_arrays": "A clip from your own arrays",
     "pose2sim_recording": "A Pose2Sim recording to completed 3D",
+    "gait_cycles": "Heel strikes and gait cycles",
     "dataset_and_model": "A data set, and a model trained on it",
     "train_a_detector": "A detector that learns from simulated images",
     "triangulation_check": "Your triangulation under pytest",

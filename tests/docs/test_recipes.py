@@ -177,3 +177,27 @@ def test_the_workflow_that_guards_scores_runs(tmp_path: Path):
         done = run_command(tmp_path, program, *arguments)
         assert done.returncode == 0, done.stderr
     assert "passed: of" in done.stdout
+
+
+def test_angles_are_plotted_and_compared_with_those_of_a_laboratory(tmp_path: Path, monkeypatch, capsys):
+    """The laboratory is our own export, 0.4 s later and 3 degrees more, and our own joints."""
+    page = (PAGES / "biomechanics.md").read_text()
+    plot, compare, joints = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    clip = next(synth.generate(seconds=3, clips=1, persons=[1, 1], scene="studio", seed=7))
+    clip = replace(clip, occlusion=None, detection_labels=None)
+    poses = dmae.capture(clip)
+    dmae.save(replace(clip, poses=poses), "runs/completed")
+    dmae.export(clip, "walk.mot", poses=poses)
+    dmae.export(clip, "lab.trc", poses=poses)
+    exec(plot, {})
+    assert Path("knee.png").stat().st_size > 10_000
+    names, *rows = Path("walk.mot").read_text().split("endheader\n")[1].splitlines()
+    values = [[float(cell) for cell in row.split("\t")] for row in rows]
+    moved = [[row[0] + 0.4, *(value + 3 for value in row[1:])] for row in values]
+    lines = ["lab", "endheader", names, *("\t".join(map(str, row)) for row in moved)]
+    Path("lab.mot").write_text("\n".join(lines) + "\n")
+    exec(compare, {})
+    assert capsys.readouterr().out == "0.40 s later; bias -3.0, RMSE without it 0.0 degrees\n"
+    exec(joints, {})
+    assert "'all': 0.0" in capsys.readouterr().out

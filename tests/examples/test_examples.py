@@ -19,7 +19,7 @@ _NUMBER = re.compile(r"(?<![\w.-])-?\d+(?:\.\d+)?")
 _ROUNDING = re.compile(r"(?<=far-world: worst )[\d.]+ mm")
 """What a solver without enough digits is off by, 5400 km from the origin: 5.5 mm on one processor, 8.3 on another."""
 SCRIPTS = sorted(EXAMPLES.glob("*.py"))
-NEEDS_RECORDINGS = {"pose2sim_recording"}
+NEEDS_RECORDINGS = {"pose2sim_recording", "gait_cycles"}
 SMALLER = {
     "dataset_and_model": (
         ["4"],

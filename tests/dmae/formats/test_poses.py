@@ -160,3 +160,10 @@ def test_files_of_coco_and_openpose_hold_them(tmp_path):
     dmae.export(clip, tmp_path / "openpose", format="openpose")
     file = next((tmp_path / "openpose" / rig.names[2]).glob("*_000000000001_keypoints.json"))
     assert json.loads(file.read_text())["people"][0]["joint_covariance"] == expected
+
+
+def test_markers_are_answered_with_how_to_compare_them(tmp_path):
+    (tmp_path / "lab.c3d").touch()
+    for read in (read_poses, pose_paths):
+        with pytest.raises((ValueError, FileNotFoundError), match="markers of a C3D are on the skin, not at joints"):
+            read(tmp_path / "lab.c3d")
