@@ -19,11 +19,12 @@ from dmae.command_line.help import command_help, program_help
 from dmae.command_line.inputs import check_inputs
 from dmae.command_line.options import Command, Group, Option, Presets, Program, presets_of
 from dmae.command_line.outputs import check_out, locked, record
-from dmae.command_line.spelling import checked, choices, split_flags, sweeps
+from dmae.command_line.spelling import checked, split_flags
 from dmae.commands import COMMANDS
 from dmae.formats.registry import reader
+from dmae.nearest import choices
 
-_HELP = ("-h", "--help", "help")
+_HELP = ("-h", "--help")
 DMAE = Program(
     "dmae",
     "Capture people with several cameras, complete the joints that no camera measured, and score the result.",
@@ -41,12 +42,15 @@ def run_program(program: Program) -> None:
     one line on Ctrl-C.
     """
     interruption.began = time.monotonic()
+    # Nothing that is loaded is garbage: looking for it takes a quarter of the time to load `dmae train`.
+    gc.disable()
     try:
         _run_program(program)
     except BrokenPipeError:
         _end_without_reader()
     finally:
         interruption.began = None
+        gc.enable()
 
 
 def _end_without_reader() -> NoReturn:
@@ -57,17 +61,17 @@ def _end_without_reader() -> NoReturn:
 
 def _run_program(program: Program) -> None:
     name, *arguments = sys.argv[1:] or ["--help"]
-    if name in _HELP:
-        name, *arguments = [*arguments, ""]
-        arguments = ["--help", *arguments]
     if name == "--version":
         from importlib import metadata  # a tenth of the time of `--help`, which does not need it
 
         print(f"{program.name} {metadata.version('dmae-synth')}")
         return
-    if not name:
-        print(program_help(program))
-        return
+    if name in (*_HELP, "help"):
+        if not arguments:
+            print(program_help(program))
+            return
+        name, *topics = arguments
+        arguments = ["--help", *topics]
     if name not in program.commands:
         sys.exit(f"{program.name}: no command {name!r}; {choices(name, program.commands)}")
     command = program.commands[name]
@@ -83,20 +87,17 @@ def _run_program(program: Program) -> None:
 
 
 def _run_command(command: Command, arguments: list[str], interrupted: interruption.Interruption) -> None:
-    with _kept():
-        options = command.options()
-    if asked := [argument for argument in arguments if argument in _HELP[:2]]:
-        topics = [
-            argument for argument in arguments[arguments.index(asked[0]) + 1 :] if argument and "=" not in argument
-        ]
-        print(command_help(command, options, topics[0] if topics else ""))
+    options = command.options()
+    if asked := [place for place, argument in enumerate(arguments, 1) if argument in _HELP]:
+        topics = [argument for argument in arguments[asked[0] :] if "=" not in argument]
+        print(command_help(command, options, *topics[:1]))
         return
     flags, folders, overrides = split_flags(arguments)
     options, own, overrides = _with_own_presets(command, options, folders, overrides)
     overrides = checked(options, overrides, flags, presets=bool(folders))
     for override in overrides:
         if override.startswith("out=") and not set("$'\"") & set(override):
-            check_out(override.removeprefix("out="), "folder" if sweeps(flags) else command.writes)
+            check_out(override.removeprefix("out="), "folder" if "--multirun" in flags else command.writes)
     _run_hydra(command, options, own, [*flags, *overrides], interrupted)
 
 
@@ -172,9 +173,10 @@ def _apply(command: Command, options: Group, config, interrupted: interruption.I
         raise ValueError(f"expected {', '.join(f'{key}=...' for key in missing)}")
     values, out = OmegaConf.to_object(config), None
     check_inputs(values, options)
-    with waiting("loading"), _kept():
+    with waiting("loading"):
         module = command.module
     interrupted.check()
+    gc.enable()
     if "out" in config:
         given = config.out
         if given is not None and HydraConfig.initialized() and HydraConfig.get().mode == RunMode.MULTIRUN:
@@ -199,20 +201,6 @@ def _apply(command: Command, options: Group, config, interrupted: interruption.I
             record(OmegaConf.to_yaml(config, resolve=True), out)
         if verdict:
             raise verdict
-
-
-@contextmanager
-def _kept() -> Iterator[None]:
-    """Look for no garbage in what is loaded in the block, which takes a quarter of the time to load `dmae train`."""
-    collects, before = gc.isenabled(), len(sys.modules)
-    gc.disable()
-    try:
-        yield
-    finally:
-        if len(sys.modules) > before:
-            gc.freeze()
-        if collects:
-            gc.enable()
 
 
 def compose(command: Command, overrides: Sequence[str]) -> object:
@@ -243,7 +231,9 @@ def _stored(command: Command, options: Group, own: Presets, arguments: Sequence[
     from hydra.core.config_store import ConfigStore
 
     store = ConfigStore.instance()
-    before, store.repo = store.repo, dict(store.repo)
+    # `data=...` and others are groups of presets for some commands, and plain paths for others.
+    other = {member.key for member in options.members}
+    before, store.repo = store.repo, {name: node for name, node in store.repo.items() if name not in other}
     store.store(name=f"{command.name}_schema", node=_schema(command.configuration))
     groups = [{group: preset} for group, preset in command.presets.items()]
     # Hydra writes nothing of its own; results go to `out`, and under `-m` to `out/0`, `out/1`, ...
@@ -253,9 +243,6 @@ def _stored(command: Command, options: Group, own: Presets, arguments: Sequence[
     own_files = {"output_subdir": None, "run": {"dir": "."}, "sweep": {"dir": sweep, "subdir": "${hydra.job.num}"}}
     defaults = [f"{command.name}_schema", *groups, "_self_", *silent]
     store.store(name=command.name, node={"defaults": defaults, "hydra": own_files})
-    for member in options.members:
-        # `data=...` and others are groups of presets for some commands, and plain paths for others.
-        store.repo.pop(member.key, None)
     # Only presets that may be meant: Hydra takes milliseconds for each.
     asked = f"{arguments} {own} {command.presets}"
     for group in command.presets:
@@ -290,8 +277,6 @@ def _schema(configuration: type):
 
 def _in_one_line(error: Exception) -> str:
     """What to say of an error: of Hydra's and OmegaConf's the reason, without advice to add options."""
-    if override := getattr(error, "override", None):
-        return f"{override}: cannot be read; look at its quotes and brackets"
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}"
     if type(error).__module__.split(".")[0] not in ("hydra", "omegaconf"):

@@ -16,13 +16,14 @@ import hashlib
 import importlib.util
 import inspect
 import sys
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 from functools import cache, cached_property
 from importlib import import_module
 from pathlib import Path
 from typing import Generic, TypeVar
+
+from dmae.nearest import unknown
 
 E = TypeVar("E", bound="Entry")
 
@@ -146,12 +147,6 @@ class Registry(Mapping[str, E], Generic[E]):
         if not docstring or not docstring.strip():
             raise ValueError(f"{self.kind} {name!r}: expected a docstring; its first line is the help")
         return docstring.strip().splitlines()[0]
-
-
-def unknown(kind: str, name: str, known: Collection[str]) -> str:
-    """Return the message for a name that is not known: the nearest one, and all."""
-    near = get_close_matches(name, known, 1)
-    return f"no {kind} {name!r}; {f'did you mean {near[0]!r}? There' if near else 'there'} are {', '.join(known)}"
 
 
 @cache

@@ -6,7 +6,6 @@ import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from copy import deepcopy
 from dataclasses import asdict, is_dataclass, replace
-from difflib import get_close_matches
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +16,7 @@ from dmae.data.clip import Clip, as_clip
 from dmae.data.json_values import decode
 from dmae.data.rng import Stream, generator
 from dmae.data.store import clip_folders, load_clip
+from dmae.nearest import suggestion
 from dmae.parallel import in_parallel, running_on
 from synth.cli import SYNTH
 from synth.errors import FailedSimulation
@@ -96,8 +96,7 @@ def _configured(command: str, config: Any, given: dict[str, Any]) -> Any:
     values = asdict(config)
     of_scene = {name: given.pop(name) for name in ("seconds", "persons") if name in given and name not in values}
     for name in given.keys() - values.keys():
-        near = get_close_matches(name, values, 1)
-        raise TypeError(f"{command}: no option {name}{f'; did you mean {near[0]}?' if near else ''}")
+        raise TypeError(f"{command}: no option {name}; {suggestion(name, values)}")
     values |= {name: _plain(value) for name, value in given.items()}
     if of_scene:
         values["scene"] |= of_scene

@@ -13,6 +13,7 @@ LAYERS = (
     (
         "dmae.data",
         "dmae.files",
+        "dmae.nearest",
         "dmae.numerics",
         "dmae.parallel",
         "dmae.progress",

@@ -7,7 +7,8 @@ import textwrap
 from collections.abc import Iterator, Sequence
 
 from dmae.command_line.options import REQUIRED, Command, Group, Option, Program
-from dmae.command_line.spelling import required, suggestion
+from dmae.command_line.spelling import required
+from dmae.nearest import suggestion
 
 _FLAGS = (
     ("-m, --multirun", "run every combination of key=a,b values, in out/0, out/1, ..."),

@@ -15,8 +15,7 @@ from dmae.files.contents import read_text
 from dmae.files.structured import parse_yaml
 
 _NAME = re.compile(r"[\w-]+")
-_PACKAGE = re.compile(r"#\s*@package\s+(\S+)")
-_MOST_BYTES, _MOST_FILES = 1 << 20, 1000
+_MOST_BYTES = 1 << 20
 
 
 def read_presets(options: Group, folder: Path) -> dict[str, dict[str, Preset]]:
@@ -32,8 +31,6 @@ def read_presets(options: Group, folder: Path) -> dict[str, dict[str, Preset]]:
         if not (isinstance(group, Group) and group.presets):
             continue
         files = sorted((folder / group.key).glob("*.yaml"))
-        if len(files) > _MOST_FILES:
-            raise ValueError(f"{folder / group.key}: expected at most {_MOST_FILES} presets, found {len(files)}")
         found[group.key] = {file.stem: _read(options, group, file) for file in files}
     return found
 
@@ -80,12 +77,6 @@ def _read(options: Group, group: Group, file: Path) -> Preset:
     if not _NAME.fullmatch(file.stem):
         raise ValueError(f"{str(file)!r}: expected a preset's name of letters, digits, - and _")
     text = read_text(file, _MOST_BYTES)
-    for line in text.splitlines():
-        package = _PACKAGE.match(line)
-        if package and package[1] not in (group.key, "_group_"):
-            raise ValueError(
-                f"{file}: @package {package[1]}: a preset of {group.key} holds options of {group.key} alone"
-            )
     try:
         values = parse_yaml(text)
     except ValueError as error:
@@ -124,9 +115,6 @@ def _check(options: Group, file: Path, key: str, value) -> None:
 def _check_data(file: Path, key: str, value) -> None:
     if isinstance(value, dict):
         for name, member in value.items():
-            if str(name).startswith("_") and str(name).endswith("_"):
-                raise ValueError(f"{file}: {key}.{name}: a preset holds values; it cannot call anything")
-            _check_data(file, key, str(name))
             _check_data(file, f"{key}.{name}", member)
     elif isinstance(value, list):
         for place, member in enumerate(value):

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TypeVar
 
-from dmae.registry import unknown
+from dmae.nearest import unknown
 
 T = TypeVar("T")
 

@@ -5,12 +5,11 @@
 """
 
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
 
 from dmae.files.structured import read_yaml
-from dmae.registry import unknown
+from dmae.nearest import suggestion, unknown
 
 PERSON_M = 1.7
 """m; the size of people. Lengths in configurations and methods are valid for this size."""
@@ -359,7 +358,8 @@ def _define(values: object) -> Skeleton:
             parents.append(-1)
             continue
         if parent not in names:
-            raise ValueError(f"joint {joint!r}: its parent {_short(parent)} is no joint{_near(parent, names)}")
+            near = f"{suggestion(str(parent), names):.200}"
+            raise ValueError(f"joint {joint!r}: its parent {_short(parent)} is no joint; {near}")
         parents.append(names.index(parent))
     pairs = _pairs(values.get("mirror"), names, parents)
     torso = None if values.get("torso") is None else _joints(values["torso"], names, "torso")
@@ -394,7 +394,7 @@ def _joints(values: object, names: list[str], key: str) -> tuple[int, ...]:
         raise ValueError(f"{key}: expected a list of joints, found {_short(values)}")
     for number, joint in enumerate(values):
         if joint not in names:
-            raise ValueError(f"{key}: {_short(joint)} is no joint{_near(joint, names)}")
+            raise ValueError(f"{key}: {_short(joint)} is no joint; {suggestion(str(joint), names):.200}")
         if joint in values[:number]:
             raise ValueError(f"{key}: {joint!r} occurs twice")
     return tuple(names.index(joint) for joint in values)
@@ -416,11 +416,6 @@ def _size(value: object) -> float | None:
     if isinstance(value, bool) or not isinstance(value, int | float) or not _SIZES[0] <= value <= _SIZES[1]:
         raise ValueError(f"size_m: expected a number from {_SIZES[0]:g} to {_SIZES[1]:g} m, found {_short(value)}")
     return float(value)
-
-
-def _near(name: object, names: list[str]) -> str:
-    near = get_close_matches(name, names, 1) if isinstance(name, str) else []
-    return f"; did you mean {near[0]!r}?" if near else f"; there are {', '.join(names)[:200]}"
 
 
 def _short(value: object) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import fields, replace
-from difflib import get_close_matches
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -26,6 +25,7 @@ from dmae.formats.config import DataConfig, LengthUnit
 from dmae.formats.poses import PoseFile
 from dmae.formats.reading import Clips
 from dmae.formats.writing import write_poses, write_recording
+from dmae.nearest import suggestion
 from dmae.reconstruction.config import CaptureConfig
 
 
@@ -59,8 +59,7 @@ def read(path: str | Path, fps: float | None = None, format: str | None = None, 
     """
     path = Path(path)
     for name in options.keys() - _FIELDS:
-        near = get_close_matches(name, _FIELDS, 1)
-        raise TypeError(f"read: no option {name}{f'; did you mean {near[0]}?' if near else ''}")
+        raise TypeError(f"read: no option {name}; {suggestion(name, _FIELDS)}")
     try:
         clips = Clips(checked(DataConfig(name=format, path=str(path), fps=fps, **options)))
         if len(clips) != 1:

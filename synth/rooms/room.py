@@ -21,7 +21,7 @@ import numpy as np
 from dmae.files.checks import check_numbers
 from dmae.files.contents import check_file, read_text
 from dmae.files.images import check_image
-from dmae.registry import unknown
+from dmae.nearest import unknown
 from synth.rooms.config import mjcf_names, room_folder
 from synth.rooms.rays import at_rest
 

@@ -97,7 +97,7 @@ def test_two_functions_of_one_name_are_refused(animal, tmp_path):
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("dig", "no animal 'dig'; did you mean 'dog'? There are dog, sing, and package.module:function names another"),
+        ("dig", "no animal 'dig'; did you mean dog? There are dog, sing, and package.module:function names another"),
         ("xyz", "no animal 'xyz'; there are dog, sing, and package.module:function names another"),
         ("farm:bleat", "pet=farm:bleat: farm has no function 'bleat'; it has ['moo']"),
         ("farm:moo", "pet=farm:moo: expected a function under the decorator animal(...)"),

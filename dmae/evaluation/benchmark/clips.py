@@ -25,11 +25,11 @@ from dmae.data.store import load_clip, read_manifest, save_clip
 from dmae.evaluation.config import BenchmarkSize
 from dmae.files.contents import write_atomic
 from dmae.files.structured import read_json, read_yaml
+from dmae.nearest import unknown
 from dmae.parallel import backend_in_use, in_parallel
 from dmae.progress import progress
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
-from dmae.registry import unknown
 
 _GROUPS = ("scene", "props", "motion", "interaction", "rig", "detector", "occlusion", "retries")
 """Options of `synth generate` that a definition can contain. The others set the output and the number of clips."""

@@ -44,6 +44,9 @@ def folder(tmp_path_factory):
         ("synth generate scene=ofice", "scene=ofice: no such choice; did you mean office?"),
         ("synth generate rig.count=4", "rig.count: no such option; there are rig.name, rig.path, rig.size"),
         ("synth generate scene.views=4", "elsewhere there is rig.ring.views"),
+        ("synth generate rig.views=4", "did you mean one of rig.ring.views, rig.dome.views, rig.random.views?"),
+        ("synth generate rig.ring.height=1,2", "a list is written as rig.ring.height=[a,b]"),
+        ("dmae capture -m data=shelf,opnpose", "data=opnpose: neither a folder nor a format; did you mean openpose?"),
         ("synth generate rig=moon", "rig=moon: no such choice; there are campus, dome"),
         ("synth generate rig=moon", "studio5; one of yours is <folder>/rig/moon.yaml, with --config-dir=<folder>"),
         ("synth generate detector=a/detector/b.yaml", "<folder>/detector/<name>.yaml, there is no such file"),
@@ -140,7 +143,7 @@ def test_the_whole_error_is_shown_on_demand(folder, monkeypatch):
     ],
 )
 def test_one_name_is_short_for_a_list_of_it(command, given, taken):
-    assert checked(DMAE.commands[command].options(), [given], ["--info"]) == [taken]
+    assert checked(DMAE.commands[command].options(), [given], ["--cfg", "job"]) == [taken]
 
 
 @pytest.mark.parametrize(
@@ -168,7 +171,7 @@ def test_paths_and_texts_of_any_characters_need_no_quotes(text):
 @pytest.mark.parametrize("text", ["Müller, Hans/01", "O'Neill, (links)", "a,b"])
 def test_a_text_with_commas_is_one_text_unless_several_are_tried_in_turn(text):
     assert compose(DMAE.commands["export"], ["clip=set", f"out={text}"]).out == text
-    assert len(checked(DMAE.commands["export"].options(), ["clip=set", "out=a,b"], ["-m"])) == 2
+    assert len(checked(DMAE.commands["export"].options(), ["clip=set", "out=a,b"], ["--multirun"])) == 2
 
 
 def test_a_folder_with_a_comma_is_one_recording(folder):
@@ -181,6 +184,11 @@ def test_a_folder_with_a_comma_is_one_recording(folder):
 def test_quotes_and_brackets_of_the_user_are_left_to_the_user(value):
     with pytest.raises(ValueError, match=r"cannot be read; look at its quotes and brackets"):
         checked(DMAE.commands["export"].options(), ["clip=set", f"out={value}"])
+
+
+def test_a_pattern_tries_all_presets_that_match(folder):
+    done = run_command(folder, "synth", "generate", "-m", "rig=glob(r*)", "clips=0")
+    assert "clips: expected 1 or more" in done.stderr
 
 
 def test_entries_of_a_dictionary_are_options(folder):

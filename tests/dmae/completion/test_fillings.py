@@ -464,7 +464,7 @@ def test_help_is_read_from_the_source_without_imports():
 
 
 def test_a_mistyped_name_is_answered_with_the_nearest():
-    with pytest.raises(ValueError, match=r"no completion method 'lineer'; did you mean 'linear'\? There are .*pchip"):
+    with pytest.raises(ValueError, match=r"no completion method 'lineer'; did you mean linear\? There are .*pchip"):
         find_method("lineer")
 
 

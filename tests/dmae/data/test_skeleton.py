@@ -125,7 +125,7 @@ def test_without_a_torso_it_is_the_roots_and_their_children():
     ("text", "message"),
     [
         (START + "  a: b\n  b: a\n", r"spider.yaml: skeleton 'spider': parents run in a circle, through a, b"),
-        (START + "  leg: boddy\n", r"joint 'leg': its parent 'boddy' is no joint; did you mean 'body'\?"),
+        (START + "  leg: boddy\n", r"joint 'leg': its parent 'boddy' is no joint; did you mean body\?"),
         (START + "  leg: body\n  leg: body\n", "key 'leg' twice"),
         (START + "  leg: body\nmirror: [[leg, arm]]\n", "mirror: 'arm' is no joint"),
         (START + "  leg: body\nmirror: [[leg, leg]]\n", "mirror: 'leg' occurs twice"),

@@ -131,9 +131,7 @@ def test_folders_with_files_are_not_written_into(name, captured, tmp_path):
 
 @pytest.mark.parametrize(("kind", "wrong", "right"), [("reader", "shlef", "shelf"), ("pose_writer", "tcr", "trc")])
 def test_a_mistyped_format_is_answered_with_the_nearest(kind, wrong, right):
-    said = (
-        rf"no {kind.replace('_', ' ')} '{wrong}'; did you mean '{right}'\? There are .*coco, .*:function names another"
-    )
+    said = rf"no {kind.replace('_', ' ')} '{wrong}'; did you mean {right}\? There are .*coco, .*:function names another"
     with pytest.raises(ValueError, match=said):
         REGISTRIES[kind].find(wrong)
 

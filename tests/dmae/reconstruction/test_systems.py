@@ -220,7 +220,7 @@ class TestOwnMethod:
             captured(full_clip(frames=3), "tests.dmae.reconstruction.test_systems:too_short")
 
     def test_unknown(self):
-        with pytest.raises(ValueError, match="no capture method 'mv_pose'; did you mean 'mvpose'"):
+        with pytest.raises(ValueError, match="no capture method 'mv_pose'; did you mean mvpose"):
             CaptureConfig(method="mv_pose")
 
 

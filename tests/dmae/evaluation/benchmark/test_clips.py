@@ -92,7 +92,7 @@ def test_a_wrong_definition_is_refused_with_its_file(tmp_path: Path, old: str, n
 
 
 def test_an_unknown_name_is_answered_with_the_nearest(tmp_path: Path):
-    with pytest.raises(ValueError, match="did you mean 'occlusion-v2'"):
+    with pytest.raises(ValueError, match="did you mean occlusion-v2"):
         find_definition("oclusion-v1")
     with pytest.raises(FileNotFoundError, match="no such file"):
         find_definition(str(tmp_path / "none.yaml"))

@@ -102,7 +102,7 @@ def test_a_clip_without_poses_is_named(tmp_path: Path):
 @pytest.mark.parametrize(
     ("name", "task", "message"),
     [
-        ("linar", Task.completion, "did you mean 'linear'"),
+        ("linar", Task.completion, "did you mean linear"),
         ("no_such_module:fill", Task.completion, "cannot import no_such_module"),
         ("triangulate", Task.capture, "captures=triangulate: expected capture, 4d_association, mvpose, "),
         ("tests.support.clips:nothing", Task.capture, "has no function 'nothing'"),

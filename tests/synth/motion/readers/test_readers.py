@@ -164,7 +164,7 @@ def test_a_new_module_of_the_package_is_a_choice_of_motion(tmp_path):
 @pytest.mark.parametrize(
     ("kind", "message"),
     [
-        ("bhv", "no motion 'bhv'; did you mean 'bvh'? There are procedural, recorded, amc, bvh, c3d, npz, and"),
+        ("bhv", "no motion 'bhv'; did you mean bvh? There are procedural, recorded, amc, bvh, c3d, npz, and"),
         ("my_readers:write", "my_readers has no function 'write'; it has ['read_motion']"),
         ("no_such_module:read", "motion.kind=no_such_module:read: cannot import no_such_module"),
     ],
