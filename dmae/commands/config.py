@@ -287,6 +287,8 @@ class ExportCommand:
     covariance. By default all joints are written."""
     robot: str | None = field(default=None, metadata={"reads": "path"})
     """MJCF of the Unitree G1, for g1 and lerobot; by default that of an installed mjlab."""
+    people: list[str] = field(default_factory=list)
+    """Persons to write and their names in files, as [P1:anna,P3]; by default all, as P1, P2, ..."""
     out: str = "???"
     """File to write, by default with the suffix of the format; for panoptic, openpose and lerobot a folder."""
 

@@ -23,7 +23,14 @@ def run(config: ExportCommand, out: Path) -> None:
     clip = load_clip(folder)
     kept = with_decisions(clip, folder)
     written = write_poses(
-        kept, out, config.format, skeleton=config.skeleton, unit=config.unit, keep_mm=config.keep_mm, robot=config.robot
+        kept,
+        out,
+        config.format,
+        skeleton=config.skeleton,
+        unit=config.unit,
+        keep_mm=config.keep_mm,
+        robot=config.robot,
+        people=config.people,
     )
     frames, persons = written.poses.xyz.shape[:2]
     size = f"{counted(frames, 'frame')}, {counted(persons, 'person', 'people')}"

@@ -31,6 +31,11 @@ def person_name(person: int) -> str:
     return f"P{person + 1}"
 
 
+def person_names(clip: "Clip", persons: int) -> list[str]:
+    """Return the names of the persons of a clip in files that are exported: those that an export gives, or P1, ..."""
+    return clip.provenance.get("people") or [person_name(person) for person in range(persons)]
+
+
 NOT_KNOWN = {"xyz": np.nan, "source": Source.ABSENT, "cov": np.nan, "views": 0, "rays": np.nan}
 """Value of each array of `Poses3D` where a joint is absent."""
 _BY_NAME = "; get_skeleton(name) returns one"

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from dmae.data.clip import Clip, Poses3D, person_name
+from dmae.data.clip import Clip, Poses3D, person_names
 from dmae.files.contents import write_atomic, written
 from dmae.files.mapped import frame_blocks
 from dmae.formats.animation import JointRotations, joint_rotations, with_bodies
@@ -25,12 +25,13 @@ def write_bvh(
     poses: Poses3D, clip: Clip, path: Path, *, unit: LengthUnit = LengthUnit.m, rig: str | None = None
 ) -> list[Path]:
     """Biovision BVH: joint angles on a T-pose, a file for each person."""
-    files, paths = [], person_paths(path, poses.xyz.shape[1])
+    people = person_names(clip, poses.xyz.shape[1])
+    files, paths = [], person_paths(path, people)
     metre, order = (METRES[unit], _ORDER) if rig is None else (CENTIMETRES, _RIG_ORDER)
 
     def motion_of(person: int) -> JointRotations:
         motion = joint_rotations(poses, clip.fps, person)
-        return motion if rig is None else as_rig(motion, rig, person_name(person))
+        return motion if rig is None else as_rig(motion, rig, people[person])
 
     for person, motion in with_bodies(len(paths), motion_of):
         if motion is None:

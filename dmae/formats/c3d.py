@@ -1,12 +1,13 @@
 """C3D, the binary format of biomechanics: mm, z up, one marker per joint; written by ezc3d."""
 
 import tempfile
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from dmae.data.clip import Clip, Poses3D, Source, person_name
+from dmae.data.clip import Clip, Poses3D, Source, person_names
 from dmae.files.contents import write_atomic
 from dmae.files.mapped import by_frames, frame_blocks, in_steps
 from dmae.formats.registry import pose_writer
@@ -36,25 +37,25 @@ def write_c3d(poses: Poses3D, clip: Clip, path: Path) -> list[Path]:
         import ezc3d  # noqa: F401
     except ImportError:
         raise ValueError("format=c3d needs ezc3d: pip install 'dmae-synth[c3d]'") from None
-    path, frames = Path(path), len(poses.xyz)
+    path, frames, people = Path(path), len(poses.xyz), person_names(clip, poses.xyz.shape[1])
     if frames <= _MOST_FRAMES:
-        _write(poses, clip.fps, path)
+        _write(poses, clip.fps, people, path)
         return [path]
     parts = []
     for start in in_steps(range(0, frames, _PART_FRAMES)):
         part = path.with_name(f"{path.stem}_{start:06d}{path.suffix}")
-        _write(poses.select(slice(start, start + _PART_FRAMES)), clip.fps, part)
+        _write(poses.select(slice(start, start + _PART_FRAMES)), clip.fps, people, part)
         parts.append(part)
     return parts
 
 
-def _write(poses: Poses3D, fps: float, path: Path) -> None:
+def _write(poses: Poses3D, fps: float, people: Sequence[str], path: Path) -> None:
     """Write one file of at most `_MOST_FRAMES` frames."""
     import ezc3d
 
     frames, persons, joints = poses.source.shape
     names = [opensim_marker(joint, poses.skeleton) for joint in poses.skeleton.joints]
-    labels = names if persons == 1 else [f"{person_name(person)}:{name}" for person in range(persons) for name in names]
+    labels = names if persons == 1 else [f"{person}:{name}" for person in people for name in names]
     points = np.ones((4, persons * joints, frames))
     for part in frame_blocks(poses.xyz):
         points[:3, :, part] = 1000 * poses.xyz[part].reshape(-1, persons * joints, 3).transpose(2, 1, 0)

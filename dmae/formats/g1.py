@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from dmae.data.clip import Clip, Poses3D, Source
+from dmae.data.clip import Clip, Poses3D, Source, person_name, person_names
 from dmae.files.contents import whole_folder, write_atomic, written
 from dmae.formats.config import LengthUnit
 from dmae.formats.poses import person_paths
@@ -39,12 +39,15 @@ def write_g1(
     """
     if unit == LengthUnit.mm:
         raise ValueError("unit=mm: format=g1 is in m and radians (unit=m) or in cm and degrees (unit=cm)")
-    return write_joint_csv(retarget(poses, clip.fps, load_robot(robot)), path, unit)
+    motion, people = retarget(poses, clip.fps, load_robot(robot)), person_names(clip, poses.xyz.shape[1])
+    return write_joint_csv(motion, path, unit, people)
 
 
-def write_joint_csv(motion: RobotMotion, path: Path, unit: LengthUnit = LengthUnit.m) -> list[Path]:
-    """Write the motion of each robot. Return the files."""
-    files = person_paths(path, motion.qpos.shape[1])
+def write_joint_csv(
+    motion: RobotMotion, path: Path, unit: LengthUnit = LengthUnit.m, people: Sequence[str] | None = None
+) -> list[Path]:
+    """Write the motion of each robot, by default for persons P1, P2, ... Return the files."""
+    files = person_paths(path, people or [person_name(person) for person in range(motion.qpos.shape[1])])
     for person, file in enumerate(files):
         qpos = motion.qpos[:, person]
         turn, lines = Rotation.from_quat(qpos[:, 3:7], scalar_first=True), []

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from dmae.data.clip import Clip, Poses3D, Source, person_name
+from dmae.data.clip import Clip, Poses3D, Source, person_names
 from dmae.files.contents import write_atomic
 from dmae.formats.animation import Y_UP, JointRotations, joint_rotations, with_bodies
 from dmae.formats.registry import pose_writer
@@ -34,6 +34,7 @@ _FACES = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2,
 def write_glb(poses: Poses3D, clip: Clip, path: Path) -> None:
     """glTF animated skeletons, all persons in one file."""
     file = GltfFile(np.arange(len(poses.xyz)) / clip.fps)
+    people = person_names(clip, poses.xyz.shape[1])
     red = file.mesh("not measured", _MARKER * _CORNERS, _FACES, _RED)
     for person, motion in with_bodies(poses.xyz.shape[1], partial(joint_rotations, poses, clip.fps)):
         if motion is None:
@@ -43,7 +44,7 @@ def write_glb(poses: Poses3D, clip: Clip, path: Path) -> None:
             if joint in poses.skeleton.joints:
                 source[:, node] = poses.source[:, person, poses.skeleton.index(joint)[0]]
         there = (poses.source[:, person] != Source.ABSENT).any(-1)
-        _add_person(file, motion, source, there, person_name(person), _COLOURS[person % len(_COLOURS)], red)
+        _add_person(file, motion, source, there, people[person], _COLOURS[person % len(_COLOURS)], red)
     write_atomic(path, file.data())
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dmae.data.clip import Clip, Poses3D, person_name
+from dmae.data.clip import Clip, Poses3D, person_names
 from dmae.files.contents import write_atomic, written
 from dmae.formats.animation import Y_UP, with_bodies
 from dmae.formats.poses import SOURCE_WORDS, person_paths
@@ -29,7 +29,8 @@ _PELVIS = 3  # Number of angles of the pelvis, which come before its place
 @pose_writer("mot", table=True)
 def write_mot(poses: Poses3D, clip: Clip, path: Path) -> list[Path]:
     """OpenSim's joint angles, a file for each person, with the standard deviation of each angle in a second file."""
-    files, paths = [], person_paths(path, poses.xyz.shape[1])
+    people = person_names(clip, poses.xyz.shape[1])
+    files, paths = [], person_paths(path, people)
     names = [angle.name for angle in ANGLES]
     names[_PELVIS:_PELVIS] = _PLACES
     for person, motion in with_bodies(len(paths), partial(body_motion, poses)):
@@ -52,7 +53,7 @@ def write_mot(poses: Poses3D, clip: Clip, path: Path) -> list[Path]:
             turn = None if name in _PLACES else 360
             values[:, column] = _without_gaps(estimates[:, column], known[:, column], turn)
         times = np.arange(len(values)) / clip.fps
-        header = [person_name(person), "version=1", f"nRows={len(values)}", f"nColumns={1 + len(names)}",
+        header = [people[person], "version=1", f"nRows={len(values)}", f"nColumns={1 + len(names)}",
                   "inDegrees=yes",
                   f"Angles that the joints do not determine are filled here, and empty in {table.name}.",
                   "endheader", "\t".join(["time", *names])]  # fmt: skip

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from dmae.data.array_fields import UNSET
-from dmae.data.clip import Clip, Poses3D, Source, person_name
+from dmae.data.clip import Clip, Poses3D, Source, person_names
 from dmae.data.skeleton import Skeleton
 from dmae.files.checks import MOST_METRES, check_numbers, check_rate
 from dmae.files.contents import write_atomic
@@ -84,17 +84,18 @@ def write_movement(poses: Poses3D, clip: Clip, path: Path) -> None:
 
     Raises ValueError if xarray or h5netcdf is not installed.
     """
-    write_atomic(path, bytes(movement_data_set(poses, clip.fps).to_netcdf(engine="h5netcdf")))
+    data_set = movement_data_set(poses, clip.fps, person_names(clip, poses.xyz.shape[1]))
+    write_atomic(path, bytes(data_set.to_netcdf(engine="h5netcdf")))
 
 
-def movement_data_set(poses: Poses3D, fps: float):
-    """Return poses as an xarray data set, as above; ValueError if xarray or h5netcdf is not installed."""
+def movement_data_set(poses: Poses3D, fps: float, people: list[str]):
+    """Return poses of named people as an xarray data set, as above; ValueError if xarray or h5netcdf is missing."""
     try:
         import h5netcdf  # noqa: F401
         import xarray
     except ImportError:
         raise ValueError("format=movement: xarray and h5netcdf write it; pip install dmae-synth[animals]") from None
-    frames, persons, _ = poses.source.shape
+    frames = len(poses.source)
     measured, absent = poses.measured, poses.source == Source.ABSENT
     variance = np.trace(poses.cov.astype(np.float64), axis1=-2, axis2=-1) / 3
     per_joint = ("time", "keypoints", "individuals")
@@ -114,7 +115,7 @@ def movement_data_set(poses: Poses3D, fps: float):
             "time": np.arange(frames) / fps,
             "space": ["x", "y", "z"],
             "keypoints": list(poses.skeleton.joints),
-            "individuals": [person_name(number) for number in range(persons)],
+            "individuals": people,
         },
         {
             "fps": float(fps),

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from dmae.data.cameras import CameraRig
-from dmae.data.clip import Poses3D, Source, person_name
+from dmae.data.clip import Poses3D, Source
 from dmae.data.conversion import DERIVED, convert
 from dmae.data.skeleton import Skeleton
 from dmae.data.store import MANIFEST, clip_folders
@@ -83,7 +83,7 @@ def pose_paths(path: Path) -> dict[str, Path] | None:
 def _reader(path: Path) -> PoseReader | None:
     if path.is_dir():
         return next((each for each in pose_reader.values() if any(any(path.glob(sign)) for sign in each.signs)), None)
-    there = path.is_file() or any(path.parent.glob(f"{escape(path.stem)}_P*{path.suffix}"))
+    there = path.is_file() or any(path.parent.glob(f"{escape(path.stem)}_*{path.suffix}"))
     return next((each for each in pose_reader.values() if there and fnmatch(path.name, each.file)), None)
 
 
@@ -103,11 +103,12 @@ SOURCE_WORDS = {
 _NOT_ITS = "delete it if it is not its"
 
 
-def write_provenance(path: Path, poses: Poses3D, fps: float, first: int) -> None:
+def write_provenance(path: Path, poses: Poses3D, fps: float, first: int, people: Sequence[str]) -> None:
     """Write `<name>.provenance.csv` beside a pose file: when each joint of each person was measured, in runs.
 
     It also has the joints that `convert` derives, so that all files of one run share it, whatever their skeleton. Poses
     have the skeleton of the capture. Frames are numbered from `first`; times count from the first frame of the file.
+    `people` are the names of the persons.
     """
     skeleton = poses.skeleton
     if not skeleton.defined and len(skeleton.parts) == 1:
@@ -130,7 +131,7 @@ def write_provenance(path: Path, poses: Poses3D, fps: float, first: int) -> None
                 for start, end in zip(starts, [*starts[1:], len(kinds)], strict=True):
                     at, last = int(start), int(end) - 1
                     frames = f"{at + first},{last + first},{at / fps:.6f},{last / fps:.6f}"
-                    yield f"{person_name(person)},{joint},{frames},{names[kinds[at]]}"
+                    yield f"{people[person]},{joint},{frames},{names[kinds[at]]}"
 
     write_atomic(provenance_table(path), written(rows()))
 
@@ -140,13 +141,18 @@ def read_provenance(path: Path, joints: Sequence[str], frames: int) -> np.ndarra
 
     Raises ValueError if the table is malformed, or has other frames or joints.
     """
-    table, person = provenance_table(path), "P1"
-    if not table.is_file() and _PERSON.search(path.stem):
-        # The file of one of several persons. A single person's own name can end in the same way: squat_P2.
-        name, _, person = path.stem.rpartition("_")
-        table = provenance_table(path.with_stem(name))
-    if not table.is_file():
-        return None
+    table, person = provenance_table(path), None
+    if table.is_file():
+        # The file of a single person, whose own name can end as that of one of several: squat_P2.
+        person = next(iter(provenance_people(path)), None)
+    else:
+        splits = [(path.stem[:at], path.stem[at + 1 :]) for at, letter in enumerate(path.stem) if letter == "_"]
+        for name, person in splits:
+            table = provenance_table(path.with_stem(name))
+            if person in provenance_people(path.with_stem(name)) or (table.is_file() and _PERSON.match(f"_{person}")):
+                break
+        else:
+            return None
     source, first = np.full((frames, len(joints)), -1), None
     kinds = {word: kind for kind, word in SOURCE_WORDS.items()}
     place = {joint: number for number, joint in enumerate(joints)}
@@ -168,19 +174,25 @@ def read_provenance(path: Path, joints: Sequence[str], frames: int) -> np.ndarra
     return source
 
 
+def provenance_people(path: Path) -> list[str]:
+    """Return the names of the persons in the table of sources of a pose file, in their order; none without a table."""
+    table = provenance_table(path)
+    lines = read_text(table).splitlines()[1:] if table.is_file() else []
+    return [*dict.fromkeys(line.split(",", 1)[0] for line in lines)]
+
+
 def provenance_table(path: Path) -> Path:
     """Return the path of the table of sources, by the name that the pose files of all persons share."""
     return Path(path).with_suffix(".provenance.csv")
 
 
-def person_paths(path: Path, persons: int) -> list[Path]:
-    """Return one path per person: `<name>_P1.<suffix>` and so on, or only `path` if there is one person.
+def person_paths(path: Path, people: Sequence[str]) -> list[Path]:
+    """Return one path per named person: `<name>_P1.<suffix>` and so on, or only `path` if there is one person.
 
     Raises ValueError if there are files of other persons: readers would take them for a part of what is written.
     """
     path = Path(path)
-    alone = persons == 1
-    paths = [path if alone else path.with_name(f"{path.stem}_{person_name(p)}{path.suffix}") for p in range(persons)]
+    paths = [path] if len(people) == 1 else [path.with_name(f"{path.stem}_{name}{path.suffix}") for name in people]
     for other in sorted(path.parent.glob(f"{escape(path.stem)}*{path.suffix}")):
         if other not in paths and _PERSON.sub("", other.stem) == path.stem:
             raise ValueError(

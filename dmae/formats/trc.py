@@ -5,7 +5,7 @@ OpenSim and Pose2Sim both read.
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import chain
 from pathlib import Path
 
@@ -13,7 +13,7 @@ import numpy as np
 import yaml
 
 from dmae.data.array_fields import UNSET
-from dmae.data.clip import Clip, Poses3D
+from dmae.data.clip import Clip, Poses3D, person_name, person_names
 from dmae.data.skeleton import SKELETONS, Skeleton, encode, read_skeleton
 from dmae.files.checks import MOST_METRES, check_numbers, check_rate
 from dmae.files.contents import read_text, write_atomic, written
@@ -22,6 +22,7 @@ from dmae.formats.config import METRES, LengthUnit
 from dmae.formats.poses import (
     PoseFile,
     person_paths,
+    provenance_people,
     read_provenance,
 )
 from dmae.formats.recordings import csv_rows
@@ -193,7 +194,10 @@ def read_trc_poses(path: Path) -> PoseFile:
 
 
 def _person_files(path: Path) -> list[Path]:
-    """Return the files `<name>_P<number>.trc` of the persons, ordered by number."""
+    """Return the files of the persons that `<name>.provenance.csv` names, or `<name>_P<number>.trc` by number."""
+    named = [path.with_name(f"{path.stem}_{person}{path.suffix}") for person in provenance_people(path)]
+    if named and all(file.is_file() for file in named):
+        return named
     numbered = {}
     for file in path.parent.glob("*.trc"):
         number = re.fullmatch(rf"{re.escape(path.stem)}_P(\d+)", file.stem)
@@ -207,12 +211,20 @@ def _person_files(path: Path) -> list[Path]:
 @pose_writer("trc", table=True)
 def write_trc_poses(poses: Poses3D, clip: Clip, path: Path, *, unit: LengthUnit = LengthUnit.m) -> list[Path]:
     """OpenSim's markers, a file for each person, with the covariances of joints in further files."""
-    files = write_trc(poses, clip.fps, path, unit, clip.provenance.get("first_frame", 0))
+    people = person_names(clip, poses.xyz.shape[1])
+    files = write_trc(poses, clip.fps, path, unit, clip.provenance.get("first_frame", 0), people)
     beside = (each(file) for each in (_covariance_table, _skeleton_file) for file in files)
     return files + [file for file in beside if file.is_file()]
 
 
-def write_trc(poses: Poses3D, fps: float, path: Path, unit: LengthUnit = LengthUnit.m, first: int = 0) -> list[Path]:
+def write_trc(
+    poses: Poses3D,
+    fps: float,
+    path: Path,
+    unit: LengthUnit = LengthUnit.m,
+    first: int = 0,
+    people: Sequence[str] | None = None,
+) -> list[Path]:
     """Write one TRC file per person, to a micrometre. `person_paths` gives their names.
 
     `<name>.covariance.csv` contains the known covariances of the joints, in the axes and the unit of the TRC, and
@@ -221,12 +233,13 @@ def write_trc(poses: Poses3D, fps: float, path: Path, unit: LengthUnit = LengthU
 
     Args:
         first: Number of the first frame in the recording. Its time is 0 s.
+        people: Names of the persons; by default P1, P2, ...
 
     Returns:
         The TRC files.
     """
     names = [opensim_marker(joint, poses.skeleton) for joint in poses.skeleton.joints]
-    paths = person_paths(path, poses.xyz.shape[1])
+    paths = person_paths(path, people or [person_name(person) for person in range(poses.xyz.shape[1])])
     digits = {LengthUnit.m: 6, LengthUnit.cm: 4, LengthUnit.mm: 3}[unit]
     for person, file in enumerate(paths):
         frames, rate = len(poses.xyz), f"{fps:.10g}"

@@ -1,11 +1,12 @@
 """Write poses and recordings in any format."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import yaml
 
-from dmae.data.clip import Clip, Poses3D
+from dmae.data.clip import Clip, Poses3D, person_name, person_names
 from dmae.data.conversion import convert
 from dmae.data.skeleton import Skeleton, encode, get_skeleton
 from dmae.files.checks import child
@@ -76,6 +77,7 @@ def write_poses(
     unit: LengthUnit = LengthUnit.m,
     keep_mm: float | None = None,
     robot: str | None = None,
+    people: Sequence[str] = (),
 ) -> Written:
     """Write the captured or completed poses of a clip, or its truth if it has no poses; options as in `dmae.export`.
 
@@ -90,6 +92,9 @@ def write_poses(
     """
     writer, path = pose_writer.find(format or format_of(Path(path))), export_path(path, format)
     poses = exported_poses(clip)
+    if people:
+        clip = _of_people(clip, poses, people)
+        poses = exported_poses(clip)
     if writer.table and not poses.source.size:
         frames, persons, _ = poses.source.shape
         raise ValueError(
@@ -125,7 +130,8 @@ def write_poses(
     files = writer.function(written, clip, path, **options) or [path]
     if writer.table:
         captured = kept if writer.fused else convert(kept, kept.skeleton.parts[0])
-        write_provenance(path, captured, clip.fps, clip.provenance.get("first_frame", 0))
+        people = person_names(clip, captured.xyz.shape[1])
+        write_provenance(path, captured, clip.fps, clip.provenance.get("first_frame", 0), people)
         files = [*files, provenance_table(path)]
     return Written(written, tuple(files))
 
@@ -157,6 +163,27 @@ def exported_poses(clip: Clip) -> Poses3D:
     if poses is None:
         raise ValueError(f"clip {clip.id!r} has neither poses nor truth to export; run dmae capture on it first")
     return poses
+
+
+def _of_people(clip: Clip, poses: Poses3D, people: Sequence[str]) -> Clip:
+    """Return the clip with only these persons in `poses`, entries as `P2` or `P2:anna`, and their names."""
+    known = [person_name(person) for person in range(poses.xyz.shape[1])]
+    given = [(number, name or number) for number, _, name in (entry.partition(":") for entry in people)]
+    numbers, names = zip(*given, strict=True)
+    if not {*numbers} <= {*known} or len({*numbers}) < len(numbers):
+        raise ValueError(
+            f"people=[{','.join(people)}]: expected some of {', '.join(known) or 'nobody'}, each once, or with a name "
+            f"as {known[0] if known else 'P1'}:anna"
+        )
+    for name in names:
+        child(Path(), name, "person")
+    if any("," in name for name in names) or len({name.lower() for name in names}) < len(names):
+        raise ValueError(f"people=[{','.join(people)}]: expected different names, without commas")
+    chosen = [known.index(number) for number in numbers]
+    some = Poses3D(poses.skeleton, **{name: array[:, chosen] for name, array in poses.arrays.items()})
+    # True poses are seen by the true cameras: the calibration of the clip can have errors.
+    rig = clip.true_rig if poses is clip.truth and clip.true_rig is not None else clip.rig
+    return replace(clip, poses=some, rig=rig, provenance=clip.provenance | {"people": list(names)})
 
 
 def _skeleton(writer: PoseWriter, poses: Poses3D, wanted: str | None) -> Skeleton:

@@ -237,6 +237,7 @@ def export(
     unit: str = "m",
     keep_mm: float | None = None,
     robot: str | None = None,
+    people: Sequence[str] = (),
 ) -> list[Path]:
     """Write poses to a file that other programs read. Return the files.
 
@@ -252,6 +253,7 @@ def export(
         keep_mm: Leave out joints with a likely error above this, by their covariances, and completed joints without a
             covariance.
         robot: MJCF of the Unitree G1, for `g1` and `lerobot`; by default that of an installed mjlab.
+        people: Persons to write and their names in files, as ["P1:anna", "P3"]; by default all, as P1, P2, ...
 
     Raises:
         ValueError: there are no poses, the folder is not empty, the file has another suffix than the format's, or
@@ -264,7 +266,9 @@ def export(
         (14, 3)
     """
     given = as_clip(clip) if poses is None else replace(as_clip(clip), poses=as_poses(poses))
-    done = write_poses(given, Path(out), format, skeleton=skeleton, unit=LengthUnit(unit), keep_mm=keep_mm, robot=robot)
+    done = write_poses(
+        given, Path(out), format, skeleton=skeleton, unit=LengthUnit(unit), keep_mm=keep_mm, robot=robot, people=people
+    )
     return list(done.files)
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from ezc3d import c3d
 
 import dmae
 from dmae.data.clip import Clip, Detections2D, Poses3D
@@ -54,6 +55,50 @@ def test_files_of_other_people_of_an_earlier_export_are_refused(before: int, now
     write_poses(captured(before), path, "trc")
     assert read_poses(path).poses.xyz.shape[1] == before
     write_poses(captured(now), tmp_path / "take.trc", "trc")
+
+
+@pytest.mark.parametrize("format", ["trc", "npz", "movement"])
+def test_people_are_chosen_and_named(format: str, tmp_path: Path):
+    clip, path = captured(3), tmp_path / f"walk.{'nc' if format == 'movement' else format}"
+    done = write_poses(clip, path, format, people=["P3:anna b", "P1"])
+    np.testing.assert_array_equal(done.poses.xyz, clip.poses.xyz[:, [2, 0]])
+    read = read_poses(path).poses
+    np.testing.assert_allclose(read.xyz, clip.poses.xyz[:, [2, 0]], atol=1e-6)
+    np.testing.assert_array_equal(read.source, clip.poses.source[:, [2, 0]])
+
+
+def test_files_and_tables_have_the_names_of_people(tmp_path: Path):
+    clip, path = captured(3), tmp_path / "walk.trc"
+    for format in ("trc", "mot", "c3d", "bvh", "glb"):
+        dmae.export(clip, path.with_suffix(f".{format}"), people=["P3:anna", "P1:ben"])
+    names = {file.name for file in tmp_path.iterdir()}
+    assert {f"walk_{name}.{format}" for name in ("anna", "ben") for format in ("trc", "mot", "bvh")} <= names
+    assert not any("_P" in name for name in names)
+    rows = (tmp_path / "walk.provenance.csv").read_text().splitlines()[1:]
+    assert [*dict.fromkeys(row.split(",")[0] for row in rows)] == ["anna", "ben"]
+    assert "anna:LShoulder" in c3d(str(path.with_suffix(".c3d")))["parameters"]["POINT"]["LABELS"]["value"]
+    assert b'"anna: body"' in path.with_suffix(".glb").read_bytes()
+    one = read_poses(tmp_path / "walk_ben.trc").poses
+    np.testing.assert_array_equal(one.source[:, 0], clip.poses.source[:, 0])
+    # A file of another program beside them is no person of theirs.
+    (tmp_path / "walk_ben.trc").rename(tmp_path / "walk_filtered.trc")
+    assert read_poses(tmp_path / "walk_filtered.trc").poses.measured.any()
+    dmae.export(clip, tmp_path / "patient.trc", people=["P2"])
+    np.testing.assert_array_equal(read_poses(tmp_path / "patient.trc").poses.source, clip.poses.source[:, [1]])
+
+
+@pytest.mark.parametrize(
+    ("people", "said"),
+    [
+        (["P4"], r"people=\[P4\]: expected some of P1, P2, P3, each once, or with a name as P1:anna"),
+        (["P1:a", "P1:b"], "each once"),
+        (["P1:a", "P2:A"], "expected different names"),
+        (["P1:../a"], "person '../a': cannot be the name of a file"),
+    ],
+)
+def test_people_who_are_not_there_or_cannot_be_named_are_refused(people: list[str], said: str, tmp_path: Path):
+    with pytest.raises(ValueError, match=said):
+        write_poses(captured(3), tmp_path / "walk.trc", people=people)
 
 
 def test_every_reader_reads_what_it_names():

@@ -140,7 +140,7 @@ def test_several_persons_are_several_files(tmp_path):
     poses = holed(3)
     written = write_trc(poses, 25.0, tmp_path / "walk.trc")
     assert [path.name for path in written] == ["walk_P1.trc", "walk_P2.trc", "walk_P3.trc"]
-    assert written == person_paths(tmp_path / "walk.trc", 3)
+    assert written == person_paths(tmp_path / "walk.trc", ["P1", "P2", "P3"])
     for person, path in enumerate(written):
         np.testing.assert_allclose(read_trc(path)[0].xyz[:, 0], poses.xyz[:, person], atol=1e-6)
 
