@@ -34,6 +34,7 @@ from dmae.evaluation.report.findings import (
 from dmae.files.mapped import by_frames
 from dmae.formats.config import clip_range
 from dmae.formats.reading import Clips
+from dmae.numerics.compiled import compiled_anew
 from dmae.numerics.filling import smooth
 from dmae.parallel import in_parallel
 from dmae.progress import progress
@@ -103,7 +104,8 @@ def run(config: CaptureCommand, out: Path, told: Collection[str] = ()) -> None:
     if frames:
         # All of the command: reading, capture, floor, tables, writing.
         spent = time.perf_counter() - start
-        print(f"{out}: {counted(frames, 'frame')} in {spent:.1f} s, {frames / spent:.3g} frames/s")
+        once = "; it includes compiling functions, once on this machine" if compiled_anew() else ""
+        print(f"{out}: {counted(frames, 'frame')} in {spent:.1f} s, {frames / spent:.3g} frames/s{once}")
     # A part of a data set may contain only empty rooms.
     if not persons and len(part) == len(clips):
         sys.exit(1)

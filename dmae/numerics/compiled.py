@@ -4,6 +4,14 @@ from collections.abc import Callable
 
 import numba
 
+_FUNCTIONS: list = []
+"""What was decorated in this process."""
+
+
+def compiled_anew() -> bool:
+    """Return whether this process had to compile a function, as it found no machine code of an earlier one."""
+    return any(getattr(function, "stats", None) and function.stats.cache_misses for function in _FUNCTIONS)
+
 
 def compiled(fastmath: bool = False) -> Callable[[Callable], Callable]:
     """Return a decorator that compiles a function when it is first called.
@@ -22,8 +30,10 @@ def compiled(fastmath: bool = False) -> Callable[[Callable], Callable]:
 
     def decorate(function: Callable) -> Callable:
         try:
-            return numba.njit(cache=True, **options)(function)
+            made = numba.njit(cache=True, **options)(function)
         except RuntimeError:  # no folder for the cache can be written
-            return numba.njit(**options)(function)
+            made = numba.njit(**options)(function)
+        _FUNCTIONS.append(made)
+        return made
 
     return decorate

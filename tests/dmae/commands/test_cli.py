@@ -80,7 +80,7 @@ def test_cameras_drawn_for_each_clip_are_kept_and_learned_from_with_other_sets(f
 def test_a_clip_is_captured_exported_scored_and_reported(folder):
     done = dmae(folder, "capture", "data=one", "out=out")
     assert done.returncode == 0, done.stderr
-    assert done.stdout.strip().endswith("frames/s")
+    assert "frames/s" in done.stdout.splitlines()[-1]
     captured = load_clip(folder / "out")
     assert captured.poses.xyz.shape[:2] == (20, 2)
     assert "dmae-synth" in (folder / "out/config.yaml").read_text()
