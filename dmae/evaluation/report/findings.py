@@ -384,6 +384,8 @@ class RankingCheck:
 def check_ranking(clip: Clip, ranking: Sequence[Doubt]) -> RankingCheck | None:
     """Return the number of joints that are off, in the first tenth of the entries and in all; None without truth.
 
+    Joints that are not in the ranking, because there is a decision on them, do not count.
+
     The first tenth is one entry or more. Only joints with the same name in the skeletons of truth and poses count.
     """
     if clip.truth is None or not np.isfinite(clip.truth.xyz).any():
@@ -401,7 +403,8 @@ def check_ranking(clip: Clip, ranking: Sequence[Doubt]) -> RankingCheck | None:
     places = [(slice(d.first, d.last + 1), d.person, poses.skeleton.joints.index(d.joint)) for d in ranking]
     places = [place for place in places if judged[place].any()]
     first = places[: max(int(FIRST * len(places)), 1)]
-    return RankingCheck(int(off.sum()), int(sum(off[place].sum() for place in first)), len(first), len(places))
+    total, found = (int(sum(off[place].sum() for place in part)) for part in (places, first))
+    return RankingCheck(total, found, len(first), len(places))
 
 
 # What a report finds in one clip

@@ -173,6 +173,15 @@ def test_the_first_tenth_of_a_short_ranking_is_one_entry():
     assert check_ranking(clip, []).first == 0
 
 
+def test_joints_with_a_decision_are_no_longer_looked_for():
+    wrist = POSES.skeleton.joints.index("l_wrist")
+    xyz = POSES.xyz.copy()
+    xyz[:, 0, wrist, 0] += np.float32(0.3)
+    clip = replace(CLIP, truth=POSES, poses=replace(POSES, xyz=xyz))
+    found = check_ranking(clip, rank_doubts(clip, [Decision(0, "l_wrist", 0, 7, ReviewVerdict.blank)]))
+    assert found.off == 4
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("views", "least"), [([0, 1, 2, 3, 4], 0.48), ([0, 1, 2], 0.33)], ids=["five", "three"])
 def test_it_finds_real_errors(shelf, views, least):
