@@ -87,6 +87,9 @@ def light_reaching(depth, K, facing, key, other, lamp, radius):
     The share of a cosine-weighted hemisphere below a horizon of elevation a is sin(a)^2. Directions are even in the
     image, not around the normal: slanting surfaces lose somewhat less light in corners than they should.
 
+    First every other pixel of every other row. What is between them on one surface is interpolated, but for the edges
+    of shadows.
+
     Args:
         depth: (H, W) float32 m along the optical axis; NaN where there is no surface.
         K: (3, 3) the pinhole camera.
@@ -96,65 +99,78 @@ def light_reaching(depth, K, facing, key, other, lamp, radius):
         lamp: What the lamp sees; a map of no pixels for no shadows.
         radius: Range of ambient occlusion, m; 0 for none.
     """
-    height, width = depth.shape
-    fx, fy, cx, cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
-    # First every other pixel of every other row. What is between them on one surface is interpolated, but for the edges
-    # of shadows.
     coarse = depth[::2, ::2].copy()
-    rows, columns = coarse.shape
-    sun, sky = np.full((rows, columns), np.float32(-1)), np.ones((rows, columns), np.float32)
-    for r in range(rows):
-        for c in range(columns):
-            row, column, z = 2 * r, 2 * c, coarse[r, c]
-            if not z > 0:
-                continue
-            x, y = (column - cx) / fx * z, (row - cy) / fy * z
-            number = 4 * (r & 3) + (c & 3)
-            if len(lamp.depth) and facing[row, column] > 0:
-                sun[r, c] = _lit(x, y, z, facing[row, column] / 255.0, _DISC[number], lamp)
-            if radius > 0:
-                sky[r, c] = _open(depth, fx, fy, cx, cy, row, column, x, y, z, _RAYS[number], radius)
-    sky = smoothed(sky, coarse)
-    # Patterns differ from pixel to pixel. Where one of them meets the edge of a shadow, all pixels around are computed:
-    # if only those were that meet it, the penumbra would be a screen of dots.
-    edge = np.zeros((rows, columns), np.bool_)
-    for r in range(rows):
-        for c in range(columns):
-            here, z = sun[r, c], coarse[r, c]
-            if here < 0 or (here in (0, 1) and _alike(sun, coarse, r, c)):
-                continue
-            for y in range(max(r - 2, 0), min(r + 3, rows)):
-                for x in range(max(c - 2, 0), min(c + 3, columns)):
-                    if abs(coarse[y, x] - z) < 0.03 * z:
-                        edge[y, x] = True
-    share = np.ones((height, width), np.float32)
-    for row in range(height):
-        for column in range(width):
+    sun, sky = _coarse_shares(depth, K, facing, lamp, radius)
+    sky, edge = smoothed(sky, coarse), _edges_of_shadows(sun, coarse)
+    share = np.ones(depth.shape, np.float32)
+    for row in range(depth.shape[0]):
+        for column in range(depth.shape[1]):
             z = depth[row, column]
             direct, ambient = key * facing[row, column], float(other[row, column])
             if not z > 0 or direct + ambient <= 0:
                 continue
-            least, near_edge, open_sky, count = 1.0, False, 0.0, 0
-            for r in range(row >> 1, min((row + 1 >> 1) + 1, rows)):
-                for c in range(column >> 1, min((column + 1 >> 1) + 1, columns)):
+            sunlit, near_edge, open_sky, count = 1.0, False, 0.0, 0
+            for r in range(row >> 1, min((row + 1 >> 1) + 1, coarse.shape[0])):
+                for c in range(column >> 1, min((column + 1 >> 1) + 1, coarse.shape[1])):
                     if abs(coarse[r, c] - z) < 0.02 * z:
-                        least = min(least, sun[r, c])
+                        sunlit = min(sunlit, sun[r, c])
                         near_edge |= edge[r, c]
                         open_sky += sky[r, c]
                         count += 1
-            sunlit = least
-            if count == 0 or least < 0 or near_edge:
-                number = 4 * (row & 3) + (column & 3)
-                x, y = (column - cx) / fx * z, (row - cy) / fy * z
+            if count == 0 or sunlit < 0 or near_edge:
                 sunlit = 1.0
                 if len(lamp.depth) and facing[row, column] > 0:
-                    sunlit = _lit(x, y, z, facing[row, column] / 255.0, _DISC[number], lamp)
-                if count == 0:
-                    open_sky = 1.0
-                    if radius > 0:
-                        open_sky = _open(depth, fx, fy, cx, cy, row, column, x, y, z, _RAYS[number], radius)
+                    sunlit = _lit(depth, K, facing, row, column, _DISC[_pattern(row, column)], lamp)
+            if count == 0:
+                open_sky = _open(depth, K, row, column, _RAYS[_pattern(row, column)], radius) if radius > 0 else 1.0
             share[row, column] = (direct * sunlit + ambient * open_sky / max(count, 1)) / (direct + ambient)
     return share
+
+
+@compiled()
+def _pattern(row, column):
+    """Return the number of a pixel's pattern in `_DISC` and `_RAYS`."""
+    return 4 * (row & 3) + (column & 3)
+
+
+@compiled()
+def _coarse_shares(depth, K, facing, lamp, radius):
+    """Return the shares of the lamp and of ambient light at every other pixel of every other row, float32.
+
+    The lamp's is -1 where there are no shadows to compute, or no surface.
+    """
+    rows, columns = depth[::2, ::2].shape
+    sun, sky = np.full((rows, columns), np.float32(-1)), np.ones((rows, columns), np.float32)
+    for r in range(rows):
+        for c in range(columns):
+            if not depth[2 * r, 2 * c] > 0:
+                continue
+            if len(lamp.depth) and facing[2 * r, 2 * c] > 0:
+                sun[r, c] = _lit(depth, K, facing, 2 * r, 2 * c, _DISC[_pattern(r, c)], lamp)
+            if radius > 0:
+                sky[r, c] = _open(depth, K, 2 * r, 2 * c, _RAYS[_pattern(r, c)], radius)
+    return sun, sky
+
+
+@compiled()
+def _edges_of_shadows(sun, depth):
+    """Return where each pixel has to be computed, from shares of the lamp and depths, all on the coarse grid.
+
+    Patterns differ from pixel to pixel. Where one of them meets the edge of a shadow, all pixels around are computed:
+    if only those were that meet it, the penumbra would be a screen of dots.
+    """
+    rows, columns = sun.shape
+    edge = np.zeros((rows, columns), np.bool_)
+    for r in range(rows):
+        for c in range(columns):
+            here, z = sun[r, c], depth[r, c]
+            if here < 0 or (here in (0, 1) and _alike(sun, depth, r, c)):
+                continue
+            for y in range(max(r - 2, 0), min(r + 3, rows)):
+                for x in range(max(c - 2, 0), min(c + 3, columns)):
+                    if abs(depth[y, x] - z) < 0.03 * z:
+                        edge[y, x] = True
+    return edge
 
 
 @compiled()
@@ -169,10 +185,25 @@ def _alike(sun, depth, row, column):
 
 
 @compiled()
-def _lit(x, y, z, cosine, disc, lamp):
-    """Return the share of a lamp that a point sees, 0 to 1. `cosine` is that between its surface and the lamp."""
-    axes, size, depth = lamp.axes, lamp.size, lamp.depth
+def _point(depth, K, row, column):
+    """Return the place of the surface in a pixel, m, in the frame of the camera."""
+    z = depth[row, column]
+    return (column - K[0, 2]) / K[0, 0] * z, (row - K[1, 2]) / K[1, 1] * z, z
+
+
+@compiled()
+def _lit(depth, K, facing, row, column, disc, lamp):
+    """Return the share of a lamp that a pixel which faces it sees: 0 to 1.
+
+    Args:
+        depth, K, facing: As for `light_reaching`.
+        disc: (taps, 2) places in a unit disc where the lamp's map is read.
+        lamp: What the lamp sees.
+    """
+    axes, size, shadows = lamp.axes, lamp.size, lamp.depth
+    x, y, z = _point(depth, K, row, column)
     x, y, z = x - lamp.origin[0], y - lamp.origin[1], z - lamp.origin[2]
+    cosine = facing[row, column] / 255.0
     right = axes[0, 0] * x + axes[0, 1] * y + axes[0, 2] * z
     down = axes[1, 0] * x + axes[1, 1] * y + axes[1, 2] * z
     ahead = axes[2, 0] * x + axes[2, 1] * y + axes[2, 2] * z
@@ -200,10 +231,10 @@ def _lit(x, y, z, cosine, disc, lamp):
         across, along = wide / lamp.step[0], wide / lamp.step[1]
         nearest = ahead - 0.01 - slant * scale * (0.7 * wide + 0.5 * texel)
         for tap in range(_TAPS):
-            column = int(right + across * disc[tap, 0])
-            row = int(down + along * disc[tap, 1])
-            if 0 <= row < len(depth) and 0 <= column < len(depth):
-                found = depth[row, column]
+            c = int(right + across * disc[tap, 0])
+            r = int(down + along * disc[tap, 1])
+            if 0 <= r < len(shadows) and 0 <= c < len(shadows):
+                found = shadows[r, c]
                 if found < nearest:
                     blocked += 1
                     nearer += found
@@ -213,9 +244,17 @@ def _lit(x, y, z, cosine, disc, lamp):
 
 
 @compiled()
-def _open(depth, fx, fy, cx, cy, row, column, x, y, z, rays, radius):
-    """Return the share of ambient light that nearby surfaces do not keep from a point: 0 to 1."""
+def _open(depth, K, row, column, rays, radius):
+    """Return the share of ambient light that nearby surfaces do not keep from a pixel: 0 to 1.
+
+    Args:
+        depth, K: As for `light_reaching`.
+        rays: (directions, steps, 2) where horizons are looked for, in shares of the range.
+        radius: Range, m.
+    """
     height, width = depth.shape
+    fx, fy, cx, cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
+    x, y, z = _point(depth, K, row, column)
     if row == 0 or column == 0 or row == height - 1 or column == width - 1:
         return 1.0
     # The normal, from the nearer neighbour on each axis: the farther one may be on another surface.
