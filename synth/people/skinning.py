@@ -9,6 +9,7 @@ none, a third and two thirds, so that a twist spreads along the limb.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -159,18 +160,12 @@ class Skin:
         if not self.persons:
             return
         for person in self.persons:
-            geoms, meshes = person.geoms, model.geom_dataid[person.geoms]
+            geoms = person.geoms
             _bend(
-                person.bones(data), person.bind, person.which, person.weights, person.rest,
-                data.geom_xpos[geoms], data.geom_xmat[geoms].reshape(-1, 3, 3),
-                model.mesh_vertadr[meshes], model.mesh_vertnum[meshes], model.mesh_normaladr[meshes],
-                model.mesh_vert, model.mesh_normal, self._normals,
+                _moves(person.bones(data), person.bind), person.which, person.weights, person.rest,
+                data.geom_xpos[geoms], data.geom_xmat[geoms].reshape(-1, 3, 3), _Meshes.of(model, geoms), self._normals,
             )  # fmt: skip
-        _refit(
-            self.geoms, model.mesh_bvhadr[self.meshes], model.mesh_bvhnum[self.meshes], model.mesh_faceadr[self.meshes],
-            model.mesh_vertadr[self.meshes], model.mesh_face, model.mesh_vert, model.bvh_child, model.bvh_nodeid,
-            model.bvh_aabb, model.geom_aabb, model.geom_size, model.geom_rbound,
-        )  # fmt: skip
+        _refit(_Meshes.of(model, self.geoms), _Boxes.of(model, self.geoms))
         model.bvh_aabb[self._roots] = self._boxes
         _enclose(self._roots[self._within], self._drawn, self._turns, self._offsets, model.geom_aabb, model.bvh_aabb)
 
@@ -253,23 +248,32 @@ def _place_bones(quats, origins, parents, segment, shares, lengthwise, bones):
             bones[bone, k, 3] = origins[i, k]
 
 
+class _Meshes(NamedTuple):
+    """Meshes of M geoms in the model's arrays. Kernels write into those."""
+
+    geoms: np.ndarray  # (M,) indices of the geoms
+    # first_vertex, first_normal, first_face: (M,) where those of a mesh begin; counts: (M,) number of its vertices
+    first_vertex: np.ndarray
+    counts: np.ndarray
+    first_normal: np.ndarray
+    first_face: np.ndarray
+    # vertices, normals: of all meshes, (n, 3) m and (n, 3), in the frames of their geoms
+    vertices: np.ndarray
+    normals: np.ndarray
+    faces: np.ndarray  # (n, 3) vertices of the triangles of all meshes, counted from the mesh's first
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, geoms: np.ndarray) -> "_Meshes":
+        mesh = model.geom_dataid[geoms]
+        return cls(
+            geoms, model.mesh_vertadr[mesh], model.mesh_vertnum[mesh], model.mesh_normaladr[mesh],
+            model.mesh_faceadr[mesh], model.mesh_vert, model.mesh_normal, model.mesh_face,
+        )  # fmt: skip
+
+
 @compiled()
-def _bend(
-    bones,
-    bind,
-    which,
-    weights,
-    rest,
-    places,
-    turns,
-    first_vertex,
-    counts,
-    first_normal,
-    mesh_vert,
-    mesh_normal,
-    normals,
-):
-    """Write the vertices of the meshes of a person, and their normals if wanted, into the model."""
+def _moves(bones, bind):
+    """Return how each bone moves a vertex from the bind pose to now: (B, 3, 4) rotation and shift, m, in the world."""
     count = len(bones)
     move = np.empty((count, 3, 4))
     for b in range(count):
@@ -281,10 +285,23 @@ def _bend(
             move[b, i, 3] = bones[b, i, 3] - (
                 move[b, i, 0] * bind[b, 0, 3] + move[b, i, 1] * bind[b, 1, 3] + move[b, i, 2] * bind[b, 2, 3]
             )
+    return move
+
+
+@compiled()
+def _bend(move, which, weights, rest, places, turns, meshes, normals):
+    """Write the vertices of the meshes of a person, and their normals if wanted, into the model.
+
+    Args:
+        move: Of each bone, see `_moves`.
+        which, weights, rest: (N, 4), (N, 4) and (N, 6) of `SkinOfPerson`.
+        places, turns: (M, 3) m and (M, 3, 3) of the geoms in the world.
+        normals: Whether normals are wanted.
+    """
     blended, world, outward = np.empty((3, 4)), np.empty(3), np.empty(3)
     row = 0
-    for mesh in range(len(first_vertex)):
-        for vertex in range(counts[mesh]):
+    for mesh in range(len(meshes.geoms)):
+        for vertex in range(meshes.counts[mesh]):
             blended[:] = 0
             for k in range(which.shape[1]):
                 weight = weights[row, k]
@@ -298,7 +315,7 @@ def _bend(
                 for j in range(3):
                     world[i] += blended[i, j] * rest[row, j]
             for j in range(3):
-                mesh_vert[first_vertex[mesh] + vertex, j] = (
+                meshes.vertices[meshes.first_vertex[mesh] + vertex, j] = (
                     turns[mesh, 0, j] * world[0] + turns[mesh, 1, j] * world[1] + turns[mesh, 2, j] * world[2]
                 )
             row += 1
@@ -310,7 +327,7 @@ def _bend(
                     outward[i] += blended[i, j] * rest[row - 1, 3 + j]
             size = np.sqrt(outward[0] ** 2 + outward[1] ** 2 + outward[2] ** 2) + 1e-12
             for j in range(3):
-                mesh_normal[first_normal[mesh] + vertex, j] = (
+                meshes.normals[meshes.first_normal[mesh] + vertex, j] = (
                     turns[mesh, 0, j] * outward[0] + turns[mesh, 1, j] * outward[1] + turns[mesh, 2, j] * outward[2]
                 ) / size
 
@@ -324,51 +341,68 @@ def _merge_boxes(aabb, node, one, other):
         aabb[node, k], aabb[node, 3 + k] = (low + high) / 2, (high - low) / 2
 
 
+class _Boxes(NamedTuple):
+    """Boxes in the model's arrays, each (6,) centre and half size, m. Kernels write into those."""
+
+    # first_node, nodes: (M,) first node, and number of nodes, of the tree of each mesh
+    first_node: np.ndarray
+    nodes: np.ndarray
+    child: np.ndarray  # (n, 2) children of nodes, counted from the first of their tree; -1 for none
+    triangle: np.ndarray  # (n,) the triangle of a node without children, counted from the first of its mesh
+    trees: np.ndarray  # (n, 6) of nodes
+    geoms: np.ndarray  # (G, 6) of geoms
+    sizes: np.ndarray  # (G, 3) m, largest distances from a geom's origin along its axes
+    radii: np.ndarray  # (G,) m, of spheres around geoms
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, geoms: np.ndarray) -> "_Boxes":
+        mesh = model.geom_dataid[geoms]
+        return cls(
+            model.mesh_bvhadr[mesh], model.mesh_bvhnum[mesh], model.bvh_child, model.bvh_nodeid, model.bvh_aabb,
+            model.geom_aabb, model.geom_size, model.geom_rbound,
+        )  # fmt: skip
+
+
 @compiled()
-def _refit(
-    geoms,
-    first_node,
-    nodes,
-    first_face,
-    first_vertex,
-    faces,
-    vertices,
-    child,
-    nodeid,
-    aabb,
-    geom_aabb,
-    geom_size,
-    rbound,
-):
+def _refit(meshes, boxes):
     """Fit the boxes of the trees of meshes, in which children follow their parents, and of geoms, to moved vertices."""
-    for mesh in range(len(geoms)):
-        start = first_node[mesh]
-        for number in range(nodes[mesh] - 1, -1, -1):
+    aabb = boxes.trees
+    for mesh, geom in enumerate(meshes.geoms):
+        start, first_vertex = boxes.first_node[mesh], meshes.first_vertex[mesh]
+        for number in range(boxes.nodes[mesh] - 1, -1, -1):
             node = start + number
-            if child[node, 0] >= 0:
-                _merge_boxes(aabb, node, start + child[node, 0], start + child[node, 1])
+            child = boxes.child[node]
+            if child[0] >= 0:
+                _merge_boxes(aabb, node, start + child[0], start + child[1])
                 continue
-            face = faces[first_face[mesh] + nodeid[node]]
+            face = meshes.faces[meshes.first_face[mesh] + boxes.triangle[node]]
             for k in range(3):
-                a = vertices[first_vertex[mesh] + face[0], k]
-                b = vertices[first_vertex[mesh] + face[1], k]
-                c = vertices[first_vertex[mesh] + face[2], k]
+                a = meshes.vertices[first_vertex + face[0], k]
+                b = meshes.vertices[first_vertex + face[1], k]
+                c = meshes.vertices[first_vertex + face[2], k]
                 low, high = min(a, b, c), max(a, b, c)
                 aabb[node, k], aabb[node, 3 + k] = (low + high) / 2, (high - low) / 2 + 1e-6
         square = 0.0
         for k in range(3):
-            geom_aabb[geoms[mesh], k], geom_aabb[geoms[mesh], 3 + k] = aabb[start, k], aabb[start, 3 + k]
+            boxes.geoms[geom, k], boxes.geoms[geom, 3 + k] = aabb[start, k], aabb[start, 3 + k]
             reach = abs(aabb[start, k]) + aabb[start, 3 + k]
-            geom_size[geoms[mesh], k] = reach
+            boxes.sizes[geom, k] = reach
             square += reach**2
-        rbound[geoms[mesh]] = np.sqrt(square)
+        boxes.radii[geom] = np.sqrt(square)
 
 
 @compiled()
-def _enclose(boxes, geoms, turns, offsets, geom_aabb, aabb):
-    """Widen the boxes of bodies, one for each geom, so that they hold the boxes of their geoms."""
+def _enclose(roots, geoms, turns, offsets, geom_aabb, aabb):
+    """Widen the boxes of bodies so that they hold the boxes of their geoms.
+
+    Args:
+        roots: (n,) the row in `aabb` of the body of each geom.
+        geoms: (n,) rows in `geom_aabb`.
+        turns, offsets: (n, 3, 3) and (n, 3) m, of geoms in the frames of the boxes of their bodies.
+        geom_aabb, aabb: (G, 6) and (B, 6) centre and half size, m.
+    """
     for g in range(len(geoms)):
-        box = boxes[g]
+        box = roots[g]
         for i in range(3):
             middle, half = offsets[g, i], 0.0
             for j in range(3):
