@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from math import prod
+from typing import NamedTuple
 
 import numpy as np
 
@@ -92,28 +93,41 @@ def triangulate_by_sigma(
     views, shape = len(rig), xy.shape[:-2]
     xy, sigma = xy.reshape(prod(shape), views, 2), sigma.reshape(prod(shape), views)
     sigma = np.where(np.isfinite(xy).all(-1) & np.isfinite(sigma), sigma, np.nan)
-    found = triangulate_points(
-        rig.projections, rig.world_from_pixel, rig.centers, rig.focal, xy, sigma, floor, noise.gate_sigmas,
-        noise.max_error_m, iterations,
-    )  # fmt: skip
+    cameras = _Cameras(rig.projections, rig.world_from_pixel, rig.centers, rig.focal, floor)
+    found = _triangulate_points(cameras, xy, sigma, noise.gate_sigmas, noise.max_error_m, iterations)
     return Points(*(array.reshape(shape + array.shape[1:]) for array in found))
 
 
 _PAIRED_VIEWS = 4  # Largest number of views from which pairs are made
 
 
+class _Cameras(NamedTuple):
+    """What the kernels read of V pinhole cameras."""
+
+    projections: np.ndarray  # (V, 3, 4) from the world to homogeneous pixels
+    rays: np.ndarray  # (V, 3, 3) from homogeneous pixels to directions in the world
+    centers: np.ndarray  # (V, 3) m
+    focal: np.ndarray  # (V,) px
+    floor: np.ndarray  # (V,) px, smallest sigma in the image of each view
+
+
+class _Fit(NamedTuple):
+    """How well a point fits each of V views. Entries of views that do not see it mean nothing."""
+
+    pixels: np.ndarray  # (V, 3) x and y, px, and depth, m, of the point
+    scales: np.ndarray  # (V,) 1 / sigma, 1/px
+    errors: np.ndarray  # (V,) distance between detection and pixel, sigmas
+    kept: np.ndarray  # (V,) True for views that are used
+
+
 @compiled()
-def triangulate_points(projections, rays, centers, focal, xy, sigma, floor, gate, max_error, iterations):
+def _triangulate_points(cameras, xy, sigma, gate, max_error, iterations):
     """Triangulate n points separately; return the fields of `Points`.
 
     Args:
-        projections: (V, 3, 4) pinhole projection matrices.
-        rays: (V, 3, 3) matrices from homogeneous pixels to directions in the world.
-        centers: (V, 3) m.
-        focal: (V,) px.
+        cameras: `_Cameras`, V of them.
         xy: (n, V, 2) px.
         sigma: (n, V) m at the depth of the point; NaN where a view does not see it.
-        floor: (V,) px, smallest sigma in the image of each view.
         gate: Sigmas; residuals beyond them are not used.
         max_error: m, largest standard error along the worst direction.
         iterations: Largest number of Gauss-Newton steps.
@@ -121,35 +135,31 @@ def triangulate_points(projections, rays, centers, focal, xy, sigma, floor, gate
     points, views = xy.shape[:2]
     xyz, cov = np.full((points, 3), np.nan), np.full((points, 3, 3), np.nan)
     used, residual = np.zeros((points, views), np.bool_), np.full(points, np.nan)
-    seen, point = np.empty(views, np.int64), np.empty(3)
+    seen_by, point = np.empty(views, np.int64), np.empty(3)
     information, factor, gradient = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
-    errors, scales, kept, pixels = np.empty(views), np.empty(views), np.zeros(views, np.bool_), np.empty((views, 3))
+    fit = _Fit(np.empty((views, 3)), np.empty(views), np.empty(views), np.zeros(views, np.bool_))
     for i in range(points):
-        count = _observing(sigma[i], seen)
-        if not _propose(projections, rays, centers, focal, xy[i], sigma[i], floor, gate, seen, count, point):
+        seen = seen_by[: _observing(sigma[i], seen_by)]
+        if not _propose(cameras, xy[i], sigma[i], gate, seen, point):
             continue
         for _ in range(iterations):
-            _normal_equations(
-                projections, focal, xy[i], sigma[i], seen, count, point, floor, gate,
-                information, gradient, errors, scales, kept, pixels,
-            )  # fmt: skip
+            _compare(cameras, xy[i], sigma[i], gate, seen, point, fit)
+            _normal_equations(cameras, xy[i], seen, fit, information, gradient)
             cholesky(information, factor)
             solve(factor, gradient)
             for k in range(3):
                 point[k] -= gradient[k]
             if max(abs(gradient[0]), abs(gradient[1]), abs(gradient[2])) < _CONVERGED:
                 break
-        _normal_equations(
-            projections, focal, xy[i], sigma[i], seen, count, point, floor, gate,
-            information, gradient, errors, scales, kept, pixels,
-        )  # fmt: skip
+        _compare(cameras, xy[i], sigma[i], gate, seen, point, fit)
+        _normal_equations(cameras, xy[i], seen, fit, information, gradient)
         number, weighted, square = 0, 0.0, 0.0
-        for k in range(count):
+        for k in range(len(seen)):
             v = seen[k]
-            if kept[v]:
+            if fit.kept[v]:
                 number += 1
-                weighted += errors[v] ** 2
-                square += (errors[v] / scales[v]) ** 2
+                weighted += fit.errors[v] ** 2
+                square += (fit.errors[v] / fit.scales[v]) ** 2
         if number < 2:
             continue
         cholesky(information, factor)
@@ -164,31 +174,39 @@ def triangulate_points(projections, rays, centers, focal, xy, sigma, floor, gate
         if not largest_eigenvalue(information) <= max_error**2:
             continue
         xyz[i], cov[i], residual[i] = point, information, np.sqrt(square / number)
-        for k in range(count):
-            used[i, seen[k]] = kept[seen[k]]
+        for k in range(len(seen)):
+            v = seen[k]
+            used[i, v] = fit.kept[v]
     return xyz, cov, used, residual
 
 
 @compiled()
-def _propose(projections, rays, centers, focal, xy, sigma, floor, gate, seen, count, point):
-    """Write the midpoint of two rays with which most views agree to `point`; return False where no two rays meet."""
+def _propose(cameras, xy, sigma, gate, seen, point):
+    """Write the midpoint of two rays with which most views agree to `point`; return False where no two rays meet.
+
+    Args:
+        xy, sigma: (V, 2) px and (V,) m, of the point's detections.
+        gate: Sigmas; a view that is farther off does not agree.
+        seen: The views that see the point.
+    """
     best, direction, proposal = np.empty(_PAIRED_VIEWS, np.int64), np.empty((_PAIRED_VIEWS, 3)), np.empty(3)
-    pairs, least = _most_certain(seen, count, sigma, best), np.inf
+    pairs, least = _most_certain(seen, sigma, best), np.inf
     for k in range(pairs):
-        _direction(rays[best[k]], xy[best[k]], direction[k])
+        _direction(cameras.rays[best[k]], xy[best[k]], direction[k])
     for a in range(pairs):
         for b in range(a + 1, pairs):
-            if not _midpoint(centers[best[a]], direction[a], centers[best[b]], direction[b], proposal):
+            one, other = cameras.centers[best[a]], cameras.centers[best[b]]
+            if not _midpoint(one, direction[a], other, direction[b], proposal):
                 continue
             error, near_views = 0.0, 0
-            for k in range(count):
+            for k in range(len(seen)):
                 v = seen[k]
-                x, y, depth = project(projections[v], proposal)
+                x, y, depth = project(cameras.projections[v], proposal)
                 if depth <= _MIN_DEPTH:
                     error += gate**2
                     continue
-                near = focal[v] * sigma[v] / depth
-                square = ((x - xy[v, 0]) ** 2 + (y - xy[v, 1]) ** 2) / (floor[v] ** 2 + near**2)
+                near = cameras.focal[v] * sigma[v] / depth
+                square = ((x - xy[v, 0]) ** 2 + (y - xy[v, 1]) ** 2) / (cameras.floor[v] ** 2 + near**2)
                 error += min(square, gate**2)
                 near_views += square < gate**2
                 if error >= least:
@@ -214,12 +232,12 @@ def _observing(sigma, seen):
 
 
 @compiled()
-def _most_certain(seen, count, sigma, best):
+def _most_certain(seen, sigma, best):
     """Write the views with the smallest sigmas, in order, into `best`; return their number."""
-    number = min(count, _PAIRED_VIEWS)
+    number = min(len(seen), _PAIRED_VIEWS)
     for place in range(number):
         chosen = -1
-        for k in range(count):
+        for k in range(len(seen)):
             v = seen[k]
             taken = False
             for earlier in range(place):
@@ -272,38 +290,45 @@ def project(projection, point):
 
 
 @compiled()
-def _normal_equations(
-    projections, focal, xy, sigma, seen, count, point, floor, gate,
-    information, gradient, errors, scales, kept, pixels,
-):  # fmt: skip
-    """Write J^T W J and J^T W r at a point; for each view its error in sigmas, 1 / sigma in 1/px, use, pixel, depth."""
+def _compare(cameras, xy, sigma, gate, seen, point, fit):
+    """Write into `fit` how far the detections of a point are from where the views `seen` see it.
+
+    Args:
+        xy, sigma: (V, 2) px and (V,) m at the depth of the point.
+        gate: Sigmas; views that are farther off, or before which the point is not, are not kept.
+    """
+    ahead = 0
+    for k in range(len(seen)):
+        v = seen[k]
+        fit.pixels[v, 0], fit.pixels[v, 1], fit.pixels[v, 2] = project(cameras.projections[v], point)
+        fit.kept[v] = fit.pixels[v, 2] > _MIN_DEPTH
+        ahead += fit.kept[v]
+    # With few views the point follows each of them: with two, a residual shows half the disagreement.
+    limit = gate * np.sqrt(1 - 1.5 / max(ahead, 2))
+    for k in range(len(seen)):
+        v = seen[k]
+        if fit.kept[v]:
+            dx, dy = fit.pixels[v, 0] - xy[v, 0], fit.pixels[v, 1] - xy[v, 1]
+            fit.scales[v] = 1 / np.sqrt(cameras.floor[v] ** 2 + (cameras.focal[v] * sigma[v] / fit.pixels[v, 2]) ** 2)
+            fit.errors[v] = np.sqrt(dx * dx + dy * dy) * fit.scales[v]
+            fit.kept[v] = fit.errors[v] <= limit
+
+
+@compiled()
+def _normal_equations(cameras, xy, seen, fit, information, gradient):
+    """Write J^T W J (3, 3) and J^T W r (3,) of the views that are kept, with Huber weights W; J is in px per m."""
     for row in range(3):
         gradient[row] = 0.0
         for column in range(3):
             information[row, column] = 0.0
-    ahead = 0
-    for k in range(count):
+    for k in range(len(seen)):
         v = seen[k]
-        pixels[v, 0], pixels[v, 1], pixels[v, 2] = project(projections[v], point)
-        kept[v] = pixels[v, 2] > _MIN_DEPTH
-        ahead += kept[v]
-    # With few views the point follows each of them: with two, a residual shows half the disagreement.
-    limit = gate * np.sqrt(1 - 1.5 / max(ahead, 2))
-    for k in range(count):
-        v = seen[k]
-        if not kept[v]:
+        if not fit.kept[v]:
             continue
-        dx, dy = pixels[v, 0] - xy[v, 0], pixels[v, 1] - xy[v, 1]
-        scales[v] = 1 / np.sqrt(floor[v] ** 2 + (focal[v] * sigma[v] / pixels[v, 2]) ** 2)
-        errors[v] = np.sqrt(dx * dx + dy * dy) * scales[v]
-        kept[v] = errors[v] <= limit
-        if not kept[v]:
-            continue
-        down = min(1.0, _HUBER / max(errors[v], 1e-9))
-        x, y, depth = pixels[v, 0], pixels[v, 1], pixels[v, 2]
+        x, y, depth = fit.pixels[v, 0], fit.pixels[v, 1], fit.pixels[v, 2]
         dx, dy = x - xy[v, 0], y - xy[v, 1]
-        weight = scales[v] ** 2 * down
-        P = projections[v]
+        weight = fit.scales[v] ** 2 * min(1.0, _HUBER / max(fit.errors[v], 1e-9))
+        P = cameras.projections[v]
         u0, w0 = (P[0, 0] - x * P[2, 0]) / depth, (P[1, 0] - y * P[2, 0]) / depth
         u1, w1 = (P[0, 1] - x * P[2, 1]) / depth, (P[1, 1] - y * P[2, 1]) / depth
         u2, w2 = (P[0, 2] - x * P[2, 2]) / depth, (P[1, 2] - y * P[2, 2]) / depth
