@@ -218,15 +218,41 @@ def _lines(xy, sigma, frame, person, shift, most, around):
     return place, velocity, error
 
 
+class _Cameras(NamedTuple):
+    """What the kernels read of V cameras, or of one, whose entries lack the first axis."""
+
+    K: np.ndarray  # (V, 3, 3)
+    lens: np.ndarray  # (V, 8) distortion as in `CameraRig`, zeros at the end
+    pose: np.ndarray  # (V, 4, 4) `cam_from_world`
+    fisheye: np.ndarray  # (V,)
+    reach: np.ndarray  # (V,) largest distance from the axis, at depth 1, that has a pixel
+    centre: np.ndarray  # (V, 3) m
+
+    @classmethod
+    def of(cls, rig: CameraRig) -> _Cameras:
+        lens = np.pad(rig.dist, ((0, 0), (0, 8 - rig.dist.shape[1])))
+        return cls(
+            rig.K.copy(), lens, rig.cam_from_world.copy(), rig.fisheye.copy(), rig.reach.copy(), rig.centers.copy()
+        )
+
+
 @compiled()
-def project(camera, point, slope):
+def _camera(cameras, v):
+    """Return one of the cameras."""
+    K, lens, pose, fisheye, reach, centre = cameras
+    return _Cameras(K[v], lens[v], pose[v], fisheye[v], reach[v], centre[v])
+
+
+@compiled()
+def _project(camera, point, slope):
     """Return x and y, px, and depth, m, of a point, as `CameraRig.project` does: NaN for points that have no pixel.
 
     Args:
-        camera: Its entries of `arrays_of`.
+        camera: One of `_Cameras`.
+        point: (3,) m.
         slope: (2, 4) becomes the derivatives of x and y by the point and by k1.
     """
-    K, lens, pose, fisheye, reach = camera
+    K, lens, pose, fisheye, reach, _ = camera
     depth = pose[2, 0] * point[0] + pose[2, 1] * point[1] + pose[2, 2] * point[2] + pose[2, 3]
     if not depth > 0:
         return np.nan, np.nan, depth
@@ -263,12 +289,6 @@ def project(camera, point, slope):
     return K[0, 0] * u + K[0, 1] * w + K[0, 2], K[1, 0] * u + K[1, 1] * w + K[1, 2], depth
 
 
-def arrays_of(rig: CameraRig) -> tuple[np.ndarray, ...]:
-    """Return what `project` reads: K, eight coefficients of the lens, the pose, whether it is a fisheye, its reach."""
-    lens = np.pad(rig.dist, ((0, 0), (0, 8 - rig.dist.shape[1])))
-    return rig.K.copy(), lens, rig.cam_from_world.copy(), rig.fisheye.copy(), rig.reach.copy()
-
-
 ROBUST = 2.0
 """Sigmas at which the weight of a residual is a half (Cauchy)."""
 _BONE_SIGMA = 0.08  # Standard deviation of the measured length of a bone between frames, as a share of its length
@@ -279,9 +299,24 @@ _LOST = 25.0  # Cost of a detection of a joint without a pixel: of an outlier
 
 
 class AdjustmentProblem:
-    """The constants of an adjustment."""
+    """The constants of an adjustment.
 
-    def __init__(self, observations: Observations, origin: Calibration, xyz, freedom: Freedom, bones, offsets):
+    Attributes:
+        observations, origin: The detections, and the cameras at the start.
+        offsets: Whether constant offsets of a person's joints in each view are unknowns.
+        people, person: Numbers of the people, and (M,) index into them of each body.
+        offset_weight: 1/m^2, weight of the square of an offset.
+        free: Indices of the free parameters in (V, Q), flattened.
+        prior: (V, Q) weights of the squares of changes from `origin`; 0 for none.
+        bones: (B, 2) joints of bones of constant length.
+        fixed_seen: `observations.seen` if no clock changes, else None.
+        depth: (M, V, J) m, of the joints at the start.
+    """
+
+    def __init__(
+        self, observations: Observations, origin: Calibration, xyz: np.ndarray, freedom: Freedom, bones: bool,
+        offsets: bool,
+    ):  # fmt: skip
         self.observations, self.origin, self.offsets = observations, origin, offsets
         self.people, self.person = np.unique(observations.person, return_inverse=True)
         # An error that lasts for several frames counts once, for any number of these frames.
@@ -322,7 +357,7 @@ class Adjusted:
         shape = (len(problem.people) * problem.offsets, len(calibration.rig), xyz.shape[1], 2)
         self.offset = np.zeros(shape) if offset is None else offset
         xy, self.velocity, sigma = problem.fixed_seen or problem.observations.seen(calibration)
-        self.cameras = arrays_of(calibration.rig)
+        self.cameras = _Cameras.of(calibration.rig)
         self.unit = calibration.rig.focal[:, None] / problem.depth
         self.residual, self.scale, self.error2, self.cost = _measure(
             self.cameras, xyz, xy, sigma, self.unit, self.offset, problem.person
@@ -377,17 +412,17 @@ def _measure(cameras, xyz, xy, sigma, unit, offset, person):
 
     `unit` (M, V, J) is px/m; `offset` (people, V, J, 2), m, may be empty.
     """
-    (M, V, J), (K, lens, pose, fisheye, reach) = sigma.shape, cameras
+    M, V, J = sigma.shape
     residual, scale, error2 = np.zeros((M, V, J, 2)), np.zeros((M, V, J)), np.zeros((M, V, J))
     cost, slope, detected, known = np.zeros(M), np.empty((2, 4)), np.zeros((M, J)), np.zeros((M, J))
     for v in range(V):
-        camera = (K[v], lens[v], pose[v], fisheye[v], reach[v])
+        camera = _camera(cameras, v)
         for m in range(M):
             for j in range(J):
                 if np.isnan(sigma[m, v, j]):
                     continue
                 detected[m, j] += 1
-                x, y, depth = project(camera, xyz[m, j], slope)
+                x, y, depth = _project(camera, xyz[m, j], slope)
                 x, y = x - xy[m, v, j, 0], y - xy[m, v, j, 1]
                 if len(offset):
                     x += offset[person[m], v, j, 0] * unit[m, v, j]
@@ -412,55 +447,93 @@ def _measure(cameras, xyz, xy, sigma, unit, offset, person):
     return residual, scale, error2, cost
 
 
+class _Fit(NamedTuple):
+    """How the detections of M bodies fit, in V views and J joints; what `_differentiate` reads of it."""
+
+    xyz: np.ndarray  # (M, J, 3) m, the bodies
+    weight: np.ndarray  # (M, V, J) 1/px^2; 0 where unknown
+    residual: np.ndarray  # (M, V, J, 2) px
+    velocity: np.ndarray  # (M, V, J, 2) px/s, of the detections
+    unit: np.ndarray  # (M, V, J) px/m
+    seconds: np.ndarray  # (M,) s, times of the bodies
+
+
+class _Columns(NamedTuple):
+    """Which unknown has which of the C columns of the normal equations: parameters of cameras, then offsets."""
+
+    cameras: np.ndarray  # (V, Q) column of each parameter of a camera; -1 if it does not change
+    free: int  # Number of these columns
+    offsets: bool  # Whether offsets of one person, (V, J, 2), have columns
+
+
 @compiled()
-def _differentiate(cameras, centres, columns, free, offsets, rows, xyz, weight, residual, velocity, seconds, unit):
-    """Return the normal equations of bodies `rows` (m,): cameras and, if `offsets`, offsets of one person in C columns.
+def _by_camera(camera, columns, point, pixel, slope, velocity, seconds, by, index):
+    """Write the derivatives of a residual by the free parameters of its camera into `by`, their columns into `index`.
 
     Args:
-        columns: (V, Q) the column of each parameter of a camera, or -1; `free` is their number.
+        camera: One of `_Cameras`.
+        columns: (Q,) of the camera, see `_Columns`.
+        point, pixel: (3,) m, the joint, and (2,) px, where the camera sees it.
+        slope: (2, 4) of `_project`.
+        velocity: (2,) px/s, of the detection.
+        seconds: Time of the body, s.
+        by, index: (Q, 2) or longer.
+
+    Returns:
+        The number of derivatives.
+    """
+    count = 0
+    for q in range(Q):
+        if columns[q] < 0:
+            continue
+        for axis in range(2):
+            if q < 3:
+                # A rotation by w about the centre C moves X, relative to the camera, by (X - C) x w.
+                a, b = (q + 1) % 3, (q + 2) % 3
+                off_a, off_b = point[a] - camera.centre[a], point[b] - camera.centre[b]
+                by[count, axis] = off_b * slope[axis, a] - off_a * slope[axis, b]
+            elif q < FOCAL:
+                by[count, axis] = -slope[axis, q - 3]
+            elif q == FOCAL:
+                by[count, axis] = pixel[axis] - camera.K[axis, 2]
+            elif q == K1:
+                by[count, axis] = slope[axis, 3]
+            else:
+                by[count, axis] = -velocity[axis] * (seconds if q == DRIFT else 1.0)
+        index[count] = columns[q]
+        count += 1
+    return count
+
+
+@compiled()
+def _differentiate(cameras, columns, fit, rows):
+    """Return the normal equations of bodies `rows` (m,) of a fit: cameras and perhaps offsets in C columns.
 
     Returns:
         information, scores: (C, C), and (m, C) gradient of each body.
         mixed: (m, J, 3, C + 1) of joints and columns; the last column is the gradient of the joints.
         blocks: (m, J, 3, 3) of joints.
     """
-    (_, V, J), (K, lens, pose, fisheye, reach) = weight.shape, cameras
-    C = free + 2 * V * J * offsets
+    _, V, J = fit.weight.shape
+    C = columns.free + 2 * V * J * columns.offsets
     information, scores = np.zeros((C, C)), np.zeros((len(rows), C))
     mixed, blocks = np.zeros((len(rows), J, 3, C + 1)), np.zeros((len(rows), J, 3, 3))
     slope, by, index = np.empty((2, 4)), np.zeros((Q + 2, 2)), np.empty(Q + 2, np.int64)
     for v in range(V):
-        camera = (K[v], lens[v], pose[v], fisheye[v], reach[v])
+        camera = _camera(cameras, v)
         for i, m in enumerate(rows):
             for j in range(J):
-                heavy = weight[m, v, j]
+                heavy = fit.weight[m, v, j]
                 if heavy == 0:
                     continue
-                point, off = xyz[m, j], residual[m, v, j]
-                x, y, _ = project(camera, point, slope)
-                count = 0
-                for q in range(Q):
-                    if columns[v, q] < 0:
-                        continue
-                    for axis in range(2):
-                        if q < 3:
-                            # A rotation by w about the centre C moves X, relative to the camera, by (X - C) x w.
-                            a, b = (q + 1) % 3, (q + 2) % 3
-                            off_a, off_b = point[a] - centres[v, a], point[b] - centres[v, b]
-                            by[count, axis] = off_b * slope[axis, a] - off_a * slope[axis, b]
-                        elif q < FOCAL:
-                            by[count, axis] = -slope[axis, q - 3]
-                        elif q == FOCAL:
-                            by[count, axis] = (y if axis else x) - K[v, axis, 2]
-                        elif q == K1:
-                            by[count, axis] = slope[axis, 3]
-                        else:
-                            by[count, axis] = -velocity[m, v, j, axis] * (seconds[m] if q == DRIFT else 1.0)
-                    index[count] = columns[v, q]
-                    count += 1
-                for axis in range(2 * offsets):
-                    by[count, axis], by[count, 1 - axis] = unit[m, v, j], 0.0
-                    index[count] = free + 2 * (v * J + j) + axis
+                point, off, velocity = fit.xyz[m, j], fit.residual[m, v, j], fit.velocity[m, v, j]
+                x, y, _ = _project(camera, point, slope)
+                count = _by_camera(
+                    camera, columns.cameras[v], point, (x, y), slope, velocity, fit.seconds[m], by, index
+                )
+                for axis in range(2 * columns.offsets):
+                    by[count, axis], by[count, 1 - axis] = fit.unit[m, v, j], 0.0
+                    index[count] = columns.free + 2 * (v * J + j) + axis
                     count += 1
                 for k in range(3):
                     s0, s1 = heavy * slope[0, k], heavy * slope[1, k]
@@ -544,19 +617,17 @@ def _reduced(state: Adjusted, damping: float, move_people: bool = True) -> Reduc
     """Return the equations of the cameras; fixed bodies and offsets stay in."""
     problem, M = state.problem, len(state.points)
     P, weight = len(problem.free), problem.offset_weight
-    columns = np.full(problem.prior.shape, -1)
-    columns.flat[problem.free] = np.arange(P)
+    columns = _Columns(np.full(problem.prior.shape, -1), P, problem.offsets)
+    columns.cameras.flat[problem.free] = np.arange(P)
     seconds = problem.observations.frame / problem.observations.tracks.fps
+    fit = _Fit(state.points, state.weight, state.residual, state.velocity, state.unit, seconds)
     prior = problem.prior.flat[problem.free]
     information, scores, spread = np.diag(prior), np.zeros((M, P)), np.zeros((P, P))
     gradient, eliminated, bodies = prior * state.step.flat[problem.free], [], []
     people = range(len(problem.people)) if problem.offsets else [None]
     for person in people:
         rows = np.flatnonzero(problem.person == person) if problem.offsets else np.arange(M)
-        A, own, mixed, blocks = _differentiate(
-            state.cameras, state.calibration.rig.centers, columns, P, problem.offsets, rows, state.points, state.weight,
-            state.residual, state.velocity, seconds, state.unit,
-        )  # fmt: skip
+        A, own, mixed, blocks = _differentiate(state.cameras, columns, fit, rows)
         if move_people:
             blocks = _body_equations(state, rows, blocks, mixed[..., -1], damping)
             half = mixed.reshape(-1, blocks.shape[-1], mixed.shape[-1])

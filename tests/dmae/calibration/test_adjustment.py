@@ -20,7 +20,9 @@ from dmae.calibration.bundle_adjustment import (
     ImageTracks,
     Observations,
     Q,
+    _Columns,
     _differentiate,
+    _Fit,
     adjust,
 )
 from dmae.calibration.config import RefineConfig
@@ -81,13 +83,11 @@ def test_derivatives_are_those_of_the_projection_by_central_differences(seed):
     np.testing.assert_allclose(here.residual, rig.project(xyz)[0] - observations.seen(calibration)[0], atol=1e-9)
     steps = 1e-5 * np.eye(V * Q + 3)
     expected = np.stack([(residual(step) - residual(-step)) / 2e-5 for step in steps], -1)
-    columns, one = np.arange(V * Q).reshape(V, Q), np.zeros((M, V, 1, 2))
+    columns, one = _Columns(np.arange(V * Q).reshape(V, Q), V * Q, False), np.zeros((M, V, 1, 2))
     for view, axis in np.ndindex(V, 2):
         weight = np.where(np.arange(V)[:, None] == view, 1.0, np.zeros((M, V, 1)))
-        _, by, mixed, _ = _differentiate(
-            here.cameras, rig.centers, columns, V * Q, False, np.arange(M), xyz, weight, one + (np.arange(2) == axis),
-            here.velocity, np.arange(M) / 25, here.unit,
-        )  # fmt: skip
+        fit = _Fit(xyz, weight, one + (np.arange(2) == axis), here.velocity, here.unit, np.arange(M) / 25)
+        _, by, mixed, _ = _differentiate(here.cameras, columns, fit, np.arange(M))
         found, wanted = np.hstack([by, mixed[:, 0, :, -1]]), expected[:, view, axis]
         np.testing.assert_array_less(np.abs(found - wanted).max(0), 1e-6 * np.abs(wanted).max(0) + 1e-7)
 
