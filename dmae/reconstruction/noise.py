@@ -8,6 +8,7 @@ same in all frames is the error of the calibration. F frames, P people, V views,
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -262,8 +263,50 @@ def fit(found: Residuals, prior: DetectionNoise, start: DetectionNoise, skeleton
     """
     if not len(found.view):
         return prior
-    views, joints = len(prior.floor_px), len(prior.spread_m)
-    kinds, kind = np.unique(np.minimum(np.arange(joints), skeleton.mirror), return_inverse=True)
+    kinds, kind = np.unique(np.minimum(np.arange(len(prior.spread_m)), skeleton.mirror), return_inverse=True)
+    scores, of = _binned(found, prior), kind[found.joint]
+    parts = _components(found, prior, start, of, len(kinds), scores)
+    constant, confidences = scores.constant, prior.confidences
+    if scores.told.any():
+        shape2, scored = parts.shape2, np.unique(scores.bin[scores.told])
+        each = np.sqrt(np.median(parts.floor2) + np.median(found.scale) ** 2 * parts.level2 * shape2[scored])
+        constant = constant | (each.max() < (1 + _SAYS) * each.min())
+        model = prior.model
+        usual = float(model.sigma(np.array(USUAL)))
+        sigma_m = usual * np.sqrt(shape2[:-1])
+        confidences = (model.sigma_unsure_m - sigma_m) / (model.sigma_unsure_m - model.sigma_sure_m)
+        if confidences[1] > confidences[-1]:
+            confidences[0] = confidences[1]
+        confidences = np.clip(confidences, 0, 1)
+    floor2 = parts.floor2 + found.calibration_px**2
+    sigma = np.sqrt(floor2[found.view] + parts.spread2(found.scale**2, of, scores.bin))
+    return replace(
+        prior,
+        floor_px=np.sqrt(floor2),
+        calibration_px=found.calibration_px,
+        spread_m=np.sqrt(parts.level2 * parts.kind2[kind]),
+        knots=scores.knots,
+        confidences=confidences,
+        constant=constant,
+        count=len(of),
+        usual_px=float(np.median(sigma)),
+        usual_m=float(np.median(sigma / found.scale)),
+    )
+
+
+class _Scores(NamedTuple):
+    """The scores of n residuals in K bins, each around a knot."""
+
+    constant: np.ndarray  # (V,) True for cameras whose scores are all equal
+    told: np.ndarray  # (n,) True for scores of other cameras
+    knots: np.ndarray  # (K,) scores, ascending
+    bin: np.ndarray  # (n,) number of the nearest knot; K if the camera's scores say nothing
+    shape2: np.ndarray  # (K + 1,) what is assumed of the variance in each bin, relative to that at a usual confidence
+
+
+def _binned(found: Residuals, prior: DetectionNoise) -> _Scores:
+    """Divide the scores of a recording into bins, by their quantiles."""
+    views = len(prior.floor_px)
     constant = np.array([_constant(found.score[found.view == v]) for v in range(views)])
     constant |= all(constant[np.bincount(found.view, minlength=views) > 0])
     told = ~constant[found.view]
@@ -272,24 +315,47 @@ def fit(found: Residuals, prior: DetectionNoise, start: DetectionNoise, skeleton
         # Scores below the least one are as prior confidences are.
         middles = np.quantile(found.score[told], (_BINS[:-1] + _BINS[1:]) / 2)
         knots = np.unique(np.append(min(0.0, middles[0]), middles))
-    bin_ = np.where(told, np.abs(found.score[:, None] - knots).argmin(1), len(knots))
-    usual_shape = prior.shape(prior.trusted(np.broadcast_to(knots, (views, 1, len(knots))))[0, 0])
+    bins = np.where(told, np.abs(found.score[:, None] - knots).argmin(1), len(knots))
+    usual = prior.shape(prior.trusted(np.broadcast_to(knots, (views, 1, len(knots))))[0, 0])
     if told.any() and (np.median(found.score[told]) > 1 or _inverted(found, told)):
-        usual_shape = np.ones(len(knots))  # what scores in another unit than 0 to 1, or inverted ones, mean is unknown
-    shape_prior2 = np.append(np.clip(usual_shape, 0.4, 2.5), 1.0) ** 2
-    of = kind[found.joint]
-    # Variances that start too small change slowly.
-    middle = np.median(found.square / found.freedom) / 4
-    floor2, level2 = np.maximum(start.jitter_px**2, middle), np.mean(start.spread_m**2)
-    level_prior2 = np.mean(prior.spread_m**2)
-    kind2, shape2 = np.ones(len(kinds)), shape_prior2.copy()
+        usual = np.ones(len(knots))  # what scores in another unit than 0 to 1, or inverted ones, mean is unknown
+    return _Scores(constant, told, knots, bins, np.append(np.clip(usual, 0.4, 2.5), 1.0) ** 2)
+
+
+class _Components(NamedTuple):
+    """The parts of the variance of detections."""
+
+    floor2: np.ndarray  # (V,) px^2, of each camera, without the calibration
+    level2: float  # m^2, on the person, of a usual joint with a usual confidence
+    kind2: np.ndarray  # Of each kind of joint, relative to that
+    shape2: np.ndarray  # (K + 1,) of each bin of scores, relative to that
+
+    def spread2(self, scale2: np.ndarray, kind: np.ndarray, bins: np.ndarray) -> np.ndarray:
+        """Return the variance on the person of residuals, px^2, from px^2 per m^2, kinds and bins, all (n,)."""
+        return scale2 * self.level2 * self.kind2[kind] * self.shape2[bins]
+
+
+def _components(
+    found: Residuals, prior: DetectionNoise, start: DetectionNoise, kind: np.ndarray, kinds: int, scores: _Scores
+) -> _Components:
+    """Estimate the parts of the variance, each in turn, until they agree.
+
+    Args:
+        found, prior, start: As for `fit`.
+        kind: (n,) number of the kind of joint of each residual.
+        kinds: How many there are.
+        scores: Bins of the scores.
+    """
     expected = np.where(found.pair, *_EXPECTED)
     half, most, scale2 = found.square / (2 * found.freedom * expected), _CLIPPED / expected, found.scale**2
-    everything = np.zeros(len(of), int)
+    # Variances that start too small change slowly.
+    middle = np.median(found.square / found.freedom) / 4
+    level2, usual_level2 = np.mean(start.spread_m**2), np.mean(prior.spread_m**2)
+    now = _Components(np.maximum(start.jitter_px**2, middle), level2, np.ones(kinds), scores.shape2)
 
     def factor(group: np.ndarray, on_person: bool, before: np.ndarray) -> np.ndarray:
         """Return the factor of the variance of each group, for a prior by which it is `before` times as large."""
-        floor, spread2 = floor2[found.view], scale2 * level2 * kind2[of] * shape2[bin_]
+        floor, spread2 = now.floor2[found.view], now.spread2(scale2, kind, scores.bin)
         sigma2 = floor + spread2
         share = found.freedom * (spread2 if on_person else floor) / sigma2
         square = np.minimum(half / sigma2, most)
@@ -297,39 +363,19 @@ def fit(found: Residuals, prior: DetectionNoise, start: DetectionNoise, skeleton
         told = np.log(np.maximum(total, 1e-12) / np.maximum(size, 1e-12))
         return np.exp((size * told + _PRIOR * np.log(before)) / (size + _PRIOR))
 
+    everything = np.zeros(len(kind), int)
     for _ in range(_ROUNDS):
-        floor2 = np.maximum(floor2 * factor(found.view, False, prior.floor_px**2 / floor2), _LEAST_PX**2)
-        level2 = level2 * factor(everything, True, np.array([level_prior2 / level2]))[0]
-        kind2 = kind2 * factor(of, True, 1 / kind2)
-        shape2 = shape2 * factor(bin_, True, shape_prior2 / shape2)
+        floor2 = now.floor2 * factor(found.view, False, prior.floor_px**2 / now.floor2)
+        now = now._replace(floor2=np.maximum(floor2, _LEAST_PX**2))
+        now = now._replace(level2=now.level2 * factor(everything, True, np.array([usual_level2 / now.level2]))[0])
+        now = now._replace(kind2=now.kind2 * factor(kind, True, 1 / now.kind2))
+        now = now._replace(shape2=now.shape2 * factor(scores.bin, True, scores.shape2 / now.shape2))
         # Kinds and confidences say how joints differ from each other; the level belongs to all joints.
-        for each, group in ((kind2, of), (shape2, bin_)):
-            mean = each[group].mean()
-            each /= mean
-            level2 = max(level2 * mean, _LEAST_M**2)
-    shape, scored = np.sqrt(shape2[:-1]), np.unique(bin_[told])
-    if told.any():
-        each = np.sqrt(np.median(floor2) + np.median(found.scale) ** 2 * level2 * shape2[scored])
-        constant[:] |= each.max() < (1 + _SAYS) * each.min()
-    model = prior.model
-    usual = float(model.sigma(np.array(USUAL)))
-    confidences = (model.sigma_unsure_m - usual * shape) / (model.sigma_unsure_m - model.sigma_sure_m)
-    if told.any() and confidences[1] > confidences[-1]:
-        confidences[0] = confidences[1]
-    floor2 = floor2 + found.calibration_px**2
-    sigma = np.sqrt(floor2[found.view] + scale2 * level2 * kind2[of] * shape2[bin_])
-    return replace(
-        prior,
-        floor_px=np.sqrt(floor2),
-        calibration_px=found.calibration_px,
-        spread_m=np.sqrt(level2 * kind2[kind]),
-        knots=knots,
-        confidences=np.clip(confidences, 0, 1) if told.any() else prior.confidences,
-        constant=constant,
-        count=len(of),
-        usual_px=float(np.median(sigma)),
-        usual_m=float(np.median(sigma / found.scale)),
-    )
+        mean = now.kind2[kind].mean()
+        now = now._replace(kind2=now.kind2 / mean, level2=max(now.level2 * mean, _LEAST_M**2))
+        mean = now.shape2[scores.bin].mean()
+        now = now._replace(shape2=now.shape2 / mean, level2=max(now.level2 * mean, _LEAST_M**2))
+    return now
 
 
 def _inverted(found: Residuals, told: np.ndarray) -> bool:
