@@ -288,16 +288,8 @@ def _refined(motion: BodyMotion, xyz: np.ndarray) -> Body:
         base[:, on[joint]] = xyz[:, joint]
     base = np.where(np.isin(names, ("torso", "clavicle"))[:, None], at[:, holder], base[:, holder])
     local = (turned[:, holder].swapaxes(-1, -2) @ (xyz - base)[..., None])[..., 0]
-    order = {joint: number for number, joint in enumerate(body.joints)}
-    twin = [order.get({"l_": "r_", "r_": "l_"}.get(joint[:2], "") + joint[2:], n) for joint, n in order.items()]
-    mirrored = local[:, twin] * (1, 1, -1)
-    mirrored[:, [n for n, other in enumerate(twin) if n == other]] = np.nan
-    both = np.concatenate([local, mirrored])
-    known = ~np.isnan(both).any(-1)
     place = np.where(joining[:, None], body.origins[on], body.landmarks)
-    usual = place.copy()
-    for joint in np.flatnonzero(known.sum(0) >= _ENOUGH):
-        usual[joint] = np.median(both[known[:, joint], joint], 0)
+    usual = _usual_places(local, body.joints, place)
     ends = np.isin(names, ("head", "hand", "foot"))
     for segment in set(holder[ends].tolist()):
         inside = ends & (holder == segment)
@@ -310,6 +302,23 @@ def _refined(motion: BodyMotion, xyz: np.ndarray) -> Body:
     origins[on[moved & joining]] = usual[moved & joining]
     landmarks[moved & ~joining] = usual[moved & ~joining]
     return replace(body, origins=origins, landmarks=landmarks)
+
+
+def _usual_places(local: np.ndarray, joints: tuple[str, ...], otherwise: np.ndarray) -> np.ndarray:
+    """Return the median place (J, 3) of joints in their segment, alike on both sides, from places (F, J, 3).
+
+    Joints that are known too seldom are `otherwise` (J, 3).
+    """
+    order = {joint: number for number, joint in enumerate(joints)}
+    twin = [order.get({"l_": "r_", "r_": "l_"}.get(joint[:2], "") + joint[2:], n) for joint, n in order.items()]
+    mirrored = local[:, twin] * (1, 1, -1)
+    mirrored[:, [n for n, other in enumerate(twin) if n == other]] = np.nan
+    both = np.concatenate([local, mirrored])
+    known = ~np.isnan(both).any(-1)
+    usual = otherwise.copy()
+    for joint in np.flatnonzero(known.sum(0) >= _ENOUGH):
+        usual[joint] = np.median(both[known[:, joint], joint], 0)
+    return usual
 
 
 def _level(body: Body, motion: BodyMotion, xyz: np.ndarray) -> Body:
@@ -409,17 +418,14 @@ def _start(body: Body, xyz: np.ndarray, root: np.ndarray, pelvis: np.ndarray) ->
                                           ("upper_arm", "forearm", ("shoulder", "elbow", "wrist"), 1)):  # fmt: skip
             a, b, c = (place.get(f"{side}_{end}", np.full_like(root, np.nan)) for end in ends)
             first, second = a - b, c - b
-            plane = bends * np.cross(second, first) / np.maximum(
-                np.linalg.norm(first, axis=-1) * np.linalg.norm(second, axis=-1), 1e-9
-            )[:, None]  # fmt: skip
+            lengths = np.maximum(np.linalg.norm(first, axis=-1) * np.linalg.norm(second, axis=-1), 1e-9)
+            plane = bends * np.cross(second, first) / lengths[:, None]
             right = np.nan_to_num(plane) + 0.2 * pelvis[..., 2]
             axes = _axes(first, right)
             known = ~np.isnan(first).any(-1)
             above = segment[f"{side}_{upper}"]
             local[known, above] = (pelvis.swapaxes(-1, -2) @ axes)[known]
-            cosine = -(first * second).sum(-1) / np.maximum(
-                np.linalg.norm(first, axis=-1) * np.linalg.norm(second, axis=-1), 1e-9
-            )
+            cosine = -(first * second).sum(-1) / lengths
             angle = np.nan_to_num(bends * np.arccos(np.clip(cosine, -1, 1)))
             turn = np.zeros((len(xyz), 3))
             turn[:, 2] = angle
@@ -428,88 +434,135 @@ def _start(body: Body, xyz: np.ndarray, root: np.ndarray, pelvis: np.ndarray) ->
 
 
 def _solve(body: Body, xyz: np.ndarray, precision: np.ndarray, start: tuple[np.ndarray, np.ndarray]) -> BodyMotion:
+    """Return the motion that fits joints best.
+
+    Args:
+        xyz: (F, J, 3) m, NaN where absent.
+        precision: (F, J, 3, 3) 1/m, square roots of inverse covariances; zero where absent.
+        start: Mid point of the hips (F, 3) and axes of the pelvis (F, 3, 3).
+    """
     frames, count = len(xyz), len(body.segments)
-    # A segment turns only where a landmark shows it.
-    levers = {on for on, place in zip(body.on, body.landmarks, strict=True) if place.any()}
-    levers |= {body.parents[on] for on in body.on}
-    moving = sorted({above for segment in levers for above in _upwards(body.parents, segment)})
+    unknown = _Unknowns.of(body)
     root, local = np.empty((frames, 3)), np.empty((frames, count, 3, 3))
     cov, root_cov = np.empty((frames, count, 3, 3)), np.empty((frames, 3, 3))
     cov[:] = [np.diag(sd**2) for sd in body.prior]
     for first in range(0, frames, _FRAMES):
         part = slice(first, first + _FRAMES)
         begin = (start[0][part], _start(body, xyz[part], start[0][part], start[1][part]))
-        root[part], local[part], full = _solve_part(body, moving, xyz[part], precision[part], *begin)
+        root[part], local[part], full = _solve_part(body, unknown, xyz[part], precision[part], *begin)
         root_cov[part] = full[:, :3, :3]
-        for number, segment in enumerate(moving):
-            own = slice(3 + 3 * number, 6 + 3 * number)
+        for segment, own in unknown.columns.items():
             cov[part, segment] = full[:, own, own]
     return BodyMotion(body, root, local, cov, root_cov)
 
 
+@dataclass(frozen=True)
+class _Unknowns:
+    """The N unknowns of a frame: a shift of the whole body, and small rotations of segments in their own axes."""
+
+    size: int  # N
+    columns: dict[int, slice]  # Of the rotation of each segment that turns, parents first; the shift has columns 0 to 2
+    # joint, above: (n,) each joint with each segment that turns it: the one that it is on, and those above
+    joint: np.ndarray
+    above: np.ndarray
+    axes: np.ndarray  # (n, 3) columns of the rotation of `above`
+
+    @classmethod
+    def of(cls, body: Body) -> "_Unknowns":
+        """Return the unknowns of a body. A segment turns only where a landmark shows it."""
+        levers = {on for on, place in zip(body.on, body.landmarks, strict=True) if place.any()}
+        levers |= {body.parents[on] for on in body.on}
+        moving = sorted({above for segment in levers for above in _upwards(body.parents, segment)})
+        columns = {segment: slice(3 + 3 * number, 6 + 3 * number) for number, segment in enumerate(moving)}
+        turning = [(joint, above) for joint, on in enumerate(body.on) for above in _upwards(body.parents, on)]
+        joint, above = np.array([pair for pair in turning if pair[1] in columns]).T
+        axes = np.array([columns[segment].start for segment in above])[:, None] + np.arange(3)
+        return cls(3 + 3 * len(moving), columns, joint, above, axes)
+
+
+def _upwards(parents: tuple[int, ...], segment: int) -> Iterator[int]:
+    while segment >= 0:
+        yield segment
+        segment = parents[segment]
+
+
 def _solve_part(
-    body: Body, moving: list[int], xyz: np.ndarray, precision: np.ndarray, root: np.ndarray, local: np.ndarray
+    body: Body, unknown: _Unknowns, xyz: np.ndarray, precision: np.ndarray, root: np.ndarray, local: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return root (F, 3), rotations (F, S, 3, 3) and the covariance (F, N, N) of shift and rotations; N is 3 + 3 per
-    segment."""
-    frames, joints, on = len(xyz), len(body.joints), list(body.on)
-    column = {segment: 3 + 3 * number for number, segment in enumerate(moving)}
-    size, known = 3 + 3 * len(moving), np.nan_to_num(xyz)
-    lumbar, hips = body.segments.index("torso"), [body.segments.index(f"{side}_thigh") for side in "rl"]
-    weight = 1 / body.prior**2
-    weight[lumbar, 2] = 0  # the coupling of lumbar spine and hips takes its place
-    # The line from hips to shoulders leans by less than the torso turns, because it turns above the hips.
-    share = {lumbar: (1 - _LUMBAR_SHARE) * _trunk_share(body)}
-    share |= {hip: _LUMBAR_SHARE / 2 for hip in hips if hip in column}
-    # Each joint is turned by the segment that it is on and by the segments above.
-    turning = [(j, above) for j, segment in enumerate(on) for above in _upwards(body.parents, segment)]
-    joint, above = np.array([pair for pair in turning if pair[1] in column]).T
-    axes = np.array([column[segment] for segment in above])[:, None, None] + np.arange(3)
+    """Return root (F, 3), rotations (F, S, 3, 3) and the covariance (F, N, N) of the unknowns."""
+    moving = list(unknown.columns)
     for step in range(_STEPS + 1):
-        at, turned = body.place(root, local)
-        points = at[:, on] + (turned[:, on] @ body.landmarks[..., None])[..., 0]
-        J = np.zeros((frames, joints, 3, size))
-        J[..., :3] = np.eye(3)
-        # `np.cross` is slow for few frames.
-        x, y, z = np.moveaxis(turned[:, above], 2, 0)
-        a, b, c = np.moveaxis(points[:, joint] - at[:, above], 2, 0)[..., None]
-        moved = np.stack([y * c - z * b, z * a - x * c, x * b - y * a], 2)
-        J[:, joint[:, None, None], np.arange(3)[:, None], axes] = moved
-        residual = (precision @ (known - points)[..., None])[..., 0]
-        distance = np.linalg.norm(residual, axis=-1)
-        robust = np.sqrt(np.minimum(1, _HUBER / np.maximum(distance, 1e-9))) if step > 2 else np.ones_like(distance)
-        J = ((robust[..., None, None] * precision) @ J).reshape(frames, -1, size)
-        residual = (robust[..., None] * residual).reshape(frames, -1)
-        H = J.swapaxes(-1, -2) @ J
-        gradient = (J.swapaxes(-1, -2) @ residual[..., None])[..., 0]
-        # A body that is not seen at all in a frame stays where it was.
-        H[:, range(size), range(size)] += 1e-3
-        flexion, folded, row = np.zeros(frames), np.zeros(frames), np.zeros((frames, size))
-        turns = Rotation.from_matrix(local[:, moving[1:]].reshape(-1, 3, 3)).as_rotvec().reshape(frames, -1, 3)
-        by_turns = _inverse_right_jacobian(turns)
-        for number, segment in enumerate(moving[1:]):
-            turn, by_turn = turns[:, number], by_turns[:, number]
-            own = slice(column[segment], column[segment] + 3)
-            weighted = by_turn.swapaxes(-1, -2) * weight[segment]
-            H[:, own, own] += weighted @ by_turn
-            gradient[:, own] -= (weighted @ turn[..., None])[..., 0]
-            if segment in share:
-                flexion += share[segment] * turn[:, 2]
-                folded += turn[:, 2] * (-1 if segment == lumbar else 0.5)
-                row[:, own] = share[segment] * by_turn[:, 2]
-        # The pelvis shares the angle between trunk and thighs with the lumbar spine.
-        bent = (flexion - body.standing)[:, None]
-        variance = body.lumbar_sd**2 + (_LUMBAR_SD[1] * folded[:, None]) ** 2
-        H += row[:, :, None] * (row / variance)[:, None]
-        gradient -= row * bent / variance
+        H, gradient = _landmark_equations(body, unknown, xyz, precision, root, local, robust=step > 2)
+        _add_prior(body, unknown, local, H, gradient)
         change = np.linalg.solve(H, gradient[..., None])[..., 0]
         if step == _STEPS or np.abs(change).max(initial=0) < _CONVERGED:
             break
         turn = change[:, 3:].reshape(-1, 3)
         turn *= np.minimum(1, _MOST_STEP / np.maximum(np.linalg.norm(turn, axis=-1, keepdims=True), 1e-9))
         root = root + change[:, :3]
-        local[:, moving] = local[:, moving] @ Rotation.from_rotvec(turn).as_matrix().reshape(frames, -1, 3, 3)
+        local[:, moving] = local[:, moving] @ Rotation.from_rotvec(turn).as_matrix().reshape(len(xyz), -1, 3, 3)
     return root, local, np.linalg.inv(H)
+
+
+def _landmark_equations(
+    body: Body,
+    unknown: _Unknowns,
+    xyz: np.ndarray,
+    precision: np.ndarray,
+    root: np.ndarray,
+    local: np.ndarray,
+    robust: bool,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the normal matrix (F, N, N) and the gradient (F, N) of the distances from landmarks to joints.
+
+    With `robust`, joints that are far off count less (Huber).
+    """
+    frames, on = len(xyz), list(body.on)
+    at, turned = body.place(root, local)
+    points = at[:, on] + (turned[:, on] @ body.landmarks[..., None])[..., 0]
+    J = np.zeros((frames, len(on), 3, unknown.size))
+    J[..., :3] = np.eye(3)
+    # A rotation about an axis moves a landmark by the cross product with its lever. `np.cross` is slow for few frames.
+    x, y, z = np.moveaxis(turned[:, unknown.above], 2, 0)
+    a, b, c = np.moveaxis(points[:, unknown.joint] - at[:, unknown.above], 2, 0)[..., None]
+    moved = np.stack([y * c - z * b, z * a - x * c, x * b - y * a], 2)
+    J[:, unknown.joint[:, None, None], np.arange(3)[:, None], unknown.axes[:, None]] = moved
+    residual = (precision @ (np.nan_to_num(xyz) - points)[..., None])[..., 0]
+    distance = np.linalg.norm(residual, axis=-1)
+    weight = np.sqrt(np.minimum(1, _HUBER / np.maximum(distance, 1e-9))) if robust else np.ones_like(distance)
+    J = ((weight[..., None, None] * precision) @ J).reshape(frames, -1, unknown.size)
+    residual = (weight[..., None] * residual).reshape(frames, -1)
+    return J.swapaxes(-1, -2) @ J, (J.swapaxes(-1, -2) @ residual[..., None])[..., 0]
+
+
+def _add_prior(body: Body, unknown: _Unknowns, local: np.ndarray, H: np.ndarray, gradient: np.ndarray) -> None:
+    """Add to normal equations what is known of a body without its joints: rotations near neutral, and the pelvis' share
+    of the angle between trunk and thighs."""
+    frames, (_, *moving) = len(local), unknown.columns  # the pelvis turns freely
+    torso, hips = body.segments.index("torso"), [body.segments.index(f"{side}_thigh") for side in "rl"]
+    weight = 1 / body.prior**2
+    weight[torso, 2] = 0  # the coupling of lumbar spine and hips takes its place
+    # The line from hips to shoulders leans by less than the torso turns, because it turns above the hips.
+    share = {torso: (1 - _LUMBAR_SHARE) * _trunk_share(body)}
+    share |= dict.fromkeys(hips, _LUMBAR_SHARE / 2)
+    # A body that is not seen at all in a frame stays where it was.
+    H[:, range(unknown.size), range(unknown.size)] += 1e-3
+    flexion, folded, row = np.zeros(frames), np.zeros(frames), np.zeros((frames, unknown.size))
+    turns = Rotation.from_matrix(local[:, moving].reshape(-1, 3, 3)).as_rotvec().reshape(frames, -1, 3)
+    by_turns = _inverse_right_jacobian(turns)
+    for number, segment in enumerate(moving):
+        turn, by_turn, own = turns[:, number], by_turns[:, number], unknown.columns[segment]
+        weighted = by_turn.swapaxes(-1, -2) * weight[segment]
+        H[:, own, own] += weighted @ by_turn
+        gradient[:, own] -= (weighted @ turn[..., None])[..., 0]
+        if segment in share:
+            flexion += share[segment] * turn[:, 2]
+            folded += turn[:, 2] * (-1 if segment == torso else 0.5)
+            row[:, own] = share[segment] * by_turn[:, 2]
+    bent = (flexion - body.standing)[:, None]
+    variance = body.lumbar_sd**2 + (_LUMBAR_SD[1] * folded[:, None]) ** 2
+    H += row[:, :, None] * (row / variance)[:, None]
+    gradient -= row * bent / variance
 
 
 def _trunk_share(body: Body) -> float:
@@ -517,12 +570,6 @@ def _trunk_share(body: Body) -> float:
     low = body.origins[body.segments.index("torso"), 1]
     high = body.origins[body.segments.index("r_clavicle"), 1]
     return float(high / (low + high))
-
-
-def _upwards(parents: tuple[int, ...], segment: int) -> Iterator[int]:
-    while segment >= 0:
-        yield segment
-        segment = parents[segment]
 
 
 def _inverse_right_jacobian(turns: np.ndarray) -> np.ndarray:
