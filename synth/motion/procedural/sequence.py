@@ -472,28 +472,62 @@ def make_sequence(
         speed: Least and greatest walking speed, m/s.
         seated: Hip height in sitting, as a fraction of the standing hip height.
     """
-    pace = rng.uniform(*speed)
-    style = Style(
-        pace=rng.uniform(0.85, 1.2),
-        speed=pace,
-        width=rng.uniform(0.06, 0.13),
-        apart=rng.uniform(0.14, 0.26),
-        swing=swing_width(pace) * rng.uniform(0.6, 1.3),
-        lean=np.radians(rng.uniform(0, 6)),
-        seat=seated * HIP_HEIGHT,
-    )
+    style = _random_style(speed, seated, rng=rng)
     times = np.arange(max(round(seconds * fps), 1)) / fps
     items, start = draw_agenda(actions, weights, style, seconds=times[-1] + 1 / fps, rng=rng)
     ease = np.stack([hang(rng, times, np.zeros(len(times))) for _ in SIDES], axis=1)
-    trajectories, performed, seats = [], [], []
-    walking, swing, swing_share = np.zeros(len(times)), np.zeros(len(times)), np.ones((len(times), 2))
-    raised = np.zeros((len(times), 2))
+    done = _perform(items, times + start, style, ease, fps)
+    _add_sway(done, times, fps, rng=rng)
+    trajectory = carried(done.trajectory, done.walking, done.raised, times, fps, rng=rng)
+    motion = replace(trajectory, root=reachable_root(trajectory, fps)).motion(
+        ", ".join(name for _, name in done.actions), fps
+    )
+    return replace(motion, seats=done.seats, actions=done.actions)
+
+
+def _random_style(speed: Sequence[float], seated: float, *, rng: np.random.Generator) -> Style:
+    """Draw a style; arguments as for `make_sequence`."""
+    walks = rng.uniform(*speed)
+    return Style(
+        pace=rng.uniform(0.85, 1.2),
+        speed=walks,
+        width=rng.uniform(0.06, 0.13),
+        apart=rng.uniform(0.14, 0.26),
+        swing=swing_width(walks) * rng.uniform(0.6, 1.3),
+        lean=np.radians(rng.uniform(0, 6)),
+        seat=seated * HIP_HEIGHT,
+    )
+
+
+@dataclass(frozen=True)
+class _Performance:
+    """An agenda performed over F frames, before small movements."""
+
+    trajectory: BodyTrajectory
+    walking: np.ndarray  # (F,) from 0, standing, to 1, walking at speed
+    swing: np.ndarray  # (F,) rad, swing of the arms in walking
+    raised: np.ndarray  # (F, 2) weight of the action of each arm against the arm at ease
+    actions: tuple[tuple[int, str], ...]  # First frame and name of each action
+    seats: tuple[int, ...]  # Frames in which the person begins to sit on a stool
+
+
+def _perform(
+    items: Sequence[AgendaItem], times: np.ndarray, style: Style, ease: np.ndarray, fps: float
+) -> _Performance:
+    """Perform the items of an agenda one after another.
+
+    Args:
+        times: (F,) s of the agenda.
+        ease: (F, 2, 5) angles of arms at ease, as `HANGING`.
+    """
+    trajectories, actions, seats = [], [], []
+    walking, swing, raised = np.zeros(len(times)), np.zeros(len(times)), np.zeros((len(times), 2))
     for item in items:
-        frames = np.flatnonzero((times + start >= item.begin) & (times + start < item.end))
+        frames = np.flatnonzero((times >= item.begin) & (times < item.end))
         if not len(frames):
             continue
-        performed.append((int(frames[0]), item.name))
-        since = times[frames] + start - item.begin
+        actions.append((int(frames[0]), item.name))
+        since = times[frames] - item.begin
         if isinstance(item.doing, Action):
             trajectories.append(perform_on_the_spot(item.doing, since, item.stance, ease[frames], fps))
             raised[frames] = item.doing.offsets(since).raised
@@ -504,33 +538,19 @@ def make_sequence(
             if item.gesture:
                 offsets = item.gesture.offsets(since - item.late)
                 arms = arms + offsets.raised[..., None] * (offsets.arms - arms)
-                raised[frames], swing_share[frames] = offsets.raised, 1 - offsets.raised
+                raised[frames] = offsets.raised
             # Trunk and head are upright.
             heading, level = lower_body.heading, np.zeros(len(frames))
             chest = np.stack([heading, style.lean * lower_body.walking, level], axis=1)
             trajectories.append(lower_body.with_upper_body(chest, np.stack([heading, level], axis=1), arms))
             walking[frames], swing[frames] = lower_body.walking, style.swing * lower_body.swing
-    trajectory = concatenate(trajectories)
-    _add_sway(trajectory, walking, swing, swing_share, times, fps, rng=rng)
-    trajectory = carried(trajectory, walking, raised, times, fps, rng=rng)
-    motion = replace(trajectory, root=reachable_root(trajectory, fps)).motion(
-        ", ".join(name for _, name in performed), fps
-    )
-    return replace(motion, seats=tuple(seats), actions=tuple(performed))
+    return _Performance(concatenate(trajectories), walking, swing, raised, tuple(actions), tuple(seats))
 
 
-def _add_sway(
-    trajectory: BodyTrajectory,
-    walking: np.ndarray,
-    swing: np.ndarray,
-    swing_share: np.ndarray,
-    times: np.ndarray,
-    fps: float,
-    *,
-    rng: np.random.Generator,
-) -> None:
-    """Add arm swing in walking, each arm by its share (F, 2), the sway of standing, and drifts of trunk and head."""
-    still = gaussian_filter1d(1 - np.minimum(1, 2 * walking), 0.2 * fps, mode="nearest")
+def _add_sway(done: _Performance, times: np.ndarray, fps: float, *, rng: np.random.Generator) -> None:
+    """Add the swing of arms that are at ease in walking, the sway of standing, and drifts of trunk and head."""
+    trajectory, swing = done.trajectory, done.swing
+    still = gaussian_filter1d(1 - np.minimum(1, 2 * done.walking), 0.2 * fps, mode="nearest")
     # Sway of quiet standing: Prieto et al., IEEE Trans. Biomed. Eng. 43 (1996).
     sway = [random_drift(rng, times, 0.005, fastest) for fastest in (0.3, 0.5)]
     trajectory.root[:, :2] += still[:, None] * np.stack(sway, axis=1)
@@ -539,7 +559,7 @@ def _add_sway(
     trajectory.head[:, 0] += random_drift(rng, times, np.radians(10), 0.3)
     trajectory.head[:, 1] += random_drift(rng, times, np.radians(4), 0.3)
     for arm, (_, sign) in enumerate(SIDES):
-        ahead = sign * swing * swing_share[:, arm]
+        ahead = sign * swing * (1 - done.raised[:, arm])
         trajectory.arms[:, arm, 0] += ahead
         # The elbow bends as the arm comes forward.
         trajectory.arms[:, arm, 3] += 0.5 * (np.abs(ahead) + ahead)
