@@ -3,12 +3,16 @@
 The opcodes are decoded by `pickletools`, which runs none of them. A small stack machine interprets the opcodes with
 which NumPy and Python write containers, texts, numbers and arrays of numbers, and builds these values itself. The
 functions that NumPy's pickles call are compared by name and never looked up.
+
+`pickle.Unpickler` with its own `find_class` refuses functions as well, but neither its memory nor its time has a bound:
+seven bytes state a place in the memo for which it allocates gigabytes, and tuples within each other as a key of a
+dictionary, 200 bytes, are hashed for minutes.
 """
 
 import io
 import pickletools
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import prod
 from typing import Any
@@ -37,8 +41,6 @@ _PUSHED = {
     "BINBYTES8",
 }  # fmt: skip
 _CONSTANTS = {"NONE": None, "NEWTRUE": True, "NEWFALSE": False, "EMPTY_TUPLE": ()}
-_SHORT_TUPLES = {"TUPLE1": 1, "TUPLE2": 2, "TUPLE3": 3}
-_OF_A_MARK = {"APPENDS", "SETITEMS", "LIST", "TUPLE", "DICT", "POP_MARK"}  # Opcodes that take all above a mark
 
 
 @dataclass(frozen=True)
@@ -88,76 +90,98 @@ def _interpret(data: bytes):
     memo: dict[int, object] = {}
     opcodes: Iterator[tuple[pickletools.OpcodeInfo, Any, Any]] = pickletools.genops(io.BytesIO(data))
     for opcode, argument, position in opcodes:
-        name = opcode.name
-        if name in _PUSHED:
-            stack.append(argument)
-        elif name in ("PUT", "BINPUT", "LONG_BINPUT", "MEMOIZE"):
-            place = len(memo) if name == "MEMOIZE" else argument
-            memo[place] = stack[-1]
-            if isinstance(stack[-1], _Unfilled):
-                stack[-1].places.append(place)
-        elif name in ("GET", "BINGET", "LONG_BINGET"):
-            stack.append(memo[argument])
-        elif name in _CONSTANTS:
-            stack.append(_CONSTANTS[name])
-        elif name == "EMPTY_LIST":
-            stack.append([])
-        elif name == "EMPTY_DICT":
-            stack.append({})
-        elif name in _SHORT_TUPLES:
-            count = _SHORT_TUPLES[name]
-            if len(stack) < count:
-                raise ValueError("its pickle is damaged: a tuple lacks items")
-            stack[-count:] = [tuple(stack[-count:])]
-        elif name == "APPEND":
-            item = stack.pop()
-            _expect(stack[-1], list).append(item)
-        elif name == "SETITEM":
-            item = [stack.pop(-2), stack.pop()]
-            _expect(stack[-1], dict).update(_dictionary(item))
-        elif name == "MARK":
-            below.append(stack)
-            stack = []
-        elif name in _OF_A_MARK:
-            items, stack = stack, below.pop()
-            if name == "APPENDS":
+        match opcode.name:
+            case name if name in _PUSHED:
+                stack.append(argument)
+            case name if name in _CONSTANTS:
+                stack.append(_CONSTANTS[name])
+            case "EMPTY_LIST":
+                stack.append([])
+            case "EMPTY_DICT":
+                stack.append({})
+            case "MARK":
+                below.append(stack)
+                stack = []
+            case "LIST":
+                items, stack = stack, below.pop()
+                stack.append(items)
+            case "TUPLE":
+                items, stack = stack, below.pop()
+                stack.append(tuple(items))
+            case "DICT":
+                items, stack = stack, below.pop()
+                stack.append(_dictionary(items))
+            case "TUPLE1" | "TUPLE2" | "TUPLE3" as name:
+                count = int(name[-1])
+                if len(stack) < count:
+                    raise ValueError("its pickle is damaged: a tuple lacks items")
+                stack[-count:] = [tuple(stack[-count:])]
+            case "APPEND":
+                item = stack.pop()
+                _expect(stack[-1], list).append(item)
+            case "APPENDS":
+                items, stack = stack, below.pop()
                 _expect(stack[-1], list).extend(items)
-            elif name == "SETITEMS":
+            case "SETITEM":
+                item = [stack.pop(-2), stack.pop()]
+                _expect(stack[-1], dict).update(_dictionary(item))
+            case "SETITEMS":
+                items, stack = stack, below.pop()
                 _expect(stack[-1], dict).update(_dictionary(items))
-            elif name != "POP_MARK":
-                made: dict[str, Callable] = {"LIST": list, "TUPLE": tuple, "DICT": _dictionary}
-                stack.append(made[name](items))
-        elif name in ("GLOBAL", "STACK_GLOBAL"):
-            asked = argument.split(" ", 1) if name == "GLOBAL" else [stack.pop(-2), stack.pop()]
-            if not all(isinstance(part, str) for part in asked) or tuple(asked) not in _GLOBALS:
-                raise ValueError(f"it requests {asked[0]}.{asked[-1]}, which is not loaded")
-            stack.append(_Global(_GLOBALS[asked[0], asked[1]]))
-        elif name == "REDUCE":
-            arguments = stack.pop()
-            stack.append(_call(stack.pop(), arguments))
-        elif name == "BUILD":
-            state, target = stack.pop(), stack[-1]
-            if isinstance(target, _Type):
-                _, order, *parts = _expect(state, tuple)
-                if order not in ("<", ">", "|", "=") or parts[:3] != [None] * 3:
-                    raise ValueError("it holds an array of elements that are no numbers")
-                target.order = order
-            elif isinstance(target, _Unfilled):
-                stack[-1] = _array(*_expect(state, tuple)[1:])
-                memo.update(dict.fromkeys(target.places, stack[-1]))
-            else:
-                raise ValueError(f"it sets the attributes of a {type(target).__name__}, which is not read")
-        elif name == "POP":
-            stack.pop()
-        elif name == "STOP":
-            break
-        elif name not in ("PROTO", "FRAME"):
-            raise ValueError(f"it requests the operation {name}, which is not read")
+            case "PUT" | "BINPUT" | "LONG_BINPUT" | "MEMOIZE" as name:
+                place = len(memo) if name == "MEMOIZE" else argument
+                memo[place] = stack[-1]
+                if isinstance(stack[-1], _Unfilled):
+                    stack[-1].places.append(place)
+            case "GET" | "BINGET" | "LONG_BINGET":
+                stack.append(memo[argument])
+            case "GLOBAL":
+                stack.append(_named(*argument.split(" ", 1)))
+            case "STACK_GLOBAL":
+                stack.append(_named(stack.pop(-2), stack.pop()))
+            case "REDUCE":
+                arguments = stack.pop()
+                stack.append(_call(stack.pop(), arguments))
+            case "BUILD":
+                state = stack.pop()
+                stack[-1] = _built(stack[-1], state, memo)
+            case "POP":
+                stack.pop()
+            case "POP_MARK":
+                stack = below.pop()
+            case "PROTO" | "FRAME":
+                pass
+            case "STOP":
+                break
+            case name:
+                raise ValueError(f"it requests the operation {name}, which is not read")
         if len(stack) > _MOST_STACK or len(below) > 2 * MOST_DEPTH:
             raise ValueError(f"it has too many values within each other at byte {position}")
     if len(stack) != 1 or below:
         raise ValueError("its pickle is cut short")
     return stack[0]
+
+
+def _named(module, name) -> _Global:
+    """Return a function by name, if it is one that NumPy's pickles call."""
+    if not (isinstance(module, str) and isinstance(name, str) and (module, name) in _GLOBALS):
+        raise ValueError(f"it requests {module}.{name}, which is not loaded")
+    return _Global(_GLOBALS[module, name])
+
+
+def _built(target, state, memo: dict[int, object]):
+    """Return a type of elements with its byte order, or an array with its contents, which also goes into the memo."""
+    if isinstance(target, _Type):
+        _, order, *parts = _expect(state, tuple)
+        if order not in ("<", ">", "|", "=") or parts[:3] != [None] * 3:
+            raise ValueError("it holds an array of elements that are no numbers")
+        target.order = order
+        return target
+    if isinstance(target, _Unfilled):
+        array = _array(*_expect(state, tuple)[1:])
+        memo.update(dict.fromkeys(target.places, array))
+        return array
+    raise ValueError(f"it sets the attributes of a {type(target).__name__}, which is not read")
 
 
 def _call(function, arguments):

@@ -103,6 +103,8 @@ HARM = {
     "deep lists": b"]" * 100 + b"a" * 99 + b".",
     "deep marks": b"(" * 100_000 + b".",
     "doubling lists": doubling(60),
+    "nested tuples as a key": b"})" + b"".join(b"q%ch%c\x86" % (n, n) for n in range(60)) + b"Ns.",
+    "far place in the memo": b"Nr\xff\xff\xff\x7f0.",
     "long empty array": pickle.dumps(np.zeros((1, 0)), 2).replace(b"K\x01K\x00", b"\x8a\x061234\x00\x00K\x00"),
     "array larger than its bytes": pickle.dumps(np.zeros(10), 2).replace(b"K\x0a\x85", b"J\xff\xff\xff\x7f\x85"),
     "text that states more bytes": b"\x80\x04\x8d" + struct.pack("<Q", 2**62) + b"a.",
