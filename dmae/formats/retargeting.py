@@ -358,34 +358,17 @@ def _targets(person: _Person, robot: _Robot, scale: float, fps: float) -> _Targe
     shoulders = (pelvis + pelvis_turn @ robot.waist)[:, None] + np.einsum("fij,sj->fsi", trunk_turn, robot.shoulder)
     elbows = shoulders + robot.upper_arm * _unit(person.elbows - person.shoulders)
     palms = elbows + robot.forearm * _unit(person.wrists - person.elbows)
-    ankles, hold = placed(person.ankles), np.empty((len(pelvis), 2))
+    ankles = placed(person.ankles)
     # The robot's hips are wider than a person's; its feet stand as much wider.
     width = np.median(np.linalg.norm(person.hips[:, 0] - person.hips[:, 1], axis=-1))
     beside = robot.hip[:, 1] - own * width / 2 * np.array([1, -1])
     ankles[..., :2] += beside[:, None] * _unit(pelvis_turn[:, :2, 1])[:, None]
+    hold = np.stack([_near_in_time(stands, fps, _STEP_TIME) for stands in person.stands.T], 1)
     foot_turns = np.empty((len(pelvis), 2, 3, 3))
-    heading = np.unwrap(np.arctan2(pelvis_turn[:, 1, 0], pelvis_turn[:, 0, 0]))
     for side in range(2):
-        along = person.toes[:, side] - person.heels[:, side]
-        if np.isnan(along).any():
-            yaw, pitch = heading, np.zeros(len(heading))
-        else:
-            yaw = np.unwrap(np.arctan2(along[:, 1], along[:, 0]))
-            pitch = -np.arctan2(along[:, 2], np.linalg.norm(along[:, :2], axis=-1))
-            # Nobody's hips turn farther for long, and the robot's less far where a leg crosses the other.
-            yaw = heading + np.clip((yaw - heading + np.pi) % (2 * np.pi) - np.pi, -_TURN, _TURN)
-            stands = person.stands[:, side]
-            pitch = pitch - (np.median(pitch[stands]) if stands.any() else 0.0)
-        stands = person.stands[:, side]
-        hold[:, side] = _near_in_time(stands, fps, _STEP_TIME)
-        held = np.concatenate([ankles[:, side], yaw[:, None]], -1)
-        held[:, 2] = ankle_height
-        for first, last in runs(stands):
-            held[first:last] = held[first:last].mean(0)
-        if stands.any():
-            held = linear(np.where(stands[:, None], held, np.nan)[:, None])[:, 0]
-        free = np.concatenate([ankles[:, side], yaw[:, None]], -1)
-        path = free + hold[:, side, None] * (held - free)
+        yaw, pitch = _foot_angles(person, side, pelvis_turn)
+        path = np.concatenate([ankles[:, side], yaw[:, None]], -1)
+        path += hold[:, side, None] * (_held(path, person.stands[:, side], ankle_height) - path)
         pitch = np.clip(pitch, -0.7, 0.7) * (1 - hold[:, side])
         foot_turns[:, side] = Rotation.from_euler("ZY", np.stack([path[:, 3], pitch], -1)).as_matrix()
         # No end of the sole below the floor.
@@ -393,6 +376,29 @@ def _targets(person: _Person, robot: _Robot, scale: float, fps: float) -> _Targe
         ankles[:, side] = path[:, :3]
         ankles[:, side, 2] = np.maximum(path[:, 2], -low)
     return _Targets(pelvis, pelvis_turn, trunk_turn, elbows, palms, ankles, foot_turns, hold)
+
+
+def _foot_angles(person: _Person, side: int, pelvis_turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return yaw and pitch (F,), rad, of a foot; as the pelvis faces and level if heel or toe are never known."""
+    heading = np.unwrap(np.arctan2(pelvis_turn[:, 1, 0], pelvis_turn[:, 0, 0]))
+    along, stands = person.toes[:, side] - person.heels[:, side], person.stands[:, side]
+    if np.isnan(along).any():
+        return heading, np.zeros(len(heading))
+    yaw = np.unwrap(np.arctan2(along[:, 1], along[:, 0]))
+    pitch = -np.arctan2(along[:, 2], np.linalg.norm(along[:, :2], axis=-1))
+    # Nobody's hips turn farther for long, and the robot's less far where a leg crosses the other.
+    yaw = heading + np.clip((yaw - heading + np.pi) % (2 * np.pi) - np.pi, -_TURN, _TURN)
+    return yaw, pitch - (np.median(pitch[stands]) if stands.any() else 0.0)
+
+
+def _held(path: np.ndarray, stands: np.ndarray, height: float) -> np.ndarray:
+    """Return a path (F, 4) of an ankle, m, and its yaw, rad, that stays at one place at `height` while a foot stands,
+    and moves straight from place to place."""
+    held = path.copy()
+    held[:, 2] = height
+    for first, last in runs(stands):
+        held[first:last] = held[first:last].mean(0)
+    return linear(np.where(stands[:, None], held, np.nan)[:, None])[:, 0] if stands.any() else held
 
 
 def _lasting(flags: np.ndarray, least: float) -> np.ndarray:
@@ -444,23 +450,34 @@ def near_contacts(people: list[_Person], fps: float) -> list[Contact]:
     for (person, one), (other, two) in permutations(enumerate(people), 2):
         for side, part in product(range(2), _RADII):
             for other_side in range(1 if part == "trunk" else 2):
-                start, end = _part(two, part, other_side)
-                gaps, points = [], []
-                for place in (one.palms[:, side], one.wrists[:, side]):
-                    away = _along(place, start, end)[1]
-                    radius = np.full(len(away), _RADII[part])
-                    if part == "trunk":
-                        # A trunk is broader than deep.
-                        beside = (_unit(away) * _unit(two.shoulders[:, 0] - two.shoulders[:, 1])).sum(-1)
-                        radius = 1 / np.sqrt((beside / _TRUNK_BREADTH) ** 2 + (1 - beside**2) / radius**2)
-                    gaps.append(np.linalg.norm(away, axis=-1) - radius * two.size - _RADII["hand"] * one.size)
-                    points.append(place - away / 2 if part == "hand" else place - _unit(away) * gaps[-1][:, None])
-                nearer = gaps[1] < gaps[0]
+                gaps, points = zip(
+                    *(_gap(place[:, side], one.size, two, part, other_side) for place in (one.palms, one.wrists)),
+                    strict=True,
+                )
                 at = _lasting(np.minimum(*gaps) < _TOUCH, _TOUCH_TIME * fps)
                 if at.any():
-                    point = np.where(nearer[:, None], points[1], points[0])
+                    point = np.where((gaps[1] < gaps[0])[:, None], points[1], points[0])
                     found.append(Contact(person, side, other, part, other_side, np.where(at[:, None], point, np.nan)))
     return found
+
+
+def _gap(hand: np.ndarray, size: float, other: _Person, part: str, side: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the distance between the surfaces of a hand and of a part of another person, (F,) m, and the place where
+    they touch or would, (F, 3) m.
+
+    Args:
+        hand: (F, 3) m, place in a hand.
+        size: Of the hand's person.
+        part, side: As in `Contact`.
+    """
+    away = _along(hand, *_part(other, part, side))[1]
+    radius = np.full(len(away), _RADII[part])
+    if part == "trunk":
+        # A trunk is broader than deep.
+        beside = (_unit(away) * _unit(other.shoulders[:, 0] - other.shoulders[:, 1])).sum(-1)
+        radius = 1 / np.sqrt((beside / _TRUNK_BREADTH) ** 2 + (1 - beside**2) / radius**2)
+    gap = np.linalg.norm(away, axis=-1) - radius * other.size - _RADII["hand"] * size
+    return gap, hand - away / 2 if part == "hand" else hand - _unit(away) * gap[:, None]
 
 
 def _touches(people: list[_Person], contacts: Sequence[Contact], fps: float) -> list[_Touch]:
