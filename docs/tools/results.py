@@ -124,7 +124,7 @@ def contacts_table(name: str) -> str:
     """Return a table of interactions: how often and how hard people touch, as `synth stats` counts."""
     from synth.datasets.statistics import CONTACT_HEAD, contact_rows
 
-    return _table(list(CONTACT_HEAD), [list(row) for row in contact_rows(load(name))])
+    return _table(list(CONTACT_HEAD), [list(row) for row in contact_rows(load(name)["contacts"])])
 
 
 def motion_table(names: dict[str, str]) -> str:

@@ -135,21 +135,31 @@ def lacks_images(path: Path, kinds: Sequence[str]) -> bool:
 def _measure(config: GenerateConfig, indices: list[int]) -> tuple[float, ...]:
     """Return time, s, and size, bytes, of a clip, each fixed and by frame, and the fields of `ImageCost`."""
     whole = len(config.numbers) * config.scene.seconds
-    long = min(config.scene.seconds, _LONG, max(2 * _SHORT, whole / _PART))
+    length = min(config.scene.seconds, _LONG, max(2 * _SHORT, whole / _PART))
     with tempfile.TemporaryDirectory() as folder:
-        short_seconds, short_bytes, few, *_ = _timed(config, indices, min(_SHORT, long / 2), Path(folder) / "short")
-        long_seconds, long_bytes, many, clip, state = _timed(config, indices, long, Path(folder) / "long")
-        frame_seconds = max(0.0, (long_seconds - short_seconds) / max(1, many - few))
-        frame_bytes = (long_bytes - short_bytes) / max(1, many - few)
+        short = _timed(config, indices, min(_SHORT, length / 2), Path(folder) / "short")
+        long = _timed(config, indices, length, Path(folder) / "long")
         images = ImageCost()
         if config.kinds:
-            images = image_cost(config, clip, state, config.scene.frames, Path(folder) / "images")
-    fixed = max(0.0, short_seconds - few * frame_seconds), short_bytes - few * frame_bytes
-    return fixed[0], frame_seconds, fixed[1], frame_bytes, *images
+            images = image_cost(config, long.clip, long.state, config.scene.frames, Path(folder) / "images")
+    few, more = len(short.clip), max(1, len(long.clip) - len(short.clip))
+    frame_seconds = max(0.0, (long.seconds - short.seconds) / more)
+    frame_bytes = (long.bytes - short.bytes) / more
+    clip_seconds, clip_bytes = max(0.0, short.seconds - few * frame_seconds), short.bytes - few * frame_bytes
+    return clip_seconds, frame_seconds, clip_bytes, frame_bytes, *images
 
 
-def _timed(config: GenerateConfig, indices: list[int], seconds: float, folder: Path) -> tuple:
-    """Make a clip of `seconds`. Return the time, s, its size, bytes, its number of frames, the clip and its state."""
+class _TimedClip(NamedTuple):
+    """A clip with its states, the time that it took, s, and the size of its files, bytes."""
+
+    clip: Clip
+    state: BodyState
+    seconds: float
+    bytes: int
+
+
+def _timed(config: GenerateConfig, indices: list[int], seconds: float, folder: Path) -> _TimedClip:
+    """Make a clip of `seconds`."""
     start = time.perf_counter()
     clip, state = _first_success(config, indices, seconds)
     save_clip(clip, folder)
@@ -158,7 +168,7 @@ def _timed(config: GenerateConfig, indices: list[int], seconds: float, folder: P
     load_clip(folder)
     write_checksums(folder)
     clip_checksum(folder)
-    return time.perf_counter() - start, bytes_in(folder), len(clip), clip, state
+    return _TimedClip(clip, state, time.perf_counter() - start, bytes_in(folder))
 
 
 def _first_success(config: GenerateConfig, indices: list[int], seconds: float) -> tuple:

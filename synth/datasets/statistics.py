@@ -176,9 +176,7 @@ def measure_clip(clip: Clip) -> Statistics:
     found.counts["seconds"] += len(clip) / clip.fps  # type: ignore[assignment]  # the only one that is no integer
     spec = clip.provenance.get("spec")
     if spec:
-        together = spec.get("interaction", {}).get("kind", "none")
-        for key in (f"arena={spec['arena']}", f"motion={spec['motion']['kind']}", f"interaction={together}"):
-            found.scenes[key] += 1
+        found.scenes.update(scene_kinds(spec))
         _add(found, "stature", [person["body"]["stature"] for person in spec["persons"]])
     if clip.truth is None:
         found.counts["clips_without_truth"] += 1
@@ -188,6 +186,18 @@ def measure_clip(clip: Clip) -> Statistics:
     if clip.occlusion is not None:
         _measure_occlusion(clip, found)
     return found
+
+
+def scene_kinds(spec: dict) -> tuple[str, str, str]:
+    """Return what a clip counts as in `Statistics.scenes`, from the scene in its provenance."""
+    together = spec.get("interaction", {}).get("kind", "none")
+    return f"arena={spec['arena']}", f"motion={spec['motion']['kind']}", f"interaction={together}"
+
+
+def clips_by(counts: Counter[str], kind: str) -> dict[str, int]:
+    """Return the numbers of clips by arena, motion, interaction, persons or cameras, from `Statistics.scenes` or
+    `counts`."""
+    return {key.removeprefix(f"{kind}="): count for key, count in counts.items() if key.startswith(f"{kind}=")}
 
 
 def _add(found: Statistics, name: str, values) -> None:
@@ -241,13 +251,13 @@ def _measure_occlusion(clip: Clip, found: Statistics) -> None:
 
 # The terms of use of a data set, which follow from its inputs: free parts, and parts with separate terms.
 
-_PROCEDURAL = "procedural"
+PROCEDURAL = "procedural"
 
 
 def terms(scenes: Counter[str]) -> str:
     """Return the section on rights for the page of a data set, in Markdown, from `Statistics.scenes`."""
-    motion, rooms = _by(scenes, "motion="), _by(scenes, "arena=")
-    recorded = {kind: count for kind, count in motion.items() if kind != _PROCEDURAL}
+    motion, rooms = clips_by(scenes, "motion"), clips_by(scenes, "arena")
+    recorded = {kind: count for kind, count in motion.items() if kind != PROCEDURAL}
     foreign = {room: count for room, count in rooms.items() if room not in room_choices()}
     lines = [
         "People, clothes, textures, rooms and detectors of dmae-synth are made by its code, from published statistics. "
@@ -265,10 +275,6 @@ def terms(scenes: Counter[str]) -> str:
             "**Not simulated by this project**: the clips do not state their origin. Ask the source of the clips."
         )
     return "\n\n".join(lines)
-
-
-def _by(scenes: Counter[str], prefix: str) -> dict[str, int]:
-    return {key.removeprefix(prefix): count for key, count in scenes.items() if key.startswith(prefix)}
 
 
 def _listed(counts: dict[str, int]) -> str:
@@ -415,11 +421,15 @@ def numbers(found: Statistics, failed: int) -> dict:
         "counts": dict(found.counts) | {"clips_failed": failed},
         "different": {"persons": len(found.persons), "takes": len(found.takes), "rigs": len(found.rigs)},
         "scenes": dict(found.scenes),
-        "contacts": {kind: spread(clips) for kind, clips in sorted(found.contacts.items())},
+        "contacts": _spreads(found),
         "occlusion": causes,
         "occluders": dict(found.occluders),
         "histograms": histograms,
     }
+
+
+def _spreads(found: Statistics) -> dict[str, dict[str, float]]:
+    return {kind: spread(clips) for kind, clips in sorted(found.contacts.items())}
 
 
 def page(found: Statistics, name: str, failed: int) -> str:
@@ -429,9 +439,9 @@ def page(found: Statistics, name: str, failed: int) -> str:
         ("clips", f"{counts['clips']}{f', and {failed} that failed' if failed else ''}"),
         ("frames", f"{counts['frames']}, {counts['seconds']:.0f} s"),
         ("views of frames", str(counts["images"])),
-        ("clips by persons", _listed_counts(counts, "persons=")),
-        ("clips by cameras", _listed_counts(counts, "cameras=")),
-        *((f"clips by {key}", _listed_counts(found.scenes, f"{key}=")) for key in ("arena", "motion", "interaction")),
+        ("clips by persons", _listed_counts(counts, "persons")),
+        ("clips by cameras", _listed_counts(counts, "cameras")),
+        *((f"clips by {key}", _listed_counts(found.scenes, key)) for key in ("arena", "motion", "interaction")),
         ("different persons, motions, rigs", ", ".join(str(len(x)) for x in (found.persons, found.takes, found.rigs))),
     ]
     if counts["clips_without_truth"]:
@@ -448,8 +458,8 @@ def page(found: Statistics, name: str, failed: int) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def _listed_counts(counts: Counter[str], prefix: str) -> str:
-    found = _by(counts, prefix)
+def _listed_counts(counts: Counter[str], kind: str) -> str:
+    found = clips_by(counts, kind)
     order = sorted(found, key=lambda key: (not key.isdigit(), int(key) if key.isdigit() else 0, key))
     return ", ".join(f"{key}: {found[key]}" for key in order) or "not known"
 
@@ -482,22 +492,22 @@ def _contacts(found: Statistics) -> str:
     return (
         "Share of frames in which a person touches another, number of touches, and greatest force in such a frame; of "
         "clips the least, the median and the greatest.\n\n"
-        + markdown_table(CONTACT_HEAD, contact_rows(numbers(found, 0)))
+        + markdown_table(CONTACT_HEAD, contact_rows(_spreads(found)))
     )
 
 
 CONTACT_HEAD = ("interaction", "clips", "frames in contact", "touches", "force, N")
 
 
-def contact_rows(kept: dict) -> list[tuple[str, ...]]:
-    """Return the rows of the contact table, from the content of `statistics.json`."""
+def contact_rows(contacts: dict[str, dict]) -> list[tuple[str, ...]]:
+    """Return the rows of the contact table, from `contacts` of `statistics.json`."""
 
     def three(row: dict, name: str, style: str) -> str:
         return " / ".join(format(row[f"{name}_{which}"], style) for which in ("least", "median", "most"))
 
     return [
         (kind, str(row["clips"]), three(row, "share", ".0%"), three(row, "touches", ".0f"), three(row, "force", ".0f"))
-        for kind, row in kept["contacts"].items()
+        for kind, row in contacts.items()
     ]
 
 

@@ -17,7 +17,7 @@ from dmae.files.structured import read_json
 from dmae.formats.labelled_images import DEPTH
 from dmae.reporting.tables import counted
 from synth.datasets.config import AboutConfig
-from synth.datasets.statistics import terms
+from synth.datasets.statistics import PROCEDURAL, clips_by, scene_kinds, terms
 
 TITLE = "Simulated people who hide each other"
 """Heading of the README if the publisher names none."""
@@ -90,12 +90,11 @@ def write_metadata(data: Path, out: Path, summary: dict, about: AboutConfig) -> 
         summary: Content of `export.json`.
         about: What only the publisher knows.
     """
-    # Clips by `arena=` and `motion=`, as `synth stats` counts them.
-    scenes: Counter = Counter()
+    scenes: Counter[str] = Counter()
     for name in (name for split in summary["splits"].values() for name in split["names"]):
         spec = read_json(data / name / "clip.json").get("provenance", {}).get("spec")
         if spec:
-            scenes.update((f"arena={spec['arena']}", f"motion={spec['motion']['kind']}"))
+            scenes.update(scene_kinds(spec))
     config = data / "config.json"
     texts = describe(summary, scenes, read_json(config).get("seed") if config.is_file() else None)
     write_atomic(out / DATASHEET, datasheet(texts, summary, about))
@@ -106,10 +105,10 @@ def write_metadata(data: Path, out: Path, summary: dict, about: AboutConfig) -> 
     write_atomic(out / CROISSANT, json.dumps(croissant(out, summary, texts, about), indent=1))
 
 
-def describe(summary: dict, scenes: Counter, seed: int | None) -> dict[str, str]:
+def describe(summary: dict, scenes: Counter[str], seed: int | None) -> dict[str, str]:
     """Return what is known of a data set, by the names of Croissant's RAI fields, and `rights`."""
-    recorded = any(key.startswith("motion=") and key != "motion=procedural" for key in scenes)
-    rooms = ", ".join(sorted(key.removeprefix("arena=") for key in scenes if key.startswith("arena="))) or "unknown"
+    recorded = any(kind != PROCEDURAL for kind in clips_by(scenes, "motion"))
+    rooms = ", ".join(sorted(clips_by(scenes, "arena"))) or "unknown"
     counts = {key: sum(split.get(key, 0) for split in summary["splits"].values()) for key in ("clips", "images")}
     origin = "recorded takes, replayed with contacts" if recorded else "procedural motion with published kinematics"
     return {
