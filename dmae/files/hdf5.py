@@ -1,4 +1,7 @@
-"""Arrays and texts in HDF5 files, including netCDF 4. Sizes and filters are checked before memory is allocated."""
+"""Arrays and texts in HDF5 files, including netCDF 4. Sizes and filters are checked before memory is allocated.
+
+h5py reads the files. Before it opens one, damaged heaps of texts are looked for, on which its library hangs.
+"""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -1,6 +1,7 @@
 """JSON, YAML and TOML as plain values: dictionaries, lists, texts and numbers, nested to a bounded depth.
 
-Repeated keys are refused, and so are YAML's aliases, with which a kilobyte can expand to gigabytes.
+Python's parsers and PyYAML's safe loader read them. Repeated keys are refused, of which these keep the last, and so are
+YAML's aliases, with which a kilobyte can expand to gigabytes.
 """
 
 import json
@@ -38,7 +39,7 @@ def read_json(path: Path):
 
 def parse_json(text: str):
     """Return the value of a JSON text; errors as in `read_json`, without the file."""
-    # Brackets outside of texts. Counting them takes less time than reading the values.
+    # Brackets outside of texts. Counting them takes less time than walking through the values afterwards.
     brackets = np.frombuffer(_TEXT.sub(b"", text.encode(errors="replace")).translate(None, _NO_BRACKETS), np.uint8)
     depth = np.cumsum(np.where(np.isin(brackets, (ord("["), ord("{"))), 1, -1), dtype=np.int32)
     if depth.max(initial=0) > MOST_DEPTH:
