@@ -344,7 +344,7 @@ class _Targets:
 
 def _targets(person: _Person, robot: _Robot, scale: float, fps: float) -> _Targets:
     own = (robot.thigh + robot.shin) / person.leg
-    ankle_height, up = -robot.heel_tip[0, 2], np.array([0.0, 0.0, 1.0])
+    ankle_height, up = -float(robot.heel_tip[0, 2]), np.array([0.0, 0.0, 1.0])
 
     def placed(xyz: np.ndarray) -> np.ndarray:
         return np.concatenate([scale * xyz[..., :2], own * (xyz[..., 2:] - person.floor) + ankle_height], -1)

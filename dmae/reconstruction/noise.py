@@ -350,7 +350,7 @@ def _components(
     half, most, scale2 = found.square / (2 * found.freedom * expected), _CLIPPED / expected, found.scale**2
     # Variances that start too small change slowly.
     middle = np.median(found.square / found.freedom) / 4
-    level2, usual_level2 = np.mean(start.spread_m**2), np.mean(prior.spread_m**2)
+    level2, usual_level2 = float(np.mean(start.spread_m**2)), float(np.mean(prior.spread_m**2))
     now = _Components(np.maximum(start.jitter_px**2, middle), level2, np.ones(kinds), scores.shape2)
 
     def factor(group: np.ndarray, on_person: bool, before: np.ndarray) -> np.ndarray:
