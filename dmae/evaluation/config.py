@@ -54,7 +54,7 @@ class EvaluateConfig(PartConfig):
     capture: CaptureConfig = field(default_factory=CaptureConfig)
     methods: list[str] | None = field(default=None, metadata={"choices": completion_method})
     """How joints that no camera measured are filled: completion methods, module:function of your own, or folders that
-    `dmae train` wrote. By default measured, linear, gaussian_process and, if weights know the body, dmae_denoise."""
+    `dmae train` wrote; by default measured, linear, gaussian_process and, if weights know the body, dmae_denoise."""
     poses: str | None = field(default=None, metadata={"reads": "path"})
     """Poses made elsewhere, which are scored in place of `methods`: a file, or a folder with one for each clip."""
     weights: str | None = field(default=None, metadata={"reads": "model", "words": ("paper",)})
@@ -131,8 +131,8 @@ class StressConfig(PartConfig):
     levels: dict[str, list[float]] = field(default_factory=dict)
     """Levels of an axis, as levels.jitter=[1,2,4]; others have those of the size."""
     methods: list[str] | None = field(default=None, metadata={"choices": (*completion_method, "paper")})
-    """Completion methods, or module:function of your own; `paper` captures with the thresholds of the paper. By default
-    measured, linear, linear_body, kalman, gaussian_process and, if weights know the body, dmae and paper."""
+    """Completion methods, `paper`, or module:function of your own; by default measured, linear, linear_body, kalman,
+    gaussian_process and, if weights know the body, dmae and paper. `paper` captures with the paper's thresholds."""
     captures: list[str] = field(default_factory=list, metadata={"choices": capture_method})
     """Captures that are compared as they measure, with nothing filled: published systems, or module:function of a clip,
     or of a clip and its CaptureConfig."""
