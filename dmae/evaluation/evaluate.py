@@ -215,14 +215,24 @@ def _score_clip(config: EvaluateConfig, clips: Sequence[Clip], shown: bool) -> _
         facts = facts or scored_clip(trial.clip)
         if config.angles and trial.truth is not truth:
             truth, angles = trial.truth, leg_angles(trial.truth)[0]
-        compared = _filled_by_all(trial, filled)
-        for name, poses in filled.items():
-            scores = score(
-                poses, trial.given, trial.truth, trial.actors, trial.matches,
-                fps=trial.clip.fps, compared=compared, angles=angles,
-            )  # fmt: skip
-            runs.append((name, {"clip": trial.clip.id, "cameras": trial.cameras} | scores))
+        runs += runs_of(trial, filled, angles).items()
     return _ScoredClip(trial.clip.id, facts, trial.truth.skeleton.name, runs)
+
+
+def runs_of(trial: Trial, filled: dict[str, Poses3D], angles: np.ndarray | None = None) -> dict[str, dict]:
+    """Return the scores of each method's poses of a trial, as runs of `dmae.evaluation.scores.run_table`.
+
+    `angles`: true angles from `dmae.metrics.angles.leg_angles`; None to score none.
+    """
+    compared = _filled_by_all(trial, filled)
+    found = {}
+    for name, poses in filled.items():
+        scores = score(
+            poses, trial.given, trial.truth, trial.actors, trial.matches,
+            fps=trial.clip.fps, compared=compared, angles=angles,
+        )  # fmt: skip
+        found[name] = {"clip": trial.clip.id, "cameras": trial.cameras} | scores
+    return found
 
 
 def _filled_by_all(trial: Trial, filled: dict[str, Poses3D]) -> np.ndarray:

@@ -173,13 +173,17 @@ def run_table(runs: list[dict], *labels: str) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def figure_score(table: pd.DataFrame, figure: str, *labels: str) -> Score:
-    """Return a score of runs with its interval: the mean over actors, then clips, then subsets of cameras.
+def mean_score(table: pd.DataFrame, *labels: str, scale: float = 100.0) -> Score:
+    """Return the score of a table, by default in %, with its interval.
 
-    `table` comes from `run_table`. Runs of one clip and subset that differ in `labels` are averaged before the clips.
+    It is the mean over persons, then over runs that differ in `labels`, then over clips, then over subsets of cameras.
     """
-    part = table[table["figure"] == figure]
-    return score_of(part, "cameras", "clip", *labels, "person", scale=FIGURES[figure])
+    return score_of(table, "cameras", "clip", *labels, "person", scale=scale)
+
+
+def figure_score(table: pd.DataFrame, figure: str, *labels: str) -> Score:
+    """Return the `mean_score` of one of `FIGURES`. `table` comes from `run_table`; its persons are the actors."""
+    return mean_score(table[table["figure"] == figure], *labels, scale=FIGURES[figure])
 
 
 def read_scores(path: Path) -> dict:

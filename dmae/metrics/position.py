@@ -96,16 +96,18 @@ def in_region(error: np.ndarray, cov: np.ndarray) -> np.ndarray:
 
     `cov` (..., 3, 3) are covariances of the Gaussians, m^2. NaN where either is unknown, or a covariance is singular.
     """
-    within = np.full(error.shape[:-1], np.nan)
-    known = ~np.isnan(error).any(-1) & ~np.isnan(cov).any((-1, -2))
-    known[known] = np.linalg.det(cov[known].astype(np.float64)) > 0
-    within[known] = squared_deviations(error[known], cov[known]) <= REGION_RADIUS**2
-    return within
+    squared = squared_deviations(error, cov)
+    return np.where(np.isnan(squared), np.nan, squared <= REGION_RADIUS**2)
 
 
 def squared_deviations(error: np.ndarray, cov: np.ndarray) -> np.ndarray:
-    """Return the squares (n,) of errors (n, 3), in standard deviations of Gaussians of the covariances (n, 3, 3)."""
-    return (error * np.linalg.solve(cov.astype(np.float64), error[..., None])[..., 0]).sum(-1)
+    """Return the squares (...) of errors (..., 3) in standard deviations of Gaussians; NaN as in `in_region`."""
+    squared = np.full(error.shape[:-1], np.nan)
+    known = np.isfinite(error).all(-1) & np.isfinite(cov).all((-1, -2))
+    known[known] = np.linalg.det(cov[known].astype(np.float64)) > 0
+    solved = np.linalg.solve(cov[known].astype(np.float64), error[known][..., None])[..., 0]
+    squared[known] = (error[known] * solved).sum(-1)
+    return squared
 
 
 GAPS = ((1, 5), (6, 15), (16, 40), (41, None))

@@ -7,10 +7,9 @@ from enum import StrEnum
 from importlib.resources import files
 
 import numpy as np
-import pandas as pd
 
 from dmae.evaluation.config import NUMBERS, TableConfig, TableSize
-from dmae.metrics.table import Score, score_of
+from dmae.metrics.table import Score
 from dmae.reporting.tables import Table, markdown_table
 
 _SECOND_HAND = "figures from a secondary source, not from the publication itself"
@@ -29,11 +28,6 @@ def published_rows(number: int) -> list[dict]:
             notes = (row.get("note"), _SECOND_HAND if row.pop("second_hand", False) else None)
             found.append(row | {"note": "; ".join(filter(None, notes))})
     return [row for row in found if row["table"] == number]
-
-
-def mean_score(table: pd.DataFrame, scale: float = 100.0) -> Score:
-    """Return the mean over persons, then clips, then subsets of cameras of a score table; by default in %."""
-    return score_of(table, "cameras", "clip", "person", scale=scale)
 
 
 _JOINT_TABLES = (5, 6)  # They count joints within 0.2 m, not limbs by a protocol

@@ -27,7 +27,8 @@ from dmae.data.rng import Stream, generator
 from dmae.data.skeleton import SHELF14, Skeleton, get_skeleton
 from dmae.evaluation.config import TableConfig, TableSize
 from dmae.evaluation.paper_tables.clips import NamedClips, captured, halves, load_sets
-from dmae.evaluation.paper_tables.layout import MeasuredRow, TableColumn, mean_score, paper_table
+from dmae.evaluation.paper_tables.layout import MeasuredRow, TableColumn, paper_table
+from dmae.evaluation.scores import mean_score
 from dmae.formats.reading import camera_subsets
 from dmae.metrics.position import PCK_THRESHOLD
 from dmae.metrics.table import Score, block_of, tally

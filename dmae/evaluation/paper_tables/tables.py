@@ -26,9 +26,9 @@ from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25, SHELF14, Skeleton
 from dmae.evaluation.config import EvaluateConfig, TableConfig, TableSize
-from dmae.evaluation.evaluate import Trial, filled_trials, load_methods
+from dmae.evaluation.evaluate import Trial, filled_trials, load_methods, runs_of
 from dmae.evaluation.paper_tables.clips import NamedClips, captured, check_truth, halves, load_recording, load_sets
-from dmae.evaluation.paper_tables.layout import MeasuredRow, TableColumn, mean_score, paper_table
+from dmae.evaluation.paper_tables.layout import MeasuredRow, TableColumn, paper_table
 from dmae.evaluation.paper_tables.network import (
     MISSING,
     NETWORK,
@@ -39,7 +39,7 @@ from dmae.evaluation.paper_tables.network import (
     codes_table,
     paper_network,
 )
-from dmae.evaluation.scores import annotated_persons, figure_score, run_table, score, summary
+from dmae.evaluation.scores import annotated_persons, figure_score, mean_score, run_table, summary
 from dmae.metrics.angles import leg_angles
 from dmae.metrics.pcp import better_limbs, correct_limbs, count_limbs, limb_names
 from dmae.metrics.registry import protocol
@@ -162,14 +162,9 @@ def annotated_frames(trial: Trial) -> list[int]:
     return known[:, actors_of(trial)].sum(0).tolist()
 
 
-def runs_of(trial: Trial, filled: dict[str, Poses3D], config: TableConfig) -> dict[str, dict]:
-    """Return the scores of each method's poses of a trial, as runs of `dmae.evaluation.scores.run_table`."""
-    angles = leg_angles(trial.truth)[0] if config.angles else None
-    found = {}
-    for name, poses in filled.items():
-        scores = score(poses, trial.given, trial.truth, trial.actors, fps=trial.clip.fps, angles=angles)
-        found[name] = {"clip": trial.clip.id, "cameras": trial.cameras} | scores
-    return found
+def true_angles(trial: Trial, config: TableConfig) -> np.ndarray | None:
+    """Return the true angles of the legs of a trial, if they are scored."""
+    return leg_angles(trial.truth)[0] if config.angles else None
 
 
 def angle_columns(config: TableConfig) -> list[TableColumn]:
@@ -269,7 +264,7 @@ def fusion_table(config: TableConfig, out: Path) -> dict:
     frames = annotated_frames(trial)
     tables = {name: limbs_of(trial, poses, config) for name, poses in filled.items()}
     errors = {}
-    for name, run in runs_of(trial, filled, config).items():
+    for name, run in runs_of(trial, filled, true_angles(trial, config)).items():
         table = run_table([run])
         errors[name] = {figure: figure_score(table, figure) for figure in ("mpjpe", "angles")}
     if TUNED in filled:
@@ -360,7 +355,7 @@ def interaction_table(config: TableConfig, out: Path) -> dict:
     frames = 0
     for trial, filled in table_trials(scored, config, methods, [], chosen_systems(config)):
         frames += sum(annotated_frames(trial)) if AGAINST in filled else 0
-        for name, run in runs_of(trial, filled, config).items():
+        for name, run in runs_of(trial, filled, true_angles(trial, config)).items():
             runs.setdefault(name, []).append(run)
             limbs.setdefault(name, []).append(limbs_of(trial, filled[name], config))
     rows = []
@@ -424,7 +419,7 @@ def counts_table(config: TableConfig, out: Path) -> dict:
             chosen = evenly_spaced(len(subsets), _MOST_SUBSETS)
             for subset in (subsets[index] for index in chosen):
                 ((trial, filled),) = table_trials([clip.select(views=list(subset))], config, methods, [])
-                for name, run in runs_of(trial, filled, config).items():
+                for name, run in runs_of(trial, filled, true_angles(trial, config)).items():
                     runs.setdefault((name, count), []).append(run | {"cameras": subset})
     columns, rows = [], {name: MeasuredRow(name, {}) for name in methods}
     for count in range(2, cameras + 1):

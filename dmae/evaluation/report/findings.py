@@ -585,10 +585,9 @@ def counts_in_regions(joints: Joints) -> dict[str, np.ndarray]:
     if joints.comparison is None:
         return {}
     error = (joints.comparison.matched - joints.comparison.truth.xyz).astype(np.float64)
-    cov = joints.comparison.cov
-    known = np.isfinite(error).all(-1) & np.isfinite(cov).all((-1, -2)) & joints.counted
-    known[known] = np.linalg.det(cov[known].astype(np.float64)) > 0
-    squared = squared_deviations(error[known], cov[known])
+    squared = squared_deviations(error, joints.comparison.cov)
+    known = np.isfinite(squared) & joints.counted
+    squared = squared[known]
     limits = 2 * gammaincinv(3 / 2, PROBABILITIES)  # quantiles of chi-squared with three degrees of freedom
     completed = joints.source[known] == Source.COMPLETED
     return {
