@@ -96,14 +96,6 @@ def _text(value) -> str:
 
 
 _SMALLEST = 0.05  # % or mm. Smaller changes are not printed; another processor can cause them.
-_JUDGED = {
-    "pcp": ("strict PCP", "%", 1, ("pcp",)),
-    "mpjpe": ("MPJPE", "mm", -1, ("mpjpe", "all")),
-    "hidden": ("MPJPE of unmeasured joints", "mm", -1, ("hidden", "mpjpe")),
-    "recall": ("recall of unmeasured joints", "%", 1, ("hidden", "recall")),
-    "angles": ("error of angles", "°", -1, ("angles", "mae")),
-}
-"""Name and unit of each figure; 1 if larger is better, -1 if smaller is; and the place of its mean in `scores.json`."""
 
 
 @dataclass(frozen=True)
@@ -132,10 +124,10 @@ class Change:
 
     @property
     def _gain(self) -> float:
-        return _JUDGED[self.figure][2] * (self.new - self.old)
+        return FIGURES[self.figure].sign * (self.new - self.old)
 
     def __str__(self) -> str:
-        name, unit, *_ = _JUDGED[self.figure]
+        name, unit, *_ = FIGURES[self.figure]
         bounds = sorted(map(abs, (self.low, self.high)))
         where = _where(self.method, self.views)
         if not (self.worse or self.better):
@@ -240,8 +232,7 @@ def _changes(method: str, views: int, old: dict, new: dict) -> tuple[list[Change
     if [run["blocks"]["block"] for run in pair[0]] != [run["blocks"]["block"] for run in pair[1]]:
         return [], [f"{where}: the truth covers other times"]
     tables = [run_table(runs) for runs in pair]
-    for figure in FIGURES:
-        name, unit, _, place = _JUDGED[figure]
+    for figure, (name, unit, _, place) in FIGURES.items():
         counted = [table.loc[table["figure"] == figure, "count"].sum() > 0 for table in tables]
         if not all(counted):
             known = "here" if counted[1] else "in the baseline"

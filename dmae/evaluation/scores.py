@@ -5,6 +5,7 @@ from their sums by time, and `summary` averages them.
 """
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -24,8 +25,29 @@ from dmae.numerics.statistics import mean_known
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
 
-FIGURES = {"pcp": 100.0, "mpjpe": 1.0, "hidden": 1.0, "recall": 100.0, "angles": 1.0}
-"""The scores that are summed over blocks of time, and the factor from the ratio of the sums to %, mm, mm, %, °."""
+
+class Figure(NamedTuple):
+    """A score that is summed over blocks of time, so that it has an interval."""
+
+    heading: str
+    unit: str
+    sign: int  # 1 if larger is better, -1 if smaller is
+    place: tuple[str, ...]  # Keys of its mean in the scores
+
+    @property
+    def scale(self) -> float:
+        """Factor from the ratio of its sums to its unit."""
+        return 100.0 if self.unit == "%" else 1.0
+
+
+FIGURES = {
+    "pcp": Figure("strict PCP", "%", 1, ("pcp",)),
+    "mpjpe": Figure("MPJPE", "mm", -1, ("mpjpe", "all")),
+    "hidden": Figure("MPJPE of unmeasured joints", "mm", -1, ("hidden", "mpjpe")),
+    "recall": Figure("recall of unmeasured joints", "%", 1, ("hidden", "recall")),
+    "angles": Figure("error of angles", "°", -1, ("angles", "mae")),
+}
+"""The figures by name, which `time_blocks` sums."""
 PUBLISHED_ACTORS = (0, 1, 2)
 """The three of Shelf's four actors that published averages include."""
 
@@ -183,7 +205,7 @@ def mean_score(table: pd.DataFrame, *labels: str, scale: float = 100.0) -> Score
 
 def figure_score(table: pd.DataFrame, figure: str, *labels: str) -> Score:
     """Return the `mean_score` of one of `FIGURES`. `table` comes from `run_table`; its persons are the actors."""
-    return mean_score(table[table["figure"] == figure], *labels, scale=FIGURES[figure])
+    return mean_score(table[table["figure"] == figure], *labels, scale=FIGURES[figure].scale)
 
 
 def read_scores(path: Path) -> dict:
