@@ -7,7 +7,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
+from dataclasses import MISSING, fields, replace
 from functools import cache
 from pathlib import Path
 
@@ -159,6 +159,28 @@ def test_a_configuration_and_its_changes_are_the_options_of_the_command():
     assert _configured("generate", config, {"seconds": 1, "clips": 2}) == replace(
         config, scene=synth.SceneConfig(seconds=1), clips=2
     )
+
+
+def test_verbs_have_the_defaults_of_their_commands():
+    from dmae.cli import DMAE
+    from synth.cli import SYNTH
+
+    compared = 0
+    for module, program in ((dmae, DMAE), (synth, SYNTH)):
+        for command in program.commands.values():
+            verb = getattr(module, command.name.replace("-", "_"), None)
+            options = {each.name: each for each in fields(command.configuration)}
+            for name, argument in inspect.signature(verb).parameters.items() if verb else ():
+                # None stands for the command's default, or for nothing that is written.
+                if name not in options or argument.default in (None, argument.empty):
+                    continue
+                made, default = options[name].default_factory, options[name].default
+                wanted = default if made is MISSING else made()
+                found = list(argument.default) if isinstance(argument.default, tuple) else argument.default
+                # A detector is given by its name alone, a choice by its name.
+                assert found in (wanted, getattr(wanted, "name", wanted)), f"{command}: {name}"
+                compared += 1
+    assert compared > 30
 
 
 def test_generate_in_memory_makes_the_clips_of_the_command(tmp_path: Path):

@@ -5,7 +5,7 @@ from enum import StrEnum
 from typing import Any
 
 from dmae.calibration.config import RefineConfig
-from dmae.completion.config import DELAY
+from dmae.completion.config import DELAY, SMOOTHING
 from dmae.completion.methods import completion_method
 from dmae.data.resources import resource_folder
 from dmae.detection.registry import OutputConfig, PoseDetectorConfig
@@ -173,7 +173,7 @@ class CompleteCommand(ProcessesConfig):
     reject: bool = True
     """Remove joints measured by two views if the frames around contradict them, and
     complete them too."""
-    smooth: float = 0.1
+    smooth: float = SMOOTHING
     """s; light smoothing after completion (0: none). Exact poses are not smoothed. Joints that it moves are marked
     denoised."""
     online: bool = False

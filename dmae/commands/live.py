@@ -10,7 +10,6 @@ from typing import Any
 
 from dmae.commands.config import LiveCommand
 from dmae.completion.complete import completers
-from dmae.completion.config import SMOOTHING
 from dmae.data.skeleton import get_skeleton
 from dmae.formats.calibrations import read_calibration
 from dmae.online.capture import OnlineCapture
@@ -22,7 +21,7 @@ def run(config: LiveCommand, out: None) -> None:
     skeleton = get_skeleton(config.skeleton)
     completer = None
     if config.complete:
-        completer = completers(config.weights, denoise=None, reject=True, smooth=SMOOTHING)(skeleton)
+        completer = completers(config.weights)(skeleton)
 
     def answers(lines: Iterable[str]) -> Iterable[str]:
         capture = OnlineCapture(rig, skeleton, config.fps, config.capture, completer, config.look_ahead)

@@ -14,6 +14,7 @@ import numpy as np
 import torch
 
 from dmae.completion import fusion
+from dmae.completion.config import SMOOTHING
 from dmae.completion.features import correction_weight, near_measurement, noisiness, smooth_by_noise
 from dmae.completion.fillings import contradicted
 from dmae.completion.methods import Fill, completion_method
@@ -455,12 +456,16 @@ def load_completer(
 
 
 @cached_until_changed(16, lambda weights: weights_folder(weights) / "model.json" if weights else SHIPPED)
-def completers(weights: str | Path | None, **options) -> Callable[[Skeleton], Any]:
-    """Return a function from the skeleton of poses to their completer. The last sixteen are kept, until weights change.
+def completers(
+    weights: str | Path | None, *, denoise: bool | None = None, reject: bool = True, smooth: float = SMOOTHING
+) -> Callable[[Skeleton], Any]:
+    """Return a function from the skeleton of poses to their completer, by default as `dmae complete` completes.
 
     Without a folder of weights, each skeleton has the weights that come with the package
-    (`dmae.completion.weights.find_shipped`). Options and errors are as in `load_completer`.
+    (`dmae.completion.weights.find_shipped`). Options and errors are as in `load_completer`. The last sixteen are kept,
+    until weights change.
     """
+    options: dict[str, Any] = {"denoise": denoise, "reject": reject, "smooth": smooth}
     if not weights:
         return cache(lambda skeleton: load_completer(find_shipped(skeleton), **options))
     completer = load_completer(Path(weights), **options)
@@ -473,22 +478,22 @@ def completers(weights: str | Path | None, **options) -> Callable[[Skeleton], An
 @completion_method("dmae", learned=True)
 def dmae(weights: Path | None) -> Fill:
     """The trained network; measured joints stay as they are."""
-    return _fill(weights)
+    return _fill(weights, denoise=False, reject=False)
 
 
 @completion_method("dmae_reject", learned=True)
 def dmae_reject(weights: Path | None) -> Fill:
     """As dmae, after dropping joints of two views that are contradicted."""
-    return _fill(weights, reject=True)
+    return _fill(weights, denoise=False)
 
 
 @completion_method("dmae_denoise", learned=True)
 def dmae_denoise(weights: Path | None) -> Fill:
     """As `dmae complete` runs: dmae_reject, and moves joints of two views if trained for it."""
-    return _fill(weights, reject=True, denoise=None)
+    return _fill(weights)
 
 
-def _fill(weights: Path | None, **options: bool | None) -> Fill:
-    # Torch is loaded when a network is used, not when methods are listed.
-    completer_for = completers(weights, **options)
+def _fill(weights: Path | None, **options: bool) -> Fill:
+    # Scores smooth every method alike, after it.
+    completer_for = completers(weights, smooth=0.0, **options)
     return lambda poses, fps: completer_for(poses.skeleton)(poses, fps)

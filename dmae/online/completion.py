@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dmae.completion.config import DELAY, SMOOTHING
+from dmae.completion.config import DELAY
 from dmae.completion.methods import completion_method
 from dmae.data.clip import Poses3D, Source
 from dmae.numerics.filling import LONGEST_ABSENCE, smooth
@@ -180,7 +180,7 @@ def dmae_online(weights: Path | None) -> Fill:
     """As dmae_denoise, smoothed; each frame is completed from the frames until 0.28 s after it."""
     from dmae.completion.complete import completers
 
-    completer_for = completers(weights, denoise=None, reject=True, smooth=SMOOTHING)
+    completer_for = completers(weights)
     return lambda poses, fps: complete_online(completer_for(poses.skeleton), poses, fps)
 
 

@@ -161,7 +161,7 @@ def _with(clip: Clip, poses: Poses3D | None) -> Clip:
 
 def benchmark(
     *,
-    methods: Sequence[str | Callable] = ("linear", "dmae"),
+    methods: Sequence[str | Callable] = ("linear", "pchip_body", "gaussian_process", "dmae"),
     captures: Sequence[str | Callable] = ("capture",),
     name: str = "occlusion-v2",
     size: str = "small",

@@ -19,7 +19,6 @@ from matplotlib import pyplot
 from provenance import measured
 
 from dmae.completion.complete import completers
-from dmae.completion.config import SMOOTHING
 from dmae.completion.gaussian_process import place_limbs
 from dmae.completion.methods import find_method
 from dmae.completion.training_data import pose_pair
@@ -56,7 +55,7 @@ def methods() -> dict[str, Callable[[Poses3D, float], Poses3D]]:
         REFERENCE: _one_kernel,
         "gaussian_process": find_method("gaussian_process").load(),
     }
-    return plain | {"complete": completers(None, denoise=None, reject=True, smooth=SMOOTHING)(BODY25)}
+    return plain | {"complete": completers(None)(BODY25)}
 
 
 def _one_kernel(poses: Poses3D, fps: float) -> Poses3D:

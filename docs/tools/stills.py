@@ -30,7 +30,7 @@ KINDS = ("that one camera detected", "that no camera detected", "all")
 
 def measure(folders: list[Path]) -> dict[str, np.ndarray]:
     """Return sums of errors, mm, of the mean pose and of completion, and the number of unmeasured joints, by kind."""
-    complete = completers(None, denoise=None, reject=True)(BODY25)
+    complete = completers(None, smooth=0.0)(BODY25)
     rest = complete.model.rest.numpy()
     sums = {kind: np.zeros(3) for kind in KINDS}
     for clip in progress([clip for folder in folders for clip in clip_folders(folder)], "completing"):

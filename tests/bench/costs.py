@@ -21,7 +21,6 @@ import numpy as np
 import torch
 
 from dmae.completion.complete import Completer, completers
-from dmae.completion.config import SMOOTHING
 from dmae.data.clip import Clip, Poses3D
 from dmae.formats.shelf import read_shelf
 from dmae.metrics.comparison import match, take_matched
@@ -121,7 +120,7 @@ def online(clip: Clip, complete: bool, look_ahead: float | None = None) -> dict:
     torch.set_num_threads(1)
     skeleton, completer = clip.detections.skeleton, None
     if complete:
-        shipped = completers(None, denoise=None, reject=True, smooth=SMOOTHING)(skeleton)
+        shipped = completers(None)(skeleton)
         completer = Timed(**{field.name: getattr(shipped, field.name) for field in fields(shipped)})
     frames = [
         replace(clip.detections, xy=clip.detections.xy[[f]], score=clip.detections.score[[f]]) for f in range(len(clip))

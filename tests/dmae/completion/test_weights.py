@@ -14,7 +14,6 @@ from dmae.commands import complete
 from dmae.commands.config import CompleteCommand
 from dmae.completion import weights
 from dmae.completion.complete import CLASSES, completers
-from dmae.completion.config import SMOOTHING
 from dmae.completion.weights import find_shipped, load_model, model_card, save_model, shipped
 from dmae.data.clip import Source
 from dmae.data.conversion import convert
@@ -85,7 +84,7 @@ def test_complete_finds_the_weights_for_each_clip(ours, tmp_path, capsys):
     done = load_clip(tmp_path / "out").poses
     assert (done.source[hidden] == Source.COMPLETED).all()
     # By default the command rejects and smooths, and denoises where the weights were trained for it.
-    completer = completers(ours / "shelf14", denoise=None, reject=True, smooth=SMOOTHING)(BODY25)
+    completer = completers(ours / "shelf14")(BODY25)
     np.testing.assert_array_equal(done.xyz, completer(poses, FPS).xyz)
 
 
@@ -114,7 +113,7 @@ def test_shipped_weights_are_whole_and_complete_poses(name):
     assert record["sha256"] in (folder / "MODEL_CARD.md").read_text()
     truth = convert(circling_people(60, 2, rng=np.random.default_rng(1)), skeleton)
     poses = with_holes(truth, 1)
-    done = completers(None)(skeleton)(poses, FPS)
+    done = completers(None, denoise=False, reject=False, smooth=0.0)(skeleton)(poses, FPS)
     filled = done.source == Source.COMPLETED
     assert filled.any() and np.linalg.norm(done.xyz - truth.xyz, axis=-1)[filled].mean() < 0.15
 
