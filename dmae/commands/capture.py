@@ -2,7 +2,7 @@
 
 import sys
 import time
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -36,8 +36,6 @@ from dmae.formats.config import clip_range
 from dmae.formats.reading import Clips
 from dmae.numerics.compiled import compiled_anew
 from dmae.numerics.filling import smooth
-from dmae.parallel import in_parallel
-from dmae.progress import progress
 from dmae.reconstruction.config import ADAPTIVE, CaptureConfig, SubjectConfig
 from dmae.reconstruction.diagnosis import explain_capture
 from dmae.reconstruction.pipeline import capture, learn_noise
@@ -61,27 +59,19 @@ def run(config: CaptureCommand, out: Path, told: Collection[str] = ()) -> None:
     settings = _settings(config) if clips.data_set else None
     part = clips.part(clip_range(len(clips), config.first, config.clips))
     if config.dry_run:
-        print(f"{out}: {forecast(config, len(part), _tried(config, part))}")
+        print(f"{out}: {forecast(config, len(part), lambda number: _begun(config, part[number : number + 1]))}")
         return
     frames, start, persons = 0, time.perf_counter(), 0
     measured: Groups = {}
     completed: Groups = {}
-    made = ClipSet(out, settings)
-    whole = {folder.name for folder in part.folders} & made.whole
-    if whole:
-        print(f"{out}: {len(whole)} of {len(part)} clips are done already")
-    numbered = zip(part.numbers, part.folders, strict=True)
-    tasks = ((config, part.part(range(n, n + 1))) for n, folder in numbered if folder.name not in whole)
-    with made:
-        done = in_parallel(_capture, tasks, config.workers)
-        for folder in progress(part.folders, "capturing", len(part)):
-            if folder.name in whole:
-                captured, exchanges = load_clip(out / folder.name), []
+    tasks = {folder.name: (config, part[index : index + 1]) for index, folder in enumerate(part.folders)}
+    with ClipSet(out, settings) as made:
+        for name, captured, notes in made.fill(_capture, tasks, config.workers, "capturing"):
+            if captured is None:
+                captured = load_clip(out / name)
             else:
-                captured, exchanges = next(done)
-                made.write(captured, folder.name)
                 frames += len(captured)
-            for note in [*captured.provenance.get("notes", ()), *exchanges]:
+            for note in [*captured.provenance.get("notes", ()), *notes]:
                 if note not in told:
                     print(f"{captured.id}: {note}")
             poses = captured.poses
@@ -189,13 +179,10 @@ def _world(clip: Clip, level: bool) -> str:
     return f"{done if level else ''}{floor.describe()}"
 
 
-def _tried(config: CaptureCommand, clips: Clips) -> Iterator[tuple[int, Clip]]:
-    """Yield the numbers of frames of some clips, each with a captured piece."""
-    ends = (clips.numbers[0], clips.numbers[-1]) if len(clips) > 10 else ()
-    for number in sorted({*ends, clips.numbers[len(clips) // 2]}):
-        one = clips.part(range(number, number + 1))
-        frames = len(one[0])
-        yield frames, _capture(config, one, min(_TRIED, 10 + frames // 5))[0]
+def _begun(config: CaptureCommand, clips: Clips) -> tuple[int, Clip]:
+    """Return the number of frames of the one clip, and a captured piece of it."""
+    frames = len(clips[0])
+    return frames, _capture(config, clips, min(_TRIED, 10 + frames // 5))[0]
 
 
 def _drawn(config: CaptureCommand, views: int, number: int) -> list[int]:

@@ -15,8 +15,6 @@ from dmae.data.store import clip_folders, load_clip
 from dmae.evaluation.review import ReviewVerdict, decided, load_decisions
 from dmae.files.checksums import checksum, refuse_damaged
 from dmae.online.completion import complete_online
-from dmae.parallel import in_parallel
-from dmae.progress import progress
 from dmae.reporting.tables import counted
 
 _TRIED = 200  # Frames of a clip that a forecast completes
@@ -31,21 +29,16 @@ def run(config: CompleteCommand, out: Path) -> None:
     folders = clip_folders(Path(config.clip))
     settings = _settings(config) if folders != [Path(config.clip)] else None
     if config.dry_run:
-        some = [folders[number] for number in sorted({0, len(folders) // 2, len(folders) - 1})]
-        tried = ((len(load_clip(folder)), _complete(config, folder, _TRIED)[0]) for folder in some)
-        print(f"{out}: {forecast(config, len(folders), tried)}")
+        print(f"{out}: {forecast(config, len(folders), lambda number: _begun(config, folders[number]))}")
         return
-    made = ClipSet(out, settings)
-    left = [folder for folder in folders if folder.name not in made.whole]
-    if len(left) < len(folders):
-        print(f"{out}: {len(folders) - len(left)} of {len(folders)} clips are done already")
-    with made:
-        done = in_parallel(_complete, ((config, folder) for folder in left), config.workers)
-        for folder in progress(left, "completing"):
-            completed, notes = next(done)
+    tasks = {folder.name: (config, folder) for folder in folders}
+    with ClipSet(out, settings) as made:
+        for _, completed, notes in made.fill(_complete, tasks, config.workers, "completing"):
+            if completed is None:
+                continue
             for note in notes:
                 print(f"{completed.id}: {note}")
-            made.write(completed, folder.name)
+            assert completed.poses is not None
             print(f"{completed.id}: {describe_joints(completed.poses)}")
     print(out)
 
@@ -54,6 +47,11 @@ def _settings(config: CompleteCommand) -> dict:
     settings = settings_of("dmae complete", config, Path(config.clip))
     model = None if config.weights is None else checksum(weights_folder(config.weights) / "model.json").sha256
     return settings | {"options": settings["options"] | {"weights": model}}
+
+
+def _begun(config: CompleteCommand, folder: Path) -> tuple[int, Clip]:
+    """Return the number of frames of a clip, and a completed piece of it."""
+    return len(load_clip(folder)), _complete(config, folder, _TRIED)[0]
 
 
 def _complete(config: CompleteCommand, folder: Path, frames: int | None = None) -> tuple[Clip, list[str]]:

@@ -3,7 +3,7 @@
 import hashlib
 import shutil
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -14,12 +14,12 @@ from dmae.commands.config import CaptureCommand, CompleteCommand
 from dmae.data.cameras import camera_label
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.resume import claim_folder
-from dmae.data.store import CHECKSUMS, MANIFEST, clip_folders, read_manifest, save_clip, write_manifest
+from dmae.data.store import CHECKSUMS, MANIFEST, filled_clip_folders, read_manifest, save_clip, write_manifest
 from dmae.evaluation.review import DECISIONS
 from dmae.files.checksums import begin_data_set, checksum, clip_checksum, end_data_set, find_damage, write_checksums
 from dmae.files.contents import whole_folder
-from dmae.formats.reading import Clips, DataConfig
-from dmae.parallel import process_count
+from dmae.formats.reading import DataConfig, filled_clips
+from dmae.parallel import in_parallel, process_count
 from dmae.progress import duration, progress
 from dmae.reconstruction.sides import exchanged_detections
 from dmae.reporting.tables import counted
@@ -27,15 +27,17 @@ from dmae.reporting.tables import counted
 _FEW_EXCHANGES = 0.02  # Share of frames with exchanged sides below which a camera is not named
 SETTINGS = "settings.json"
 """In the folder of a data set that `dmae` made: what its clips depend on."""
-_EMPTY = "{}: no clip of this data set is ok, nothing to do"
 _WITHOUT_EFFECT = ("clip", "out", "first", "clips", "damaged", "workers", "backend", "dry_run")
 """Options that the content of a clip does not depend on."""
 
 
-def forecast(config: CaptureCommand | CompleteCommand, clips: int, tried: Iterable[tuple[int, Clip]]) -> str:
-    """Return the time and disk space that clips take. `tried`: frames of a whole clip, and a finished piece of it."""
+def forecast(config: CaptureCommand | CompleteCommand, clips: int, begin: Callable[[int], tuple[int, Clip]]) -> str:
+    """Return the time and disk space that clips take, by the first, middle and last of them.
+
+    `begin` makes a piece of a clip, given its number, and returns the frames of the whole clip, and the piece.
+    """
     start, size, frames, lengths = time.perf_counter(), 0, 0, []
-    for length, clip in tried:
+    for length, clip in map(begin, sorted({0, clips // 2, clips - 1})):
         with TemporaryDirectory() as folder:
             save_clip(clip, Path(folder))
             size += sum(path.stat().st_size for path in Path(folder).iterdir())
@@ -49,9 +51,7 @@ def forecast(config: CaptureCommand | CompleteCommand, clips: int, tried: Iterab
 
 def each_clip(data: DataConfig, out: Path, doing: str) -> Iterator[tuple[Clip, str, Path]]:
     """Each clip that `data=` names, the name of its folder, and the folder in `out` that its result goes to."""
-    clips = Clips(data)
-    if not clips:
-        raise ValueError(_EMPTY.format(data.path))
+    clips = filled_clips(data)
     for clip, folder in progress(zip(clips, clips.folders, strict=True), doing, len(clips)):
         yield clip, folder.name, out / folder.name if clips.data_set else out
 
@@ -96,6 +96,25 @@ class ClipSet:
             begin_data_set(self.out)
         return self
 
+    def fill(
+        self, make: Callable[..., tuple[Clip, list[str]]], tasks: dict[str, tuple], workers: int, doing: str
+    ) -> Iterator[tuple[str, Clip | None, list[str]]]:
+        """Make and write the clips that are not done yet, and yield each name, in order, with the clip and notes on it.
+
+        `tasks`: arguments of `make` by the name of the clip. For a clip that was done before, None is yielded.
+        """
+        before = tasks.keys() & self.whole
+        if before:
+            print(f"{self.out}: {len(before)} of {len(tasks)} clips are done already")
+        made = in_parallel(make, (task for name, task in tasks.items() if name not in before), workers)
+        for name in progress(tasks, doing):
+            if name in before:
+                yield name, None, []
+                continue
+            clip, notes = next(made)
+            self.write(clip, name)
+            yield name, clip, notes
+
     def write(self, clip: Clip, name: str) -> None:
         """Write a clip."""
         if self.alone:
@@ -134,9 +153,7 @@ def settings_of(command: str, config, data: Path) -> dict:
     The content is known by the `clip.json` of each clip, which holds a checksum of the arrays. Raises ValueError if
     there is no clip.
     """
-    folders = clip_folders(data)
-    if not folders:
-        raise ValueError(_EMPTY.format(data))
+    folders = filled_clip_folders(data)
     files = (folder / name for folder in folders for name in ("clip.json", DECISIONS))
     content = hashlib.sha256(b"".join(file.read_bytes() for file in files if file.is_file())).hexdigest()
     options = {name: value for name, value in asdict(config).items() if name not in _WITHOUT_EFFECT}

@@ -1,4 +1,4 @@
-"""Draw clips: the code that `dmae show` and `synth show` share."""
+"""Draw a clip: a contact sheet, a video, a recording for Rerun."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -8,38 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from dmae.data.clip import Clip
-from dmae.formats.reading import Clips, camera_indices
+from dmae.formats.reading import camera_indices
 from dmae.viewing.config import ShowConfig
 from dmae.viewing.overlay import chosen_layers
 from dmae.viewing.sheet import write_overlay_video, write_sheet
 
 Rooms = Callable[[Clip], Sequence[np.ndarray] | None]
 """Function that draws the room of a clip and returns an image (H, W, 3) uint8 for each view."""
-
-
-def show(config: ShowConfig, out: Path, rooms: Rooms | None = None) -> None:
-    """Draw the clips that a configuration names. Print what each clip lacks, and the files that were written.
-
-    `rooms` draws the room of a clip without images; by default a grid on the floor. Raises ValueError if there is no
-    clip, a clip has no camera of a given name, or Rerun is requested but not installed.
-    """
-    clips = Clips(config.data)
-    if not clips:
-        raise ValueError(f"{config.data.path}: no clip of this data set is ok, nothing to show")
-    for clip, folder in zip(clips, clips.folders, strict=True):
-        for note in clip.provenance.get("notes", ()):
-            print(f"{clip.id}: {note}")
-        clip = _of_cameras(clip.without_lost_images(), config.cameras)
-        lacking, backdrop = chosen_layers(clip, config.layers).lacking, None
-        if lacking:
-            print(f"clip {clip.id}: no {', no '.join(lacking)}")
-        if rooms and not clip.has_images:
-            try:
-                backdrop = rooms(clip)
-            except (ValueError, OSError) as error:
-                print(f"only the floor of the room is drawn: {error}")
-        to = out / folder.name if clips.data_set else out
-        print(*show_clip(clip, to, replace(config, cameras=[]), backdrop), sep="\n")
 
 
 def show_clip(
@@ -58,7 +33,7 @@ def show_clip(
         raise ValueError("rerun=true: rerun-sdk is not installed; pip install 'dmae-synth[viz]' adds it")
     if not len(clip):
         raise ValueError(f"clip {clip.id!r}: expected frames to draw, found none")
-    clip = _of_cameras(clip.without_lost_images(), config.cameras)
+    clip = of_cameras(clip.without_lost_images(), config.cameras)
     rooms = rooms(clip) if callable(rooms) else rooms
     layers, files = chosen_layers(clip, config.layers), [out / "sheet.png"]
     write_sheet(clip, files[0], layers, rows=config.frames, width=config.width, rooms=rooms)
@@ -73,7 +48,7 @@ def show_clip(
     return files
 
 
-def _of_cameras(clip: Clip, cameras: Sequence[str]) -> Clip:
+def of_cameras(clip: Clip, cameras: Sequence[str]) -> Clip:
     """Return the clip with some cameras only; its poses are only drawn, and kept."""
     if not cameras:
         return clip

@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
+from dmae.commands import show
 from dmae.viewing.config import ShowConfig
-from dmae.viewing.show import show
 from synth.viewing.rooms import draw_rooms
 
 
 def run(config: ShowConfig, out: Path) -> None:
-    show(config, out, draw_rooms)
+    show.run(config, out, draw_rooms)
