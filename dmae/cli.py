@@ -3,6 +3,7 @@
 `dmae/command_line/spelling.py` reads values with Hydra's parser; no other module knows Hydra.
 """
 
+import atexit
 import gc
 import os
 import sys
@@ -42,8 +43,9 @@ def run_program(program: Program) -> None:
     one line on Ctrl-C.
     """
     interruption.began = time.monotonic()
-    # Nothing that is loaded is garbage: looking for it takes a quarter of the time to load `dmae train`.
+    # Nothing that is loaded is garbage: looking for it, also at exit, takes a quarter of the time to load `dmae train`.
     gc.disable()
+    atexit.register(gc.freeze)
     try:
         _run_program(program)
     except BrokenPipeError:
@@ -75,15 +77,25 @@ def _run_program(program: Program) -> None:
     if name not in program.commands:
         sys.exit(f"{program.name}: no command {name!r}; {choices(name, program.commands)}")
     command = program.commands[name]
-    with interruption.one_line(str(command)) as interrupted:
-        try:
-            _run_command(command, arguments, interrupted)
-        except BrokenPipeError:
+    full = bool(os.environ.get("HYDRA_FULL_ERROR"))
+    with interruption.one_line(str(command)) as interrupted, _errors_in_one_line(command, interrupted, full):
+        _run_command(command, arguments, interrupted)
+
+
+@contextmanager
+def _errors_in_one_line(command: Command, interrupted: interruption.Interruption, full: bool) -> Iterator[None]:
+    """End the command with one line on an error of its input in the block; `full` raises it."""
+    try:
+        yield
+    except BrokenPipeError:
+        _end_without_reader()
+    except Exception as error:
+        if interrupted.signal:
+            # The command was interrupted: an error of its workers, which end with it, is a consequence.
+            raise KeyboardInterrupt from None
+        if full or not (isinstance(error, (ValueError, KeyError, OSError)) or _of_hydra(error)):
             raise
-        except (ValueError, KeyError, OSError) as error:
-            if os.environ.get("HYDRA_FULL_ERROR"):
-                raise
-            sys.exit(f"{command}: error: {_in_one_line(error)}")
+        sys.exit(f"{command}: error: {_in_one_line(error)}")
 
 
 def _run_command(command: Command, arguments: list[str], interrupted: interruption.Interruption) -> None:
@@ -118,45 +130,28 @@ def _run_hydra(
 ) -> None:
     """Hand a command to Hydra, which composes its configuration and runs it, for a sweep several times."""
     import hydra
-    from hydra.errors import HydraException
-    from omegaconf import DictConfig
-    from omegaconf.errors import OmegaConfBaseException
 
     sys.argv = [str(command), *arguments]
-
-    def application(config: DictConfig) -> None:
-        try:
-            _apply(command, options, config, interrupted)
-        except BrokenPipeError:
-            _end_without_reader()  # here: Hydra would print a message of its own for an error that leaves the job
-        except Exception as error:
-            if interrupted.signal:
-                # The command was interrupted: an error of its workers, which end with it, is a consequence.
-                raise KeyboardInterrupt from None
-            if full or not isinstance(error, (ValueError, KeyError, OSError, OmegaConfBaseException)):
-                raise
-            sys.exit(f"{command}: error: {_in_one_line(error)}")  # here, for the same reason
-
     full = os.environ.get("HYDRA_FULL_ERROR")
-    # With this setting Hydra raises errors instead of printing them in several lines.
-    os.environ["HYDRA_FULL_ERROR"] = "1"
-    try:
-        with _stored(command, options, own, arguments):
-            if any(argument.startswith("-") or "hydra" in argument for argument in arguments):
+
+    def application(config) -> None:
+        # Here as well: Hydra would print a message of its own for an error that leaves the job.
+        with _errors_in_one_line(command, interrupted, bool(full)):
+            _apply(command, options, config, interrupted)
+
+    with _stored(command, options, own, arguments):
+        if any(argument.startswith("-") or "hydra" in argument for argument in arguments):
+            # With this setting Hydra raises errors instead of printing them in several lines.
+            os.environ["HYDRA_FULL_ERROR"] = "1"
+            try:
                 hydra.main(version_base="1.3", config_path=None, config_name=command.name)(application)()
-                return
-            # Hydra's own program composes twice, first to learn whether it is to sweep.
-            with hydra.initialize(version_base="1.3"):
-                config = hydra.compose(command.name, overrides=arguments)
-        application(config)
-    except (HydraException, OmegaConfBaseException) as error:
-        if full:
-            raise
-        sys.exit(f"{command}: error: {_in_one_line(error)}")
-    finally:
-        os.environ.pop("HYDRA_FULL_ERROR")
-        if full is not None:
-            os.environ["HYDRA_FULL_ERROR"] = full
+            finally:
+                os.environ["HYDRA_FULL_ERROR"] = full or ""
+            return
+        # Hydra's own program composes twice, first to learn whether it is to sweep.
+        with hydra.initialize(version_base="1.3"):
+            config = hydra.compose(command.name, overrides=arguments)
+    application(config)
 
 
 def _apply(command: Command, options: Group, config, interrupted: interruption.Interruption) -> None:
@@ -207,9 +202,7 @@ def compose(command: Command, overrides: Sequence[str]) -> object:
     """Return the configuration that `command overrides...` would run with; ValueError for a wrong option or value."""
     import hydra
     from hydra.core.global_hydra import GlobalHydra
-    from hydra.errors import HydraException
     from omegaconf import OmegaConf
-    from omegaconf.errors import OmegaConfBaseException
 
     options, own, overrides = _with_own_presets(command, command.options(), (), overrides)
     overrides = checked(options, overrides)
@@ -219,7 +212,9 @@ def compose(command: Command, overrides: Sequence[str]) -> object:
     try:
         with _stored(command, options, own, overrides), hydra.initialize(version_base="1.3"):
             return OmegaConf.to_object(hydra.compose(command.name, overrides=overrides))
-    except (HydraException, OmegaConfBaseException) as error:
+    except Exception as error:
+        if not _of_hydra(error):
+            raise
         raise ValueError(_in_one_line(error)) from None
     finally:
         GlobalHydra.instance().hydra = running
@@ -275,11 +270,15 @@ def _schema(configuration: type):
     return node
 
 
+def _of_hydra(error: Exception) -> bool:
+    return type(error).__module__.split(".")[0] in ("hydra", "omegaconf")
+
+
 def _in_one_line(error: Exception) -> str:
     """What to say of an error: of Hydra's and OmegaConf's the reason, without advice to add options."""
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}"
-    if type(error).__module__.split(".")[0] not in ("hydra", "omegaconf"):
+    if not _of_hydra(error):
         return str(error.args[0] if isinstance(error, KeyError) and error.args else error)
     first, *more = str(error).splitlines()
     reason = str(error.__cause__).splitlines()[0] if error.__cause__ else ""
