@@ -11,6 +11,7 @@ from safetensors import SafetensorError, safe_open
 from torch import Tensor
 from torch.utils.data import Dataset
 
+from dmae.data.arguments import check_arguments
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.conversion import convert
 from dmae.data.labels import Visibility
@@ -166,6 +167,7 @@ class ClipDataset(Dataset):
         ValueError: there is no clip of one of the names.
     """
 
+    @check_arguments
     def __init__(
         self,
         path: str | Path,
@@ -226,18 +228,21 @@ class WindowDataset(Dataset):
         KeyError: there is no skeleton of this name.
     """
 
+    @check_arguments
     def __init__(
         self,
         path: str | Path,
         frames: int = 30,
         every: int = 15,
         of: Literal["truth", "poses"] = "truth",
-        skeleton: str | None = None,
+        skeleton: str | Path | Skeleton | None = None,
         *,
         clips: Collection[str] | None = None,
     ):
         if frames < 1 or every < 1:
             raise ValueError(f"expected 1 frame or more, found frames={frames}, every={every}")
+        if of not in ("truth", "poses"):
+            raise ValueError(f"of={of!r}: expected truth or poses")
         self.frames, self.every, self.of = frames, every, of
         self.skeleton: Skeleton | None = None if skeleton is None else get_skeleton(skeleton)
         self.files: list[ClipFile] = list(clip_files(Path(path), clips))
@@ -333,10 +338,11 @@ class FrameDataset(Dataset):
         KeyError: there is no such skeleton.
     """
 
+    @check_arguments
     def __init__(
         self,
         path: str | Path,
-        skeleton: str = "coco17",
+        skeleton: str | Path | Skeleton = "coco17",
         every: int = 1,
         masks: bool = False,
         depth: bool = False,

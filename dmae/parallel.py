@@ -25,6 +25,7 @@ from itertools import islice
 from multiprocessing import resource_tracker
 from pathlib import Path
 
+from dmae.data.json_values import check_fields
 from dmae.files.mapped import trim
 
 # joblib replaces workers that grew by 300 MB, for example because a clip has many people. No task is lost.
@@ -78,6 +79,7 @@ class ProcessesConfig:
     """What runs the processes: this machine, or a cluster."""
 
     def __post_init__(self):
+        check_fields(self)
         check_workers(self.workers)
 
 

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from synth.datasets.splits import takes as takes
     from synth.datasets.statistics import stats as stats
     from synth.detector.config import DetectorConfig as DetectorConfig
+    from synth.detector.config import Limits as Limits
     from synth.interactions.registry import InteractionConfig as InteractionConfig
     from synth.labels.physical_labels import physical_labels as physical_labels
     from synth.motion.config import MotionConfig as MotionConfig
@@ -57,7 +58,7 @@ _HOMES = {
     "synth.datasets.physical_labels": "label",
     "synth.datasets.splits": "split takes",
     "synth.datasets.statistics": "stats",
-    "synth.detector.config": "DetectorConfig",
+    "synth.detector.config": "DetectorConfig Limits",
     "synth.interactions.registry": "InteractionConfig",
     "synth.labels.physical_labels": "physical_labels",
     "synth.motion.config": "MotionConfig",

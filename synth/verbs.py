@@ -11,13 +11,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dmae.cli import compose
+from dmae.data.arguments import check_arguments
 from dmae.data.cameras import CameraRig
-from dmae.data.clip import Clip, as_clip
+from dmae.data.clip import Clip
 from dmae.data.json_values import decode
 from dmae.data.rng import Stream, generator
 from dmae.data.store import clip_folders, load_clip
 from dmae.nearest import suggestion
 from dmae.parallel import in_parallel, running_on
+from dmae.verbs.recordings import changed, configuration
 from synth.cli import SYNTH
 from synth.errors import FailedSimulation
 
@@ -46,6 +48,7 @@ _GROUPS = ("scene", "rig", "motion", "interaction", "detector")
 """Options that presets set."""
 
 
+@check_arguments
 def preset(group: str, name: str, **changes: object) -> Any:
     """Return a group of options as a preset sets it, with some of them changed.
 
@@ -66,7 +69,7 @@ def preset(group: str, name: str, **changes: object) -> Any:
     """
     if group not in _GROUPS:
         raise ValueError(f"group={group!r}: expected one of {', '.join(_GROUPS)}")
-    return replace(getattr(_composed("generate", f"{group}={name}"), group), **changes)
+    return changed(getattr(_composed("generate", f"{group}={name}"), group), changes)
 
 
 def _composed(command: str, *presets: str) -> Any:
@@ -128,6 +131,7 @@ def _group(command: str, name: str, value: Any) -> Any:
     return value
 
 
+@check_arguments
 def generate(
     config: GenerateConfig | None = None,
     *,
@@ -222,6 +226,7 @@ def _clip_or_failure(config: GenerateConfig, index: int) -> Clip | FailedSimulat
         return failure
 
 
+@check_arguments
 def forecast(config: GenerateConfig | None = None, *, out: str | Path = "runs/data", **options: object) -> Forecast:
     """Forecast the time and the disk space of `generate` from a few short clips, which are deleted afterwards.
 
@@ -246,6 +251,7 @@ def forecast(config: GenerateConfig | None = None, *, out: str | Path = "runs/da
     return forecast_data_set(replace(_configured("generate", config, options), out=str(out)))
 
 
+@check_arguments
 def render(
     data: str | Path,
     config: RenderConfig | None = None,
@@ -294,15 +300,13 @@ def render(
     from synth.datasets.config import RenderConfig
     from synth.datasets.render import render as render_data_set
 
-    if not isinstance(data, str | Path):
-        raise TypeError(f"data: expected the folder of a data set or of a clip in it, found {type(data).__name__}")
-
     given = {"images": images, "quality": quality, "rgb": rgb, "imaging": imaging, "rig": rig, "workers": workers}
     config = _configured("render", config or RenderConfig(), given | {"data": str(data), "out": str(out)})
     render_data_set(config)
     return (load_clip(folder) for folder in clip_folders(Path(out)))
 
 
+@check_arguments
 def body_state(clip: str | Path) -> BodyState:
     """Read the state of the bodies of a simulated clip: pose, shape, forces, contacts, actions.
 
@@ -324,6 +328,7 @@ def body_state(clip: str | Path) -> BodyState:
     return load_state(Path(clip))
 
 
+@check_arguments
 def verify(path: str | Path, *, fast: bool = False) -> list[Problem]:
     """Check that the clips of a data set, or one clip, are complete and correct.
 
@@ -347,6 +352,7 @@ def verify(path: str | Path, *, fast: bool = False) -> list[Problem]:
     return verify_data_set(Path(path), fast=fast).problems
 
 
+@check_arguments
 def contact_sheet(clip: Clip, out: str | Path, *, frames: int = 4, width: int = 480) -> None:
     """Draw a clip in its room as a PNG: some frames, all views, each true joint in the colour of its occluder.
 
@@ -365,10 +371,10 @@ def contact_sheet(clip: Clip, out: str | Path, *, frames: int = 4, width: int = 
     from dmae.viewing.overlay import LayersConfig, chosen_layers
     from dmae.viewing.sheet import write_sheet
 
-    clip = as_clip(clip)
     write_sheet(clip, Path(out), chosen_layers(clip, LayersConfig()), rows=frames, width=width, rooms=_rooms(clip))
 
 
+@check_arguments
 def show(clip: Clip, out: str | Path, config: ShowConfig | None = None) -> list[Path]:
     """Draw a clip in its room: a contact sheet, a video, a recording for Rerun.
 
@@ -392,7 +398,7 @@ def show(clip: Clip, out: str | Path, config: ShowConfig | None = None) -> list[
     from dmae.viewing.config import ShowConfig
     from dmae.viewing.show import show_clip
 
-    return show_clip(as_clip(clip), Path(out), config or ShowConfig(), _rooms)
+    return show_clip(clip, Path(out), configuration(config, ShowConfig), _rooms)
 
 
 def _rooms(clip: Clip) -> list[np.ndarray] | None:
@@ -401,13 +407,14 @@ def _rooms(clip: Clip) -> list[np.ndarray] | None:
     return draw_rooms(clip) if not clip.has_images and "spec" in clip.provenance else None
 
 
+@check_arguments
 def compare(real: Clip, sim: Iterable[Clip], *, limits: Limits | None = None, workers: int = 1) -> list[Row]:
     """Compare the detections of a recording with those of its simulation.
 
     Args:
         real: The recording, with three cameras or more.
         sim: Simulated clips, with the same skeleton.
-        limits: Greatest differences allowed; by default those of `synth compare`.
+        limits: Greatest differences allowed, as `synth.Limits(miss=0.05)`; by default those of `synth compare`.
         workers: Processes; -1 for one per core.
 
     Returns:
@@ -427,9 +434,13 @@ def compare(real: Clip, sim: Iterable[Clip], *, limits: Limits | None = None, wo
     from synth.detector.statistics import measure, measure_all
 
     clips = list(sim)
-    return comparison.compare(measure(real), measure_all(clips, len(clips), workers), limits or comparison.Limits())
+    if not clips:
+        raise ValueError("sim: expected one clip or more, found none")
+    recorded, simulated = measure(real), measure_all(clips, len(clips), workers)
+    return comparison.compare(recorded, simulated, configuration(limits, comparison.Limits, name="limits"))
 
 
+@check_arguments
 def compare_motion(
     real: str | Path | Iterable[Clip], sim: Iterable[Clip], *, takes: Sequence[str] = ("*",), longest: float = 10.0
 ) -> list[Difference]:
@@ -468,6 +479,7 @@ def compare_motion(
     return motions.compare(*samples, rng=generator(0, 0, Stream.VALIDATION))
 
 
+@check_arguments
 def fit_detector(
     recording: Clip,
     clips: Sequence[Clip],
@@ -506,11 +518,16 @@ def fit_detector(
     from synth.detector.fitting import fit
     from synth.detector.statistics import measure
 
+    if truth not in [*ErrorReference]:
+        raise ValueError(f"truth={truth}: expected one of {', '.join(ErrorReference)}")
+    if not clips:
+        raise ValueError("clips: expected one simulated clip or more, found none")
     reference = ErrorReference(truth)
     how: dict[str, Any] = {"rounds": rounds, "seed": seed, "workers": workers, "reference": reference}
-    return fit(measure(recording, reference), clips, start or DetectorConfig(), **how)
+    return fit(measure(recording, reference), clips, _group("generate", "detector", start) or DetectorConfig(), **how)
 
 
+@check_arguments
 def realism(
     path: str | Path,
     *,
@@ -553,6 +570,7 @@ def realism(
     return rates(judge(folders, PoseDetectorConfig(name=detector), every, workers))
 
 
+@check_arguments
 def detector_errors(
     path: str | Path,
     *,
@@ -592,6 +610,7 @@ def detector_errors(
     return study([Path(each) for each in (path, *extra_data)], presets, seed, workers)
 
 
+@check_arguments
 def plan(
     config: PlanConfig | None = None,
     *,

@@ -10,12 +10,14 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import MISSING, fields, replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import dmae
 import synth
+from dmae.data.arguments import checked_types
 from dmae.data.store import MANIFEST
 from dmae.formats.calibrations import write_calibration
 from dmae.formats.reading import recognise
@@ -271,10 +273,10 @@ def test_presets_are_those_of_the_command():
 
 @pytest.mark.parametrize(
     "verb",
-    ["capture", "evaluate", "draw", "review", "doctor", "calibrate", "save", "export", "convert", "show", "report"],
+    ["capture", "evaluate", "draw", "review", "doctor", "calibrate", "decide", "save", "export", "convert", "show"],
 )
 def test_the_wrong_type_is_named_with_what_to_do(verb: str, tmp_path: Path):
-    out = [tmp_path / "a"] if verb in ("save", "export", "convert", "show", "report") else []
+    out = [tmp_path / "a"] if verb in ("save", "export", "convert", "show") else [[]] if verb == "decide" else []
     with pytest.raises(TypeError, match=r"clip: expected a dmae\.Clip, found 'walk'; dmae\.load reads a clip"):
         getattr(dmae, verb)("walk", *out)
     assert not list(tmp_path.iterdir())
@@ -330,16 +332,11 @@ def test_a_training_without_clips_is_answered_with_what_it_takes(clip, tmp_path:
         train([], tmp_path / "model")
 
 
-def test_a_clip_to_render_is_given_by_its_folder(clip, tmp_path: Path):
-    with pytest.raises(TypeError, match=r"^data: expected the folder of a data set or of a clip in it, found Clip$"):
-        render(clip, out=tmp_path / "a")
-
-
 def test_options_of_generate_of_another_type_are_named():
     with pytest.raises(ValueError, match=r"^generate\.occlusion: expected the fields .*'views'\], found float"):
         synth.generate(clips=1, occlusion=0.4)
-    with pytest.raises(ValueError, match=r"^generate\.scene\.persons: expected a list, found int$"):
-        synth.generate(clips=1, persons=2)
+    with pytest.raises(ValueError, match=r"^SceneConfig\.persons: expected a list, found 2$"):
+        synth.generate(clips=1, scene=synth.SceneConfig(persons=2))
 
 
 def test_stress_takes_one_clip_as_well(clip):
@@ -366,6 +363,138 @@ def test_a_unit_that_does_not_exist_is_answered_with_those_that_do(clip, tmp_pat
 def test_evaluate_without_poses_says_what_to_do(clip):
     with pytest.raises(ValueError, match=r"has no poses; run dmae\.capture"):
         dmae.evaluate(clip)
+
+
+WRONG_TYPES = [
+    (lambda it: dmae.complete(it.poses, "25"), "fps: expected a number, found '25'"),
+    (lambda it: dmae.complete(it.poses, None), "fps: expected a number, found None"),
+    (lambda it: dmae.complete(it.poses, 25, smooth="0.1"), "smooth: expected a number, found '0.1'"),
+    (lambda it: dmae.complete(it.poses, 25, smooth=True), "smooth: expected a number, found True"),
+    (lambda it: dmae.complete(it.poses, 25, denoise="yes"), "denoise: expected True or False, found 'yes'"),
+    (lambda it: dmae.complete(it.poses, 25, weights=3), "weights: expected a path, found 3"),
+    (lambda it: dmae.complete(it.poses, 25, smoth=0), "complete: no argument smoth; did you mean smooth?"),
+    (lambda it: dmae.completer(it.poses), "skeleton: expected a dmae.Skeleton or a text, found Poses3D"),
+    (lambda it: dmae.completer("body25")(it.poses, "25"), "fps: expected a number, found '25'"),
+    (lambda it: dmae.completer("body25")(it.clip, 25), "poses: expected dmae.Poses3D, found Clip"),
+    (lambda it: dmae.capture([it.clip]), "clip: expected a dmae.Clip, found ["),
+    (lambda it: dmae.capture(it.clip, fill=None), "fill: expected a text, found None"),
+    (lambda it: dmae.draw(it.clip, it.poses, "1"), "frame: expected a whole number, found '1'"),
+    (lambda it: dmae.draw(it.clip, it.poses, 1.5), "frame: expected a whole number, found 1.5"),
+    (lambda it: dmae.report("walk", "a"), "clip: expected a dmae.Clip or several clips, as dmae.load_dataset(path)"),
+    (lambda it: dmae.report(["walk"], "a"), "clip[0]: expected a dmae.Clip, found 'walk'"),
+    (lambda it: dmae.report(it.clip, "a", scores=["scores.json"]), "scores[0]: expected a dictionary"),
+    (lambda it: dmae.compare_scores([1], [2]), "baseline: expected a dictionary or a path, found [1]"),
+    (lambda it: dmae.benchmark(workers="2"), "workers: expected a whole number, found '2'"),
+    (lambda it: dmae.regress(3), "solver: expected a function or a text, found 3"),
+    (lambda it: dmae.corrupt(it.clip, "objects"), "levels: expected a dictionary, found 'objects'"),
+    (lambda it: dmae.corrupt(it.clip, {"cameras": [2]}), "cameras=[2]: expected a level, a number in cameras fewer"),
+    (lambda it: dmae.corrupt(it.clip, {"objects": 4}, seed=1.5), "seed: expected a whole number, found 1.5"),
+    (lambda it: dmae.stress(["walk"]), "clips[0]: expected a dmae.Clip, found 'walk'"),
+    (lambda it: dmae.stress(it.clip, dmae.StressConfig()), "out: expected a path, found StressConfig"),
+    (lambda it: dmae.decide(replace(it.clip, poses=it.poses), ["a"]), "decisions: expected decisions, as entry.decisi"),
+    (lambda it: dmae.table("1", "walk", "a"), "number: expected a whole number, found '1'"),
+    (lambda it: dmae.train([it.poses], "a"), "clips[0]: expected a dmae.Clip, found Poses3D"),
+    (lambda it: dmae.train([it.clip], "a", validation_data=it.clip), "validation_data: expected several clips"),
+    (lambda it: dmae.pretrain(dmae.PretrainCommand()), "out: expected a path, found PretrainCommand"),
+    (lambda it: dmae.triangulate(it.clip, it.xy), "rig: expected a dmae.CameraRig, found Clip; clip.rig has"),
+    (lambda it: dmae.triangulate(it.rig, it.clip.detections), "xy: expected an array of numbers, found Detections2D"),
+    (lambda it: dmae.doctor(it.clip, max_offset=2.5), "max_offset: expected a whole number, found 2.5"),
+    (lambda it: dmae.run(3), "source: expected a path or a dmae.Clip, found 3"),
+    (lambda it: dmae.read(it.clip), "path: expected a path, found Clip"),
+    (lambda it: dmae.load(it.clip), "folder: expected a path, found Clip"),
+    (lambda it: dmae.load_dataset(["a"]), "path: expected a path, found ['a']"),
+    (lambda it: dmae.export(it.clip, "a.npz", it.poses), "format: expected a text, found Poses3D"),
+    (lambda it: dmae.export(it.clip, "a.npz", keep_mm="20"), "keep_mm: expected a number, found '20'"),
+    (lambda it: dmae.to_skeleton(it.poses, 3), "skeleton: expected a path or a dmae.Skeleton, found 3"),
+    (lambda it: dmae.get_skeleton(3), "skeleton: expected its name, its file or a dmae.Skeleton, found int"),
+    (lambda it: dmae.preset("capture", "paper", thv=2), "CaptureConfig: no field thv; did you mean th_v?"),
+    (
+        lambda it: dmae.Clip("a", 25, it.rig, it.clip.detections, images="x"),
+        "Clip.images: expected a Images",
+    ),
+    (lambda it: dmae.Poses3D(it.poses.skeleton, "a"), "Poses3D.xyz: expected an array of numbers, found 'a'"),
+    (lambda it: dmae.CameraRig(5, it.rig.K, None, None, None), "CameraRig.names: expected a list of names"),
+    (lambda it: synth.generate(clips="2"), "clips: expected a whole number, found '2'"),
+    (lambda it: synth.generate(persons=2), "persons: expected a list of whole numbers, found 2"),
+    (lambda it: synth.generate(out=3), "out: expected a path, found 3"),
+    (lambda it: synth.preset("scene", "office", second=3), "SceneConfig: no field second; did you mean seconds?"),
+    (lambda it: synth.render(it.clip, out="a"), "data: expected a path, found Clip"),
+    (lambda it: synth.body_state(it.clip), "clip: expected a path, found Clip"),
+    (lambda it: synth.contact_sheet(it.clip, "a.png", frames="1"), "frames: expected a whole number, found '1'"),
+    (lambda it: synth.show(it.clip, "a", 3), "config: expected a dmae.ShowConfig, found 3"),
+    (lambda it: synth.compare("walk", "walks"), "real: expected a dmae.Clip, found 'walk'"),
+    (lambda it: synth.compare(it.clip, it.clip), "sim: expected several clips, as dmae.load_dataset(path), found Clip"),
+    (lambda it: synth.compare(it.clip, [it.clip], limits=3), "limits: expected a synth.Limits, found 3"),
+    (lambda it: synth.compare_motion([it.clip], "walks"), "sim: expected several clips"),
+    (lambda it: synth.fit_detector(it.clip, ["walks"]), "clips[0]: expected a dmae.Clip, found 'walks'"),
+    (lambda it: synth.realism(it.clip), "path: expected a path, found Clip"),
+    (lambda it: synth.plan(views=4), "views: expected a list of whole numbers, found 4"),
+    (lambda it: synth.split("walks", train="0.6"), "train: expected a number, found '0.6'"),
+]
+
+
+@pytest.mark.parametrize(("call", "message"), WRONG_TYPES, ids=[message for _, message in WRONG_TYPES])
+def test_a_wrong_type_is_answered_in_a_line(call, message: str, clip, tmp_path: Path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    poses, xy = dmae.to_skeleton(clip.truth, "body25"), clip.rig.project(clip.truth.xyz)[0]
+    with pytest.raises(TypeError) as error:
+        call(SimpleNamespace(clip=clip, poses=poses, rig=clip.rig, xy=xy))
+    assert str(error.value).startswith(message) and "\n" not in str(error.value)
+    assert not list(tmp_path.iterdir())
+
+
+def test_every_number_text_and_path_of_a_verb_is_checked():
+    """Configurations are left to the verb; anything else that a verb takes is a type that is checked."""
+    for package, name in VERBS:
+        verb = getattr(sys.modules[package], name)
+        annotations = {each: text for each, text in verb.__annotations__.items() if each != "return"}
+        others = {each: text for each, text in annotations.items() if each not in checked_types(verb.__wrapped__)}
+        allowed = r"Config|Command|np\.ndarray|Limits|Decision|Any|object"
+        assert all(re.search(allowed, str(text)) for text in others.values()), (package, name, others)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: dmae.CaptureConfig(th_v="2"), "CaptureConfig.th_v: expected int, found '2'"),
+        (lambda: dmae.LearningConfig(steps="2"), "LearningConfig.steps: expected int, found '2'"),
+        (lambda: dmae.PretrainCommand(clips="2"), "PretrainCommand.clips: expected int, found '2'"),
+        (lambda: synth.SceneConfig(seconds="a"), "SceneConfig.seconds: expected float, found 'a'"),
+        (lambda: synth.RigConfig(cameras=3), "RigConfig.cameras: expected a list, found 3"),
+    ],
+)
+def test_a_configuration_is_checked_where_it_is_made(make, message: str):
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        make()
+
+
+def test_one_text_is_taken_for_a_list_of_it(clip, tmp_path: Path):
+    """As on the command line."""
+    assert synth.GenerateConfig(images="rgb").images == ["rgb"]
+    assert dmae.show(clip, tmp_path, dmae.ShowConfig(frames=1, cameras="0"))
+    with pytest.raises(ValueError, match="no completion method 'linera'"):
+        dmae.benchmark(methods="linera", out=tmp_path)
+    with pytest.raises(ValueError, match=r"^detector clea: "):
+        synth.detector_errors(tmp_path, simulated="clea")
+
+
+def test_a_skeleton_is_given_by_name_or_itself(clip):
+    poses, coco = dmae.to_skeleton(clip.truth, "body25"), dmae.get_skeleton("coco17")
+    assert dmae.get_skeleton(coco) is coco
+    assert dmae.evaluate(clip, poses, skeleton=coco)["pcp"] == dmae.evaluate(clip, poses, skeleton="coco17")["pcp"]
+
+
+def test_a_clip_of_a_data_set_is_found_by_its_name(clip, tmp_path: Path):
+    for _ in synth.generate(seconds=0.2, clips=2, persons=[1, 1], seed=7, out=tmp_path / "walks"):
+        pass
+    clips = dmae.load_dataset(tmp_path / "walks")
+    assert clips["000001"].id == clips[1].id == "000001" and "000001" in clips and "9" not in clips
+    with pytest.raises(KeyError, match=r"walks: no clip '00001' among 2; did you mean '000001'\?"):
+        clips["00001"]
+    with pytest.raises(IndexError, match=r"walks: no clip 2; there are 2, from 0"):
+        clips[2]
+    with pytest.raises(TypeError, match=r"walks: expected the number or the name of a clip, found 1\.5"):
+        clips[1.5]
 
 
 @pytest.mark.parametrize(

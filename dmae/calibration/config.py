@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, field
 
+from dmae.data.json_values import check_fields
+
 AUTO = "auto"
 """The cameras that differ from their calibration."""
 ALL = "all"
@@ -50,6 +52,7 @@ class RefineConfig:
     extrinsics=false nothing else changes."""
 
     def __post_init__(self):
+        check_fields(self)
         if self.bodies < 20:
             raise ValueError(f"bodies={self.bodies}: expected 20 or more")
         if self.stature is not None and not 0.5 <= self.stature <= 2.5:

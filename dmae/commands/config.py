@@ -7,6 +7,7 @@ from typing import Any
 from dmae.calibration.config import RefineConfig
 from dmae.completion.config import DELAY, SMOOTHING
 from dmae.completion.methods import completion_method
+from dmae.data.json_values import check_fields
 from dmae.data.resources import resource_folder
 from dmae.detection.registry import OutputConfig, PoseDetectorConfig
 from dmae.evaluation.config import TITLE, PartConfig
@@ -89,6 +90,7 @@ class RunCommand(FilmedConfig):
     """Folder: `detected`, `captured` and `completed` clips, `report.html`, and `poses` in each format."""
 
     def __post_init__(self):
+        check_fields(self)
         if (self.videos or self.photos) and self.calibration is None:
             raise ValueError(
                 "expected calibration=<file>: without it people are found in 2D only; use dmae detect for that"
@@ -107,6 +109,7 @@ class DetectCommand(FilmedConfig):
     """Folder of the clip, or of the files of keypoints; for a data set, it contains a folder for each clip."""
 
     def __post_init__(self):
+        check_fields(self)
         if sum(given is not None for given in (self.videos, self.clip, self.photos)) != 1:
             raise ValueError(
                 "expected videos=<folder of videos>, clip=<folder of a clip with images> or photos=<folder of "
@@ -153,6 +156,7 @@ class CaptureCommand(PartConfig):
     each with some clips."""
 
     def __post_init__(self):
+        check_fields(self)
         if not self.smooth >= 0:
             raise ValueError(f"smooth={self.smooth:g}: expected seconds, 0 (no smoothing) or more")
         super().__post_init__()
@@ -189,6 +193,7 @@ class CompleteCommand(ProcessesConfig):
     """Folder of the completed clip; of a data set a folder for each clip is made in it."""
 
     def __post_init__(self):
+        check_fields(self)
         if self.delay != DELAY and not self.online:
             raise ValueError(f"delay={self.delay:g}: whole clips have no delay; add online=true, or leave delay out")
         super().__post_init__()
@@ -208,6 +213,7 @@ class ReportCommand:
     """File of the page; by default `report.html` in the folder of the clip, or else of the first scores."""
 
     def __post_init__(self):
+        check_fields(self)
         if not (self.clip or self.scores):
             raise ValueError("nothing to report: name scores=[folder,...] or clip=folder, or both")
 
@@ -259,6 +265,7 @@ class LiveCommand:
     input."""
 
     def __post_init__(self):
+        check_fields(self)
         if self.weights is not None and not self.complete:
             raise ValueError(f"weights={self.weights}: nothing is completed; add complete=true, or leave weights out")
         if self.listen is None:
@@ -366,6 +373,7 @@ class PretrainCommand:
     """Folder of the data sets, of the model (`model`) and of its scores."""
 
     def __post_init__(self):
+        check_fields(self)
         for name, least in (("clips", 2), ("steps", 1), ("seed", 0)):
             if getattr(self, name) < least:
                 raise ValueError(f"{name}: expected at least {least}, found {getattr(self, name)}")

@@ -23,6 +23,7 @@ from dmae.completion.pieces import in_pieces
 from dmae.completion.pose_prior import floor_height, likely_pose, stand_on_floor
 from dmae.completion.weights import SHIPPED, find_shipped, load_model, weights_folder
 from dmae.completion.windows import Rows, make_rows
+from dmae.data.arguments import check_arguments
 from dmae.data.clip import Poses3D, Source
 from dmae.data.conversion import convert
 from dmae.data.skeleton import Skeleton
@@ -223,6 +224,7 @@ class Completer:
     smooth: float = 0.0
     """s; light smoothing of the completed poses, see `dmae.completion.features.smooth_by_noise`."""
 
+    @check_arguments
     def __call__(self, poses: Poses3D, fps: float, frames: slice = slice(None)) -> Poses3D:
         return in_pieces(self._whole, poses, fps, frames)
 

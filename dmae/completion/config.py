@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+from dmae.data.json_values import check_fields
 from dmae.formats.config import DataConfig
 from dmae.reconstruction.config import CaptureConfig
 
@@ -87,6 +88,7 @@ class ModelConfig:
     """Ablation: input features set to zero, of `gap`, `ray`, `held`, `bone_length`, `jitter` and `bone_stretch`."""
 
     def __post_init__(self):
+        check_fields(self)
         if unknown := set(self.ablate) - FEATURES.keys():
             raise ValueError(f"model.ablate: expected some of {list(FEATURES)}, found {sorted(unknown)}")
         encoder, decoder, codes = self.encoder, self.decoder, self.codes
@@ -160,6 +162,7 @@ class MaskingConfig:
     """Frames at 25/s of the longest burst in which the whole person is masked."""
 
     def __post_init__(self):
+        check_fields(self)
         for name in ("scattered", "joints", "frames", "released"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"masking.{name}: expected a share between 0 and 1, found {getattr(self, name)}")
@@ -207,6 +210,7 @@ class ExamplesConfig:
     """Processes that make batches for the one that trains; 0: the training process makes them."""
 
     def __post_init__(self):
+        check_fields(self)
         if not 0 <= self.held_back < 1:
             raise ValueError(f"examples.held_back: expected a share in [0, 1), found {self.held_back}")
         if self.replay is not None and not 0 < self.replay < 1:
@@ -240,6 +244,7 @@ class LearningConfig:
     """Numbers that the network computes with."""
 
     def __post_init__(self):
+        check_fields(self)
         for name in ("steps", "epoch", "batch", "devices"):
             if getattr(self, name) < 1:
                 raise ValueError(f"learning.{name}: expected at least 1, found {getattr(self, name)}")
@@ -279,6 +284,7 @@ class TrainConfig:
     """Folder of the model, its record, its checkpoint and TensorBoard's logs."""
 
     def __post_init__(self):
+        check_fields(self)
         if self.examples.replay is not None and not self.extra_data:
             raise ValueError(
                 f"examples.replay={self.examples.replay}: expected extra_data=[...] to take that share of windows from"

@@ -22,8 +22,12 @@ def set_array(owner: Any, name: str, dtype: type, shape: tuple[int | str, ...], 
     """
     value = getattr(owner, name)
     # Numbers too large for the type become infinite. `check_numbers` of the owner refuses them.
-    with np.errstate(over="ignore"):
-        array = _full(shape, default, dtype) if value is None else np.asarray(value, dtype)
+    try:
+        with np.errstate(over="ignore"):
+            array = _full(shape, default, dtype) if value is None else np.asarray(value, dtype)
+    except (TypeError, ValueError):
+        found = repr(value) if isinstance(value, str) else type(value).__name__
+        raise TypeError(f"{type(owner).__name__}.{name}: expected an array of numbers, found {found:.80}") from None
     if array.ndim != len(shape) or any(want not in (n, str(want)) for want, n in zip(shape, array.shape, strict=True)):
         expected = f"({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
         raise ValueError(f"{type(owner).__name__}.{name}: expected shape {expected}, found {array.shape}")

@@ -1,5 +1,6 @@
 """Calibrated cameras: project points to pixels, cast rays through pixels."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from math import prod
@@ -46,6 +47,8 @@ class CameraRig:
     __repr__ = short_repr
 
     def __post_init__(self):
+        if isinstance(self.names, str) or not isinstance(self.names, Iterable):
+            raise TypeError(f"CameraRig.names: expected a list of names, one for each camera, found {self.names!r}")
         object.__setattr__(self, "names", tuple(str(name) for name in self.names))
         views = len(self.names)
         if len(set(self.names)) != views:
@@ -113,6 +116,7 @@ class CameraRig:
                 views = [self.names.index(each) for each in views]
             return np.arange(len(self))[views]
         except (IndexError, ValueError):
+            views = repr(views) if isinstance(views, str) else views
             named = ", ".join(f"{index} ({name})" for index, name in enumerate(self.names))
             raise IndexError(
                 f"cameras {views}: expected a slice, or a list of names or indices; there are {named}"
@@ -157,6 +161,9 @@ class CameraRig:
                 than `reach`.
             depth: (F, V, ...) distance along the optical axis, m.
         """
+        shape = np.shape(xyz)
+        if len(shape) < 2 or shape[-1] != 3:
+            raise ValueError(f"xyz: expected points (F, ..., 3), as poses.xyz, found {type(xyz).__name__} {shape}")
         xyz = np.asarray(xyz, np.float64)
         flat = xyz.reshape(len(xyz), 1, prod(xyz.shape[1:-1]), 3)
         R, t = self.cam_from_world[:, :3, :3], self.cam_from_world[:, :3, 3]

@@ -168,7 +168,11 @@ class Poses3D:
         return Poses3D(self.skeleton, **{name: array[frames] for name, array in self.arrays.items()})
 
 
-_KINDS = {"rig": CameraRig, "detections": Detections2D, "truth": Poses3D, "poses": Poses3D, "true_rig": CameraRig}
+_KINDS = {
+    "id": str, "rig": CameraRig, "detections": Detections2D, "truth": Poses3D, "poses": Poses3D,
+    "occlusion": OcclusionLabels, "detection_labels": DetectionLabels, "images": Images, "true_rig": CameraRig,
+    "provenance": dict,
+}  # fmt: skip
 """Types of the fields of a clip that a caller may confuse with arrays or with each other."""
 
 
@@ -298,23 +302,3 @@ class Clip:
             images=self.images and self.images.select(frames, rig.names),
             true_rig=None if self.true_rig is None else self.true_rig[views],
         )
-
-
-def as_clip(found: object) -> Clip:
-    """Return a clip that a user gave; TypeError for anything else, as its path, with how to read one."""
-    if not isinstance(found, Clip):
-        raise TypeError(
-            f"clip: expected a dmae.Clip, found {found!r:.80}; dmae.load reads a clip, dmae.read a recording"
-        )
-    return found
-
-
-def as_poses(found: object) -> Poses3D:
-    """Return poses that a user gave; TypeError for anything else, as an array, with where poses come from."""
-    if not isinstance(found, Poses3D):
-        given = repr(found) if isinstance(found, str) else type(found).__name__
-        raise TypeError(
-            f"poses: expected dmae.Poses3D, found {given}; dmae.capture(clip) returns poses, "
-            "dmae.read_poses(path).poses reads them from a file, and dmae.Poses3D(skeleton, xyz) takes an array"
-        )
-    return found

@@ -6,6 +6,8 @@ import re
 import types
 from dataclasses import MISSING, asdict, fields, is_dataclass
 from enum import Enum
+from functools import cache
+from math import isfinite
 from numbers import Integral, Real
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
@@ -33,13 +35,30 @@ T = TypeVar("T")
 _LARGEST = 1e9  # Largest absolute value of a float
 
 
-def checked(configuration: T) -> T:
-    """Return a configuration that Python made, as the command line would read it: names of enums as members, tuples as
-    lists, dictionaries as the configurations of groups.
+def checked(configuration: T, name: str = "") -> T:
+    """Return a configuration that Python made, as the command line would read it: names of enums as members, tuples and
+    single texts as lists, dictionaries as the configurations of groups.
 
     Raises ValueError, with the name of the field, if a value has another type than its field.
     """
-    return decode(type(configuration), asdict(configuration))  # type: ignore[call-overload]
+    return decode(type(configuration), asdict(configuration), name)  # type: ignore[call-overload]
+
+
+def check_fields(configuration: Any) -> None:
+    """Bring the fields of a configuration to their types, as `checked` does, in its `__post_init__`. Raises as it.
+
+    Numbers that are not finite are left to `__post_init__`, which says what range is expected.
+    """
+    kind = type(configuration)
+    for field, hint in _hints(kind).items():
+        value = getattr(configuration, field)
+        if not is_dataclass(value) and not (isinstance(value, float) and not isfinite(value)):
+            object.__setattr__(configuration, field, decode(hint, value, f"{kind.__name__}.{field}"))
+
+
+@cache
+def _hints(kind: type) -> dict[str, Any]:
+    return get_type_hints(kind)
 
 
 def decode(kind: Any, value: Any, name: str = "") -> Any:
@@ -56,16 +75,20 @@ def decode(kind: Any, value: Any, name: str = "") -> Any:
         *kinds, kind = (one for one in inner if one is not type(None))
         return value if isinstance(value, tuple(kinds)) else decode(kind, value, name)
     if isinstance(kind, type) and is_dataclass(kind):
+        if isinstance(value, kind):
+            return value
         names = {f.name for f in fields(kind)}
         needed = {f.name for f in fields(kind) if f.default is MISSING and f.default_factory is MISSING}
         if not isinstance(value, dict) or not needed <= set(value) <= names:
             found = sorted(value) if isinstance(value, dict) else type(value).__name__
             raise ValueError(f"{where}: expected the fields {sorted(names)}, found {found}")
-        of_fields = get_type_hints(kind)
+        of_fields = _hints(kind)
         return kind(**{field: decode(of_fields[field], item, f"{where}.{field}") for field, item in value.items()})
     if origin in (list, tuple):
+        if isinstance(value, str) and _is_text(inner[0]):
+            value = [value]
         if not isinstance(value, list | tuple):
-            raise ValueError(f"{where}: expected a list, found {type(value).__name__}")
+            raise ValueError(f"{where}: expected a list, found {_shown(value)}")
         each = inner if origin is tuple and inner[-1] is not Ellipsis else (inner[0],) * len(value)
         if len(each) != len(value):
             raise ValueError(f"{where}: expected {len(each)} values, found {len(value)}")
@@ -89,5 +112,14 @@ def decode(kind: Any, value: Any, name: str = "") -> Any:
     if kind is str and isinstance(value, os.PathLike):
         return os.fspath(value)
     if isinstance(kind, type) and not isinstance(value, kind):
-        raise ValueError(f"{where}: expected {kind.__name__}, found {value!r}")
+        raise ValueError(f"{where}: expected {kind.__name__}, found {_shown(value)}")
     return value
+
+
+def _is_text(kind: Any) -> bool:
+    """Return whether values of a type are written as texts: texts, names of enums, or one of several types that is."""
+    return kind is str or str in get_args(kind) or (isinstance(kind, type) and issubclass(kind, Enum))
+
+
+def _shown(value: Any) -> str:
+    return " ".join(repr(value).split())[:60]

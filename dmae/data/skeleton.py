@@ -254,15 +254,21 @@ SKELETONS = {
 }  # fmt: skip
 
 
-def get_skeleton(name: str) -> Skeleton:
+def get_skeleton(name: str | Path | Skeleton) -> Skeleton:
     """Return a skeleton by name, fused from two, or from a file: `body25`, `body21+shelf14`, `my_skeleton.yaml`.
+
+    A skeleton is returned as it is.
 
     Raises:
         KeyError: the skeleton is unknown; the message lists the known skeletons.
+        TypeError: what is given is neither a name, nor a file, nor a skeleton.
         FileNotFoundError, ValueError: the file does not exist, or defines no skeleton (`read_skeleton`).
     """
-    if not isinstance(name, str):
-        raise KeyError(f"expected the name of a skeleton, found {name!r:.60}")
+    if isinstance(name, Skeleton):
+        return name
+    if not isinstance(name, str | Path):
+        raise TypeError(f"skeleton: expected its name, its file or a dmae.Skeleton, found {type(name).__name__}")
+    name = str(name)
     if name.endswith(_FILES):
         return check_name(read_skeleton(Path(name)), name)
     parts = name.split("+")
@@ -272,7 +278,7 @@ def get_skeleton(name: str) -> Skeleton:
     return SKELETONS[name] if len(parts) == 1 else fuse(SKELETONS[parts[0]], SKELETONS[parts[1]])
 
 
-def option_skeleton(option: str, name: str) -> Skeleton:
+def option_skeleton(option: str, name: str | Skeleton) -> Skeleton:
     """Return the skeleton that an option names, as `get_skeleton`; ValueError, with the option, if it is unknown."""
     try:
         return get_skeleton(name)
@@ -293,6 +299,8 @@ def decode_skeleton(value: str | dict, where: str) -> Skeleton:
         return check_name(define(value, where), where)
     if isinstance(value, str) and value.endswith(_FILES):
         raise ValueError(f"{where}: expected a skeleton, found the name of a file, {value!r:.60}")
+    if not isinstance(value, str):
+        raise ValueError(f"{where}: expected the name of a skeleton or its definition, found {value!r:.60}")
     return get_skeleton(value)
 
 

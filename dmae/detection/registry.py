@@ -10,6 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
+from dmae.data.json_values import check_fields
 from dmae.data.skeleton import Skeleton
 from dmae.registry import Entry, Registry
 
@@ -41,6 +42,7 @@ class PoseDetectorConfig:
     that are parts of people."""
 
     def __post_init__(self):
+        check_fields(self)
         if self.windows is not None and not (self.windows and all(0.05 <= share <= 2 for share in self.windows)):
             raise ValueError(f"detector.windows={self.windows}: expected shares of the image from 0.05 to 2")
         if self.search_every < 1:

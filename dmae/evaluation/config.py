@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from dmae.completion.methods import completion_method
+from dmae.data.json_values import check_fields
 from dmae.evaluation.corruption.registry import corruption
 from dmae.formats.config import DataConfig
 from dmae.metrics.registry import protocol
@@ -260,6 +261,7 @@ class TableConfig:
     """Folder for the table."""
 
     def __post_init__(self):
+        check_fields(self)
         if self.number not in NUMBERS:
             tables = "; ".join(f"{number}, {title}" for number, title in NUMBERS.items())
             raise ValueError(f"number={self.number}: the tables are {tables}")

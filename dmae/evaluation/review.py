@@ -82,7 +82,8 @@ def decided(poses: Poses3D, decisions: Sequence[Decision], *verdicts: ReviewVerd
     """Return (F, P, J) True where a decision has one of these verdicts. Later decisions override earlier ones."""
     found = np.zeros(poses.source.shape, bool)
     for decision in decisions:
-        found[_index(poses, decision)] = decision.verdict in verdicts
+        index = _index(poses, decision)
+        found[index] = decision.verdict in verdicts
     return found
 
 
@@ -108,6 +109,11 @@ def checksum(poses: Poses3D) -> str:
 
 
 def _index(poses: Poses3D, decision: Decision) -> tuple[slice, int, int]:
+    if not isinstance(decision, Decision):
+        raise TypeError(
+            "decisions: expected decisions, as entry.decision('blank') of an entry of dmae.review, found "
+            f"{type(decision).__name__}"
+        )
     frames, persons, _ = poses.source.shape
     if decision.joint not in poses.skeleton.joints:
         raise ValueError(f"decision on joint {decision.joint!r}: {poses.skeleton.name} has no such joint")

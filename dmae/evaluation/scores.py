@@ -13,7 +13,7 @@ import pandas as pd
 from dmae.data.array_fields import UNSET
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.conversion import convert
-from dmae.data.skeleton import get_skeleton
+from dmae.data.skeleton import Skeleton, get_skeleton
 from dmae.files.structured import read_json
 from dmae.metrics.angles import angle_errors
 from dmae.metrics.comparison import Comparison
@@ -72,7 +72,7 @@ def truth_of(clip: Clip) -> Poses3D:
     return clip.truth
 
 
-def compared_truth(clip: Clip, skeleton: str | None = None) -> Poses3D:
+def compared_truth(clip: Clip, skeleton: str | Path | Skeleton | None = None) -> Poses3D:
     """Return the truth that poses are compared with: on a skeleton, by default its own, or the second of two fused.
 
     Raises as `truth_of`, and KeyError if there is no such skeleton.

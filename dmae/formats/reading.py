@@ -5,6 +5,7 @@ from copy import copy
 from dataclasses import fields, replace
 from fnmatch import fnmatch
 from itertools import combinations
+from numbers import Integral
 from pathlib import Path
 from typing import Any, overload
 
@@ -21,6 +22,7 @@ from dmae.formats.config import Convention, DataConfig
 from dmae.formats.footage import with_images, with_videos
 from dmae.formats.recordings import offsets_of_all, to_clip
 from dmae.formats.registry import RecordingReader, reader
+from dmae.nearest import nearest
 
 _OPTIONS = {
     "calibration": ("calibration", "size", "unit", "up", "inverse"),
@@ -34,9 +36,10 @@ _OPTIONS = {
 class Clips(Sequence):
     """The clips of a data set, or of a single recording, restricted to the frames and cameras of a configuration.
 
-    A clip is read when it is accessed. `provenance["notes"]` of each clip contains notes on missing frames, and on
-    decisions of the reader that can be wrong. Raises FileNotFoundError if the recording does not exist, and ValueError
-    if a file is malformed, an option that the files need is missing, or a clip lacks one of the cameras or frames.
+    A clip is read when it is accessed, by its number or by the name of its folder. `provenance["notes"]` of each clip
+    contains notes on missing frames, and on decisions of the reader that can be wrong. Raises FileNotFoundError if the
+    recording does not exist, and ValueError if a file is malformed, an option that the files need is missing, or a clip
+    lacks one of the cameras or frames.
 
     Attributes:
         data_set: Whether the path contains one folder per clip, and is not itself a clip.
@@ -70,16 +73,20 @@ class Clips(Sequence):
     def __len__(self) -> int:
         return len(self.folders)
 
+    def __contains__(self, name: object) -> bool:
+        """Return whether a clip has this name."""
+        return name in [folder.name for folder in self.folders]
+
     @overload
-    def __getitem__(self, index: int) -> Clip: ...
+    def __getitem__(self, index: int | str) -> Clip: ...
 
     @overload
     def __getitem__(self, index: slice) -> "Clips": ...
 
-    def __getitem__(self, index: int | slice) -> "Clip | Clips":
+    def __getitem__(self, index: int | str | slice) -> "Clip | Clips":
         if isinstance(index, slice):
             return self.part(self.numbers[index])
-        config, folder = self.config, self.folders[index]
+        config, folder = self.config, self._folder(index)
         arguments = _arguments(config, self.reader, folder)
         try:
             if self.reader.cameras:
@@ -103,6 +110,21 @@ class Clips(Sequence):
                 raise
             raise FileNotFoundError(f"{folder}: no such file or folder. {error}") from None
         return select_views(select_frames(shift_views(clip, offsets), config.frames), config.cameras)
+
+    def _folder(self, index: int | str) -> Path:
+        """Return the folder of a clip, given by its number or its name."""
+        names = [folder.name for folder in self.folders]
+        if isinstance(index, str):
+            if index not in names:
+                near = nearest(index, names)
+                meant = f"; did you mean {near!r}?" if near else ""
+                raise KeyError(f"{self.config.path}: no clip {index!r} among {len(names)}{meant}")
+            return self.folders[names.index(index)]
+        if isinstance(index, bool) or not isinstance(index, Integral):
+            raise TypeError(f"{self.config.path}: expected the number or the name of a clip, found {index!r:.60}")
+        if not -len(names) <= index < len(names):
+            raise IndexError(f"{self.config.path}: no clip {index}; there are {len(names)}, from 0")
+        return self.folders[int(index)]
 
     def _with_cameras(self, folder: Path, calibration: CalibrationSource, fps: float | None, **others) -> Clip:
         """Return the clip of a reader that returns `NumberedDetections`: add the cameras and the frame rate."""

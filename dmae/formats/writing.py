@@ -73,7 +73,7 @@ def write_poses(
     path: Path,
     format: str | None = None,
     *,
-    skeleton: str | None = None,
+    skeleton: str | Path | Skeleton | None = None,
     unit: LengthUnit = LengthUnit.m,
     keep_mm: float | None = None,
     robot: str | None = None,
@@ -186,9 +186,9 @@ def _of_people(clip: Clip, poses: Poses3D, people: Sequence[str]) -> Clip:
     return replace(clip, poses=some, rig=rig, provenance=clip.provenance | {"people": list(names)})
 
 
-def _skeleton(writer: PoseWriter, poses: Poses3D, wanted: str | None) -> Skeleton:
+def _skeleton(writer: PoseWriter, poses: Poses3D, wanted: str | Path | Skeleton | None) -> Skeleton:
     only = writer.skeleton
-    if only and wanted not in (None, only):
+    if only and wanted not in (None, only, get_skeleton(only)):
         raise ValueError(f"skeleton={wanted}: format={writer.name} is always of {only}; leave it out")
     if name := only or wanted:
         skeleton = get_skeleton(name)

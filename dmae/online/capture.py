@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dmae.completion.config import DELAY
+from dmae.data.arguments import check_arguments
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.conversion import resized_poses, resized_rig
@@ -56,12 +57,13 @@ class OnlineCapture:
         delay: Largest number of frames pushed after a frame until it is finished.
     """
 
+    @check_arguments
     def __init__(
         self,
         rig: CameraRig,
         skeleton: Skeleton,
         fps: float,
-        config: CaptureConfig,
+        config: CaptureConfig | None = None,
         complete: Completer | None = None,
         look_ahead: float | None = None,
         noise: DetectionNoise | None = None,
@@ -71,7 +73,7 @@ class OnlineCapture:
             rig: V cameras.
             skeleton: Skeleton of the detections.
             fps: Frames per second.
-            config: As for `capture`.
+            config: As for `capture`; by default `CaptureConfig()`.
             complete: Completes captured poses, see `dmae.completion.complete.completers`; None for none.
             look_ahead: s; most that any step waits for what comes after a frame: less than the 0.4 of capture and the
                 0.28 of completion costs accuracy, and people appear later. By default as much as steps use.
@@ -83,7 +85,7 @@ class OnlineCapture:
                 an impossible rate, a negative time, another method of capture, or people are asked for that only a
                 whole recording tells.
         """
-        fps = check_rate("fps", fps)
+        fps, config = check_rate("fps", fps), config or CaptureConfig()
         if look_ahead is not None and not 0 <= look_ahead < np.inf:
             raise ValueError(f"look_ahead={look_ahead}: expected seconds, 0 or more")
         if len(rig) < 2:

@@ -9,6 +9,7 @@ from enum import StrEnum
 
 import numpy as np
 
+from dmae.data.json_values import check_fields
 from dmae.registry import Entry, Registry
 
 ADAPTIVE = "adaptive"
@@ -85,6 +86,7 @@ class AssociationConfig:
     """Smallest affinity of detections of one person, 0 to 1."""
 
     def __post_init__(self):
+        check_fields(self)
         if not self.ray_distance_m > 0:
             raise ValueError(f"association.ray_distance_m={self.ray_distance_m}: expected a positive number")
 
@@ -135,6 +137,7 @@ class SubjectConfig:
     """[least, most] length from hip to knee to ankle, m: adults have 0.7 to 1.0, children less."""
 
     def __post_init__(self):
+        check_fields(self)
         if self.at is not None and len(self.at) != 3:
             raise ValueError(f"subject.at={self.at}: expected [frame, x, y]")
         if self.camera is not None and self.at is None:
@@ -171,6 +174,7 @@ class CaptureConfig:
     subject: SubjectConfig = field(default_factory=SubjectConfig)
 
     def __post_init__(self):
+        check_fields(self)
         capture_method.check(self.method, ADAPTIVE)
         if self.method in capture_method:
             others = [each for each in fields(self) if each.name not in ("method", "th_p")]

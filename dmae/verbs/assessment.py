@@ -7,7 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dmae.data.clip import Clip, Poses3D, Source, as_clip, as_poses
+from dmae.data.arguments import check_arguments
+from dmae.data.clip import Clip, Poses3D, Source
+from dmae.data.skeleton import Skeleton
 from dmae.evaluation.config import StressConfig, TableConfig
 from dmae.evaluation.corruption import corrupt as corruption
 from dmae.evaluation.review import Decision, save_decisions, without_decided
@@ -22,13 +24,15 @@ if TYPE_CHECKING:
     from dmae.regression.verdicts import Verdict
 
 
-def evaluate(clip: Clip, poses: Poses3D | None = None, *, skeleton: str | None = None) -> dict:
+@check_arguments
+def evaluate(clip: Clip, poses: Poses3D | None = None, *, skeleton: str | Path | Skeleton | None = None) -> dict:
     """Score poses against the truth of their clip.
 
     Args:
         clip: Has truth.
         poses: Captured or completed poses; by default `clip.poses`.
-        skeleton: Compare on this skeleton; by default that of the truth, or the second one of two fused.
+        skeleton: Compare on this skeleton, its name or its file; by default that of the truth, or the second one of two
+            fused.
 
     Returns:
         The scores of `dmae evaluate` for one clip: `pcp` %, `mpjpe` mm by source, `hidden` {recall %, mpjpe mm},
@@ -47,7 +51,7 @@ def evaluate(clip: Clip, poses: Poses3D | None = None, *, skeleton: str | None =
     from dmae.evaluation.predictions import fitting
     from dmae.evaluation.scores import compared_truth, score, scored_actors
 
-    poses = as_clip(clip).poses if poses is None else as_poses(poses)
+    poses = clip.poses if poses is None else poses
     if poses is None:
         raise ValueError(f"clip {clip.id!r} has no poses; run dmae.capture")
     truth = compared_truth(clip, skeleton)
@@ -56,6 +60,7 @@ def evaluate(clip: Clip, poses: Poses3D | None = None, *, skeleton: str | None =
     return score(poses, captured, truth, scored_actors(clip), fps=clip.fps)
 
 
+@check_arguments
 def compare_scores(baseline: dict | str | Path, scores: dict | str | Path, *, changed: tuple[str, ...] = ()) -> Gate:
     """Compare scores with those of a baseline: is any figure worse by more than its interval?
 
@@ -89,6 +94,7 @@ def compare_scores(baseline: dict | str | Path, scores: dict | str | Path, *, ch
     return gates.compare_scores(before, now, changed)
 
 
+@check_arguments
 def draw(clip: Clip, poses: Poses3D | None = None, frame: int | None = None) -> Figure:
     """Draw one frame: the poses in every view, and the world from the side and from above. Completed joints are red.
 
@@ -114,6 +120,7 @@ def draw(clip: Clip, poses: Poses3D | None = None, frame: int | None = None) -> 
     return views_figure(_with(clip, poses).without_lost_images(), frame)
 
 
+@check_arguments
 def report(
     clip: Clip | Sequence[Clip],
     out: str | Path,
@@ -145,20 +152,24 @@ def report(
     """
     from dmae.evaluation.report.page import write_clips_report
 
-    if isinstance(clip, Clip | str | Path):
+    if isinstance(clip, Clip):
         clip = [_with(clip, poses)]
     elif poses is not None:
         raise ValueError("poses=...: expected one clip, found several, each with its own poses")
+    if not clip and not scores:
+        raise ValueError("clip: expected one clip or more, or scores, found none")
+    if Path(out).is_dir():
+        raise ValueError(f"out={out}: expected a file, as {Path(out) / 'report.html'}, found a folder")
     write_clips_report(Path(out), clip, scores, title=title)
     return Path(out)
 
 
 def _with(clip: Clip, poses: Poses3D | None) -> Clip:
     """Return the clip with these poses, or with its own for None."""
-    clip = as_clip(clip)
-    return clip if poses is None else replace(clip, poses=as_poses(poses))
+    return clip if poses is None else replace(clip, poses=poses)
 
 
+@check_arguments
 def benchmark(
     *,
     methods: Sequence[str | Callable] = ("linear", "pchip_body", "gaussian_process", "dmae"),
@@ -221,6 +232,7 @@ def benchmark(
     return scores
 
 
+@check_arguments
 def regress(solver: Callable | str, *, skip: tuple[str, ...] = ()) -> list[Verdict]:
     """Check a triangulation against a frozen pack of cases with documented bounds.
 
@@ -246,6 +258,7 @@ def regress(solver: Callable | str, *, skip: tuple[str, ...] = ()) -> list[Verdi
     return check(solver, skip)
 
 
+@check_arguments
 def show(clip: Clip, out: str | Path, config: ShowConfig | None = None, *, poses: Poses3D | None = None) -> list[Path]:
     """Draw a clip, captured, completed, simulated or as recorded: a contact sheet, a video, a recording for Rerun.
 
@@ -275,6 +288,7 @@ def show(clip: Clip, out: str | Path, config: ShowConfig | None = None, *, poses
     return show_clip(_with(clip, poses), Path(out), configuration(config, ShowConfig))
 
 
+@check_arguments
 def review(clip: Clip, decisions: Sequence[Decision] = ()) -> list[Doubt]:
     """Rank the joints of a clip by how far off they may be, the most doubtful first.
 
@@ -299,9 +313,10 @@ def review(clip: Clip, decisions: Sequence[Decision] = ()) -> list[Doubt]:
     """
     from dmae.evaluation.report.findings import rank_doubts
 
-    return rank_doubts(as_clip(clip), decisions)
+    return rank_doubts(clip, decisions)
 
 
+@check_arguments
 def decide(clip: Clip, decisions: Sequence[Decision], folder: str | Path | None = None) -> Clip:
     """Return a clip without the joints that decisions blank or hand back.
 
@@ -330,6 +345,7 @@ def decide(clip: Clip, decisions: Sequence[Decision], folder: str | Path | None 
     return kept
 
 
+@check_arguments
 def corrupt(clip: Clip, levels: Mapping[str, float], *, seed: int = 0) -> Clip:
     """Return a clip, simulated or real, with corrupted detections, cameras or frame rate.
 
@@ -351,11 +367,10 @@ def corrupt(clip: Clip, levels: Mapping[str, float], *, seed: int = 0) -> Clip:
         >>> len(fewer.rig) == len(clip.rig) - 2
         True
     """
-    if not isinstance(levels, Mapping):
-        raise TypeError(f"levels: expected levels by name, as {{'objects': 40}}, found {levels!r:.80}")
-    return corruption.corrupt(as_clip(clip), levels, seed=seed)
+    return corruption.corrupt(clip, levels, seed=seed)
 
 
+@check_arguments
 def stress(clips: Clip | Sequence[Clip], out: str | Path | None = None, config: StressConfig | None = None) -> dict:
     """Corrupt clips step by step, and score every method at each step.
 
@@ -390,6 +405,7 @@ def stress(clips: Clip | Sequence[Clip], out: str | Path | None = None, config: 
     return result
 
 
+@check_arguments
 def table(number: int, data: str | Path, out: str | Path, config: TableConfig | None = None) -> dict:
     """Reproduce a table of the paper: published rows and rows measured here, with intervals.
 

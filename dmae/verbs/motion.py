@@ -13,9 +13,10 @@ import numpy as np
 from dmae.calibration.config import RefineConfig
 from dmae.commands.config import PretrainCommand
 from dmae.completion.config import TrainConfig
+from dmae.data.arguments import check_arguments
 from dmae.data.cameras import CameraRig
-from dmae.data.clip import Clip, Poses3D, as_clip, as_poses
-from dmae.data.skeleton import Skeleton
+from dmae.data.clip import Clip, Poses3D
+from dmae.data.skeleton import Skeleton, get_skeleton
 from dmae.data.store import load_clip
 from dmae.detection.registry import PoseDetectorConfig
 from dmae.numerics import filling
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from dmae.completion.complete import Completer
 
 
+@check_arguments
 def capture(
     clip: Clip, config: CaptureConfig | str | None = None, *, fill: str = "none", smooth: float = 0.0
 ) -> Poses3D:
@@ -60,15 +62,16 @@ def capture(
     from dmae.completion.methods import find_method
 
     chosen = configuration(config, CaptureConfig, "capture")
-    poses = pipeline.capture(as_clip(clip), chosen)
+    poses = pipeline.capture(clip, chosen)
     if not poses.xyz.shape[1]:
         for suggestion in explain_capture(clip, chosen).suggestions:
-            warnings.warn(f"clip {clip.id!r}: no person was captured: {suggestion}", stacklevel=2)
+            warnings.warn(f"clip {clip.id!r}: no person was captured: {suggestion}", stacklevel=3)
     if fill != "none":
         poses = find_method(fill).load()(poses, clip.fps)
     return filling.smooth(poses, clip.fps, smooth)
 
 
+@check_arguments
 def complete(
     poses: Poses3D,
     fps: float,
@@ -115,14 +118,14 @@ def complete(
     from dmae.completion.complete import keep_smoothed
     from dmae.online.completion import complete_online
 
-    as_poses(poses)
     completer_for = completer(poses.skeleton, weights=weights, denoise=denoise, reject=reject, smooth=smooth)
     done = complete_online(completer_for, poses, fps, delay) if online else completer_for(poses, fps)
     return keep_smoothed(done, poses)
 
 
+@check_arguments
 def completer(
-    skeleton: Skeleton,
+    skeleton: Skeleton | str,
     *,
     weights: str | Path | None = None,
     denoise: bool | None = None,
@@ -132,7 +135,7 @@ def completer(
     """Load a model once, to complete many clips with it, or the frames of `OnlineCapture`.
 
     Args:
-        skeleton: Skeleton of the poses to complete.
+        skeleton: Skeleton of the poses to complete, or its name.
         weights: As for `complete`.
         denoise: As for `complete`.
         reject: As for `complete`.
@@ -146,16 +149,17 @@ def completer(
         ValueError: the files of the weights are malformed, or the model was not trained to denoise.
 
     Examples:
-        >>> complete = dmae.completer(dmae.get_skeleton("body25"))
+        >>> complete = dmae.completer("body25")
         >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
         >>> complete(dmae.capture(clip), clip.fps).skeleton.name
         'body25'
     """
     from dmae.completion.complete import completers
 
-    return completers(weights, denoise=denoise, reject=reject, smooth=smooth)(skeleton)
+    return completers(weights, denoise=denoise, reject=reject, smooth=smooth)(get_skeleton(skeleton))
 
 
+@check_arguments
 def train(
     clips: Iterable[Clip],
     out: str | Path,
@@ -189,11 +193,10 @@ def train(
     """
     from dmae.completion.training import train as run
 
-    if isinstance(clips, Clip | str | Path):
-        raise TypeError(f"clips: expected several clips, as dmae.load_dataset(path), found {clips!r:.80}")
     return run(configuration(config, TrainConfig, "train"), clips, Path(out), validation_data, extra_data)
 
 
+@check_arguments
 def pretrain(out: str | Path, config: PretrainCommand | None = None) -> Path:
     """Simulate people with your motion, cameras and detector, and train a model on them, as `dmae pretrain`.
 
@@ -221,6 +224,7 @@ def pretrain(out: str | Path, config: PretrainCommand | None = None) -> Path:
     return Path(out) / "model"
 
 
+@check_arguments
 def card(weights: str | Path, *, command: str, scores: Iterable[str | Path] = ()) -> str:
     """Describe trained weights: training data and scores.
 
@@ -247,6 +251,7 @@ def card(weights: str | Path, *, command: str, scores: Iterable[str | Path] = ()
     return model_card(Path(weights), [Path(folder) for folder in scores], command)
 
 
+@check_arguments
 def triangulate(rig: CameraRig, xy: np.ndarray, confidence: np.ndarray | None = None) -> Points:
     """Triangulate points robustly from pixels of several cameras.
 
@@ -274,15 +279,23 @@ def triangulate(rig: CameraRig, xy: np.ndarray, confidence: np.ndarray | None = 
     """
     if isinstance(xy, tuple):
         raise ValueError("xy: expected an array, found a tuple; rig.project returns xy and depth, give the first")
-    xy = np.asarray(xy, np.float64)
+    xy = _numbers("xy", xy)
     if xy.ndim < 3 or xy.shape[1] != len(rig) or xy.shape[-1] != 2:
         raise ValueError(f"rig of {len(rig)} cameras: expected xy (F, {len(rig)}, ..., 2) px, found shape {xy.shape}")
-    confidence = np.ones(xy.shape[:-1]) if confidence is None else np.asarray(confidence, np.float64)
+    confidence = np.ones(xy.shape[:-1]) if confidence is None else _numbers("confidence", confidence)
     if confidence.shape != xy.shape[:-1]:
         raise ValueError(f"confidence: expected shape {xy.shape[:-1]}, one for each pixel, found {confidence.shape}")
     return triangulation.triangulate(rig, np.moveaxis(rig.undistort(xy), 1, -2), np.moveaxis(confidence, 1, -1))
 
 
+def _numbers(name: str, values: np.ndarray) -> np.ndarray:
+    try:
+        return np.asarray(values, np.float64)
+    except (TypeError, ValueError):
+        raise TypeError(f"{name}: expected an array of numbers, found {type(values).__name__}") from None
+
+
+@check_arguments
 def doctor(clip: Clip, *, max_offset: int = 50) -> Diagnosis:
     """Find faults of a calibration by comparing the detections of its cameras.
 
@@ -304,9 +317,10 @@ def doctor(clip: Clip, *, max_offset: int = 50) -> Diagnosis:
     """
     from dmae.calibration.doctor import diagnose
 
-    return diagnose(as_clip(clip), max_offset=max_offset)
+    return diagnose(clip, max_offset=max_offset)
 
 
+@check_arguments
 def calibrate(clip: Clip, refine: RefineConfig | None = None) -> Refined:
     """Refine the calibration of a clip by the people in it: bundle adjustment over their joints and bones.
 
@@ -329,12 +343,13 @@ def calibrate(clip: Clip, refine: RefineConfig | None = None) -> Refined:
     """
     from dmae.calibration.refinement import refine as run
 
-    return run(as_clip(clip), configuration(refine, RefineConfig))
+    return run(clip, configuration(refine, RefineConfig))
 
 
+@check_arguments
 def run(
     source: str | Path | Clip,
-    calibration: str | Path | None = None,
+    calibration: str | Path | CameraRig | None = None,
     *,
     detector: str = "blazepose",
     capture: CaptureConfig | str | None = None,
@@ -353,7 +368,7 @@ def run(
     Args:
         source: Folder of a video, or a folder of images, for each camera, named as in the calibration; or a clip with
             colour images, or its folder.
-        calibration: Calibration file, or folder of them; None for a clip, which has its own.
+        calibration: Calibration file, or folder of them; cameras, without `out`; None for a clip, which has its own.
         detector: `blazepose`, or `package.module:function`.
         capture: How people are reconstructed, or the name of a preset of `dmae capture`, as `paper`.
         weights: Folder that `train`, or `dmae train`, wrote; by default the weights that come with the package.
@@ -372,7 +387,7 @@ def run(
     Raises:
         FileNotFoundError: there are no videos, or no such weights.
         ValueError: a video cannot be read, has no calibration, or is of another size; the clip has no colour images;
-            `out` is given for a clip in memory.
+            `out` is given for a clip or cameras in memory.
 
     Examples:
         >>> clip = next(synth.generate(seconds=0.1, clips=1, persons=[1, 1], out="walks"))
@@ -386,6 +401,8 @@ def run(
 
     if out is not None and isinstance(source, Clip):
         raise ValueError("out=...: save the clip first with dmae.save, and give its folder as the source")
+    if out is not None and isinstance(calibration, CameraRig):
+        raise ValueError("out=...: expected the file of the calibration, from which the same call can continue")
     given = load_clip(Path(source)) if calibration is None and not isinstance(source, Clip) else source
     if isinstance(given, Clip) and len(given.rig) < 2:
         raise ValueError(f"clip {given.id!r}: capture needs at least 2 cameras, found {len(given.rig)}")

@@ -10,8 +10,9 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from dmae.completion.config import TrainConfig
+from dmae.data.arguments import check_arguments
 from dmae.data.cameras import CameraRig
-from dmae.data.clip import Clip, Poses3D, as_clip, as_poses
+from dmae.data.clip import Clip, Poses3D
 from dmae.data.conversion import convert as convert_poses
 from dmae.data.json_values import checked
 from dmae.data.resources import read_preset
@@ -29,6 +30,7 @@ from dmae.nearest import suggestion
 from dmae.reconstruction.config import CaptureConfig
 
 
+@check_arguments
 def read(path: str | Path, fps: float | None = None, format: str | None = None, **options: Any) -> Clip:
     """Read a recording that any supported program wrote.
 
@@ -61,7 +63,7 @@ def read(path: str | Path, fps: float | None = None, format: str | None = None, 
     for name in options.keys() - _FIELDS:
         raise TypeError(f"read: no option {name}; {suggestion(name, _FIELDS)}")
     try:
-        clips = Clips(checked(DataConfig(name=format, path=str(path), fps=fps, **options)))
+        clips = Clips(checked(DataConfig(name=format, path=str(path), fps=fps, **options), "data"))
         if len(clips) != 1:
             raise ValueError(f"{path}: expected one recording, found a data set of {len(clips)}; use dmae.load_dataset")
         return clips[0]
@@ -75,6 +77,7 @@ _FIELDS = [each.name for each in fields(DataConfig) if each.name != "name"]
 _OPTION = re.compile(rf"(?<![\w/.])data(?:\.({'|'.join(_FIELDS)})\b|\.name\b|(?==\.\.\.))")
 
 
+@check_arguments
 def detect(
     source: str | Path | Clip,
     calibration: str | Path | CameraRig | None = None,
@@ -150,6 +153,7 @@ def detect_in(
         return make_clip(recording_name(Path(source)), recording, detections, notes, detector)
 
 
+@check_arguments
 def read_poses(path: str | Path) -> PoseFile:
     """Read poses that any supported program wrote: `.npz`, `.trc`, movement's `.nc`, a clip, CMU Panoptic's folder.
 
@@ -174,6 +178,7 @@ def read_poses(path: str | Path) -> PoseFile:
     return pose_files.read_poses(Path(path))
 
 
+@check_arguments
 def load(folder: str | Path) -> Clip:
     """Read one clip that `save`, or any command, wrote.
 
@@ -193,6 +198,7 @@ def load(folder: str | Path) -> Clip:
     return load_clip(Path(folder))
 
 
+@check_arguments
 def save(clip: Clip, folder: str | Path) -> None:
     """Write a clip to a folder: `clip.json` and `arrays.safetensors`.
 
@@ -206,11 +212,12 @@ def save(clip: Clip, folder: str | Path) -> None:
         >>> sorted(path.name for path in Path("walk").iterdir())
         ['arrays.safetensors', 'clip.json']
     """
-    save_clip(as_clip(clip), Path(folder))
+    save_clip(clip, Path(folder))
 
 
-def load_dataset(path: str | Path) -> Sequence[Clip]:
-    """Open a data set: a sequence of clips, each read when it is accessed.
+@check_arguments
+def load_dataset(path: str | Path) -> Clips:
+    """Open a data set: a sequence of clips, each read when it is accessed, by its number or its name.
 
     Args:
         path: Folder that `synth generate`, `dmae capture` or `dmae complete` wrote. Clips that failed are left out.
@@ -221,19 +228,20 @@ def load_dataset(path: str | Path) -> Sequence[Clip]:
     Examples:
         >>> for clip in synth.generate(seconds=1, clips=2, seed=7, out="walks"): pass
         >>> clips = dmae.load_dataset("walks")
-        >>> len(clips), clips[1].id
-        (2, '000001')
+        >>> len(clips), clips[1].id, clips["000000"].id
+        (2, '000001', '000000')
     """
     return Clips(DataConfig(path=str(path)))
 
 
+@check_arguments
 def export(
     clip: Clip,
     out: str | Path,
     format: str | None = None,
     *,
     poses: Poses3D | None = None,
-    skeleton: str | None = None,
+    skeleton: str | Path | Skeleton | None = None,
     unit: str = "m",
     keep_mm: float | None = None,
     robot: str | None = None,
@@ -265,13 +273,14 @@ def export(
         >>> np.load(files[0])["joints"].shape[-2:]
         (14, 3)
     """
-    given = as_clip(clip) if poses is None else replace(as_clip(clip), poses=as_poses(poses))
+    given = clip if poses is None else replace(clip, poses=poses)
     done = write_poses(
         given, Path(out), format, skeleton=skeleton, unit=LengthUnit(unit), keep_mm=keep_mm, robot=robot, people=people
     )
     return list(done.files)
 
 
+@check_arguments
 def convert(clip: Clip, out: str | Path, format: str = "clip") -> Path:
     """Write the detections and cameras of a clip in the format of another program. Return the folder.
 
@@ -289,11 +298,12 @@ def convert(clip: Clip, out: str | Path, format: str = "clip") -> Path:
         >>> dmae.read(folder, fps=25).rig.names == clip.rig.names
         True
     """
-    write_recording(as_clip(clip), Path(out), format)
+    write_recording(clip, Path(out), format)
     return Path(out)
 
 
-def to_skeleton(poses: Poses3D, skeleton: str | Skeleton) -> Poses3D:
+@check_arguments
+def to_skeleton(poses: Poses3D, skeleton: str | Path | Skeleton) -> Poses3D:
     """Return the same poses on another skeleton, as exports and scores convert them.
 
     Joints with the same name are copied, with source and covariance. `neck`, `mid_hip` and the ends of the head are
@@ -311,10 +321,10 @@ def to_skeleton(poses: Poses3D, skeleton: str | Skeleton) -> Poses3D:
         >>> dmae.to_skeleton(clip.truth, "coco17").xyz.shape[2]
         17
     """
-    return convert_poses(as_poses(poses), get_skeleton(skeleton) if isinstance(skeleton, str) else skeleton)
+    return convert_poses(poses, get_skeleton(skeleton))
 
 
-def configuration(given: Any, expected: type, group: str | None = None) -> Any:
+def configuration(given: Any, expected: type, group: str | None = None, name: str = "config") -> Any:
     """Return the configuration that was given, by its preset's name or as it is; by default that without a preset.
 
     `group` has the presets, if there are any.
@@ -327,10 +337,12 @@ def configuration(given: Any, expected: type, group: str | None = None) -> Any:
         return preset(group, given)
     if given is not None and not isinstance(given, expected):
         or_preset = " or the name of a preset" if group else ""
-        raise TypeError(f"config: expected a dmae.{expected.__name__}{or_preset}, found {given!r:.80}")
+        package = expected.__module__.partition(".")[0]
+        raise TypeError(f"{name}: expected a {package}.{expected.__name__}{or_preset}, found {given!r:.80}")
     return checked(given) if given else expected()
 
 
+@check_arguments
 def preset(group: str, name: str, **changes: Any) -> Any:
     """Return a configuration as a preset of the command line sets it, with some fields changed.
 
@@ -346,8 +358,15 @@ def preset(group: str, name: str, **changes: Any) -> Any:
         >>> dmae.preset("capture", "paper", th_v=2).th_v
         2
     """
-    if group == "capture":
-        return replace(read_preset(CaptureConfig, "capture", name), **changes)
-    if group == "train":
-        return replace(read_preset(TrainConfig, "model", name), **changes)
-    raise ValueError(f"group={group!r}: expected capture or train")
+    if group not in ("capture", "train"):
+        raise ValueError(f"group={group!r}: expected capture or train")
+    kind, folder = {"capture": (CaptureConfig, "capture"), "train": (TrainConfig, "model")}[group]
+    return changed(read_preset(kind, folder, name), changes)
+
+
+def changed(configuration: Any, changes: dict[str, Any]) -> Any:
+    """Return a configuration with some fields changed; TypeError, with the nearest name, if there is no such field."""
+    known = [each.name for each in fields(configuration)]
+    for name in changes.keys() - set(known):
+        raise TypeError(f"{type(configuration).__name__}: no field {name}; {suggestion(name, known)}")
+    return replace(configuration, **changes)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from math import inf
 
+from dmae.data.json_values import check_fields
 from dmae.data.labels import KINDS
 from dmae.parallel import ProcessesConfig
 from synth.checks import check_range
@@ -54,6 +55,7 @@ class OcclusionConfig:
     """Whether joints hidden by their own person's body count, which no layout changes."""
 
     def __post_init__(self):
+        check_fields(self)
         if self.target and not (len(self.target) == 2 and 0 <= self.target[0] < self.target[1] <= 1):
             raise ValueError(
                 f"occlusion.target: expected [least, greatest] fraction of joints, 0 <= least < greatest <= 1, "
@@ -78,6 +80,7 @@ class AboutConfig:
     """Date of publication, as 2026-11-24."""
 
     def __post_init__(self):
+        check_fields(self)
         if self.date is not None and not re.fullmatch(r"\d{4}-(0\d|1[0-2])-([0-2]\d|3[01])", self.date):
             raise ValueError(f"about.date={self.date}: expected year-month-day, as 2026-11-24")
 
@@ -120,6 +123,7 @@ class GenerateConfig(ProcessesConfig):
     occlusion: OcclusionConfig = field(default_factory=OcclusionConfig)
 
     def __post_init__(self):
+        check_fields(self)
         check_range("", self, 0, inf, "seed", "first", "retries")
         check_range("", self, 1, inf, "clips")
         super().__post_init__()

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from dmae.data.arguments import check_arguments
 from dmae.data.store import MANIFEST, clip_folders, load_clip
 from dmae.files.checksums import (
     begin_data_set,
@@ -31,6 +32,7 @@ from synth.scene.build import build_scene
 from synth.scene.spec import SceneSpec
 
 
+@check_arguments
 def label(data: str | Path, labels: Sequence[str] = KINDS, *, workers: int = 1) -> int:
     """Add labels from physics to existing clips, in place. Nothing is simulated again.
 

@@ -15,6 +15,7 @@ import numpy as np
 from safetensors import safe_open
 from scipy.cluster.hierarchy import DisjointSet
 
+from dmae.data.arguments import check_arguments
 from dmae.data.store import filled_clip_folders
 from dmae.files.contents import write_atomic
 from dmae.files.structured import read_json
@@ -41,6 +42,7 @@ class Take:
         return self.seconds > 0
 
 
+@check_arguments
 def takes(
     path: str | Path, *, train: float = 0.0, validation: float = 0.0, test: float = 0.0, seed: int = 0
 ) -> list[Take]:
@@ -202,6 +204,7 @@ def _digest(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()[:16]
 
 
+@check_arguments
 def split(
     path: str | Path,
     by: str = "person",

@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from dmae.data.arguments import check_arguments
 from dmae.data.clip import Clip
 from dmae.data.labels import Visibility
 from dmae.data.store import MANIFEST, filled_clip_folders, load_clip, read_manifest
@@ -369,6 +370,7 @@ _OCCLUDERS = 12
 """Greatest number of listed occluders."""
 
 
+@check_arguments
 def stats(path: str | Path, out: str | Path, *, extra_data: Sequence[str | Path] = (), workers: int = 1) -> dict:
     """Describe a data set: occlusion by joint and cause, contacts, people, distances, angles, motion.
 

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import inf
 
+from dmae.data.json_values import check_fields
 from dmae.registry import Entry, Registry
 from synth.checks import check_range
 
@@ -24,6 +25,7 @@ class Interaction(Entry):
     """Least and greatest number of people."""
 
     def __post_init__(self):
+        check_fields(self)
         if not 1 <= self.persons[0] <= self.persons[1]:
             raise ValueError(f"interaction {self.name!r}: expected persons=(least, greatest), found {self.persons}")
 
@@ -42,6 +44,7 @@ class InteractionConfig:
     """Number of people who do not take part, each with an independent motion, added to `scene.persons`."""
 
     def __post_init__(self):
+        check_fields(self)
         interaction.check(self.kind, NO_INTERACTION)
         check_range("interaction", self, 0, inf, "bystanders", unit=" people")
         if self.bystanders and not self.together:

@@ -9,6 +9,7 @@ import numpy as np
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
+from dmae.data.arguments import check_arguments
 from dmae.files.checks import check_numbers
 from dmae.files.contents import write_atomic
 from dmae.files.structured import parse_json
@@ -61,6 +62,7 @@ def save_physical_labels(labels: PhysicalLabels, folder: Path) -> None:
     write_atomic(Path(folder) / FILE, save(arrays, {"physics": json.dumps(words)}))
 
 
+@check_arguments
 def physical_labels(clip: str | Path) -> PhysicalLabels:
     """Read the labels that `label` added to a clip: `contacts`, `forces`, `surface`. Missing ones are None.
 

@@ -5,6 +5,7 @@ from enum import Enum
 
 import numpy as np
 
+from dmae.data.json_values import check_fields
 from synth.checks import check_pairs, check_range
 from synth.motion.readers import reader
 
@@ -36,6 +37,7 @@ class ProceduralConfig:
     """Share, 0 to 1, of the people who reach out or wave once."""
 
     def __post_init__(self):
+        check_fields(self)
         check_range("motion.procedural", self, 0, 1, "standing", "straight", "gesture")
         # Beyond these bounds the published kinematics no longer hold, or feet cross on the inside of the turn.
         check_pairs("motion.procedural", self, 0.6, 1.7, "speed", unit=" m/s")
@@ -84,6 +86,7 @@ class MotionConfig:
     """Procedural people who only walk or stand."""
 
     def __post_init__(self):
+        check_fields(self)
         reader.check(self.kind, PROCEDURAL, RECORDED)
         for what in ("actions", "weights"):
             unknown = ", ".join(repr(name) for name in getattr(self, what) if name not in ACTIONS)

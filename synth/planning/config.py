@@ -4,6 +4,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from dmae.data.json_values import check_fields
 from dmae.parallel import ProcessesConfig
 from synth.checks import check_pairs, check_range
 from synth.detector.config import DetectorConfig
@@ -37,6 +38,7 @@ class MountConfig:
     are not valid for views from above."""
 
     def __post_init__(self):
+        check_fields(self)
         heights = [name for name in ("walls", "tripods") if getattr(self, name)]
         check_pairs("mount", self, 0, np.inf, *heights, above=True, unit=" m")
         if self.walls is not None and not (self.walls or self.ceiling or self.tripods):
@@ -63,6 +65,7 @@ class LensConfig:
     size: list[int] = field(default_factory=lambda: [1280, 960])
 
     def __post_init__(self):
+        check_fields(self)
         if not self.view_deg or not all(1 <= angle <= 150 for angle in self.view_deg):
             raise ValueError(f"lens.view_deg: expected fields of view of 1 to 150 degrees, found {list(self.view_deg)}")
         if len(self.size) != 2 or not all(1 <= side <= 20_000 for side in self.size):
@@ -90,6 +93,7 @@ class SearchConfig:
     check_clips: int = 8
 
     def __post_init__(self):
+        check_fields(self)
         check_range("search", self, 1, np.inf, "clips", "frames")
         check_range("search", self, 2, np.inf, "check_clips")
 
@@ -125,6 +129,7 @@ class PlanConfig(ProcessesConfig):
     """Folder of the page, the rigs and the lists to print; written whole or not at all."""
 
     def __post_init__(self):
+        check_fields(self)
         # One camera measures no joint.
         check_pairs("", self, 2, MOST_CAMERAS, "views")
         check_range("", self, 0, np.inf, "seed")

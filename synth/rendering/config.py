@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from enum import Enum
 from math import inf
 
+from dmae.data.json_values import check_fields
 from synth.checks import check_range
 
 
@@ -40,5 +41,6 @@ class ImagingConfig:
     """Quality of JPEG, 1 to 100, that the camera compresses images with before they are stored; 0 for none."""
 
     def __post_init__(self):
+        check_fields(self)
         check_range("imaging", self, 0, inf, *vars(self))
         check_range("imaging", self, 0, 100, "jpeg")

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dmae.data.json_values import check_fields
 from dmae.formats.config import LengthUnit, UpDirection
 from synth.checks import check_pairs, check_range
 
@@ -63,6 +64,7 @@ class RingConfig:
     """Image width and height, px."""
 
     def __post_init__(self):
+        check_fields(self)
         check_range("rig.ring", self, 1, np.inf, "views")
         check_pairs("rig.ring", self, 0, np.inf, "radius", "height", above=True)
         check_image("rig.ring", self.focal, self.size)
@@ -86,6 +88,7 @@ class DomeConfig:
     """Image width and height, px."""
 
     def __post_init__(self):
+        check_fields(self)
         check_range("rig.dome", self, 1, np.inf, "views")
         check_range("rig.dome", self, 0, np.inf, "radius", above=True, unit=" m")
         check_pairs("rig.dome", self, 0, np.pi / 2, "elevation", above=True, unit=" rad")
@@ -128,6 +131,7 @@ class RandomConfig:
     """Image width and height, px."""
 
     def __post_init__(self):
+        check_fields(self)
         check_range("rig.random", self, 1, np.inf, "views")
         check_pairs("rig.random", self, 0, np.inf, "radius", "height", "target_height", "focal", above=True)
         check_image("rig.random", self.focal[0], self.size)
@@ -153,6 +157,7 @@ class JitterConfig:
     """About each axis, rad."""
 
     def __post_init__(self):
+        check_fields(self)
         check_range("rig.jitter", self, 0, np.inf, *vars(self))
 
 
@@ -176,6 +181,7 @@ class MiscalibrationConfig:
     """Of the camera's centre along each axis, m."""
 
     def __post_init__(self):
+        check_fields(self)
         check_range("rig.error", self, 0, np.inf, *vars(self))
 
 
@@ -222,6 +228,7 @@ class RigConfig:
     """Errors of the calibration."""
 
     def __post_init__(self):
+        check_fields(self)
         if len(self.origin) != 3 or not np.isfinite(self.origin).all():
             raise ValueError(f"rig.origin: expected x, y, z in m, found {list(self.origin)}")
         if self.size and (len(self.size) != 2 or min(self.size) < 1):

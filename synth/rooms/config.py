@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from dmae.data.json_values import check_fields
 from dmae.data.resources import resource_folder
 from synth.checks import check_range
 
@@ -62,6 +63,7 @@ class PropsConfig:
     """The axis of the files that points up."""
 
     def __post_init__(self):
+        check_fields(self)
         check_range("props", self, 0, np.inf, "scale", above=True, unit=" metres per unit of the mesh files")
         if not self.path and (self.scale != 1.0 or self.up is not MeshUp.auto):
             raise ValueError("props.scale and props.up say how meshes are read, but props.path names none")

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from dmae.data.json_values import check_fields
 from synth.checks import check_pairs, check_range
 from synth.people.body import MOST_PERSONS
 from synth.rooms.config import room_choices
@@ -47,6 +48,7 @@ class SceneConfig:
     """Whether floor, walls, light and colours are random in each clip; otherwise as in the room's file."""
 
     def __post_init__(self):
+        check_fields(self)
         if self.persons:
             check_pairs("scene", self, 1, MOST_PERSONS, "persons", unit=" people")
         check_pairs("scene", self, 0, np.inf, "clearance", unit=" m")

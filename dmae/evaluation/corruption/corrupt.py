@@ -34,11 +34,14 @@ def corrupt(clip: Clip, levels: Mapping[str, float], *, seed: int = 0, people: P
     belong to the new detections. A corruption draws the same numbers from the seed with and without others. `people`
     are by default `people_of(clip)`.
 
-    Raises ValueError if there is no such corruption or level, or the clip has too few cameras or people for it.
+    Raises ValueError if there is no such corruption or level, or the clip has too few cameras or people for it, or the
+    seed is negative.
     """
     found = {find_corruption(name): level for name, level in levels.items()}
     for entry, level in found.items():
         entry.check(level, clip)
+    if seed < 0:
+        raise ValueError(f"seed={seed}: expected 0 or more")
     active = sorted(((entry, level) for entry, level in found.items() if level), key=lambda each: each[0].order)
     if not active:
         return clip

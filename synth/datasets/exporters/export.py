@@ -6,6 +6,7 @@ from collections import Counter
 from importlib import metadata
 from pathlib import Path
 
+from dmae.data.arguments import check_arguments
 from dmae.data.skeleton import Skeleton, option_skeleton
 from dmae.data.store import filled_clip_folders
 from dmae.files.checksums import refuse_damaged
@@ -28,6 +29,7 @@ ONE_SPLIT = "train"
 """The split of all clips if no splits are given."""
 
 
+@check_arguments
 def export(
     path: str | Path,
     out: str | Path,
