@@ -262,6 +262,8 @@ def render(
     rgb: str | None = None,
     rig: RigConfig | CameraRig | str | Path | None = None,
     imaging: ImagingConfig | None = None,
+    first: int | None = None,
+    clips: int | None = None,
     workers: int | None = None,
 ) -> Iterator[Clip]:
     """Render clips again: as other images, at another quality, or with other cameras. Nothing is simulated.
@@ -279,6 +281,8 @@ def render(
         rig: Other cameras, as for `generate`. Visibility and detections are then made for these
             cameras as well.
         imaging: Light and camera of colour images.
+        first: Number of the first clip that is rendered, by default 0.
+        clips: Number of clips that are rendered, by default all from `first` on.
         workers: Processes; -1 for one per core.
 
     Yields:
@@ -301,6 +305,7 @@ def render(
     from synth.datasets.render import render as render_data_set
 
     given = {"images": images, "quality": quality, "rgb": rgb, "imaging": imaging, "rig": rig, "workers": workers}
+    given |= {"first": first, "clips": clips}
     config = _configured("render", config or RenderConfig(), given | {"data": str(data), "out": str(out)})
     render_data_set(config)
     return (load_clip(folder) for folder in clip_folders(Path(out)))
@@ -436,7 +441,10 @@ def compare(real: Clip, sim: Iterable[Clip], *, limits: Limits | None = None, wo
     clips = list(sim)
     if not clips:
         raise ValueError("sim: expected one clip or more, found none")
-    recorded, simulated = measure(real), measure_all(clips, len(clips), workers)
+    with comparison.speaking_of("real"):
+        recorded = measure(real)
+    with comparison.speaking_of("sim"):
+        simulated = measure_all(clips, len(clips), workers)
     return comparison.compare(recorded, simulated, configuration(limits, comparison.Limits, name="limits"))
 
 

@@ -478,6 +478,14 @@ def test_one_text_is_taken_for_a_list_of_it(clip, tmp_path: Path):
         synth.detector_errors(tmp_path, simulated="clea")
 
 
+def test_compare_says_of_which_set_a_clip_is(clip):
+    few = clip.select(views=[0, 1])
+    with pytest.raises(ValueError, match=r"^real: clip '000000': errors are measured against the other views"):
+        synth.compare(few, [clip])
+    with pytest.raises(ValueError, match=r"^sim: clip '000000': errors are measured against the other views"):
+        synth.compare(clip, [few])
+
+
 def test_a_skeleton_is_given_by_name_or_itself(clip):
     poses, coco = dmae.to_skeleton(clip.truth, "body25"), dmae.get_skeleton("coco17")
     assert dmae.get_skeleton(coco) is coco

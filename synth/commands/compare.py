@@ -26,9 +26,11 @@ def run(config: CompareCommand, out: Path) -> None:
     if config.by is CompareBy.motion:
         _compare_motion(config, out)
         return
-    real = measure(read_recording(Path(config.real), config.frames))
+    with detections.speaking_of(f"real={config.real}"):
+        real = measure(read_recording(Path(config.real), config.frames))
     clips = Clips(DataConfig("clip", config.sim))
-    sim = replace(measure_all(clips, len(clips), config.workers), name=Path(config.sim).name)
+    with detections.speaking_of(f"sim={config.sim}"):
+        sim = replace(measure_all(clips, len(clips), config.workers), name=Path(config.sim).name)
     rows = detections.compare(real, sim, config.limits)
     print_tables([detections.table(rows)])
     detections.write_page(out / "compare.html", real, sim, rows)

@@ -168,6 +168,10 @@ class RenderConfig(ProcessesConfig):
     rig: RigConfig = field(default_factory=lambda: NO_RIG)
     """Other cameras than the clips have."""
     imaging: ImagingConfig = field(default_factory=ImagingConfig)
+    first: int = 0
+    """Number of the first clip of the data set, counted from 0."""
+    clips: int | None = None
+    """Number of clips; by default all from `first` on. Several machines can fill one folder."""
 
     def __post_init__(self):
         super().__post_init__()

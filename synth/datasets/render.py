@@ -16,6 +16,7 @@ from dmae.data.store import clip_folders, load_clip, save_clip
 from dmae.files.checksums import begin_data_set, find_damage, write_checksums
 from dmae.files.contents import whole_folder
 from dmae.files.structured import read_json
+from dmae.formats.config import clip_range
 from dmae.parallel import process_count
 from synth.datasets.clip import label_clip
 from synth.datasets.config import OcclusionConfig, RenderConfig
@@ -87,6 +88,8 @@ def _checked(config: RenderConfig) -> tuple[list[Path], dict, CameraRig]:
     folders = clip_folders(data)
     if not folders:
         raise FileNotFoundError(f"data={data}: no clip of it is whole")
+    numbers = clip_range(len(folders), config.first, config.clips)
+    folders = folders[numbers.start : numbers.stop]
     if out.resolve() in (data.resolve(), folders[0].resolve().parent) or data.resolve() in out.resolve().parents:
         raise ValueError(
             f"out={out}: expected another folder than data={data}; `synth generate` with the options of the data set "
@@ -100,13 +103,17 @@ def _checked(config: RenderConfig) -> tuple[list[Path], dict, CameraRig]:
     return folders, settings, rig
 
 
+_LEFT_OUT = ("data", "out", "first", "clips", "workers", "backend", "dry_run", "rig")
+"""Options that are not settings of the new data set, or that it keeps unless another rig is given."""
+
+
 def _settings(config: RenderConfig, folder: Path) -> dict:
     path = folder.parent / CONFIG
     if not path.is_file():
         raise FileNotFoundError(
             f"{path}: no such file; expected a data set that `synth generate` made, or a clip in it"
         )
-    settings = read_json(path) | as_settings(config, leave=("data", "out", "workers", "backend", "dry_run", "rig"))
+    settings = read_json(path) | as_settings(config, leave=_LEFT_OUT)
     if config.rig != NO_RIG:
         settings["rig"] = as_settings(config)["rig"]
     return settings | {"rendered_from": str(Path(config.data).resolve())}

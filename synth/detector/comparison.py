@@ -1,6 +1,7 @@
 """Compare a recording with its simulation, by the statistics of their detections."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -34,6 +35,15 @@ class Row:
     @property
     def exceeded(self) -> bool:
         return self.allowed is not None and not self.distance <= self.allowed
+
+
+@contextmanager
+def speaking_of(option: str) -> Iterator[None]:
+    """Have errors about clips, in the block, say of which set they are: clips of two sets can have one name."""
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"{option}: {error}") from None
 
 
 def compare(real: DetectorStatistics, sim: DetectorStatistics, limits: Limits) -> list[Row]:

@@ -181,6 +181,18 @@ def test_rendering_into_the_clips_themselves_is_refused(labels, where):
         render(RenderConfig(str(labels), str(labels.parent / where)))
 
 
+def test_some_of_the_clips_are_rendered(tmp_path):
+    data, out = tmp_path / "data", tmp_path / "out"
+    generate(replace(config(data), clips=2))
+    rendering = RenderConfig(str(data), str(out), images=["depth"], quality=ImageQuality.draft, first=1)
+    assert [line["id"] for line in render(replace(rendering, clips=1))] == ["000001"]
+    before = contents(out / "000001")
+    assert [line["id"] for line in render(replace(rendering, first=0))] == ["000000", "000001"]
+    assert contents(out / "000001") == before and not verify(out).problems
+    with pytest.raises(ValueError, match=r"^clips=2: expected from 1 to 1, there are 2 clips"):
+        render(replace(rendering, clips=2))
+
+
 def test_folders_of_something_else_are_refused(tmp_path):
     (tmp_path / "papers").mkdir()
     (tmp_path / "papers" / "thesis.txt").write_text("mine")
