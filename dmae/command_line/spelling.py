@@ -22,8 +22,15 @@ _CONFUSED = {"clip": "data", "data": "clip"}
 """Options that one command has under the first name, and another command under the second."""
 FUNCTION = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
 """`package.module:function`, which registries accept in addition to their own names."""
-_FLAGS = {"-m": "--multirun", "-cd": "--config-dir", "-c": "--cfg"}
+_FLAGS = {
+    "-cd": "--config-dir", "-c": "--cfg", "-p": "--package", "-i": "--info",
+    "-m": "--multirun", "--resolve": "--resolve",
+}  # fmt: skip
 """Hydra's flags that are taken, by their short forms."""
+_ALONE = ("--multirun", "--resolve")
+"""Flags that no value follows."""
+_LOOKING = {"--cfg", "--info"}
+"""Flags with which nothing is run, so that nothing need be given."""
 
 
 def split_flags(arguments: Iterable[str]) -> tuple[list[str], list[Path], list[str]]:
@@ -38,7 +45,7 @@ def split_flags(arguments: Iterable[str]) -> tuple[list[str], list[Path], list[s
             continue
         name, equals, value = argument.partition("=")
         flag = _FLAGS.get(name, name)
-        if flag == "--multirun":
+        if flag in _ALONE:
             flags.append(flag)
         elif flag in _FLAGS.values():
             if not equals and not (value := next(rest, "")):
@@ -59,12 +66,12 @@ def checked(options: Group, overrides: Iterable[str], flags: Collection[str] = (
     """Return overrides as Hydra takes them: what is short for something is written out.
 
     Raises ValueError, with the nearest, for a mistyped option, preset, choice or value; and for an option that has to
-    be given and is not, unless the configuration is only printed, or `presets` of the user may give it.
+    be given and is not, unless nothing is run, or `presets` of the user may give it.
     """
     sweep = "--multirun" in flags
     taken = [each for override in overrides for each in _checked(options, override, sweep)]
     missing = required(options, {override.lstrip("+").partition("=")[0] for override in taken})
-    if missing and not presets and "--cfg" not in flags:
+    if missing and not presets and _LOOKING.isdisjoint(flags):
         wanted = (option for option in map(options.find, missing) if option)
         texts = (f"{option.key}=... ({option.meaning.partition('. ')[0].strip(' .')})" for option in wanted)
         raise ValueError(f"expected {', '.join(texts)}; --help lists all options")

@@ -130,3 +130,16 @@ def test_python_takes_the_file_of_a_preset(presets, tmp_path):
 def test_whole_configurations_and_pickled_ones_are_not_taken(flag, tmp_path):
     done = run_command(tmp_path, "synth", "generate", flag, "out=set")
     assert done.returncode == 1 and "no such flag" in done.stderr
+
+
+@pytest.mark.parametrize(
+    "flags, printed",
+    [
+        (["--cfg", "job", "--resolve"], "data:"),
+        (["-c", "job", "-p", "learning"], "steps: 6000"),
+        (["--info", "defaults"], "Defaults List"),
+    ],
+)
+def test_flags_of_hydra_that_print_the_configuration_need_no_data(flags, printed, tmp_path):
+    done = run_command(tmp_path, "dmae", "train", *flags, "data=clip")
+    assert done.returncode == 0 and printed in done.stdout
