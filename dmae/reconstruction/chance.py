@@ -24,10 +24,22 @@ _LEAST_EXPECTED = 0.001
 those in which ghosts resemble each other most, which `expected_by_chance` does not know."""
 
 
-def surprise(expected: np.ndarray) -> np.ndarray:
-    """Return -ln p of numbers expected by chance in a frame, any shape; p is the probability that figures within reach
-    of a track agree as well by chance."""
-    return -np.log(-np.expm1(-_WITHIN_REACH * np.maximum(expected, _LEAST_EXPECTED)))
+def surprise(expected: np.ndarray, measured: np.ndarray) -> np.ndarray:
+    """Return -ln p of frames (F, P) in which tracks were measured, 0 in others; p is the probability that figures agree
+    as well by chance.
+
+    If the track was measured in the frame before, they have to be within its reach. Otherwise any figure may continue
+    it, by re-entry, in this frame or in one of those that were missed.
+
+    Args:
+        expected: (F, P) numbers of people expected by chance.
+        measured: (F, P) True where a track was measured.
+    """
+    frame, missed = np.arange(len(expected))[:, None], np.zeros(expected.shape)
+    before = np.maximum.accumulate(np.where(measured, frame, -1))[:-1]
+    missed[1:] = np.where(before < 0, 0, frame[1:] - before - 1)
+    tries = np.where(missed > 0, 1 + missed, _WITHIN_REACH)
+    return np.where(measured, -np.log(-np.expm1(-tries * np.maximum(expected, _LEAST_EXPECTED))), 0)
 
 
 def passing_ghosts(measured: np.ndarray, surprises: np.ndarray, frames: int, most: float | None) -> np.ndarray:

@@ -154,7 +154,7 @@ def well_measured(tracks: Tracks, joints: int) -> np.ndarray:
     """Return (2, F, P) 1 where a person has at least this number of joints, and how little that looks like chance
     (`dmae.reconstruction.chance.surprise`); else 0."""
     measured = known_joints(tracks.xyz) >= joints
-    return np.stack([measured, np.where(measured, surprise(tracks.chance), 0)])
+    return np.stack([measured, surprise(tracks.chance, measured)])
 
 
 def too_brief(measured: np.ndarray, frames: int, fps: float, min_duration_s: float) -> np.ndarray:

@@ -77,7 +77,7 @@ def test_ghosts_that_come_and_go_agree_in_few_frames_of_a_track():
 
 def test_a_long_recording_has_more_ghosts_that_agree():
     """Four frames of a person of whom views agree as well as by chance in a twentieth of frames."""
-    measured, surprises = np.array([4.0]), 4 * surprise(np.array([0.05]))
+    measured, surprises = np.array([4.0]), surprise(np.full((4, 1), 0.05), np.ones((4, 1), bool)).sum(0)
     assert not passing_ghosts(measured, surprises, 100, 0.1)[0]
     assert passing_ghosts(measured, surprises, 100_000, 0.1)[0]
 
@@ -85,7 +85,15 @@ def test_a_long_recording_has_more_ghosts_that_agree():
 def test_the_best_of_all_frames_does_not_decide_alone():
     chance = np.full((12, 1), 5.0)
     chance[3] = 1e-18
-    assert passing_ghosts(np.array([12.0]), surprise(chance).sum(0), 60, 0.1)[0]
+    assert passing_ghosts(np.array([12.0]), surprise(chance, np.ones((12, 1), bool)).sum(0), 60, 0.1)[0]
+
+
+def test_figures_that_agree_now_and_then_are_no_person():
+    """Twelve frames in which views agree as well as by chance in 3 % of frames: one after the other, or every sixth."""
+    measured = np.zeros((72, 2), bool)
+    measured[:12, 0] = measured[::6, 1] = True
+    surprises = surprise(np.where(measured, 0.03, np.inf), measured).sum(0)
+    assert passing_ghosts(measured.sum(0), surprises, 72, 0.1).tolist() == [False, True]
 
 
 def test_tracks_measured_for_a_moment_are_too_brief():
