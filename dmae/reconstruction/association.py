@@ -3,7 +3,6 @@
 T tracks; D detections per view, padded with NaN; n detections of all views in a row.
 """
 
-from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -155,11 +154,14 @@ def _pairs(view: np.ndarray, partners: np.ndarray, affinities: np.ndarray) -> tu
 
 def _proposed(first: np.ndarray, second: np.ndarray, found: np.ndarray, view: np.ndarray) -> np.ndarray:
     """Return the indices of pairs (m,) that the Hungarian algorithm proposes for every two views."""
-    proposed, view_of_first, view_of_second = [], view[first], view[second]
-    for a, b in combinations(np.unique(view), 2):
-        pairs = np.flatnonzero((view_of_first == a) & (view_of_second == b))
-        if not len(pairs):
-            continue
+    views = view.max() + 1
+    between = view[first] * views + view[second]
+    order = np.argsort(between, kind="stable")
+    lists = first * views + view[second], second * views + view[first]
+    if not any((np.bincount(each) > 1).any() for each in lists):
+        return order  # no detection has a choice
+    proposed = []
+    for pairs in np.split(order, np.flatnonzero(np.diff(between[order])) + 1):
         (row, rows), (column, columns) = (_numbered(each[pairs], len(view)) for each in (first, second))
         if max(rows, columns) <= _ASSIGNED:
             block = np.zeros((rows, columns))
@@ -168,7 +170,7 @@ def _proposed(first: np.ndarray, second: np.ndarray, found: np.ndarray, view: np
             index[row, column] = pairs
             pairs = index[linear_sum_assignment(block, maximize=True)]
         proposed.append(pairs[pairs != NONE])
-    return np.concatenate([np.empty(0, int), *proposed])
+    return np.concatenate(proposed)
 
 
 def _numbered(values: np.ndarray, most: int) -> tuple[np.ndarray, int]:

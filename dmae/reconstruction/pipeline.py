@@ -172,9 +172,9 @@ def _strangers(clip: Clip, config: CaptureConfig, noise: DetectionNoise) -> np.n
     evidence = Evidence.of(clip, config.th_p, config, frames, noise)
     for _ in range(_ALTERNATIONS):
         left = np.zeros(len(clip.rig))
+        tracker = Tracker(clip.detections.skeleton, _SHOWN_FPS, config, strangers)
         for each in map(evidence.at, range(len(frames))):
-            found = Tracker(clip.detections.skeleton, _SHOWN_FPS, config, strangers).step(each)
-            left += count_figures(each) - ((found.assigned != NONE).sum(-1) >= MIN_JOINTS).sum(0)
+            left += count_figures(each) - ((tracker.alone(each) != NONE).sum(-1) >= MIN_JOINTS).sum(0)
         strangers = np.maximum(left / max(len(frames), 1), 1)
     return strangers
 
@@ -245,11 +245,11 @@ def _learned(clip: Clip, config: CaptureConfig) -> DetectionNoise:
         return prior
     for _ in range(_ALTERNATIONS):
         evidence = Evidence.of(clip, 0.0, config, frames, noise)
-        steps = [Tracker(skeleton, clip.fps, config).step(evidence.at(frame)) for frame in range(len(frames))]
-        persons = max(len(step.track) for step in steps)
-        assigned = np.full((len(frames), persons, views, joints), NONE)
-        for row, step in zip(assigned, steps, strict=True):
-            row[: len(step.track)] = step.assigned
+        tracker = Tracker(skeleton, clip.fps, config)
+        people = [tracker.alone(evidence.at(frame)) for frame in range(len(frames))]
+        assigned = np.full((len(frames), max(map(len, people)), views, joints), NONE)
+        for row, each in zip(assigned, people, strict=True):
+            row[: len(each)] = each
         points = evidence.triangulate(assigned)
         found = residuals(evidence.rig, noise, evidence.xy, clip.detections.score[frames], assigned, points)
         noise = fit(found, prior, noise, skeleton)

@@ -219,13 +219,8 @@ class Tracker:
         view, person = np.nonzero((primary != NONE) & plausible)
         free = np.ones(evidence.xy.shape[1:3], bool)
         free[view, primary[view, person]] = False
-        groups = _match(evidence, free, colours, self._compared, mixed or self._strangers is not None)
-        if len(groups):
-            points = evidence.triangulate(groups[None], _ITERATIONS)
-            new, plausible = self._plausible(points.xyz[0], groups, self._birth_joints)
-            groups, new, used = groups[plausible], new[plausible], np.concatenate([used, points.used[0, plausible]])
-        else:
-            new = np.empty((0, *xyz.shape[1:]))
+        groups, new, used_by_new = self._new_people(evidence, free, colours, mixed)
+        used = np.concatenate([used, used_by_new])
         people = np.concatenate([assigned, groups]), np.concatenate([xyz, new]), used
         chance = _by_chance(evidence, *people, self._strangers)
         supported = chance <= self._most
@@ -247,6 +242,26 @@ class Tracker:
         self._state = state[lasting & ~np.isnan(state.xyz[..., 0]).all(-1)]
         assigned = np.where(absent[:, None, None], NONE, assigned)
         return TrackedFrame(state.track, assigned, xyz, np.where(absent, np.inf, chance))
+
+    def alone(self, evidence: Evidence) -> np.ndarray:
+        """Return the detections (P, V, J) of the people of a frame, which a new tracker would find; `NONE` for none."""
+        groups, *joints = self._new_people(evidence, np.ones(evidence.xy.shape[1:3], bool))
+        return groups[_by_chance(evidence, groups, *joints, self._strangers) <= self._most]
+
+    def _new_people(
+        self,
+        evidence: Evidence,
+        free: np.ndarray,
+        colours: Callable[[], np.ndarray] | None = None,
+        mixed: bool = False,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return people of free detections (V, D): these (G, V, J), joints (G, J, 3), and (G, J, V) the views used."""
+        groups = _match(evidence, free, colours, self._compared, mixed or self._strangers is not None)
+        if not len(groups):
+            return groups, np.empty((0, groups.shape[2], 3)), np.empty((0, *groups.shape[:0:-1]), bool)
+        points = evidence.triangulate(groups[None], _ITERATIONS)
+        xyz, plausible = self._plausible(points.xyz[0], groups, self._birth_joints)
+        return groups[plausible], xyz[plausible], points.used[0, plausible]
 
     def _split(
         self, evidence: Evidence, state: TrackState, assigned: np.ndarray, primary: np.ndarray, xyz: np.ndarray

@@ -12,6 +12,7 @@ from dmae.reconstruction.chance import expected_by_chance
 from dmae.reconstruction.config import CaptureConfig, TrackingConfig
 from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.pipeline import capture, learn_noise
+from dmae.reconstruction.tracking import Tracker
 from tests.support.clips import looking_at_origin, looking_inwards, t_pose
 from tests.support.detected_people import detected_clip, errors, rows_of, walk
 from tests.support.ghosts import haunted_clip, two_people
@@ -202,3 +203,14 @@ def test_a_person_of_one_view_or_without_joints_is_not_supported():
         nothing, np.ones((1, 25, 3), bool), np.ones(3), np.full(3, np.inf), 0.1,
     )  # fmt: skip
     assert found[0] == np.inf
+
+
+@pytest.mark.parametrize("strangers", [None, np.ones(5)])
+def test_people_of_a_frame_alone_are_those_of_a_new_tracker(strangers):
+    clip, config = haunted_clip(20, 12, fixed=True, seed=1), CaptureConfig()
+    evidence = Evidence.of(clip, config.th_p, config)
+    trackers = [Tracker(clip.detections.skeleton, clip.fps, config, strangers) for _ in range(4)]
+    for frame, tracker in enumerate(trackers[1:]):
+        found = tracker.step(evidence.at(frame)).assigned
+        assert len(found) >= 2
+        np.testing.assert_array_equal(trackers[0].alone(evidence.at(frame)), found)
