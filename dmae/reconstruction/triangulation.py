@@ -173,7 +173,12 @@ def _triangulate_points(cameras, xy, sigma, gate, max_error, iterations):
                 information[row, column] = gradient[row]
         if not largest_eigenvalue(information) <= max_error**2:
             continue
-        xyz[i], cov[i], residual[i] = point, information, np.sqrt(square / number)
+        residual[i] = np.sqrt(square / number)
+        # Element by element: the message of an error of shapes takes three seconds to compile.
+        for row in range(3):
+            xyz[i, row] = point[row]
+            for column in range(3):
+                cov[i, row, column] = information[row, column]
         for k in range(len(seen)):
             v = seen[k]
             used[i, v] = fit.kept[v]
