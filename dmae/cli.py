@@ -220,23 +220,31 @@ def compose(command: Command, overrides: Sequence[str]) -> object:
         GlobalHydra.instance().hydra = running
 
 
+class _Uncopied(dict):
+    """What Hydra has. It copies all of it for each composition, and then each part that it reads."""
+
+    def __deepcopy__(self, memo: dict) -> "_Uncopied":
+        return self
+
+
 @contextmanager
 def _stored(command: Command, options: Group, own: Presets, arguments: Sequence[str]) -> Iterator[None]:
-    """Give Hydra the schema and the presets of a command for the block. Each composition copies all that Hydra has."""
-    from hydra.core.config_store import ConfigStore
+    """Give Hydra the schema and the presets of a command for the block."""
+    from hydra.core.config_store import ConfigNode, ConfigStore
 
     store = ConfigStore.instance()
     # `data=...` and others are groups of presets for some commands, and plain paths for others.
     other = {member.key for member in options.members}
-    before, store.repo = store.repo, {name: node for name, node in store.repo.items() if name not in other}
-    store.store(name=f"{command.name}_schema", node=_schema(command.configuration))
+    before, store.repo = store.repo, _Uncopied({name: node for name, node in store.repo.items() if name not in other})
+    schema = f"{command.name}_schema"
+    store.repo[f"{schema}.yaml"] = ConfigNode(schema, _schema(command.configuration), None, None, None)
     groups = [{group: preset} for group, preset in command.presets.items()]
     # Hydra writes nothing of its own; results go to `out`, and under `-m` to `out/0`, `out/1`, ...
     silent = [{f"override hydra/{each}_logging": "none"} for each in ("job", "hydra")]
     out = options.find("out")
     sweep = "${out}" if isinstance(out, Option) and out.default is not None else f"runs/{command.name}"
     own_files = {"output_subdir": None, "run": {"dir": "."}, "sweep": {"dir": sweep, "subdir": "${hydra.job.num}"}}
-    defaults = [f"{command.name}_schema", *groups, "_self_", *silent]
+    defaults = [schema, *groups, "_self_", *silent]
     store.store(name=command.name, node={"defaults": defaults, "hydra": own_files})
     # Only presets that may be meant: Hydra takes milliseconds for each.
     asked = f"{arguments} {own} {command.presets}"
