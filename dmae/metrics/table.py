@@ -125,20 +125,24 @@ def score_of(
     """
     if not len(table):
         return Score(np.nan, np.full(draws, np.nan), [])
-    keys = list(average)
-    groups = table[keys].drop_duplicates()
+    columns = {key: pd.factorize(table[key])[0] for key in (*average, draw)}
+    codes: list[np.ndarray] = []  # of the rows, by the first key, the first two keys, ...
+    for key in average:
+        codes.append(columns[key] if not codes else _pairs(codes[-1], columns[key]))
+    group = codes[-1]
+    first = _first(group)
     # A ratio has the weight 1 / (number of subsets x clips of its subset x persons of its clip).
-    parts = [groups.groupby(keys[:n])[keys[n]].transform("nunique").to_numpy() for n in range(1, len(keys))]
-    share = 1 / np.prod([*parts, np.full(len(groups), groups[keys[0]].nunique())], 0)
-    codes = [groups.groupby(keys[:n], sort=False).ngroup().to_numpy() for n in range(1, len(keys) + 1)]
-    levels = list(pairwise([np.zeros(len(groups), int), *codes]))
-    stratum, _ = pd.factorize(groups[within])
-    blocks = table[[within, draw]].drop_duplicates()
-    number = blocks.groupby(within, sort=False).cumcount().to_numpy()
-    sizes = blocks.groupby(within, sort=False).size().tolist()
-    group = table.groupby(keys, sort=False).ngroup().to_numpy()
-    block = number[table.groupby([within, draw], sort=False).ngroup()]
-    sums = np.zeros((2, len(groups), max(sizes)))
+    parts = [np.bincount(outer[_first(inner)])[outer[first]] for outer, inner in pairwise(codes)]
+    share = 1 / np.prod([*parts, np.full(len(first), codes[0].max() + 1)], 0)
+    levels = list(pairwise([np.zeros(len(first), int), *(each[first] for each in codes)]))
+    stratum = columns[within][first]
+    drawn_from = _pairs(columns[within], columns[draw])
+    strata = columns[within][_first(drawn_from)]
+    sizes = np.bincount(strata).tolist()
+    number = np.empty(len(strata), int)  # of each block in its stratum
+    number[np.argsort(strata, kind="stable")] = np.concatenate([np.arange(size) for size in sizes])
+    block = number[drawn_from]
+    sums = np.zeros((2, len(first), max(sizes)))
     place: Any = slice(None), group, block
     np.add.at(sums, place, table[[value, count]].to_numpy(float).T)
 
@@ -162,3 +166,13 @@ def score_of(
         weights[:, clip, :size] = rng.multinomial(size, np.full(size, 1 / size), size=draws)
     drawn = mean(*(np.einsum("dgb,gb->dg", weights[:, stratum], part) for part in sums))
     return Score(float(mean(*sums.sum(-1)[:, None])[0]), drawn, sizes)
+
+
+def _pairs(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Return a code for each pair of two codes, in the order of their first occurrence."""
+    return pd.factorize(one * (other.max() + 1) + other)[0]
+
+
+def _first(codes: np.ndarray) -> np.ndarray:
+    """Return the index at which each code occurs first."""
+    return np.unique(codes, return_index=True)[1]
