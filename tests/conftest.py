@@ -29,10 +29,15 @@ hypothesis.settings.register_profile("ci", deadline=None, derandomize=True)
 hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "local")
 
 
+_FIRST = ("test_compiled.py", "test_training.py")
+"""In a new checkout the first capture compiles for 20 s. The one file does that, the other needs none of it: of two
+processes only one compiles."""
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put files with slow tests first: processes are given files in this order, and none waits long for the last."""
     slow = {item.path for item in items if item.get_closest_marker("slow")}
-    items.sort(key=lambda item: item.path not in slow)
+    items.sort(key=lambda item: (item.path.name not in _FIRST, item.path.name != _FIRST[0], item.path not in slow))
 
 
 def pytest_collection_finish() -> None:
