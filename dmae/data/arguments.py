@@ -16,7 +16,8 @@ from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import Skeleton
 from dmae.nearest import suggestion
 
-P, R = ParamSpec("P"), TypeVar("R")
+P = ParamSpec("P")
+R = TypeVar("R")
 
 _KINDS: dict[Any, tuple[Any, str, str]] = {
     bool: (bool, "True or False", ""),
@@ -61,7 +62,7 @@ def check_arguments(function: Callable[P, R]) -> Callable[P, R]:
             return function(*args, **kwargs)  # It says that there are too many, or that one is given twice
         hints = checked_types(function)
         taken = {name: _taken(name, value, hints[name]) if name in hints else value for name, value in given.items()}
-        return function(*[taken.pop(name) for name in list(taken)[: len(args)]], **taken)
+        return function(*[taken.pop(name) for name in list(taken)[: len(args)]], **taken)  # type: ignore[arg-type]
 
     return checked
 

@@ -49,7 +49,7 @@ def check_fields(configuration: Any) -> None:
 
     Numbers that are not finite are left to `__post_init__`, which says what range is expected.
     """
-    kind = type(configuration)
+    kind: type = type(configuration)
     for field, hint in _hints(kind).items():
         value = getattr(configuration, field)
         if not is_dataclass(value) and not (isinstance(value, float) and not isfinite(value)):

@@ -113,8 +113,8 @@ def open_sets(path: Path, rig: CameraRig, fps: float | None = None, frames: Sequ
     by_folder = len(photographs & calibrated) > len({plain(name) for name in sets} & calibrated)
     cameras, how = _from_folders_of_sets(path, list(sets.values())) if by_folder else _from_folders_of_cameras(path)
     cameras, rig, fittings, more = _calibrated(cameras, rig, path)
-    frames = tuple(camera.times.astype(int) for camera in cameras)
-    alignment = Alignment(fps or _STILLS_RATE, frames, max(int(each.max()) for each in frames) + 1, ())
+    numbers = tuple(camera.times.astype(int) for camera in cameras)
+    alignment = Alignment(fps or _STILLS_RATE, numbers, max(int(each.max()) for each in numbers) + 1, ())
     return part_of(Recording(tuple(cameras), alignment, rig, tuple(fittings), (how, *more)), frames)
 
 

@@ -245,8 +245,8 @@ class Tracker:
 
     def alone(self, evidence: Evidence) -> np.ndarray:
         """Return the detections (P, V, J) of the people of a frame, which a new tracker would find; `NONE` for none."""
-        groups, *joints = self._new_people(evidence, np.ones(evidence.xy.shape[1:3], bool))
-        return groups[_by_chance(evidence, groups, *joints, self._strangers) <= self._most]
+        groups, xyz, used = self._new_people(evidence, np.ones(evidence.xy.shape[1:3], bool))
+        return groups[_by_chance(evidence, groups, xyz, used, self._strangers) <= self._most]
 
     def _new_people(
         self,

@@ -186,6 +186,10 @@ def test_photographs_in_sets_are_stills(tmp_path: Path, layout: str):
     }
     assert found == noses
     assert np.asarray(clip.images.at("rgb", "left", 2)).shape == (48, 64, 3)
+    done = dmae(tmp_path, "detect", "photos=sets", "frames=[1,3]", *clip_of[:-1], "out=last")
+    assert done.returncode == 0, done.stderr
+    last = load_clip(tmp_path / "last")
+    np.testing.assert_array_equal(last.detections.xy[:, :, 0, 0], clip.detections.xy[1:, :, 0, 0])
     done = dmae(tmp_path, "detect", "photos=sets", "fps=25", *clip_of[:-1], "out=other")
     assert done.returncode == 1
     assert "fps=25: photos=... are stills, less than 1 a second" in done.stderr
