@@ -101,6 +101,13 @@ def test_people_who_are_not_there_or_cannot_be_named_are_refused(people: list[st
         write_poses(captured(3), tmp_path / "walk.trc", people=people)
 
 
+@pytest.mark.parametrize("people", [3, ["anna"], [1, 2, 3], {"P1": "anna"}])
+def test_names_of_another_kind_in_a_clip_from_elsewhere_are_not_taken(people: object, tmp_path: Path):
+    clip = replace(captured(3), provenance={"people": people})
+    write_poses(clip, tmp_path / "walk.trc", "trc")
+    assert {file.name for file in tmp_path.glob("*.trc")} == {"walk_P1.trc", "walk_P2.trc", "walk_P3.trc"}
+
+
 def test_every_reader_reads_what_it_names():
     """A new reader names files or folders; without either it could never be found."""
     assert all(bool(each.file) != bool(each.signs) for each in pose_reader.values())
