@@ -130,6 +130,7 @@ def _run_hydra(
 ) -> None:
     """Hand a command to Hydra, which composes its configuration and runs it, for a sweep several times."""
     import hydra
+    from hydra.core.hydra_config import HydraConfig
 
     sys.argv = [str(command), *arguments]
     full = os.environ.get("HYDRA_FULL_ERROR")
@@ -147,6 +148,7 @@ def _run_hydra(
                 hydra.main(version_base="1.3", config_path=None, config_name=command.name)(application)()
             finally:
                 os.environ["HYDRA_FULL_ERROR"] = full or ""
+                HydraConfig.instance().cfg = None  # The next command of this process is no part of this sweep
             return
         # Hydra's own program composes twice, first to learn whether it is to sweep.
         with hydra.initialize(version_base="1.3"):

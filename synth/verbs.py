@@ -49,7 +49,7 @@ _GROUPS = ("scene", "rig", "motion", "interaction", "detector")
 
 
 @check_arguments
-def preset(group: str, name: str, **changes: object) -> Any:
+def preset(group: str, name: str | Path, **changes: object) -> Any:
     """Return a group of options as a preset sets it, with some of them changed.
 
         synth.generate(rig=synth.preset("rig", "studio5", size=[640, 480]))
@@ -65,7 +65,7 @@ def preset(group: str, name: str, **changes: object) -> Any:
     Examples:
         >>> office = synth.preset("scene", "office", seconds=4)
         >>> office.arena, office.seconds
-        ('office', 4)
+        ('office', 4.0)
     """
     if group not in _GROUPS:
         raise ValueError(f"group={group!r}: expected one of {', '.join(_GROUPS)}")
@@ -532,7 +532,7 @@ def fit_detector(
         raise ValueError("clips: expected one simulated clip or more, found none")
     reference = ErrorReference(truth)
     how: dict[str, Any] = {"rounds": rounds, "seed": seed, "workers": workers, "reference": reference}
-    return fit(measure(recording, reference), clips, _group("generate", "detector", start) or DetectorConfig(), **how)
+    return fit(measure(recording, reference), clips, configuration(start, DetectorConfig, name="start"), **how)
 
 
 @check_arguments

@@ -88,7 +88,6 @@ class ModelConfig:
     """Ablation: input features set to zero, of `gap`, `ray`, `held`, `bone_length`, `jitter` and `bone_stretch`."""
 
     def __post_init__(self):
-        check_fields(self)
         if unknown := set(self.ablate) - FEATURES.keys():
             raise ValueError(f"model.ablate: expected some of {list(FEATURES)}, found {sorted(unknown)}")
         encoder, decoder, codes = self.encoder, self.decoder, self.codes
@@ -116,6 +115,7 @@ class ModelConfig:
         for name, dim in (("encoder.dim", encoder.dim), ("decoder.dim", decoder.dim)):
             if dim % 2:
                 raise ValueError(f"model.{name}: expected an even number (sines and cosines), found {dim}")
+        check_fields(self)
 
 
 # How a model is trained.

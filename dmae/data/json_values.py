@@ -52,7 +52,8 @@ def check_fields(configuration: Any) -> None:
     kind: type = type(configuration)
     for field, hint in _hints(kind).items():
         value = getattr(configuration, field)
-        if not is_dataclass(value) and not (isinstance(value, float) and not isfinite(value)):
+        several = value if isinstance(value, list | tuple) else [value]
+        if not is_dataclass(value) and all(isfinite(each) for each in several if isinstance(each, float)):
             object.__setattr__(configuration, field, decode(hint, value, f"{kind.__name__}.{field}"))
 
 

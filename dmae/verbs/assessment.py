@@ -156,8 +156,6 @@ def report(
         clip = [_with(clip, poses)]
     elif poses is not None:
         raise ValueError("poses=...: expected one clip, found several, each with its own poses")
-    if not clip and not scores:
-        raise ValueError("clip: expected one clip or more, or scores, found none")
     if Path(out).is_dir():
         raise ValueError(f"out={out}: expected a file, as {Path(out) / 'report.html'}, found a folder")
     write_clips_report(Path(out), clip, scores, title=title)

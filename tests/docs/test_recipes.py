@@ -3,6 +3,7 @@
 import importlib
 import json
 import re
+import shlex
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -133,9 +134,9 @@ def test_a_skeleton(tmp_path: Path):
     write_deeplabcut(tmp_path / "recordings/dog", replace(clip, detections=detections, truth=None))
     first, *_ = re.findall(r"```text\n(.*?)```", page, re.DOTALL)
     for line in first.splitlines():
-        done = run_command(tmp_path, *line.split())
+        done = run_command(tmp_path, *shlex.split(line, comments=True))
         assert done.returncode == 0, done.stderr
-    for name in ("dog.html", "dog.nc", "dog.c3d"):
+    for name in ("dog_review.csv", "dog/report.html", "dog.nc", "dog.c3d"):
         assert (tmp_path / "runs" / name).is_file()
     poses = dmae.read_poses(tmp_path / "runs/dog.nc").poses
     assert poses.skeleton == skeleton

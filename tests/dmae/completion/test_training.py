@@ -224,8 +224,8 @@ def test_errors_that_are_expected_to_be_large_have_less_weight():
 
 
 def test_a_loss_that_is_not_finite_ends_training_without_weights(clips, tmp_path):
-    config = changed(TINY, lr=1e30)
-    with pytest.raises(ValueError, match=r"step \d: the loss is (nan|inf).*smaller learning\.lr than 1e\+30"):
+    config = changed(TINY, lr=1e9)
+    with pytest.raises(ValueError, match=r"step \d: the loss is (nan|inf).*smaller learning\.lr than 1e\+09"):
         train(config, clips, tmp_path)
     assert not (tmp_path / "weights.safetensors").exists() and not (tmp_path / "model.json").exists()
 
@@ -388,7 +388,7 @@ def test_two_processes_give_the_losses_of_one_which_goes_on_where_they_stopped(c
 
 def test_a_loss_that_is_not_finite_ends_all_processes(clips, tmp_path):
     with pytest.raises(ValueError, match="so training stopped and wrote no weights"):
-        train(changed(SMALL, devices=2, lr=1e30), clips, tmp_path)
+        train(changed(SMALL, devices=2, lr=1e9), clips, tmp_path)
     assert not (tmp_path / "weights.safetensors").exists()
 
 

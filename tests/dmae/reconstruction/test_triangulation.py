@@ -160,7 +160,7 @@ def face_to_face() -> CameraRig:
     T = np.tile(np.eye(4), (3, 1, 1))
     T[:, :3, :3], T[:, 2, 3] = rotations, 4
     K = np.tile([[1000.0, 0, 500], [0, 1000, 500], [0, 0, 1]], (3, 1, 1))
-    return CameraRig("abc", K, np.zeros((3, 5)), T, np.full((3, 2), 1000))
+    return CameraRig(tuple("abc"), K, np.zeros((3, 5)), T, np.full((3, 2), 1000))
 
 
 def test_parallel_rays_give_no_point_and_perpendicular_rays_do():
