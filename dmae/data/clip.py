@@ -34,8 +34,9 @@ def person_name(person: int) -> str:
 def person_names(clip: "Clip", persons: int) -> list[str]:
     """Return the names of the persons of a clip in files that are exported: those that an export gives, or P1, ..."""
     given = clip.provenance.get("people")  # A clip from elsewhere can hold anything under this name
-    fits = isinstance(given, list) and len(given) == persons and all(isinstance(name, str) for name in given)
-    return given if fits else [person_name(person) for person in range(persons)]
+    if isinstance(given, list) and len(given) == persons and all(isinstance(name, str) for name in given):
+        return given
+    return [person_name(person) for person in range(persons)]
 
 
 NOT_KNOWN = {"xyz": np.nan, "source": Source.ABSENT, "cov": np.nan, "views": 0, "rays": np.nan}
