@@ -64,9 +64,10 @@ def run(config: CaptureCommand, out: Path, told: Collection[str] = ()) -> None:
     frames, start, persons = 0, time.perf_counter(), 0
     measured: Groups = {}
     completed: Groups = {}
-    tasks = {folder.name: (config, part[index : index + 1]) for index, folder in enumerate(part.folders)}
+    names = [folder.name for folder in part.folders]
+    tasks = ((config, part[index : index + 1]) for index in range(len(part)))
     with ClipSet(out, settings) as made:
-        for name, captured, notes in made.fill(_capture, tasks, config.workers, "capturing"):
+        for name, captured, notes in made.fill(_capture, names, tasks, config.workers, "capturing"):
             if captured is None:
                 captured = load_clip(out / name)
             else:

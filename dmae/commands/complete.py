@@ -31,9 +31,9 @@ def run(config: CompleteCommand, out: Path) -> None:
     if config.dry_run:
         print(f"{out}: {forecast(config, len(folders), lambda number: _begun(config, folders[number]))}")
         return
-    tasks = {folder.name: (config, folder) for folder in folders}
+    names, tasks = [folder.name for folder in folders], ((config, folder) for folder in folders)
     with ClipSet(out, settings) as made:
-        for _, completed, notes in made.fill(_complete, tasks, config.workers, "completing"):
+        for _, completed, notes in made.fill(_complete, names, tasks, config.workers, "completing"):
             if completed is None:
                 continue
             for note in notes:

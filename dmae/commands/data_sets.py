@@ -3,7 +3,7 @@
 import hashlib
 import shutil
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -97,17 +97,23 @@ class ClipSet:
         return self
 
     def fill(
-        self, make: Callable[..., tuple[Clip, list[str]]], tasks: dict[str, tuple], workers: int, doing: str
+        self,
+        make: Callable[..., tuple[Clip, list[str]]],
+        names: Sequence[str],
+        tasks: Iterable[tuple],
+        workers: int,
+        doing: str,
     ) -> Iterator[tuple[str, Clip | None, list[str]]]:
         """Make and write the clips that are not done yet, and yield each name, in order, with the clip and notes on it.
 
-        `tasks`: arguments of `make` by the name of the clip. For a clip that was done before, None is yielded.
+        `tasks`: arguments of `make` for each name. For a clip that was done before, None is yielded.
         """
-        before = tasks.keys() & self.whole
+        before = self.whole.intersection(names)
         if before:
-            print(f"{self.out}: {len(before)} of {len(tasks)} clips are done already")
-        made = in_parallel(make, (task for name, task in tasks.items() if name not in before), workers)
-        for name in progress(tasks, doing):
+            print(f"{self.out}: {len(before)} of {len(names)} clips are done already")
+        left = (task for name, task in zip(names, tasks, strict=True) if name not in before)
+        made = in_parallel(make, left, workers)
+        for name in progress(names, doing):
             if name in before:
                 yield name, None, []
                 continue

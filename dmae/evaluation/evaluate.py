@@ -276,9 +276,11 @@ def _clips(config: EvaluateConfig) -> Clips:
 
 def scored_methods(config: EvaluateConfig, clip: Clip) -> list[str]:
     """Return the methods of a configuration, or the usual ones for the body in the detections of a clip."""
+    if config.methods is not None:
+        return config.methods
     from dmae.completion.weights import methods_for  # it loads torch, which other methods do not need
 
-    return methods_for(SCORED, clip.detections.skeleton, config.weights) if config.methods is None else config.methods
+    return methods_for(SCORED, clip.detections.skeleton, config.weights)
 
 
 def _check_methods(config: EvaluateConfig) -> None:

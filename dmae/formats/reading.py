@@ -113,8 +113,8 @@ class Clips(Sequence):
 
     def _folder(self, index: int | str) -> Path:
         """Return the folder of a clip, given by its number or its name."""
-        names = [folder.name for folder in self.folders]
         if isinstance(index, str):
+            names = [folder.name for folder in self.folders]
             if index not in names:
                 near = nearest(index, names)
                 meant = f"; did you mean {near!r}?" if near else ""
@@ -122,8 +122,8 @@ class Clips(Sequence):
             return self.folders[names.index(index)]
         if isinstance(index, bool) or not isinstance(index, Integral):
             raise TypeError(f"{self.config.path}: expected the number or the name of a clip, found {index!r:.60}")
-        if not -len(names) <= index < len(names):
-            raise IndexError(f"{self.config.path}: no clip {index}; there are {len(names)}, from 0")
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"{self.config.path}: no clip {index}; there are {len(self)}, from 0")
         return self.folders[int(index)]
 
     def _with_cameras(self, folder: Path, calibration: CalibrationSource, fps: float | None, **others) -> Clip:

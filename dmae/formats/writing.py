@@ -92,6 +92,9 @@ def write_poses(
     """
     writer, path = pose_writer.find(format or format_of(Path(path))), export_path(path, format)
     poses = exported_poses(clip)
+    if poses is clip.truth and clip.true_rig is not None:
+        # Project the truth with the true cameras: the calibration of the clip can have errors.
+        clip = replace(clip, rig=clip.true_rig)
     if people:
         clip = _of_people(clip, poses, people)
         poses = exported_poses(clip)
@@ -121,9 +124,6 @@ def write_poses(
         raise ValueError(f"robot={robot}: format={writer.name} is not of a robot; leave it out")
     if writer.folder:
         _check_folder(path, clip)
-    if poses is clip.truth and clip.true_rig is not None:
-        # Project the truth with the true cameras: the calibration of the clip can have errors.
-        clip = replace(clip, rig=clip.true_rig)
     if poses is clip.poses:
         # Some writers project the poses that the clip contains.
         clip = replace(clip, poses=kept)
@@ -181,9 +181,7 @@ def _of_people(clip: Clip, poses: Poses3D, people: Sequence[str]) -> Clip:
         raise ValueError(f"people=[{','.join(people)}]: expected different names, without commas")
     chosen = [known.index(number) for number in numbers]
     some = Poses3D(poses.skeleton, **{name: array[:, chosen] for name, array in poses.arrays.items()})
-    # True poses are seen by the true cameras: the calibration of the clip can have errors.
-    rig = clip.true_rig if poses is clip.truth and clip.true_rig is not None else clip.rig
-    return replace(clip, poses=some, rig=rig, provenance=clip.provenance | {"people": list(names)})
+    return replace(clip, poses=some, provenance=clip.provenance | {"people": list(names)})
 
 
 def _skeleton(writer: PoseWriter, poses: Poses3D, wanted: str | Path | Skeleton | None) -> Skeleton:
