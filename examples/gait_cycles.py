@@ -24,7 +24,7 @@ def heel_strikes(poses, fps, side, person=0):
     joints = poses.skeleton.index("mid_hip", f"{side}_heel")
     paths = pd.DataFrame(poses.xyz[:, person, joints, :2].reshape(-1, 4)).interpolate().to_numpy()
     hip, heel = paths[:, :2], paths[:, 2:]
-    # The pelvis sways: the direction of walking is that of its mean velocity over half a second.
+    # The pelvis sways, so people walk in the direction of its mean velocity over half a second.
     window = pd.DataFrame(np.gradient(hip, axis=0)).rolling(round(0.5 * fps), center=True, min_periods=1)
     forward = window.mean().to_numpy()
     ahead = ((heel - hip) * forward).sum(1) / np.linalg.norm(forward, axis=1)

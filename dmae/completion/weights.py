@@ -165,10 +165,7 @@ def find_shipped(skeleton: Skeleton) -> Path:
 
 
 def methods_for(usual: Sequence[str], skeleton: Skeleton, weights: str | None) -> list[str]:
-    """Return the usual methods, without those of a network if no weights are given and none shipped know the body.
-
-    The network's are the learned completion methods, and `paper`.
-    """
+    """Return the usual methods; without learned ones and `paper` where no weights are given or shipped for the body."""
     try:
         if weights is None:
             find_shipped(skeleton)

@@ -34,7 +34,7 @@ _KINDS: dict[Any, tuple[Any, str, str]] = {
         "dmae.Poses3D(skeleton, xyz) takes an array",
     ),
     CameraRig: (CameraRig, "a dmae.CameraRig", "clip.rig has the cameras of a clip"),
-    Skeleton: (Skeleton, "a dmae.Skeleton", "poses.skeleton is that of poses"),
+    Skeleton: (Skeleton, "a dmae.Skeleton", "poses.skeleton is the skeleton of poses"),
     NoneType: (NoneType, "None", ""),
 }
 """What is accepted for an annotation, how it is called, and where one gets it."""

@@ -32,7 +32,7 @@ def person_name(person: int) -> str:
 
 
 def person_names(clip: "Clip", persons: int) -> list[str]:
-    """Return the names of the persons of a clip in files that are exported: those that an export gives, or P1, ..."""
+    """Return the names that exported files give to the persons of a clip: chosen ones, or P1, P2, ..."""
     given = clip.provenance.get("people")  # A clip from elsewhere can hold anything under this name
     if isinstance(given, list) and len(given) == persons and all(isinstance(name, str) for name in given):
         return given

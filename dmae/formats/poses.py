@@ -143,7 +143,7 @@ def read_provenance(path: Path, joints: Sequence[str], frames: int) -> np.ndarra
     """
     table, person = provenance_table(path), None
     if table.is_file():
-        # The file of a single person, whose own name can end as that of one of several: squat_P2.
+        # The file of one person. Its name may end like that of one of several: squat_P2.
         person = next(iter(provenance_people(path)), None)
     else:
         splits = [(path.stem[:at], path.stem[at + 1 :]) for at, letter in enumerate(path.stem) if letter == "_"]

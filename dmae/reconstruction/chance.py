@@ -28,8 +28,8 @@ def surprise(expected: np.ndarray, measured: np.ndarray) -> np.ndarray:
     """Return -ln p of frames (F, P) in which tracks were measured, 0 in others; p is the probability that figures agree
     as well by chance.
 
-    If the track was measured in the frame before, they have to be within its reach. Otherwise any figure may continue
-    it, by re-entry, in this frame or in one of those that were missed.
+    If the track was measured in the frame before, they have to be within its reach. Otherwise any figure, in this frame
+    or in a missed one, may re-enter as this person.
 
     Args:
         expected: (F, P) numbers of people expected by chance.

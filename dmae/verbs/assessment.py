@@ -31,8 +31,7 @@ def evaluate(clip: Clip, poses: Poses3D | None = None, *, skeleton: str | Path |
     Args:
         clip: Has truth.
         poses: Captured or completed poses; by default `clip.poses`.
-        skeleton: Compare on this skeleton, its name or its file; by default that of the truth, or the second one of two
-            fused.
+        skeleton: Skeleton to compare on, or its name or file. By default the truth's; if that is two fused, the second.
 
     Returns:
         The scores of `dmae evaluate` for one clip: `pcp` %, `mpjpe` mm by source, `hidden` {recall %, mpjpe mm},
