@@ -8,8 +8,8 @@ from scipy.ndimage import gaussian_filter
 def paint(pattern: str, colours, size: int, *, rng: np.random.Generator) -> np.ndarray:
     """Return a painted texture, (size, size, 3) uint8 RGB, in two colours: RGB triples, 0..1.
 
-    Patterns are "plain", "stripes", "checks", "melange", "camouflage" (cloth), "hair", "planks", "tiles", "plaster",
-    "carpet", "concrete", "paving", "bricks", "sheet" (rooms); KeyError for others.
+    Patterns are "plain", "stripes", "checks", "melange", "camouflage", "knit" (cloth), "hair", "planks", "tiles",
+    "plaster", "carpet", "concrete", "paving", "bricks", "sheet" (rooms); KeyError for others.
     """
     if pattern not in _BLENDS:
         raise KeyError(f"no pattern {pattern!r}; expected one of {', '.join(_BLENDS)}")
@@ -97,8 +97,16 @@ def _cloth(x, rng):
     return 0.015 * noise(x, rng, 0.6) + 0.02 * noise(x, rng, (30, 10))
 
 
+def _knit(x, y, rng):
+    """Return upright ribs of slanting stitches."""
+    rib = np.abs(np.sin(2 * np.pi * 16 * x))
+    stitch = np.sin(2 * np.pi * (40 * y + 0.6 * rib))
+    return 0.9 * (1 - rib) ** 2 + 0.06 * stitch, 0.05 * stitch + _cloth(x, rng)
+
+
 _BLENDS = {
     "hair": _hair,
+    "knit": _knit,
     "plain": lambda x, y, rng: (np.zeros_like(x), _cloth(x, rng)),
     "stripes": _stripes,
     "checks": _checks,

@@ -27,6 +27,8 @@ _HAND = 0.092
 """Length of the hand, fraction of stature."""
 _FOOT = ((-0.037, 0.0, -0.020), (0.106, 0.0, -0.026))
 """Ends of an axis inside the shoe, relative to the ankle, fractions of stature."""
+_BESIDE = ("brim",)
+"""Materials of parts that stand off the body: no points are on them."""
 _RAY_START = 1.0
 """Distance from an axis at which the rays to the surface begin, m."""
 
@@ -103,13 +105,18 @@ def surface_points(scene: Scene, bodies: list[Body]) -> SurfacePoints:
     """
     model = copy.copy(scene.model)
     data = at_rest(model)
+    names = [model.geom(geom).name.rpartition("/")[2].rstrip("0123456789") for geom in range(model.ngeom)]
+    on_body = ~np.isin(names, _BESIDE)
     Skin(model).apply(data)
-    found = [_points_of(scene, model, data, person, body) for person, body in enumerate(bodies)]
+    found = [
+        _points_of((scene.geom_ids == 1 + person) & on_body, model, data, person, body)
+        for person, body in enumerate(bodies)
+    ]
     return SurfacePoints(*(np.stack(part) for part in zip(*found, strict=True)))
 
 
-def _points_of(scene: Scene, model: mujoco.MjModel, data: mujoco.MjData, person: int, body: Body) -> tuple:
-    """Return the fields of `SurfacePoints` for one person in T-pose."""
+def _points_of(surface: np.ndarray, model: mujoco.MjModel, data: mujoco.MjData, person: int, body: Body) -> tuple:
+    """Return the fields of `SurfacePoints` for one person in T-pose, on the geoms of a surface (ngeom,)."""
     ids = model.body(f"person{person}/{SEGMENTS[0]}").id + np.arange(len(SEGMENTS))
     found = []
     for number, segment in enumerate(SEGMENTS):
@@ -117,10 +124,7 @@ def _points_of(scene: Scene, model: mujoco.MjModel, data: mujoco.MjData, person:
         # The surface near a joint may belong to either of its segments. Rays pass through the others' surfaces.
         own = [SEGMENTS.index(each) for each in _TRUNK] if name in _TRUNK else [number]
         near = [i for i, parent in enumerate(PARENTS) if parent in own or i in (*own, PARENTS[number])]
-        groups = [
-            np.where((scene.geom_ids == 1 + person) & np.isin(model.geom_bodyid, ids[which]), 0, 5)
-            for which in (own, near)
-        ]
+        groups = [np.where(surface & np.isin(model.geom_bodyid, ids[which]), 0, 5) for which in (own, near)]
         rings = _RINGS[name]
         start, end = (data.xpos[ids[number]] + point for point in _axis(body, number))
         angles = 2 * np.pi * np.arange(len(rings.directions)) / len(rings.directions)

@@ -1,6 +1,7 @@
 """Clothes, hair and colours of people."""
 
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,6 +10,9 @@ from dmae.files.checks import check_numbers
 HAIRSTYLES = ("short", "bald", "bob", "long", "bun")
 HANDS = ("relaxed", "open", "grip", "fist", "point")
 PATTERNS = ("plain", "stripes", "checks", "melange", "camouflage")
+HATS = ("cap", "beanie")
+WARDROBE = ("caps",)
+"""What people may wear besides shirts, trousers and shoes. New words go last: each draws from a stream by its place."""
 
 
 @dataclass(frozen=True)
@@ -26,6 +30,19 @@ class Garment:
 
 
 @dataclass(frozen=True)
+class Hat:
+    """A hat: a cap with a brim, or a woollen hat, a beanie."""
+
+    kind: str  # One of `HATS`
+    colours: tuple[tuple[float, float, float], tuple[float, float, float]]  # Two RGB triples, 0..1
+
+    def __post_init__(self):
+        if self.kind not in HATS:
+            raise ValueError(f"no hat {self.kind!r}; expected one of {', '.join(HATS)}")
+        check_numbers("colours of a hat", self.colours, 1, 0)
+
+
+@dataclass(frozen=True)
 class PersonLooks:
     """Colours, hair and clothes of a person; colours are RGB, 0..1."""
 
@@ -38,6 +55,7 @@ class PersonLooks:
     sole: tuple[float, float, float]  # Colour of their soles
     untucked: bool  # Whether the shirt hangs over the trousers
     hands: tuple[str, str] = ("relaxed", "relaxed")  # Shapes of the left and the right hand, of `HANDS`
+    hat: Hat | None = None  # Hat, if any; hair above its rim is not seen
 
     def __post_init__(self):
         if len(self.hands) != 2 or set(self.hands) - set(HANDS):
@@ -90,6 +108,23 @@ def sample_looks(feminine: float, *, child: bool = False, rng: np.random.Generat
         sole=(0.9, 0.9, 0.88) if rng.random() < 0.5 else (0.13, 0.12, 0.11),
         untucked=bool(rng.random() < 0.75),
     )
+
+
+_HATTED = 0.15
+"""Share of people with a hat."""
+
+
+def dressed(looks: PersonLooks, wardrobe: Collection[str], *, rng: np.random.Generator) -> PersonLooks:
+    """Return the looks with what chance gives a person out of a wardrobe, words of `WARDROBE`.
+
+    Each word draws from its own child stream, so that no word changes what another draws.
+    """
+    rngs = dict(zip(WARDROBE, rng.spawn(len(WARDROBE)), strict=True))
+    if "caps" in wardrobe and (of_hats := rngs["caps"]).random() < _HATTED:
+        first = _shade(_TOPS, rng=of_hats)
+        second = _darker(first) if of_hats.random() < 0.6 else _shade(_TOPS, rng=of_hats)
+        looks = replace(looks, hat=Hat(str(of_hats.choice(HATS, p=(0.65, 0.35))), (first, second)))
+    return looks
 
 
 def sample_hands(*, rng: np.random.Generator) -> tuple[str, str]:

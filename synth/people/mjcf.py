@@ -236,6 +236,8 @@ def _add_materials(
     }
     strands = tuple(tuple(shade * c for c in looks.hair_colour) for shade in (0.75, 1.15))
     woven = {"top": looks.top.colours, "bottom": looks.bottom.colours, "hair": strands}
+    if looks.hat:
+        flat |= dict(zip(("hat", "brim"), looks.hat.colours, strict=True))
     for material, colour in flat.items():
         # Skin scatters light beneath its surface, so that its shaded side is not as dark.
         shine, glow = (0.05, 0.08) if material in ("skin", "lip") else (0.15, 0.0)
@@ -251,6 +253,12 @@ def _add_materials(
         painted["iris"] = paint_iris(looks, rng=rng)
         painted["lip"] = paint_lips(body, looks, rng=rng)
         painted["shoe"] = paint_shoe(looks, rng=rng)
+        # Textures of what not everybody wears have streams of their own, and change no other's.
+        of_hat = rng.spawn(1)[0]
+        if looks.hat:
+            painted["hat"] = paint(
+                "plain" if looks.hat.kind == "cap" else "knit", looks.hat.colours, _TEXELS, rng=of_hat
+            )
         for name, image in painted.items():
             material = spec.material(prefix + name)
             material.rgba = [1, 1, 1, 1]

@@ -11,6 +11,7 @@ from scipy.interpolate import LinearNDInterpolator
 from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
+from synth.people.accessories import Crown, hat
 from synth.people.body import ANKLE_HEIGHT, SEGMENTS, SIDES, Body, side_and_name, trunk_sections
 from synth.people.clothing import PersonLooks
 from synth.people.skin import HAIRLINE, around_head, around_limb, on_disc
@@ -75,7 +76,11 @@ def parts(body: Body, looks: PersonLooks) -> list[Part]:
     upper = shoes.points[:, 2] - ground - 0.011 * body.stature
     sheets += [("shoe", _kept(shoes, upper)[0]), ("sole", _kept(shoes, -upper)[0])]
     sheets += _face(sheet, bare, body)
-    sheets += _hair(sheet, bare, body, looks.hair)
+    scalp = _scalp(sheet)
+    crown = looks.hat and Crown.of(looks.hat.kind, scalp.points, bare.eyes.mean((0, 1)), body.stature * body.head)
+    sheets += _hair(scalp, bare, body, looks.hair, crown)
+    if crown:
+        sheets += [(material, _rigid(*shape, SEGMENTS.index("head"))) for material, *shape in hat(crown)]
     found = [part for material, each in sheets for part in _split(each, material, bare, body)]
     return sorted(found, key=lambda part: SEGMENTS.index(part.segment))
 
@@ -309,15 +314,20 @@ def _patch(front: LinearNDInterpolator, head: int, middle: np.ndarray, half: tup
     return _rigid(np.column_stack([ahead, places]), np.concatenate(faces), head)
 
 
-def _hair(sheet: _Sheet, bare: BareBody, body: Body, style: str) -> list[tuple[str, _Sheet]]:
+def _scalp(sheet: _Sheet) -> _Sheet:
+    """Return the skin of the head, face included, with four triangles for each."""
+    scalp = _only(sheet, (sheet.weights[:, SEGMENTS.index("head")] > 0.8)[sheet.faces].all(1))[0]
+    values = {name: getattr(scalp, name) for name in ("normals", "weights", "along")}
+    points, faces, values = trimesh.remesh.subdivide(scalp.points, scalp.faces, vertex_attributes=values)
+    return _Sheet(points, faces=faces, **values)
+
+
+def _hair(scalp: _Sheet, bare: BareBody, body: Body, style: str, crown: Crown | None) -> list[tuple[str, _Sheet]]:
+    """Return the hair; below a hat it is pressed, and left out where nothing shows."""
     if style == "bald":
         return []
     size, head = body.stature * body.head, SEGMENTS.index("head")
     eye = bare.eyes.mean((0, 1))
-    scalp = _only(sheet, (sheet.weights[:, head] > 0.8)[sheet.faces].all(1))[0]
-    values = {name: getattr(scalp, name) for name in ("normals", "weights", "along")}
-    points, faces, values = trimesh.remesh.subdivide(scalp.points, scalp.faces, vertex_attributes=values)
-    scalp = _Sheet(points, faces=faces, **values)
     back = scalp.points[:, 0].min()
     beside, contour = (scalp.points - eye)[:, [0, 2]] / size, np.array(HAIRLINE, np.float32)
     field = size * np.array([cv2.pointPolygonTest(contour, point, True) for point in beside.tolist()])
@@ -327,16 +337,25 @@ def _hair(sheet: _Sheet, bare: BareBody, body: Body, style: str) -> list[tuple[s
     points = cap.points + (0.0012 * size * _locks(cap, size))[:, None] * cap.normals
     found = [("hair", cap._replace(points=points, normals=_normals(points, cap.faces)))]
     if style == "bun":
-        ball = trimesh.creation.icosphere(2, 0.027 * size)
-        found.append(
-            ("hair", _rigid(ball.vertices + (back - 0.008 * size, 0, eye[2] + 0.030 * size), ball.faces, head))
+        ball, place = (
+            trimesh.creation.icosphere(2, 0.027 * size),
+            np.array([(back - 0.008 * size, 0, eye[2] + 0.030 * size)]),
         )
+        if crown:
+            place[:, 2] -= max(0, crown.above(place)[0] + 0.024 * size)
+        found.append(("hair", _rigid(ball.vertices + place, ball.faces, head)))
     if style in ("bob", "long"):
         fall = {"bob": -0.060, "long": -0.150}[style]
         rows = np.array([(fall, 0.006, 0.008, 0.033), (fall + 0.03, 0.008, 0.016, 0.042), (-0.02, 0.020, 0.028, 0.0475),
                          (0.010, 0.030, 0.037, 0.0490), (0.03, 0.035, 0.035, 0.045)]) * size  # fmt: skip
         found.append(("hair", _fall(rows + (eye[2], back, 0, 0), head)))
-    return found
+    return [(material, _below(crown, each)) for material, each in found] if crown else found
+
+
+def _below(crown: Crown, hair: _Sheet) -> _Sheet:
+    points = crown.pressed(hair.points)
+    pressed = hair._replace(points=points, normals=_normals(points, hair.faces))
+    return _kept(pressed, 0.006 * crown.size - crown.above(points))[0]
 
 
 def _locks(sheet: _Sheet, size: float) -> np.ndarray:
@@ -412,6 +431,8 @@ def _texture(sheet: _Sheet, owner: np.ndarray, material: str, bare: BareBody, bo
             uv[own] = on_disc((corners[own] @ turn)[..., :2])
         return uv
     if material not in _TALL:
+        if material == "hat":
+            corners = corners - sheet.points.mean(0)
         trunk = np.hypot(*corners[..., :2].reshape(-1, 2).T)
         around = max(1, round(2 * np.pi * float(np.median(trunk)) / _TILE))
         return np.stack([around * _turns(corners[..., 1], corners[..., 0]), corners[..., 2] / _TILE], -1)

@@ -5,8 +5,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dmae.data.json_values import check_fields
+from dmae.nearest import unknown
 from synth.checks import check_pairs, check_range
 from synth.people.body import MOST_PERSONS
+from synth.people.clothing import WARDROBE
 from synth.rooms.config import room_choices
 
 _LONGEST, _FASTEST = 3600.0, 1000.0
@@ -27,6 +29,8 @@ class SceneConfig:
     numbers that the interaction allows."""
     children: float = 0.0
     """Share of children, 4 to 17 years old, among the people."""
+    wardrobe: list[str] = field(default_factory=lambda: list(WARDROBE))
+    """What people may wear besides shirts, trousers and shoes; nothing if empty."""
     seconds: float = 5.0
     """Length of a clip, s."""
     fps: float = 25.0
@@ -49,6 +53,9 @@ class SceneConfig:
 
     def __post_init__(self):
         check_fields(self)
+        for word in self.wardrobe:
+            if word not in WARDROBE:
+                raise ValueError(f"scene.wardrobe: {unknown('word', word, WARDROBE)}")
         if self.persons:
             check_pairs("scene", self, 1, MOST_PERSONS, "persons", unit=" people")
         check_pairs("scene", self, 0, np.inf, "clearance", unit=" m")

@@ -13,7 +13,7 @@ from synth.interactions.script import STOOL, Load, Script
 from synth.motion.config import MotionConfig
 from synth.motion.motion import Motion, redirect, redirected_path
 from synth.people.body import ADULT_AGE, MOST_PERSONS, Body, sample_body
-from synth.people.clothing import PersonLooks, sample_hands, sample_looks
+from synth.people.clothing import PersonLooks, dressed, sample_hands, sample_looks
 from synth.rooms.config import PropsConfig
 from synth.rooms.decor import sample_decor, sample_tint
 from synth.rooms.props import PlacedProp, find_meshes, prop_size
@@ -22,8 +22,9 @@ from synth.scene.config import SceneConfig
 from synth.scene.placement import Placement, place_persons, place_props, place_script, placed_discs, stool_discs
 from synth.scene.spec import PLAN_FPS, USUAL_PERSONS, PersonSpec, PropSpec, SceneSpec, planned_frames
 
-_BYSTANDERS, _PLACES, _HANDS = 2, 3, 4
-"""Numbers of the child streams for bystanders, their places, and hands; 0 and 1 draw textures and colours."""
+_BYSTANDERS, _PLACES, _HANDS, _WARDROBE = 2, 3, 4, 5
+"""Numbers of the child streams for bystanders, their places, hands, and what people wear besides shirts, trousers and
+shoes; 0 and 1 draw textures and colours."""
 _BYSTANDER_GAP = 0.65
 """Least distance from a bystander's hips to other people's hips, m."""
 
@@ -102,6 +103,8 @@ def sample_people(
     asked = [role.hands for role in script.roles] if script else []
     asked += [None] * (len(looks) - len(asked))
     looks = [replace(each, hands=a or d) for each, a, d in zip(looks, asked, drawn, strict=True)]
+    of_wardrobe = generator(seed, clip, Stream.SCENE).spawn(_WARDROBE + 1)[_WARDROBE].spawn(len(looks))
+    looks = [dressed(each, config.wardrobe, rng=apart) for each, apart in zip(looks, of_wardrobe, strict=True)]
     return People(bodies, looks, motions, script, clearance, motion, interaction, seed, clip)
 
 

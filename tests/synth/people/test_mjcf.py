@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from synth.motion.geometry import reach_with_arm
 from synth.people.body import Body
-from synth.people.clothing import HANDS, PersonLooks, sample_hands, sample_looks
+from synth.people.clothing import HANDS, Hat, PersonLooks, sample_hands, sample_looks
 from synth.people.mjcf import add_person
 from synth.people.skinning import Skin, mesh_triangles
 from synth.rooms.rays import cast_rays
@@ -92,12 +92,14 @@ def test_the_wrist_bends_so_that_the_palm_lies_on_a_table():
     assert -straight[:, 2] @ down[0] < 0.9
 
 
-@pytest.mark.parametrize("hair", ["short", "long"])
-def test_rays_in_one_call_meet_what_single_rays_meet(hair):
+@pytest.mark.parametrize(
+    "worn", [{"hair": "short"}, {"hair": "long"}, {"hat": Hat("cap", ((0.1, 0.1, 0.1), (0.2, 0.2, 0.2)))}]
+)
+def test_rays_in_one_call_meet_what_single_rays_meet(worn):
     """A body's box of the compiled model holds only its solid parts; clothes and hair reach beyond."""
     rng = np.random.default_rng(0)
     spec = mujoco.MjSpec()
-    add_person(spec, 0, Body(), replace(sample_looks(0.0, rng=rng), hair=hair), position=(0, 0, 1), rng=None)
+    add_person(spec, 0, Body(), replace(sample_looks(0.0, rng=rng), **worn), position=(0, 0, 1), rng=None)
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)

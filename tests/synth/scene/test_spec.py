@@ -13,6 +13,7 @@ from synth.interactions.casting import draw_motions
 from synth.interactions.registry import InteractionConfig
 from synth.motion.config import MotionConfig, ProceduralConfig, UpAxis
 from synth.people.body import SEGMENTS, body_at
+from synth.people.clothing import WARDROBE
 from synth.rooms.config import room_choices
 from synth.rooms.props import footprints, prop_size
 from synth.rooms.room import arena_file, prop_file
@@ -78,6 +79,18 @@ def test_children_are_drawn_on_request_only():
     assert specs(grown) == specs(replace(SHORT, persons=[4, 4]))
 
 
+def test_what_people_wear_changes_nothing_else():
+    config = replace(SHORT, persons=[4, 4])
+    plain, worn = (specs(replace(config, wardrobe=wardrobe), range(15)) for wardrobe in ([], list(WARDROBE)))
+    bare = {"hat": None}
+    looks = [person.looks for spec in worn.values() for person in spec.persons]
+    assert 4 < sum(each.hat is not None for each in looks) < 16
+    for clip, spec in worn.items():
+        persons = [replace(person, looks=replace(person.looks, **bare)) for person in spec.persons]
+        assert replace(spec, persons=tuple(persons)) == plain[clip]
+        assert all(getattr(person.looks, name) is None for person in plain[clip].persons for name in bare)
+
+
 def test_a_child_takes_shorter_and_quicker_steps():
     child, adult = body_at(0, 6), body_at(0)
     alone = ProceduralConfig(standing=0, straight=1, gesture=0, speed=[1.2, 1.2])
@@ -135,6 +148,7 @@ def test_props_stand_clear_of_all_paths():
         ({"clearance": [0.6, 0.3]}, r"scene.clearance: expected \[least, greatest\], 0 m or more"),
         ({"clearance": [0.3, float("inf")]}, "scene.clearance"),
         ({"clearance": [0.4]}, "scene.clearance"),
+        ({"wardrobe": ["cap"]}, "scene.wardrobe: no word 'cap'; did you mean caps"),
         ({"props": [0, 1], "prop_kinds": []}, "scene.prop_kinds is empty"),
     ],
 )

@@ -1,0 +1,128 @@
+"""The shapes of hats: meshes on the convex hull of the skull, and how they press the hair."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+_RIMS = {"cap": (0.0345, 0.20), "beanie": (0.021, 0.38)}
+"""Height of the rim above the eyes at their distance ahead, and its slope upwards to the front; fractions of stature
+and of the head's size."""
+_AROUND, _ROWS = 40, 10
+"""Points around a hat, and rows of them from its rim to its top."""
+_LIP, _PRESSED = 0.15, 0.0015
+"""How far the rim reaches inwards, fraction of its radius, and how far pressed hair is below a hat, fraction of stature
+and of the head's size."""
+_BRIM, _HALF_BRIM, _DOWN = 0.042, np.radians(68), np.radians(22)
+"""Length of a brim, fraction of stature and of the head's size; half the angle that it covers around the head, and its
+slope downwards."""
+
+
+class Crown(NamedTuple):
+    """The room of a hat: the convex hull of the skull above the rim, continued downwards."""
+
+    kind: str  # One of `synth.people.clothing.HATS`
+    middle: np.ndarray  # (3,) m
+    planes: np.ndarray  # (K, 4) outward unit normals, and distances from the middle, m
+    rim: tuple[float, float]  # Height at the middle, m, and slope upwards to the front
+    size: float  # Stature times the size of the head, m
+
+    @classmethod
+    def of(cls, kind: str, scalp: np.ndarray, eyes: np.ndarray, size: float) -> "Crown":
+        """Return the room of a hat on a scalp (N, 3), m, with eyes around a point (3,)."""
+        height, slope = _RIMS[kind]
+        middle = np.array((scalp[:, 0].min() + 0.055 * size, 0.0, eyes[2] + 0.02 * size))
+        rim = eyes[2] + height * size + slope * (middle[0] - eyes[0]) - middle[2]
+        above = scalp[:, 2] - middle[2] - rim - slope * (scalp[:, 0] - middle[0])
+        hull = ConvexHull(scalp[above > -0.004 * size] - middle).equations
+        hull = hull[hull[:, 2] > -0.2]
+        return cls(kind, middle, hull * (1, 1, 1, -1), (rim, slope), size)
+
+    def above(self, points: np.ndarray) -> np.ndarray:
+        """Return the (N,) heights of points (N, 3) above the rim, m."""
+        return points[:, 2] - self.middle[2] - self.rim[0] - self.rim[1] * (points[:, 0] - self.middle[0])
+
+    def radius(self, ways: np.ndarray) -> np.ndarray:
+        """Return the (N,) distances of the hull from the middle along unit vectors (N, 3), m."""
+        facing = ways @ self.planes[:, :3].T
+        return np.where(facing > 1e-3, self.planes[:, 3] / np.maximum(facing, 1e-3), np.inf).min(1)
+
+    def clearance(self, around: np.ndarray, share: np.ndarray) -> np.ndarray:
+        """Return how far a hat is outside of the hull, m: by the angle from the front, and the share of the way from
+        the rim to the top."""
+        if self.kind == "cap":
+            panel = np.clip(np.cos(around), 0, 1) * np.sin(np.pi * np.clip(share, 0, 1)) ** 1.5
+            return self.size * (0.005 + 0.004 * panel + 0.002 * np.sin(np.pi * share))
+        cuff = np.interp(share, (0.26, 0.30), (0.0045, 0.0))
+        return self.size * (0.0045 + cuff + 0.012 * np.clip(share, 0, 1) ** 3)
+
+    def pressed(self, points: np.ndarray) -> np.ndarray:
+        """Return hair (N, 3) that does not stand out of the hat, and gets its own shape back below the rim."""
+        out = points - self.middle
+        far = np.linalg.norm(out, axis=1)
+        around = np.arctan2(out[:, 1], out[:, 0])
+        room = self.radius(out / far[:, None]) + self.clearance(around, np.zeros(len(out))) - _PRESSED * self.size
+        room += 0.6 * np.maximum(-self.above(points) - 0.005 * self.size, 0)
+        return self.middle + out * np.minimum(1, room / far)[:, None]
+
+
+def hat(crown: Crown) -> list[tuple[str, np.ndarray, np.ndarray]]:
+    """Return the material, the points (N, 3), m, and the triangles (T, 3) of each part of a hat."""
+    around = np.arange(_AROUND) / _AROUND * 2 * np.pi
+    flat = np.stack([np.cos(around), np.sin(around)], -1)
+    low = np.zeros(_AROUND)
+    for _ in range(12):
+        ways = np.column_stack([np.cos(low)[:, None] * flat, np.sin(low)])
+        rim = (crown.radius(ways) + crown.clearance(around, 0 * low))[:, None] * ways
+        low = np.arctan2(crown.rim[0] + crown.rim[1] * rim[:, 0], np.hypot(*rim[:, :2].T))
+    rows = [rim * (1 - _LIP, 1 - _LIP, 1) + (0, 0, 0.004 * crown.size), rim]
+    for share in np.linspace(0, 1, _ROWS + 1)[1:-1]:
+        up = low + share * (np.pi / 2 - low)
+        ways = np.column_stack([np.cos(up)[:, None] * flat, np.sin(up)])
+        rows.append((crown.radius(ways) + crown.clearance(around, np.full(_AROUND, share)))[:, None] * ways)
+    top = np.array([[0.0, 0.0, 1.0]])
+    top = top * (crown.radius(top) + crown.clearance(np.zeros(1), np.ones(1)))
+    points = np.concatenate([*rows, top])
+    faces = [_between(row * _AROUND, (row + 1) * _AROUND, _AROUND, closed=True) for row in range(len(rows) - 1)]
+    last = (len(rows) - 1) * _AROUND + np.arange(_AROUND)
+    faces.append(np.column_stack([last, np.roll(last, -1), np.full(_AROUND, len(points) - 1)]))
+    found = [("hat", points + crown.middle, np.concatenate(faces))]
+    if crown.kind == "cap":
+        found.append(("brim", *_brim(crown, rim, around)))
+    return found
+
+
+def _brim(crown: Crown, rim: np.ndarray, around: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return points and triangles of a brim, a closed plate, in front of a rim (A, 3)."""
+    turn = np.linspace(-_HALF_BRIM, _HALF_BRIM, 19)
+    start = np.stack([np.interp(turn, (around + np.pi) % (2 * np.pi) - np.pi, c, period=2 * np.pi) for c in rim.T], -1)
+    long = _BRIM * crown.size * np.cos(turn / _HALF_BRIM * np.pi / 2) ** 0.7
+    wide = np.abs(start[:, 1]).max()
+    rows = []
+    for share in (-0.06, 0.3, 0.65, 0.93, 1.0):
+        ahead = share * long
+        drop = np.tan(_DOWN) * ahead + 0.010 * crown.size * share * (start[:, 1] / wide) ** 2
+        rows.append(start + np.stack([ahead, 0 * ahead, -drop], -1))
+    upper = np.concatenate(rows)
+    count, half = len(turn), 0.0009 * crown.size
+    points = np.concatenate([upper + (0, 0, half), upper - (0, 0, half)])
+    faces = [_between(row * count, (row + 1) * count, count) for row in range(len(rows) - 1)]
+    top = np.concatenate(faces)[:, ::-1]
+    edge = np.concatenate([
+        np.arange(count), np.arange(1, len(rows)) * count + count - 1,
+        (len(rows) - 1) * count + np.arange(count - 2, -1, -1), np.arange(len(rows) - 2, 0, -1) * count,
+    ])  # fmt: skip
+    after, below = np.roll(edge, -1), len(upper)
+    sides = np.concatenate([
+        np.column_stack([edge, edge + below, after]), np.column_stack([after, edge + below, after + below])
+    ])  # fmt: skip
+    return points + crown.middle, np.concatenate([top, top[:, ::-1] + below, sides])
+
+
+def _between(low: int, high: int, count: int, *, closed: bool = False) -> np.ndarray:
+    """Return the triangles (T, 3) between two rows of points, which begin at indices `low` and `high`."""
+    one = np.arange(count if closed else count - 1)
+    next_ = (one + 1) % count
+    return np.concatenate([
+        np.column_stack([low + one, low + next_, high + next_]), np.column_stack([low + one, high + next_, high + one])
+    ])  # fmt: skip
