@@ -6,12 +6,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dmae.files.checks import check_numbers
+from synth.people.body import ADULT_AGE, Body
 
 HAIRSTYLES = ("short", "bald", "bob", "long", "bun")
 HANDS = ("relaxed", "open", "grip", "fist", "point")
 PATTERNS = ("plain", "stripes", "checks", "melange", "camouflage")
 HATS = ("cap", "beanie")
-WARDROBE = ("caps",)
+BEARDS = ("stubble", "short", "goatee", "full")
+WARDROBE = ("caps", "beards")
 """What people may wear besides shirts, trousers and shoes. New words go last: each draws from a stream by its place."""
 
 
@@ -56,12 +58,15 @@ class PersonLooks:
     untucked: bool  # Whether the shirt hangs over the trousers
     hands: tuple[str, str] = ("relaxed", "relaxed")  # Shapes of the left and the right hand, of `HANDS`
     hat: Hat | None = None  # Hat, if any; hair above its rim is not seen
+    beard: str | None = None  # One of `BEARDS`, if any
 
     def __post_init__(self):
         if len(self.hands) != 2 or set(self.hands) - set(HANDS):
             raise ValueError(f"hands {self.hands!r}: expected two of {', '.join(HANDS)}")
         if self.hair not in HAIRSTYLES:
             raise ValueError(f"no hairstyle {self.hair!r}; expected one of {', '.join(HAIRSTYLES)}")
+        if self.beard is not None and self.beard not in BEARDS:
+            raise ValueError(f"no beard {self.beard!r}; expected one of {', '.join(BEARDS)}")
         check_numbers("colours of a person", (self.skin, self.hair_colour, self.shoes, self.sole), 1, 0)
 
 
@@ -110,11 +115,11 @@ def sample_looks(feminine: float, *, child: bool = False, rng: np.random.Generat
     )
 
 
-_HATTED = 0.15
-"""Share of people with a hat."""
+_HATTED, _BEARDED = 0.15, 0.25
+"""Shares of people with a hat, and of men with a beard."""
 
 
-def dressed(looks: PersonLooks, wardrobe: Collection[str], *, rng: np.random.Generator) -> PersonLooks:
+def dressed(looks: PersonLooks, body: Body, wardrobe: Collection[str], *, rng: np.random.Generator) -> PersonLooks:
     """Return the looks with what chance gives a person out of a wardrobe, words of `WARDROBE`.
 
     Each word draws from its own child stream, so that no word changes what another draws.
@@ -124,6 +129,9 @@ def dressed(looks: PersonLooks, wardrobe: Collection[str], *, rng: np.random.Gen
         first = _shade(_TOPS, rng=of_hats)
         second = _darker(first) if of_hats.random() < 0.6 else _shade(_TOPS, rng=of_hats)
         looks = replace(looks, hat=Hat(str(of_hats.choice(HATS, p=(0.65, 0.35))), (first, second)))
+    man = body.feminine < 0.5 and body.age >= ADULT_AGE
+    if "beards" in wardrobe and man and (of_beards := rngs["beards"]).random() < _BEARDED:
+        looks = replace(looks, beard=str(of_beards.choice(BEARDS, p=(0.3, 0.3, 0.15, 0.25))))
     return looks
 
 

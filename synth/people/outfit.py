@@ -1,5 +1,6 @@
 """How people look: skin, clothes, shoes and hair as parts of one surface, each with a material."""
 
+from collections.abc import Sequence
 from functools import cache, lru_cache
 from itertools import pairwise
 from typing import NamedTuple
@@ -14,7 +15,7 @@ from scipy.spatial import cKDTree
 from synth.people.accessories import Crown, hat
 from synth.people.body import ANKLE_HEIGHT, SEGMENTS, SIDES, Body, side_and_name, trunk_sections
 from synth.people.clothing import PersonLooks
-from synth.people.skin import HAIRLINE, around_head, around_limb, on_disc
+from synth.people.skin import BEARD_LINE, HAIRLINE, around_head, around_limb, on_disc
 from synth.people.skinning import blend
 from synth.people.surface import EYES, BareBody, assets, bare_body
 from synth.textures import paint
@@ -79,6 +80,8 @@ def parts(body: Body, looks: PersonLooks) -> list[Part]:
     scalp = _scalp(sheet)
     crown = looks.hat and Crown.of(looks.hat.kind, scalp.points, bare.eyes.mean((0, 1)), body.stature * body.head)
     sheets += _hair(scalp, bare, body, looks.hair, crown)
+    if looks.beard and looks.beard != "stubble":
+        sheets.append(("hair", _beard(scalp, bare, body, looks.beard)))
     if crown:
         sheets += [(material, _rigid(*shape, SEGMENTS.index("head"))) for material, *shape in hat(crown)]
     found = [part for material, each in sheets for part in _split(each, material, bare, body)]
@@ -264,6 +267,9 @@ def _shoes(sheet: _Sheet, bare: BareBody, body: Body) -> tuple[_Sheet, np.ndarra
 
 # Face and hair
 
+_MOUTH = 0.0415
+"""Height of the eyes above the mouth, fraction of stature and of the head's size."""
+
 
 def _face(sheet: _Sheet, bare: BareBody, body: Body) -> list[tuple[str, _Sheet]]:
     size, head = body.stature * body.head, SEGMENTS.index("head")
@@ -279,7 +285,7 @@ def _face(sheet: _Sheet, bare: BareBody, body: Body) -> list[tuple[str, _Sheet]]
         found.append(
             ("brow", _patch(front, head, middle[1:] + (0, 0.0132 * size), (0.0125 * size, 0.0021 * size), 0.002 * size))
         )
-    mouth = bare.eyes.mean((0, 1))[1:] - (0, 0.0415 * size)
+    mouth = bare.eyes.mean((0, 1))[1:] - (0, _MOUTH * size)
     found.append(("lip", _patch(front, head, mouth, (0.0135 * size, 0.0048 * size), 0.0)))
     return found
 
@@ -329,8 +335,7 @@ def _hair(scalp: _Sheet, bare: BareBody, body: Body, style: str, crown: Crown | 
     size, head = body.stature * body.head, SEGMENTS.index("head")
     eye = bare.eyes.mean((0, 1))
     back = scalp.points[:, 0].min()
-    beside, contour = (scalp.points - eye)[:, [0, 2]] / size, np.array(HAIRLINE, np.float32)
-    field = size * np.array([cv2.pointPolygonTest(contour, point, True) for point in beside.tolist()])
+    field = size * _inside(HAIRLINE, *(scalp.points - eye)[:, [0, 2]].T / size)
     field += 0.0015 * size * _locks(scalp, size)
     thick = {"short": 0.0070, "bun": 0.005}.get(style, 0.0085) * size
     cap = _worn(scalp, field, thick * np.clip(0.2 + field / (0.035 * size), 0, 1))
@@ -352,10 +357,32 @@ def _hair(scalp: _Sheet, bare: BareBody, body: Body, style: str, crown: Crown | 
     return [(material, _below(crown, each)) for material, each in found] if crown else found
 
 
+def _beard(scalp: _Sheet, bare: BareBody, body: Body, kind: str) -> _Sheet:
+    """Return a beard around the mouth."""
+    size = body.stature * body.head
+    ahead, aside, up = ((scalp.points - bare.eyes.mean((0, 1))) / size).T
+    field = _inside(BEARD_LINE, ahead, up) + 0.0012 * _locks(scalp, size)
+    mouth = np.hypot(aside / 0.0135, (up + _MOUTH) / 0.0052) - 1
+    field = np.where(ahead > -0.012, np.minimum(field, 0.004 * mouth), field)
+    if kind == "goatee":
+        field = np.minimum(field, 0.017 + 0.1 * (-_MOUTH - up).clip(0) - np.abs(aside))
+    chin = np.exp(-((aside / 0.016) ** 2) - ((up + 0.066) / 0.014) ** 2)
+    thick = {"short": 0.0020, "goatee": 0.0025 + 0.002 * chin, "full": 0.0045 + 0.008 * chin}[kind]
+    return _worn(scalp, size * field, thick * size * np.clip(0.15 + field / 0.012, 0, 1))
+
+
 def _below(crown: Crown, hair: _Sheet) -> _Sheet:
     points = crown.pressed(hair.points)
     pressed = hair._replace(points=points, normals=_normals(points, hair.faces))
     return _kept(pressed, 0.006 * crown.size - crown.above(points))[0]
+
+
+def _inside(line: Sequence[tuple[float, float]], ahead: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """Return how far points (N,) are inside a line, seen from the side."""
+    contour = np.array(line, np.float32)
+    return np.array(
+        [cv2.pointPolygonTest(contour, place, True) for place in zip(ahead.tolist(), up.tolist(), strict=True)]
+    )
 
 
 def _locks(sheet: _Sheet, size: float) -> np.ndarray:

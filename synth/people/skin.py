@@ -24,6 +24,11 @@ _MARGIN = 0.01
 HAIRLINE = ((0.05, 0.043), (0.0, 0.040), (-0.020, 0.036), (-0.028, 0.020), (-0.029, -0.003), (-0.036, -0.005),
             (-0.041, 0.017), (-0.067, 0.021), (-0.075, -0.010), (-0.081, -0.032), (-0.2, -0.046), (-0.2, 0.2),
             (0.05, 0.2))  # fmt: skip
+BEARD_LINE = ((-0.035, 0.001), (-0.026, -0.002), (-0.020, -0.018), (-0.010, -0.031), (0.002, -0.033), (0.010, -0.0295),
+              (0.06, -0.0295), (0.06, -0.10), (0.000, -0.088), (-0.024, -0.066), (-0.037, -0.036))  # fmt: skip
+"""Around a full beard from the sideburns over cheeks, moustache and throat, as `HAIRLINE`."""
+_SHADOWS = {"stubble": 0.42, "short": 0.4, "goatee": 0.2, "full": 0.4}
+"""How dark the hair of beards makes the skin, 0 to 1."""
 _FADE = 0.007
 """Width of the skin before the hairline on which hair grows sparsely, fraction of stature."""
 
@@ -71,7 +76,8 @@ def paint_skin(body: Body, looks: PersonLooks, *, rng: np.random.Generator) -> n
     colour = colour * (1 - 0.10 * max(looks.skin) * np.clip(red, -1, 1.2)[..., None] * (0.1, 1, 0.7))
     if body.figure < 0.5 and body.age >= 18:
         beard = head * np.clip((-0.024 - above) / 0.008, 0, 1) * np.clip((above + 0.078) / 0.012, 0, 1)
-        beard *= np.clip((88 - np.abs(angle)) / 14, 0, 1) * rng.uniform(0, 0.30)
+        shadow = rng.uniform(0, 0.30)
+        beard *= np.clip((88 - np.abs(angle)) / 14, 0, 1) * _SHADOWS.get(looks.beard, shadow)
         colour += (beard * (1 + 0.2 * noise(x, rng, 0.7)))[..., None] * (0.6 * np.array(looks.hair_colour) - colour)
     sparse = np.zeros_like(x)
     sparse[_SIDE // 2 :] = _sparse_hair(body, looks, rng=rng)

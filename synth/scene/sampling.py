@@ -104,7 +104,10 @@ def sample_people(
     asked += [None] * (len(looks) - len(asked))
     looks = [replace(each, hands=a or d) for each, a, d in zip(looks, asked, drawn, strict=True)]
     of_wardrobe = generator(seed, clip, Stream.SCENE).spawn(_WARDROBE + 1)[_WARDROBE].spawn(len(looks))
-    looks = [dressed(each, config.wardrobe, rng=apart) for each, apart in zip(looks, of_wardrobe, strict=True)]
+    looks = [
+        dressed(each, body, config.wardrobe, rng=apart)
+        for each, body, apart in zip(looks, bodies, of_wardrobe, strict=True)
+    ]
     return People(bodies, looks, motions, script, clearance, motion, interaction, seed, clip)
 
 
