@@ -62,7 +62,9 @@ def _end_without_reader() -> NoReturn:
 
 
 def _run_program(program: Program) -> None:
-    name, *arguments = sys.argv[1:] or ["--help"]
+    # `--help=data` as `--help data`
+    typed = [part for each in sys.argv[1:] for part in (each.split("=", 1) if each.startswith("--help=") else [each])]
+    name, *arguments = typed or ["--help"]
     if name == "--version":
         from importlib import metadata  # a tenth of the time of `--help`, which does not need it
 
@@ -75,7 +77,8 @@ def _run_program(program: Program) -> None:
         name, *topics = arguments
         arguments = ["--help", *topics]
     if name not in program.commands:
-        sys.exit(f"{program.name}: no command {name!r}; {choices(name, program.commands)}")
+        other = "synth" if program.name == "dmae" else "dmae"
+        sys.exit(f"{program.name}: no command {name!r}; {choices(name, program.commands)}; {other} --help lists others")
     command = program.commands[name]
     full = bool(os.environ.get("HYDRA_FULL_ERROR"))
     with interruption.one_line(str(command)) as interrupted, _errors_in_one_line(command, interrupted, full):

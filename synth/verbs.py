@@ -14,12 +14,11 @@ from dmae.cli import compose
 from dmae.data.arguments import check_arguments
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
-from dmae.data.json_values import decode
+from dmae.data.json_values import decode, fields_meant
 from dmae.data.rng import Stream, generator
 from dmae.data.store import clip_folders, load_clip
-from dmae.nearest import suggestion
 from dmae.parallel import in_parallel, running_on
-from dmae.verbs.recordings import changed, configuration
+from dmae.verbs.recordings import configuration
 from synth.cli import SYNTH
 from synth.errors import FailedSimulation
 
@@ -69,7 +68,7 @@ def preset(group: str, name: str | Path, **changes: object) -> Any:
     """
     if group not in _GROUPS:
         raise ValueError(f"group={group!r}: expected one of {', '.join(_GROUPS)}")
-    return changed(getattr(_composed("generate", f"{group}={name}"), group), changes)
+    return replace(getattr(_composed("generate", f"{group}={name}"), group), **changes)
 
 
 def _composed(command: str, *presets: str) -> Any:
@@ -97,12 +96,12 @@ def _configured(command: str, config: Any, given: dict[str, Any]) -> Any:
     else:
         given |= {name: preset(name, value) for name, value in presets.items()}
     values = asdict(config)
-    of_scene = {name: given.pop(name) for name in ("seconds", "persons") if name in given and name not in values}
-    for name in given.keys() - values.keys():
-        raise TypeError(f"{command}: no option {name}; {suggestion(name, values)}")
-    values |= {name: _plain(value) for name, value in given.items()}
+    of_scene = [name for name in ("seconds", "persons") if "scene" in values and name not in values]
+    for name in given.keys() - {*values, *of_scene}:
+        raise TypeError(f"{command}: no option {name}; {fields_meant(expected, name, of_scene)}")
+    values |= {name: _plain(value) for name, value in given.items() if name not in of_scene}
     if of_scene:
-        values["scene"] |= of_scene
+        values["scene"] |= {name: given[name] for name in of_scene if name in given}
     return decode(expected, values, command)
 
 

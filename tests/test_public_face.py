@@ -129,6 +129,10 @@ def test_parameters_of_a_verb_are_documented(package: str, name: str):
 def test_generate_answers_a_mistyped_option():
     with pytest.raises(TypeError, match=r"generate: no option worker; did you mean workers\?"):
         synth.generate(worker=2)
+    with pytest.raises(TypeError, match=r"generate: no option second; did you mean seconds\?"):
+        synth.generate(second=2)
+    with pytest.raises(TypeError, match=r"generate: no option views; did you mean one of rig=RigConfig\(ring=RingConf"):
+        synth.generate(views=8)
     with pytest.raises(TypeError, match=r"generate: config: expected a synth.GenerateConfig, found 'scene.seconds=2'"):
         synth.generate("scene.seconds=2")
     with pytest.raises(ValueError, match=r"quality='drft': expected one of draft, standard"):
@@ -466,6 +470,30 @@ def test_every_number_text_and_path_of_a_verb_is_checked():
 def test_a_configuration_is_checked_where_it_is_made(make, message: str):
     with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
         make()
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: dmae.TrainConfig(steps=2), "TrainConfig: no field steps; did you mean learning=LearningConfig("),
+        (lambda: dmae.LearningConfig(device="cuda"), "LearningConfig: no field device; did you mean devices?"),
+        (lambda: dmae.CaptureConfig(trackng=2), "CaptureConfig: no field trackng; did you mean tracking?"),
+        (lambda: synth.RigConfig(zzz=2), "RigConfig: no field zzz; there are name, "),
+        (lambda: synth.preset("rig", "ring", sise=2), "RigConfig: no field sise; did you mean size?"),
+    ],
+)
+def test_a_mistyped_field_of_a_configuration_is_answered_by_the_field_meant(make, message: str):
+    with pytest.raises(TypeError, match=f"^{re.escape(message)}"):
+        make()
+
+
+def test_every_public_configuration_answers_a_mistyped_field():
+    public = [getattr(package, name) for package in (dmae, synth) for name in package.__all__]
+    kinds = [kind for kind in public if isinstance(kind, type) and kind.__name__.endswith(("Config", "Command"))]
+    assert len(kinds) > 20
+    for kind in kinds:
+        with pytest.raises(TypeError, match=rf"^{kind.__name__}: no field nope; "):
+            kind(nope=1)
 
 
 def test_one_text_is_taken_for_a_list_of_it(clip, tmp_path: Path):

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from dmae.data.json_values import check_fields
+from dmae.data.json_values import answer_fields, check_fields
 
 AUTO = "auto"
 """The cameras that differ from their calibration."""
@@ -22,6 +22,7 @@ def describe_shortness(seconds: float) -> str | None:
     )
 
 
+@answer_fields
 @dataclass(frozen=True)
 class RefineConfig:
     """Parameters that are calibrated."""

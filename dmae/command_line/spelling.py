@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable
+from dataclasses import replace
 from difflib import SequenceMatcher
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -168,13 +169,16 @@ def _quoted(override: str, one: bool) -> str:
 
 
 def _option_of(options: Group, read: Override) -> Option | Group:
-    """Return the option that an override sets; the dictionary for an entry of one."""
+    """Return the option that an override sets; an entry of a dictionary as an option of its own, without a default."""
     key, override = read.key_or_group, read.input_line
     found = options.find(key)
     if found is None:
-        dictionary = options.find(key.rpartition(".")[0])
+        place, _, name = key.rpartition(".")
+        dictionary = options.find(place)
         if isinstance(dictionary, Option) and dictionary.keyed:
-            return dictionary
+            if isinstance(dictionary.default, dict) and dictionary.default and name not in dictionary.default:
+                raise ValueError(f"{key}: no such option; {choices(name, dictionary.default)}")
+            return replace(dictionary, key=key, default=None)
         raise ValueError(f"{key}: no such option; {like(options, key)}")
     if read.is_add():
         raise ValueError(f"{override}: there is an option {key}; leave out the +")
@@ -237,10 +241,18 @@ def _check_value(option: Option, text: str, value: Any) -> None:
     from omegaconf import BooleanNode, FloatNode, IntegerNode
     from omegaconf.errors import ValidationError
 
-    if option.keyed or (value is None and option.optional):
+    if value is None and option.optional:
+        return
+    if isinstance(option.default, dict):
+        if not isinstance(value, dict):
+            entry = f"{option.key}.{next(iter(option.default), '<name>')}"
+            raise ValueError(f"{option.key}={text}: expected its entries, as {entry}=...")
+        for name, each in value.items():
+            _check_value(replace(option, key=f"{option.key}.{name}", default=None), str(each), each)
         return
     listed, wrong = isinstance(value, list), ValueError(f"{option.key}={text}: expected {_expected(option, text)}")
-    if value is None or isinstance(value, dict) or (option.many != listed and not option.may_be_one):
+    one = option.may_be_one or (option.keyed and option.many)
+    if value is None or isinstance(value, dict) or (option.many != listed and not one):
         raise wrong
     node: Any = {"whole number": IntegerNode, "number": FloatNode, "true or false": BooleanNode}.get(option.kind)
     for each in value if listed else [value]:

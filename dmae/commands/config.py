@@ -7,7 +7,7 @@ from typing import Any
 from dmae.calibration.config import RefineConfig
 from dmae.completion.config import DELAY, SMOOTHING
 from dmae.completion.methods import completion_method
-from dmae.data.json_values import check_fields
+from dmae.data.json_values import answer_fields, check_fields
 from dmae.data.resources import resource_folder
 from dmae.detection.registry import OutputConfig, PoseDetectorConfig
 from dmae.evaluation.config import TITLE, PartConfig
@@ -341,6 +341,7 @@ class CalibrateCommand:
     """Calibration file to write."""
 
 
+@answer_fields
 @dataclass(frozen=True)
 class PretrainCommand:
     """Simulate people with your motion, cameras and detector, and train on them.

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from dmae.data.json_values import check_fields
+from dmae.data.json_values import answer_fields, check_fields
 from dmae.formats.config import DataConfig
 from dmae.reconstruction.config import CaptureConfig
 
@@ -63,6 +63,7 @@ class CodesConfig:
     """Ablation: leave out the code of the joint, in the encoder, as the released code does."""
 
 
+@answer_fields
 @dataclass(frozen=True)
 class ModelConfig:
     """What the network looks like. `configs/model/paper.yaml` is the paper's."""
@@ -217,6 +218,7 @@ class ExamplesConfig:
             raise ValueError(f"examples.replay={self.replay}: expected a share between 0 and 1")
 
 
+@answer_fields
 @dataclass(frozen=True)
 class LearningConfig:
     """How the network learns from examples."""
@@ -254,6 +256,7 @@ class LearningConfig:
             raise ValueError(f"learning.average: expected a decay in [0, 1), found {self.average}")
 
 
+@answer_fields
 @dataclass(frozen=True)
 class TrainConfig:
     """Train a model that completes poses."""

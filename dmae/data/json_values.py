@@ -4,12 +4,15 @@ import json
 import os
 import re
 import types
+from collections.abc import Iterable, Iterator
 from dataclasses import MISSING, asdict, fields, is_dataclass
 from enum import Enum
-from functools import cache
+from functools import cache, wraps
 from math import isfinite
 from numbers import Integral, Real
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
+
+from dmae.nearest import nearest, suggestion
 
 
 def json_text(value) -> str:
@@ -55,6 +58,45 @@ def check_fields(configuration: Any) -> None:
         several = value if isinstance(value, list | tuple) else [value]
         if not is_dataclass(value) and all(isfinite(each) for each in several if isinstance(each, float)):
             object.__setattr__(configuration, field, decode(hint, value, f"{kind.__name__}.{field}"))
+
+
+def answer_fields(kind: type[T]) -> type[T]:
+    """Decorate a configuration: its constructor answers a name that is no field by what is meant, in a TypeError."""
+    init = kind.__init__  # type: ignore[misc]
+
+    @wraps(init)
+    def checked_init(self, *args, **given):
+        for name in given.keys() - {field.name for field in fields(kind)}:  # type: ignore[arg-type]
+            raise TypeError(f"{kind.__name__}: no field {name}; {fields_meant(kind, name)}")
+        init(self, *args, **given)
+
+    kind.__init__ = checked_init  # type: ignore[misc]
+    return kind
+
+
+def fields_meant(kind: type, name: str, also: Iterable[str] = ()) -> str:
+    """Return the text for a name that is no field of a dataclass: the most similar ones, of its groups as well.
+
+    `also` are names that are accepted besides.
+    """
+    places = [(each, each) for each in also] + list(_places(kind))
+    near = nearest(name, [each for each, _ in places])
+    if not near:
+        return suggestion(name, [each.name for each in fields(kind)])  # type: ignore[arg-type]
+    meant = [place for each, place in places if each == near]
+    meant = meant[:1] if near in meant else meant[:3]
+    return f"did you mean {'one of ' * (len(meant) > 1)}{', '.join(meant)}?"
+
+
+def _places(kind: type) -> Iterator[tuple[str, str]]:
+    """The names of all fields of a dataclass, those of its groups last, and how each is given."""
+    groups = []
+    for field, hint in _hints(kind).items():
+        yield field, field
+        groups += [(field, hint)] if is_dataclass(hint) else []
+    for field, group in groups:
+        for name, place in _places(group):
+            yield name, f"{field}={group.__name__}({place if place.endswith(')') else f'{place}=...'})"
 
 
 @cache

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from dmae.completion.methods import completion_method
-from dmae.data.json_values import check_fields
+from dmae.data.json_values import answer_fields, check_fields
 from dmae.evaluation.corruption.registry import corruption
 from dmae.formats.config import DataConfig
 from dmae.metrics.registry import protocol
@@ -47,6 +47,7 @@ class PartConfig(ProcessesConfig):
     """Number of clips; by default all from `first` on."""
 
 
+@answer_fields
 @dataclass(frozen=True)
 class EvaluateConfig(PartConfig):
     """Score methods of completion over clips and subsets of cameras."""
@@ -117,6 +118,7 @@ class StressSize(StrEnum):
     """Three or four levels, four pairs, three seeds: about 280 cells per clip."""
 
 
+@answer_fields
 @dataclass(frozen=True)
 class StressConfig(PartConfig):
     """Corrupt clips step by step, and score every method at each step."""
@@ -225,6 +227,7 @@ class TableSize(StrEnum):
     """Fewer methods and short trainings: all five tables in minutes."""
 
 
+@answer_fields
 @dataclass(frozen=True)
 class TableConfig:
     """Reproduce a table of the paper: published rows and rows measured here, with intervals.

@@ -9,7 +9,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from dmae.data.json_values import check_fields
+from dmae.data.json_values import answer_fields, check_fields
 from dmae.registry import Entry, Registry
 
 ADAPTIVE = "adaptive"
@@ -146,6 +146,7 @@ class SubjectConfig:
             raise ValueError(f"subject.leg_m={self.leg_m}: expected [least, most] in m")
 
 
+@answer_fields
 @dataclass(frozen=True)
 class CaptureConfig:
     """How people are reconstructed. Lengths are on the person, durations in seconds: nothing depends on the rig."""

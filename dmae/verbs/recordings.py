@@ -361,12 +361,4 @@ def preset(group: str, name: str, **changes: Any) -> Any:
     if group not in ("capture", "train"):
         raise ValueError(f"group={group!r}: expected capture or train")
     kind, folder = {"capture": (CaptureConfig, "capture"), "train": (TrainConfig, "model")}[group]
-    return changed(read_preset(kind, folder, name), changes)
-
-
-def changed(configuration: Any, changes: dict[str, Any]) -> Any:
-    """Return a configuration with some fields changed; TypeError, with the nearest name, if there is no such field."""
-    known = [each.name for each in fields(configuration)]
-    for name in changes.keys() - set(known):
-        raise TypeError(f"{type(configuration).__name__}: no field {name}; {suggestion(name, known)}")
-    return replace(configuration, **changes)
+    return replace(read_preset(kind, folder, name), **changes)

@@ -2,9 +2,11 @@
 
 from dataclasses import dataclass, field
 
+from dmae.data.json_values import answer_fields
 from dmae.formats.config import DataConfig
 
 
+@answer_fields
 @dataclass(frozen=True)
 class LayersConfig:
     """Layers that are drawn, if the clip has them."""
@@ -20,6 +22,7 @@ class LayersConfig:
     no poses."""
 
 
+@answer_fields
 @dataclass(frozen=True)
 class ShowConfig:
     """Draw recorded, simulated, captured or completed clips: `sheet.png`, a video, a recording for Rerun."""

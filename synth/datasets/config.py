@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from math import inf
 
-from dmae.data.json_values import check_fields
+from dmae.data.json_values import answer_fields, check_fields
 from dmae.data.labels import KINDS
 from dmae.parallel import ProcessesConfig
 from synth.checks import check_range
@@ -41,6 +41,7 @@ def image_kinds(choices: list[str] | tuple[str, ...] | str) -> tuple[str, ...]:
     return KINDS if "all" in choices else tuple(kind for kind in KINDS if kind in choices)
 
 
+@answer_fields
 @dataclass(frozen=True)
 class OcclusionConfig:
     """Target occlusion: how many of the joints of BODY_25 are hidden, over a clip."""
@@ -64,6 +65,7 @@ class OcclusionConfig:
         check_range("occlusion", self, 1, inf, "views")
 
 
+@answer_fields
 @dataclass(frozen=True)
 class AboutConfig:
     """What only the publisher of a data set knows, for its Croissant metadata, datasheet and citation."""
@@ -85,6 +87,7 @@ class AboutConfig:
             raise ValueError(f"about.date={self.date}: expected year-month-day, as 2026-11-24")
 
 
+@answer_fields
 @dataclass(frozen=True)
 class GenerateConfig(ProcessesConfig):
     """Simulate clips with exact truth. The same configuration and seed give the same clips."""
@@ -144,6 +147,7 @@ class GenerateConfig(ProcessesConfig):
         return image_kinds(self.images)
 
 
+@answer_fields
 @dataclass(frozen=True)
 class RenderConfig(ProcessesConfig):
     """Render simulated clips again: as other images, at another quality, or from other cameras. Nothing is simulated

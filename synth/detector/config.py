@@ -4,12 +4,14 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
+from dmae.data.json_values import answer_fields
 from synth.detector.errors_of_joints import Inversions, Misses, Noise, Scores
 from synth.detector.errors_of_persons import Drops, Ghosts, Merges, Splits, Swaps, Timing
 from synth.detector.parts import PartsConfig
 from synth.detector.view import Times
 
 
+@answer_fields
 @dataclass(frozen=True)
 class DetectorConfig:
     """A 2D pose detector of BODY25. By default it detects all visible joints and no others, without error.

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import inf
 
-from dmae.data.json_values import check_fields
+from dmae.data.json_values import answer_fields, check_fields
 from dmae.registry import Entry, Registry
 from synth.checks import check_range
 
@@ -34,6 +34,7 @@ interaction = Registry("interaction", Interaction, __package__, option="interact
 find_interaction = interaction.find
 
 
+@answer_fields
 @dataclass(frozen=True)
 class InteractionConfig:
     """Interaction of people, if any."""

@@ -5,7 +5,7 @@ from enum import Enum
 
 import numpy as np
 
-from dmae.data.json_values import check_fields
+from dmae.data.json_values import answer_fields, check_fields
 from synth.checks import check_pairs, check_range
 from synth.motion.readers import reader
 
@@ -54,6 +54,7 @@ class UpAxis(Enum):
     z = "z"
 
 
+@answer_fields
 @dataclass(frozen=True)
 class MotionConfig:
     """Motion of one person."""

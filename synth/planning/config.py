@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dmae.data.json_values import check_fields
+from dmae.data.json_values import answer_fields, check_fields
 from dmae.parallel import ProcessesConfig
 from synth.checks import check_pairs, check_range
 from synth.detector.config import DetectorConfig
@@ -18,6 +18,7 @@ MOST_CAMERAS, MOST_PLACES = 32, 500
 """Greatest numbers of cameras and of places in a plan."""
 
 
+@answer_fields
 @dataclass(frozen=True)
 class MountConfig:
     """Where cameras may be mounted. Heights are the least and the greatest, m above the floor."""
@@ -52,6 +53,7 @@ class MountConfig:
         check_range("mount", self, 0, 90, "steepest_deg", above=True)
 
 
+@answer_fields
 @dataclass(frozen=True)
 class LensConfig:
     """The new cameras: pinhole cameras of one image size.
@@ -78,6 +80,7 @@ class LensConfig:
         return intrinsics(self.size[0] / 2 / np.tan(np.radians(view_deg) / 2), self.size)
 
 
+@answer_fields
 @dataclass(frozen=True)
 class SearchConfig:
     """Search for cameras, and check of the resulting rigs.
@@ -98,6 +101,7 @@ class SearchConfig:
         check_range("search", self, 2, np.inf, "check_clips")
 
 
+@answer_fields
 @dataclass(frozen=True)
 class PlanConfig(ProcessesConfig):
     """Plan where to mount cameras: the best places for 4, 5, ... cameras, and the expected capture for each number.

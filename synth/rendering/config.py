@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from enum import Enum
 from math import inf
 
-from dmae.data.json_values import check_fields
+from dmae.data.json_values import answer_fields, check_fields
 from synth.checks import check_range
 
 
@@ -17,6 +17,7 @@ class ImageQuality(Enum):
     high = "high"
 
 
+@answer_fields
 @dataclass(frozen=True)
 class ImagingConfig:
     """Light and camera of colour images. Labels and all other kinds of images do not depend on it."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dmae.data.json_values import check_fields
+from dmae.data.json_values import answer_fields, check_fields
 from dmae.formats.config import LengthUnit, UpDirection
 from synth.checks import check_pairs, check_range
 
@@ -46,6 +46,7 @@ class CameraConfig:
     """Point that the camera looks at: x, y, z, m."""
 
 
+@answer_fields
 @dataclass(frozen=True)
 class RingConfig:
     """Cameras evenly around the vertical through the origin, looking at it; the ring's phase is random."""
@@ -193,6 +194,7 @@ class CameraPlacement(Enum):
     random = "random"
 
 
+@answer_fields
 @dataclass(frozen=True)
 class RigConfig:
     """The cameras of a clip: read from a file, otherwise listed, otherwise placed."""

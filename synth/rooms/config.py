@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from dmae.data.json_values import check_fields
+from dmae.data.json_values import answer_fields, check_fields
 from dmae.data.resources import resource_folder
 from synth.checks import check_range
 
@@ -51,6 +51,7 @@ class MeshUp(Enum):
     z = "z"
 
 
+@answer_fields
 @dataclass(frozen=True)
 class PropsConfig:
     """Your own meshes, used instead of `scene.prop_kinds`."""

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dmae.data.json_values import check_fields
+from dmae.data.json_values import answer_fields, check_fields
 from dmae.nearest import unknown
 from synth.checks import check_pairs, check_range
 from synth.people.body import MOST_PERSONS
@@ -18,6 +18,7 @@ MOST_CLIPS = 1_000_000_000
 """Greatest number of clips of a data set."""
 
 
+@answer_fields
 @dataclass(frozen=True)
 class SceneConfig:
     """Distributions from which scenes are drawn. Pairs are the least and the greatest value."""

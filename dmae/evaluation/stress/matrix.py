@@ -41,6 +41,7 @@ from dmae.formats.config import clip_range
 from dmae.formats.reading import Clips
 from dmae.metrics.angles import leg_angles
 from dmae.metrics.table import Score
+from dmae.nearest import choices
 from dmae.numerics.statistics import mean_known
 from dmae.parallel import in_parallel, one_thread, process_count, running_on
 from dmae.progress import progress
@@ -117,7 +118,7 @@ def plan(config: StressConfig) -> Plan:
     used = dict.fromkeys(name for axis in (*axes, *pairs) for name in axis.names)
     if unused := sorted(config.levels.keys() - used.keys()):
         given = ", ".join(f"levels.{name}" for name in unused)
-        raise ValueError(f"{given}: no such axis is used; there are {', '.join(used)}")
+        raise ValueError(f"{given}: no such axis is used; {choices(unused[0], used)}")
     seeds = tuple(range(config.seed, config.seed + _SEEDS[StressSize(config.size)]))
     return Plan(tuple(axes), tuple(pairs), seeds)
 

@@ -53,6 +53,8 @@ def test_a_group_is_printed_with_presets_types_choices_and_what_they_mean(tmp_pa
     assert "rig.placement=ring" in done.stdout and "{ring, dome, random}" in done.stdout
     assert "more: synth generate --help rig.ring" in done.stdout
     assert run_command(tmp_path, "synth", "help", "generate", "rig").stdout == done.stdout
+    assert run_command(tmp_path, "synth", "generate", "--help=rig").stdout == done.stdout
+    assert run_command(tmp_path, "synth", "--help=generate", "rig").stdout == done.stdout
     done = run_command(tmp_path, "synth", "generate", "--help", "rig.ring")
     assert "rig.ring.views=5" in done.stdout and "[whole number]" in done.stdout
     done = run_command(tmp_path, "synth", "generate", "--help", "rigg")
