@@ -37,6 +37,6 @@ for view, name in enumerate(clip.rig.names):
     known = nearest[:, view][np.isfinite(nearest[:, view])]
     print(f"camera {name}: median reprojection error {np.median(known):.1f} px")
 
-dmae.export(clip, out / "balancing.trc", "trc", poses=full)
+files = dmae.export(clip, out / "balancing.trc", poses=full)
+print("for OpenSim:", ", ".join(file.name for file in files if file.suffix == ".trc"))
 dmae.draw(clip, full).savefig(out / "pose2sim_recording.png", dpi=80)
-print("wrote balancing.trc for OpenSim")

@@ -20,6 +20,7 @@ from dmae.commands.data_sets import (
     settings_of,
 )
 from dmae.completion.methods import find_method
+from dmae.data.cameras import camera_label
 from dmae.data.clip import Clip
 from dmae.data.rng import Stream, generator
 from dmae.data.store import load_clip
@@ -46,6 +47,7 @@ _TRIED = 50  # Greatest number of frames of a clip that a forecast captures
 _WORST = 3  # Joints with the largest reprojection errors that are printed
 _UPRIGHT_Z = 0.5  # Least z of the unit vector from feet to head of people who stand in a world with z up
 _FEW = 0.4  # Share of the detected joints; where people explain fewer, something is wrong
+_NONE, _ENOUGH = 0.05, 200  # The same of one camera, with at least so many detected joints, where others are right
 interrupted = finished
 
 
@@ -133,12 +135,20 @@ def _print_doubts(clip: Clip, config: CaptureConfig, persons: int, errors: Repro
         )
     if (config.persons, config.volume, config.subject) != (None, None, SubjectConfig()):
         return  # people were left out on purpose
-    detected = int((clip.detections.score >= config.th_p).sum())
-    explained = errors.measured["all"]["all"].compared / max(detected, 1)
+    detected = (clip.detections.score >= config.th_p).sum((0, 2, 3))
+    explained = errors.measured["all"]["all"].compared / max(detected.sum(), 1)
     if explained < _FEW:
         print(f"{clip.id}: only {explained:.0%} of the detected joints are of captured people")
         for suggestion in explain_capture(clip, config).suggestions:
             print(f"  suggestion: {suggestion}")
+        return
+    for name, number in zip(clip.rig.names, detected.tolist(), strict=True):
+        share = errors.measured["camera"][name].compared / max(number, 1)
+        if number >= _ENOUGH and share < _NONE:
+            print(
+                f"{clip.id}: {camera_label(name)}: {share:.0%} of {number:,} detected joints are of captured people, "
+                f"{explained:.0%} in all; dmae doctor, with the same data=..., compares it with the others"
+            )
 
 
 def _capture(config: CaptureCommand, clips: Clips, frames: int | None = None) -> tuple[Clip, list[str]]:

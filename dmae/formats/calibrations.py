@@ -315,7 +315,8 @@ def recognise(path: Path) -> str:
     known = "; ".join(format.help.removesuffix(".") for format in calibration_format.values())
     raise ValueError(
         f"{path}: expected a calibration: {known}; found {start[:60]!r}. Pose2Sim converts calibrations of "
-        "Qualisys, Vicon, OptiTrack and others, and calculates one from a checkerboard"
+        "Qualisys, Vicon, OptiTrack and others, and calculates one from a checkerboard; docs/how-to/calibration.md has "
+        "a TOML for results of OpenCV"
     )
 
 

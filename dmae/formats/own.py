@@ -21,7 +21,7 @@ from dmae.files.contents import write_atomic
 from dmae.files.mapped import frame_blocks
 from dmae.formats.poses import PoseFile
 from dmae.formats.registry import pose_reader, pose_writer, reader, recording_writer
-from dmae.formats.skeletons import read_skeleton_text, skeleton_text
+from dmae.formats.skeletons import named_skeleton, read_skeleton_text, skeleton_text
 
 
 @pose_writer("npz", fused=True)
@@ -32,7 +32,7 @@ def write_npz_poses(poses: Poses3D, clip: Clip, path: Path) -> None:
 
 @pose_reader("npz", file="*.npz")
 def read_npz_poses(path: Path) -> PoseFile:
-    """A NumPy archive that `write_npz_poses` wrote."""
+    """A NumPy archive that `write_npz_poses` wrote, or with `joints` (F, P, J, 3) m and `joint_names` of your own."""
     return PoseFile(*read_npz(path))
 
 
@@ -60,22 +60,34 @@ def export_npz(poses: Poses3D, fps: float, path: Path) -> None:
         write_atomic(Path(path), iter(partial(file.read, 1 << 20), b""))
 
 
-def read_npz(path: Path) -> tuple[Poses3D, float]:
-    """Return the poses and the frames per second of a file that `export_npz` wrote; before 0.2, without covariances.
+def read_npz(path: Path) -> tuple[Poses3D, float | None]:
+    """Return the poses of an archive of `export_npz` or of another program, and its frames per second, None if unknown.
+
+    `joints` and `joint_names` are enough: joints that are not NaN then count as measured. Without `skeleton`, their
+    names decide, in any order.
 
     Raises FileNotFoundError if there is no file, and ValueError, which names missing arrays, if it is no such archive.
     """
     path = Path(path)
-    needed = ("joints", "source", "views", "joint_names", "skeleton", "fps")
-    arrays = read_arrays(path, "an .npz archive of poses", needed, ("cov",))
-    skeleton = read_skeleton_text(path, str(arrays["skeleton"]))
-    joints = [*map(str, np.atleast_1d(arrays["joint_names"]))]
-    if [*skeleton.joints] != joints:
-        raise ValueError(f"{path}: expected the joints of {skeleton.name}, {[*skeleton.joints]}, found {joints}")
+    optional = ("source", "cov", "views", "skeleton", "fps")
+    arrays = read_arrays(path, "an .npz archive of poses", ("joints", "joint_names"), optional)
+    names = [*map(str, np.atleast_1d(arrays["joint_names"]))]
+    if "skeleton" in arrays:
+        skeleton, order = read_skeleton_text(path, str(arrays["skeleton"])), [*range(len(names))]
+        if [*skeleton.joints] != names:
+            raise ValueError(f"{path}: expected the joints of {skeleton.name}, {[*skeleton.joints]}, found {names}")
+    else:
+        skeleton, order, _ = named_skeleton(names, (), None, path)
     try:
-        poses = Poses3D(skeleton, arrays["joints"], arrays["source"], arrays.get("cov", UNSET), arrays["views"])
+        found = [arrays.get(name, UNSET) for name in ("joints", "source", "cov", "views")]
+        if any(each is not None and each.shape[2:3] != (len(names),) for each in found):
+            shapes = ", ".join(f"{name} {array.shape}" for name, array in arrays.items() if array.ndim > 1)
+            raise ValueError(
+                f"expected shape (F, P, {len(names)}, 3) of joints, {len(names)} as joint_names; found {shapes}"
+            )
+        poses = Poses3D(skeleton, *(each if each is None else each[:, :, order] for each in found))
         poses.check_numbers()
-        return poses, check_rate("fps", arrays["fps"].item())
+        return poses, check_rate("fps", arrays["fps"].item()) if "fps" in arrays else None
     except (ValueError, TypeError, OverflowError) as error:
         raise ValueError(f"{path}: {error}") from None
 

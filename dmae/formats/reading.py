@@ -20,7 +20,7 @@ from dmae.formats.calibrations import CalibrationSource, LacksSize, calibration_
 from dmae.formats.calibrations import recognise as recognise_calibration
 from dmae.formats.config import Convention, DataConfig
 from dmae.formats.footage import with_images, with_videos
-from dmae.formats.recordings import offsets_of_all, to_clip
+from dmae.formats.recordings import offsets_of_all, plain, to_clip
 from dmae.formats.registry import RecordingReader, reader
 from dmae.nearest import nearest
 
@@ -135,6 +135,11 @@ class Clips(Sequence):
         fps = found.fps if fps is None else fps
         if fps is None:
             raise ValueError(f"{folder}: no file states the frame rate; give data.fps=...")
+        if self.config.cameras is not None:
+            # A camera that is not chosen needs no calibration, where cameras are matched by name.
+            chosen, calibrated = {plain(str(each)) for each in self.config.cameras}, {*map(plain, rig.names)}
+            views = {name: view for name, view in found.views.items() if plain(name) in chosen | calibrated}
+            found = replace(found, views=views or found.views)
         return to_clip(found, rig, fps, folder)
 
 
@@ -284,8 +289,8 @@ def shift_views(clip: Clip, offsets: list[int] | None) -> Clip:
         return clip
     if len(offsets) != len(clip.rig):
         raise ValueError(
-            f"data.offsets={list(offsets)}: expected a number of frames for each camera of clip {clip.id!r}, "
-            f"{', '.join(clip.rig.names)}"
+            f"data.offsets={list(offsets)}: expected a number of frames for each camera of clip {clip.id!r}, found "
+            f"{len(offsets)} for the {len(clip.rig)} cameras {', '.join(clip.rig.names)}"
         )
 
     def shifted(array: np.ndarray, absent) -> np.ndarray:
@@ -333,7 +338,7 @@ def select_views(clip: Clip, cameras: Sequence[int | str] | None) -> Clip:
     names = clip.rig.names
     index = camera_indices(clip, cameras, "data.cameras")
     chosen = [names[each] for each in index]
-    note = f"data.cameras: {', '.join(chosen)}, {len(chosen)} of {len(names)} cameras"
+    note = f"data.cameras: {len(chosen)} of {len(names)} cameras: {', '.join(chosen)}"
     notes = [*clip.provenance.get("notes", ()), note]
     return replace(clip.select(views=index), provenance=clip.provenance | {"notes": notes})
 

@@ -18,7 +18,7 @@ from dmae.files.checks import MOST_PIXELS, check_numbers, numbers_of
 from dmae.files.structured import read_json
 from dmae.progress import progress
 
-_OPTIONS = "data.calibration=... or data.detections=..."
+_OPTIONS = "data.calibration=... or data.detections=..., or choose cameras by data.cameras=[...]"
 
 
 def match_cameras(
@@ -236,7 +236,10 @@ class People:
                 raise ValueError(f"{place}: expected a confidence of each of {len(rows)} joints, found {scores!r:.60}")
             rows = np.concatenate([rows[:, :2], apart], -1)
         if rows.ndim != 2 or rows.shape[1] != 3:
-            raise ValueError(f"{place}: expected x, y, confidence of each joint, found {keypoints!r:.60}")
+            raise ValueError(
+                f"{place}: expected x, y, confidence of each joint (1 if the detector states none), found "
+                f"{keypoints!r:.60}"
+            )
         check_numbers(place, rows, MOST_PIXELS)
         if not len(rows):
             return

@@ -67,11 +67,24 @@ def rewritten(folder, name: str, change) -> str:
         (lambda joints, _: joints * (1, 1, 0) + (0, 0, 2 * (joints[0, 2] > -1)), "confidences say nothing"),
         (lambda joints, _: joints / (960, 960, 1), "expected pixels"),
         (lambda joints, _: joints / (500, 500, 1), "expected pixels"),
+        (lambda joints, camera: joints * ((0.5, 0.5, 1) if camera == "cam2" else 1), "cam2: 0% of 410 detected joints"),
+        (lambda joints, _: joints[:, :2], "expected x, y, confidence of each joint (1 if the detector states none)"),
     ],
-    ids=["0", "-1", "0 in one camera", "2", "shares", "metres"],
+    ids=["0", "-1", "0 in one camera", "2", "shares", "metres", "half in one camera", "no confidences"],
 )
 def test_other_units_and_confidences_are_named(folder, change, line, request):
     name = rewritten(folder, re.sub(r"\W", "", request.node.callspec.id), change)
     done = run_command(folder, "dmae", "capture", "data=openpose", f"data.path={name}", "data.fps=25", f"out=of_{name}")
     assert line in done.stdout + done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_a_camera_that_is_not_chosen_needs_no_calibration(folder):
+    """One of four cameras was not calibrated."""
+    path = folder / rewritten(folder, "three_calibrated", lambda joints, _: joints)
+    clip = detected_clip(crossing()[:6], 3)
+    dmae.convert(clip.select(views=[0, 1]), folder / "two", "openpose")
+    shutil.copy(folder / "two/calibration.toml", path)
+    with pytest.raises(ValueError, match=r"cam2 has none.*cameras="):
+        dmae.read(path, fps=25)
+    assert dmae.read(path, fps=25, cameras=["cam0", "cam1"]).rig.names == ("cam0", "cam1")

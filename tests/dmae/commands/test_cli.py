@@ -113,7 +113,7 @@ def test_a_data_set_is_captured_clip_by_clip_with_the_cameras_asked_for(folder):
     done = dmae(folder, "capture", "data=set", "data.cameras=[cam0,cam2]", "fill=linear", "out=both")
     assert done.returncode == 0, done.stderr
     assert [load_clip(folder / "both" / name).rig.names for name in "ab"] == [("cam0", "cam2")] * 2
-    assert "made-up: data.cameras: cam0, cam2, 2 of 4 cameras\n" in done.stdout
+    assert "made-up: data.cameras: 2 of 4 cameras: cam0, cam2\n" in done.stdout
 
 
 def test_a_sweep_gives_every_job_a_folder(folder):

@@ -39,7 +39,7 @@ def test_images_are_those_of_the_frame_and_camera(tmp_path, kind):
     write_openpose_recording(recording(BODY25, 4), tmp_path / "rec", first=8)
     footage = {kind: KINDS[kind](tmp_path / "footage", range(7, 14))}
     clip = dmae.read(tmp_path / "rec", fps=25, cameras=["cam3", "cam1"], frames=[1, 3], **footage)
-    assert clip.provenance["notes"] == ["data.cameras: cam3, cam1, 2 of 4 cameras"]
+    assert clip.provenance["notes"] == ["data.cameras: 2 of 4 cameras: cam3, cam1"]
     for view, camera in enumerate((3, 1)):
         # f9 comes before f10: by number, not by letter. The first frame is number 9 of the recording.
         grey = clip.images.at("rgb", clip.rig.names[view], 1).mean()

@@ -309,6 +309,6 @@ def test_a_number_is_the_camera_of_that_name_and_never_a_count(names):
     clip = replace(clip, rig=replace(clip.rig, names=names))
     chosen = select_views(clip, [1, names[3]])
     assert chosen.rig.names == (names[0], names[3])
-    assert chosen.provenance["notes"][-1] == f"data.cameras: {names[0]}, {names[3]}, 2 of 4 cameras"
+    assert chosen.provenance["notes"][-1] == f"data.cameras: 2 of 4 cameras: {names[0]}, {names[3]}"
     with pytest.raises(ValueError, match="different cameras"):
         select_views(clip, [0])
