@@ -1,5 +1,6 @@
 """What do I train on? Torch data sets of clips, windows of motion, and images. Items are read on demand."""
 
+import operator
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -142,7 +143,7 @@ def _arrays(path: Path):
 
 def _place(index: int, ends: np.ndarray, what: str) -> tuple[int, int]:
     """Return the clip that an item is in, and its number there, from the items up to the end of each clip."""
-    count = int(ends[-1]) if len(ends) else 0
+    count, index = int(ends[-1]) if len(ends) else 0, operator.index(index)
     if not -count <= index < count:
         raise IndexError(f"{what} {index}: there are {count}")
     clip = int(np.searchsorted(ends, index % count, side="right"))
@@ -177,6 +178,9 @@ class ClipDataset(Dataset):
     ):
         self.folders = _folders(path, clips)
         self.transform = transform
+
+    def __repr__(self) -> str:
+        return f"ClipDataset(clips={len(self)})"
 
     def __len__(self) -> int:
         return len(self.folders)
@@ -254,6 +258,9 @@ class WindowDataset(Dataset):
             raise ValueError(
                 f"{path}: no {of} of {frames} frames in {len(self.files)} clips; the longest has {longest} frames"
             )
+
+    def __repr__(self) -> str:
+        return f"WindowDataset(windows={len(self)}, clips={len(self.files)}, frames={self.frames}, of={self.of!r})"
 
     def __len__(self) -> int:
         return int(self._ends[-1])
@@ -365,6 +372,9 @@ class FrameDataset(Dataset):
             if "truth" not in file.persons:
                 raise ValueError(f"{file.folder}: the clip has no truth, which the labels of images are made from")
         self._ends = np.cumsum([-(-file.frames // every) * len(file.cameras) for file in self.files])
+
+    def __repr__(self) -> str:
+        return f"FrameDataset(images={len(self)}, clips={len(self.files)}, skeleton={self.skeleton.name!r})"
 
     def __len__(self) -> int:
         return int(self._ends[-1]) if len(self._ends) else 0

@@ -1,4 +1,4 @@
-"""Array fields of frozen dataclasses: convert them to their type, check their shape, print them."""
+"""Array fields of frozen dataclasses: convert them to their type, check their shape, compare and print them."""
 
 from dataclasses import fields
 from typing import Any
@@ -43,6 +43,19 @@ def check_type(owner: Any, name: str, expected: type, advice: str = "") -> None:
         raise TypeError(
             f"{type(owner).__name__}.{name}: expected a {expected.__name__}, found {type(value).__name__}{advice}"
         )
+
+
+def same_fields(self: Any, other: Any) -> bool:
+    """Compare dataclasses field by field (`__eq__ = same_fields`): arrays as wholes, where NaN equals NaN."""
+    if type(self) is not type(other):
+        return NotImplemented
+    return all(_same(getattr(self, field.name), getattr(other, field.name)) for field in fields(self))
+
+
+def _same(one: Any, other: Any) -> bool:
+    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
+        return np.array_equal(one, other, equal_nan=one.dtype.kind == "f")
+    return one == other
 
 
 def short_repr(self: Any) -> str:

@@ -8,7 +8,7 @@ from math import prod
 import cv2
 import numpy as np
 
-from dmae.data.array_fields import UNSET, set_array, short_repr
+from dmae.data.array_fields import UNSET, same_fields, set_array, short_repr
 from dmae.files.checks import LEAST_FOCAL, MOST_DISTORTION, MOST_FOCAL, MOST_METRES, MOST_SIZE, check_numbers
 
 # OpenCV's default criteria leave up to 0.07 px; these converge to 1e-10.
@@ -44,7 +44,7 @@ class CameraRig:
     size: np.ndarray
     fisheye: np.ndarray = UNSET
 
-    __repr__ = short_repr
+    __repr__, __eq__ = short_repr, same_fields
 
     def __post_init__(self):
         if isinstance(self.names, str) or not isinstance(self.names, Iterable):
@@ -96,7 +96,7 @@ class CameraRig:
         """Return the rig of some views: a slice, or a list of names or indices. One camera is `rig[2:3]`."""
         index = self.indices(views)
         if index.ndim != 1:
-            raise TypeError(f"a rig is indexed by a slice or a list; for one camera use rig[{views}:{views} + 1]")
+            raise TypeError(f"a rig is indexed by a slice or a list; for one camera use rig[[{views}]]")
         return CameraRig(
             tuple(self.names[i] for i in index),
             self.K[index],
@@ -116,6 +116,8 @@ class CameraRig:
                 views = [self.names.index(each) for each in views]
             return np.arange(len(self))[views]
         except (IndexError, ValueError):
+            if isinstance(views, str) and views in self.names:
+                raise TypeError(f"a rig is indexed by a slice or a list; for one camera use rig[[{views!r}]]") from None
             views = repr(views) if isinstance(views, str) else views
             named = ", ".join(f"{index} ({name})" for index, name in enumerate(self.names))
             raise IndexError(

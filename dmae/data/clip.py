@@ -6,7 +6,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from dmae.data.array_fields import UNSET, check_type, set_array, short_repr
+from dmae.data.array_fields import UNSET, check_type, same_fields, set_array, short_repr
 from dmae.data.cameras import CameraRig
 from dmae.data.images import Images
 from dmae.data.labels import DetectionLabels, OcclusionLabels
@@ -58,7 +58,7 @@ class Detections2D:
     xy: np.ndarray
     score: np.ndarray = UNSET
 
-    __repr__ = short_repr
+    __repr__, __eq__ = short_repr, same_fields
 
     def __post_init__(self):
         check_type(self, "skeleton", Skeleton, _BY_NAME)
@@ -108,7 +108,7 @@ class Poses3D:
     views: np.ndarray = UNSET
     rays: np.ndarray = UNSET
 
-    __repr__ = short_repr
+    __repr__, __eq__ = short_repr, same_fields
 
     def __post_init__(self):
         check_type(self, "skeleton", Skeleton, _BY_NAME)
@@ -214,7 +214,7 @@ class Clip:
     true_rig: CameraRig | None = None
     provenance: dict = field(default_factory=dict)
 
-    __repr__ = short_repr
+    __repr__, __eq__ = short_repr, same_fields
 
     def __post_init__(self):
         for name, kind in _KINDS.items():

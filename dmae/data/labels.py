@@ -5,7 +5,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from dmae.data.array_fields import set_array, short_repr
+from dmae.data.array_fields import same_fields, set_array, short_repr
 from dmae.files.checks import MOST_METRES, MOST_PIXELS, check_numbers
 
 KINDS = ("rgb", "depth", "ids", "parts", "normals", "flow", "amodal")
@@ -73,7 +73,7 @@ class OcclusionLabels:
     amodal_pixels: np.ndarray | None = None
     objects: tuple[str, ...] = ()
 
-    __repr__ = short_repr
+    __repr__, __eq__ = short_repr, same_fields
 
     def __post_init__(self):
         set_array(self, "visibility", np.uint8, ("F", "V", "P", "J"))
@@ -130,7 +130,7 @@ class DetectionLabels:
     error: np.ndarray | None = None
     offset_px: np.ndarray | None = None
 
-    __repr__ = short_repr
+    __repr__, __eq__ = short_repr, same_fields
 
     def __post_init__(self):
         set_array(self, "person", np.int16, ("F", "V", "D"))

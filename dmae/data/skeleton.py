@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 
 from dmae.files.structured import read_yaml
-from dmae.nearest import suggestion, unknown
+from dmae.nearest import choices, suggestion, unknown
 
 PERSON_M = 1.7
 """m; the size of people. Lengths in configurations and methods are valid for this size."""
@@ -71,7 +71,9 @@ class Skeleton:
         """Return the indices of the named joints; KeyError, which lists the skeleton's joints, if one is unknown."""
         lacking = [name for name in names if name not in self._index]
         if lacking:
-            raise KeyError(f"skeleton {self.name!r} has no joint {lacking}; it has {list(self.joints)}")
+            # In a fused skeleton `nose` is that of one of its parts
+            meant = next((joint for joint in self.joints if joint.endswith(f".{lacking[0]}")), lacking[0])
+            raise KeyError(f"skeleton {self.name!r} has no joint {lacking}; {choices(meant, self.joints)}")
         return [self._index[name] for name in names]
 
     def index_of_part(self, part: "Skeleton") -> list[int] | None:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dmae.data.array_fields import short_repr
+from dmae.data.array_fields import same_fields, short_repr
 from dmae.data.cameras import CameraRig
 from dmae.numerics.compiled import compiled
 from dmae.reconstruction.config import NoiseModel
@@ -35,7 +35,7 @@ class Points:
     used: np.ndarray
     residual: np.ndarray
 
-    __repr__ = short_repr
+    __repr__, __eq__ = short_repr, same_fields
 
     @property
     def views(self) -> np.ndarray:

@@ -200,8 +200,12 @@ def test_views_are_projected_independently():
     np.testing.assert_array_equal(rig[[2, 0]].project(xyz)[0], whole[:, [2, 0]])
     np.testing.assert_array_equal(rig[1:2].project(xyz)[0], whole[:, 1:2])
     assert rig[[2, 0]].names == ("c2", "c0")
-    with pytest.raises(TypeError, match=r"rig\[1:1 \+ 1\]"):
-        rig[1]
+    for camera, written in ((1, r"\[\[1\]\]"), ("c1", r"\[\['c1'\]\]")):
+        with pytest.raises(TypeError, match=f"for one camera use rig{written}$"):
+            rig[camera]
+        assert rig[[camera]].names == ("c1",)
+    with pytest.raises(IndexError, match="cameras 'nope': expected a slice, or a list"):
+        rig["nope"]
 
 
 def test_inside_reaches_half_a_pixel_beyond_the_first_and_last_centre():

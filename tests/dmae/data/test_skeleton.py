@@ -71,6 +71,10 @@ def test_unknown_names_are_answered_with_what_there_is():
         get_skeleton("body25+shelf14+coco17")
     with pytest.raises(KeyError, match=r"\['tail'\].*top_head"):
         SHELF14.index("top_head", "tail")
+    with pytest.raises(KeyError, match=r"\['noes'\]; did you mean nose\?"):
+        BODY25.index("noes")
+    with pytest.raises(KeyError, match=r"\['nose'\]; did you mean body25\.nose\?"):
+        get_skeleton("body25+shelf14").index("nose")
 
 
 @pytest.mark.parametrize(

@@ -45,6 +45,11 @@ def test_load_after_save_is_equal(tmp_path):
     poses = replace(walkers(), source=np.full((12, 2, 25), Source.COMPLETED), views=np.full((12, 2, 25), 3), rays=rays)
     save_clip(replace(clip, poses=poses), tmp_path / "a" / "clip")
     assert_same(load_clip(tmp_path / "a" / "clip"), replace(clip, poses=poses))
+    assert load_clip(tmp_path / "a" / "clip") == replace(clip, poses=poses)
+    moved = poses.xyz.copy()
+    moved[0, 0, 0, 0] += 1
+    other = replace(clip, poses=replace(poses, xyz=moved))
+    assert other != replace(clip, poses=poses) and other != clip and clip != "clip" and clip in [other, clip]
 
 
 def test_a_clip_without_labels_is_read(tmp_path):

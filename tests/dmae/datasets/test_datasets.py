@@ -78,6 +78,10 @@ def test_windows_cover_each_person_of_each_clip(clips):
     assert windows[-1]["start"] == 3
     with pytest.raises(IndexError):
         windows[len(windows)]
+    with pytest.raises(TypeError, match="'str' object cannot be interpreted as an integer"):
+        windows["0"]
+    assert repr(windows) == f"WindowDataset(windows={len(windows)}, clips=3, frames=4, of='truth')"
+    assert repr(ClipDataset(clips)) == "ClipDataset(clips=3)"
 
 
 def test_windows_of_poses_on_another_skeleton(clips):
@@ -92,6 +96,7 @@ def test_windows_of_poses_on_another_skeleton(clips):
 def test_images_are_the_images_with_what_the_ids_show(images):
     frames = FrameDataset(images, masks=True)
     assert len(frames) == 3 * 2 * 3
+    assert repr(frames) == "FrameDataset(images=18, clips=3, skeleton='coco17')"
     shown = 0
     for index in np.random.default_rng(0).permutation(len(frames)).tolist():
         clip_number, view, frame = frames.place(index)
