@@ -27,7 +27,7 @@ _HAND = 0.092
 """Length of the hand, fraction of stature."""
 _FOOT = ((-0.037, 0.0, -0.020), (0.106, 0.0, -0.026))
 """Ends of an axis inside the shoe, relative to the ankle, fractions of stature."""
-_BESIDE = ("brim",)
+_BESIDE = ("brim", "bag", "strap")
 """Materials of parts that stand off the body: no points are on them."""
 _RAY_START = 1.0
 """Distance from an axis at which the rays to the surface begin, m."""

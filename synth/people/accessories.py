@@ -1,4 +1,4 @@
-"""The shapes of hats: meshes on the convex hull of the skull, and how they press the hair."""
+"""The shapes of hats, on the convex hull of the skull, and of bags, on the cloth that they lie on."""
 
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ _RIMS = {"cap": (0.0345, 0.20), "beanie": (0.021, 0.38)}
 and of the head's size."""
 _AROUND, _ROWS = 40, 10
 """Points around a hat, and rows of them from its rim to its top."""
-_LIP, _PRESSED = 0.15, 0.0015
+_LIP, _PRESSED = 0.22, 0.0015
 """How far the rim reaches inwards, fraction of its radius, and how far pressed hair is below a hat, fraction of stature
 and of the head's size."""
 _BRIM, _HALF_BRIM, _DOWN = 0.042, np.radians(68), np.radians(22)
@@ -99,10 +99,10 @@ def _brim(crown: Crown, rim: np.ndarray, around: np.ndarray) -> tuple[np.ndarray
     long = _BRIM * crown.size * np.cos(turn / _HALF_BRIM * np.pi / 2) ** 0.7
     wide = np.abs(start[:, 1]).max()
     rows = []
-    for share in (-0.06, 0.3, 0.65, 0.93, 1.0):
+    for share in (-0.08, 0.3, 0.65, 0.93, 1.0):
         ahead = share * long
         drop = np.tan(_DOWN) * ahead + 0.010 * crown.size * share * (start[:, 1] / wide) ** 2
-        rows.append(start + np.stack([ahead, 0 * ahead, -drop], -1))
+        rows.append(start + np.stack([ahead, 0 * ahead, 0.0025 * crown.size - drop], -1))
     upper = np.concatenate(rows)
     count, half = len(turn), 0.0009 * crown.size
     points = np.concatenate([upper + (0, 0, half), upper - (0, 0, half)])
@@ -116,7 +116,83 @@ def _brim(crown: Crown, rim: np.ndarray, around: np.ndarray) -> tuple[np.ndarray
     sides = np.concatenate([
         np.column_stack([edge, edge + below, after]), np.column_stack([after, edge + below, after + below])
     ])  # fmt: skip
-    return points + crown.middle, np.concatenate([top, top[:, ::-1] + below, sides])
+    return points + crown.middle, np.concatenate([top[:, ::-1], top + below, sides[:, ::-1]])
+
+
+class _Cut(NamedTuple):
+    """Measures of a bag, fractions of stature."""
+
+    half_width: float
+    below: float  # Of its top: the height of its middle
+    half_height: float
+    depth: float
+    turn: float  # Angle from the front to its side of the trunk, rad
+
+
+_CUTS = {
+    "backpack": _Cut(0.080, 0.122, 0.118, 0.072, np.pi),
+    "shoulder_bag": _Cut(0.070, 0.268, 0.052, 0.036, np.radians(143)),
+}
+# From the middle of the side that touches the person round the edges to the middle of the other: shares of the
+# width and height, and of the depth.
+_PROFILE = ((0.0, 0.0), (0.6, 0.0), (0.94, 0.0), (1.0, 0.14), (1.0, 0.62), (0.94, 0.86), (0.78, 0.97), (0.4, 1.0),
+            (0.0, 1.0))  # fmt: skip
+_OUTLINE, _POCKET = 28, (0.78, -0.40, 0.50, 0.8, 1.18)
+"""Points around a bag; width of a backpack's pocket, the height of its middle, its height, and where it begins and ends
+in depth, relative to the bag's."""
+
+
+def bag(
+    kind: str, sign: float, cloth: np.ndarray, top: float, stature: float
+) -> list[tuple[str, np.ndarray, np.ndarray]]:
+    """Return the material, the points (N, 3), m, and the triangles (T, 3) of each part of a bag without its straps.
+
+    Args:
+        kind: One of `synth.people.clothing.BAGS`.
+        sign: 1 for a bag on the left, -1 on the right.
+        cloth: (M, 3) points of what the trunk wears, m, in the bind pose.
+        top: Height of the shoulder joints, m.
+        stature: m.
+    """
+    shape = _CUTS[kind]
+    half = np.array((shape.half_width, shape.half_height)) * stature
+    out = np.array((np.cos(shape.turn), sign * np.sin(shape.turn)))
+    across, middle = np.array((-out[1], out[0])), top - shape.below * stature
+    aside, away = cloth[:, :2] @ across / half[0], cloth[:, :2] @ out
+    up = (cloth[:, 2] - middle) / half[1]
+    near = (away > 0) & (np.abs(aside) < 1.05) & (np.abs(up) < 1.05)
+    fit = np.linalg.lstsq(_powers(aside[near], up[near]), away[near], rcond=None)[0]
+    fit[0] += np.percentile(away[near] - _powers(aside[near], up[near]) @ fit, 80)
+    found = []
+    parts = [("bag", np.ones(2), 0.0, 0.0, shape.depth)]
+    if kind == "backpack":
+        wide, at, high, start, end = _POCKET
+        parts.append(("strap", np.array((wide, high)), at, start * shape.depth, (end - start) * shape.depth))
+    for material, share, at, start, depth in parts:
+        angle = np.arange(_OUTLINE) / _OUTLINE * 2 * np.pi
+        ring = np.sign([np.cos(angle), np.sin(angle)]) * np.abs([np.cos(angle), np.sin(angle)]) ** 0.4
+        places = [ring * wide for wide, _ in _PROFILE[1:-1]]
+        places = np.concatenate([np.zeros((2, 1)), *places, np.zeros((2, 1))], 1).T * share + (0, at)
+        deep = np.concatenate([[0.0], *(np.full(_OUTLINE, each) for _, each in _PROFILE[1:-1]), [1.0]])
+        # A backpack is deeper below.
+        belly = 1 - 0.3 * places[:, 1] if kind == "backpack" else 1.0
+        far = _powers(*places.T) @ fit + (start + deep * depth) * stature * belly
+        points = np.column_stack(
+            [np.outer(far, out) + np.outer(places[:, 0] * half[0], across), middle + places[:, 1] * half[1]]
+        )
+        faces = [
+            _between(1 + row * _OUTLINE, 1 + (row + 1) * _OUTLINE, _OUTLINE, closed=True)
+            for row in range(len(_PROFILE) - 3)
+        ]
+        first, last = 1 + np.arange(_OUTLINE), len(points) - 1 - _OUTLINE + np.arange(_OUTLINE)
+        faces.append(np.column_stack([np.roll(first, -1), first, 0 * first]))
+        faces.append(np.column_stack([last, np.roll(last, -1), np.full(_OUTLINE, len(points) - 1)]))
+        found.append((material, points, np.concatenate(faces)))
+    return found
+
+
+def _powers(aside: np.ndarray, up: np.ndarray) -> np.ndarray:
+    return np.stack([np.ones_like(up), aside, up, aside**2, up**2, aside * up, up**3], -1)
 
 
 def _between(low: int, high: int, count: int, *, closed: bool = False) -> np.ndarray:

@@ -6,14 +6,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dmae.files.checks import check_numbers
-from synth.people.body import ADULT_AGE, Body
+from synth.people.body import ADULT_AGE, SIDES, Body
 
 HAIRSTYLES = ("short", "bald", "bob", "long", "bun")
 HANDS = ("relaxed", "open", "grip", "fist", "point")
 PATTERNS = ("plain", "stripes", "checks", "melange", "camouflage")
 HATS = ("cap", "beanie")
 BEARDS = ("stubble", "short", "goatee", "full")
-WARDROBE = ("caps", "beards")
+BAGS = ("backpack", "shoulder_bag")
+WARDROBE = ("caps", "beards", "bags")
 """What people may wear besides shirts, trousers and shoes. New words go last: each draws from a stream by its place."""
 
 
@@ -45,6 +46,20 @@ class Hat:
 
 
 @dataclass(frozen=True)
+class Bag:
+    """A backpack, or a bag at the hip with a strap over the other shoulder."""
+
+    kind: str  # One of `BAGS`
+    side: str  # Hip that a shoulder bag is at, `l` or `r`
+    colours: tuple[tuple[float, float, float], tuple[float, float, float]]  # RGB of the bag and its straps, 0..1
+
+    def __post_init__(self):
+        if self.kind not in BAGS or self.side not in SIDES:
+            raise ValueError(f"bag {self.kind!r} on side {self.side!r}; expected one of {', '.join(BAGS)}, and l or r")
+        check_numbers("colours of a bag", self.colours, 1, 0)
+
+
+@dataclass(frozen=True)
 class PersonLooks:
     """Colours, hair and clothes of a person; colours are RGB, 0..1."""
 
@@ -59,6 +74,7 @@ class PersonLooks:
     hands: tuple[str, str] = ("relaxed", "relaxed")  # Shapes of the left and the right hand, of `HANDS`
     hat: Hat | None = None  # Hat, if any; hair above its rim is not seen
     beard: str | None = None  # One of `BEARDS`, if any
+    bag: Bag | None = None  # Bag, if any
 
     def __post_init__(self):
         if len(self.hands) != 2 or set(self.hands) - set(HANDS):
@@ -115,14 +131,23 @@ def sample_looks(feminine: float, *, child: bool = False, rng: np.random.Generat
     )
 
 
-_HATTED, _BEARDED = 0.15, 0.25
-"""Shares of people with a hat, and of men with a beard."""
+_CANVAS = ((0.12, 0.12, 0.14), (0.16, 0.20, 0.32), (0.30, 0.33, 0.24), (0.48, 0.36, 0.24), (0.50, 0.16, 0.16),
+           (0.42, 0.42, 0.44))  # fmt: skip
+_HATTED, _BEARDED, _LADEN = 0.15, 0.25, 0.2
+"""Shares of people with a hat, of men with a beard, and of adults with a bag where nothing is against it."""
 
 
-def dressed(looks: PersonLooks, body: Body, wardrobe: Collection[str], *, rng: np.random.Generator) -> PersonLooks:
-    """Return the looks with what chance gives a person out of a wardrobe, words of `WARDROBE`.
+def dressed(
+    looks: PersonLooks, body: Body, wardrobe: Collection[str], bags: Collection[str], *, rng: np.random.Generator
+) -> PersonLooks:
+    """Return the looks with what chance gives a person out of a wardrobe.
 
     Each word draws from its own child stream, so that no word changes what another draws.
+
+    Args:
+        body: The person's body.
+        wardrobe: Words of `WARDROBE`.
+        bags: Those of `BAGS` that the person's motion has room for.
     """
     rngs = dict(zip(WARDROBE, rng.spawn(len(WARDROBE)), strict=True))
     if "caps" in wardrobe and (of_hats := rngs["caps"]).random() < _HATTED:
@@ -132,6 +157,11 @@ def dressed(looks: PersonLooks, body: Body, wardrobe: Collection[str], *, rng: n
     man = body.feminine < 0.5 and body.age >= ADULT_AGE
     if "beards" in wardrobe and man and (of_beards := rngs["beards"]).random() < _BEARDED:
         looks = replace(looks, beard=str(of_beards.choice(BEARDS, p=(0.3, 0.3, 0.15, 0.25))))
+    if "bags" in wardrobe and body.age >= ADULT_AGE and (of_bags := rngs["bags"]).random() < _LADEN:
+        kind, side = str(of_bags.choice(BAGS, p=(0.6, 0.4))), str(of_bags.choice(list(SIDES)))
+        colour = _shade(_CANVAS, rng=of_bags)
+        if kind in bags:
+            looks = replace(looks, bag=Bag(kind, side, (colour, _darker(colour, 0.6))))
     return looks
 
 

@@ -238,6 +238,8 @@ def _add_materials(
     woven = {"top": looks.top.colours, "bottom": looks.bottom.colours, "hair": strands}
     if looks.hat:
         flat |= dict(zip(("hat", "brim"), looks.hat.colours, strict=True))
+    if looks.bag:
+        flat |= dict(zip(("bag", "strap"), looks.bag.colours, strict=True))
     for material, colour in flat.items():
         # Skin scatters light beneath its surface, so that its shaded side is not as dark.
         shine, glow = (0.05, 0.08) if material in ("skin", "lip") else (0.15, 0.0)
@@ -254,7 +256,9 @@ def _add_materials(
         painted["lip"] = paint_lips(body, looks, rng=rng)
         painted["shoe"] = paint_shoe(looks, rng=rng)
         # Textures of what not everybody wears have streams of their own, and change no other's.
-        of_hat = rng.spawn(1)[0]
+        of_hat, of_bag = rng.spawn(2)
+        if looks.bag:
+            painted["bag"] = paint("plain", looks.bag.colours, _TEXELS, rng=of_bag)
         if looks.hat:
             painted["hat"] = paint(
                 "plain" if looks.hat.kind == "cap" else "knit", looks.hat.colours, _TEXELS, rng=of_hat

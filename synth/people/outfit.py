@@ -12,9 +12,9 @@ from scipy.interpolate import LinearNDInterpolator
 from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
-from synth.people.accessories import Crown, hat
+from synth.people.accessories import Crown, bag, hat
 from synth.people.body import ANKLE_HEIGHT, SEGMENTS, SIDES, Body, side_and_name, trunk_sections
-from synth.people.clothing import PersonLooks
+from synth.people.clothing import Bag, PersonLooks
 from synth.people.skin import BEARD_LINE, HAIRLINE, around_head, around_limb, on_disc
 from synth.people.skinning import blend
 from synth.people.surface import EYES, BareBody, assets, bare_body
@@ -76,6 +76,8 @@ def parts(body: Body, looks: PersonLooks) -> list[Part]:
     ground = bare.origins[SEGMENTS.index("l_foot"), 2] - ANKLE_HEIGHT * body.stature
     upper = shoes.points[:, 2] - ground - 0.011 * body.stature
     sheets += [("shoe", _kept(shoes, upper)[0]), ("sole", _kept(shoes, -upper)[0])]
+    if looks.bag:
+        sheets += _bag([each for _, each in sheets[1:3]], bare, body, looks.bag)
     sheets += _face(sheet, bare, body)
     scalp = _scalp(sheet)
     crown = looks.hat and Crown.of(looks.hat.kind, scalp.points, bare.eyes.mean((0, 1)), body.stature * body.head)
@@ -263,6 +265,60 @@ def _shoes(sheet: _Sheet, bare: BareBody, body: Body) -> tuple[_Sheet, np.ndarra
     points[flat, 2] = ground
     points[:, 2] = np.maximum(points[:, 2], ground)
     return shell._replace(points=points, normals=_normals(points, shell.faces)), field
+
+
+# Bags
+
+_STRAP, _THICK = {"backpack": 0.0125, "lower": 0.006, "shoulder_bag": 0.010}, 0.005
+"""Half the widths of straps, fractions of stature, and their thickness, m."""
+
+
+def _bag(worn: list[_Sheet], bare: BareBody, body: Body, looks: Bag) -> list[tuple[str, _Sheet]]:
+    """Return a bag on a shirt and trousers, with straps on the shirt."""
+    size, sign = body.stature, SIDES[looks.side]
+    arms = [SEGMENTS.index(f"{side}_{name}") for side in SIDES for name in _ARM]
+    trunk, low = (_kept(each, 0.4 - each.weights[:, arms].sum(1))[0] for each in worn)
+    top = bare.origins[arms[0], 2]
+    ahead, aside, up = trunk.points.T
+    straps = []
+    if looks.kind == "backpack":
+        front, back = top - 0.105 * size, top - 0.20 * size
+        for one in SIDES.values():
+            over = one * aside - 0.060 * size
+            straps.append(_strap(trunk, over, _STRAP["backpack"] * size, up - front))
+            # From the front to the bag, along a plane across which the side is level.
+            start = ahead[np.abs(up - front) < 0.03 * size].max()
+            end = ahead[np.abs(up - back) < 0.03 * size].min()
+            across = up - front - (ahead - start) * (back - front) / (end - start)
+            outer = np.where(ahead > (start + end) / 2, over + 0.012 * size, one * aside)
+            straps.append(_strap(trunk, across, _STRAP["lower"] * size, outer))
+        weights = {"chest": 1.0}
+    else:
+        end = top - 0.235 * size
+        side = (sign * aside)[np.abs(up - end) < 0.03 * size].max()
+        start, end = np.array((-0.052 * size * sign, top + 0.02 * size)), np.array((sign * side, end))
+        way = (end - start) / np.linalg.norm(end - start)
+        across = (aside - start[0]) * way[1] - (up - start[1]) * way[0]
+        straps.append(_strap(trunk, across, _STRAP["shoulder_bag"] * size, up - end[1]))
+        weights = {"pelvis": 0.6, "spine": 0.4}
+    row = np.array([weights.get(segment, 0.0) for segment in SEGMENTS])
+    found = [("strap", each) for each in straps]
+    for material, points, faces in bag(looks.kind, sign, np.concatenate([trunk.points, low.points]), top, size):
+        sheet = _rigid(points, faces, 0)
+        found.append((material, sheet._replace(weights=np.tile(row, (len(points), 1)))))
+    return found
+
+
+def _strap(cloth: _Sheet, across: np.ndarray, half: float, within: np.ndarray) -> _Sheet:
+    """Return a strap on a cloth, along 0 of a field (N,), m, where another is above 0."""
+    band, across = _kept(cloth, within, across)
+    for way in (1, -1):
+        band, across = _kept(band, half - way * across, across)
+    for way in (1, -1):
+        band, (across,) = _cut(band, half - _EDGE / 2 - way * across, across)
+    thick = 0.0003 + _THICK * np.clip((half - np.abs(across)) / (_EDGE / 2), 0, 1)
+    points = band.points + thick[:, None] * band.normals
+    return band._replace(points=points, normals=_normals(points, band.faces))
 
 
 # Face and hair

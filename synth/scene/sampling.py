@@ -9,11 +9,11 @@ import numpy as np
 from dmae.data.rng import Stream, generator
 from synth.interactions.casting import draw_motions
 from synth.interactions.registry import InteractionConfig
-from synth.interactions.script import STOOL, Load, Script
+from synth.interactions.script import STOOL, Load, Script, poses_of
 from synth.motion.config import MotionConfig
 from synth.motion.motion import Motion, redirect, redirected_path
 from synth.people.body import ADULT_AGE, MOST_PERSONS, Body, sample_body
-from synth.people.clothing import PersonLooks, dressed, sample_hands, sample_looks
+from synth.people.clothing import BAGS, PersonLooks, dressed, sample_hands, sample_looks
 from synth.rooms.config import PropsConfig
 from synth.rooms.decor import sample_decor, sample_tint
 from synth.rooms.props import PlacedProp, find_meshes, prop_size
@@ -25,6 +25,10 @@ from synth.scene.spec import PLAN_FPS, USUAL_PERSONS, PersonSpec, PropSpec, Scen
 _BYSTANDERS, _PLACES, _HANDS, _WARDROBE = 2, 3, 4, 5
 """Numbers of the child streams for bystanders, their places, hands, and what people wear besides shirts, trousers and
 shoes; 0 and 1 draw textures and colours."""
+_ON_BACK, _OFF_FLOOR, _ROOM, _STANDING = np.array((-0.10, 0.0, 0.015)), 0.3, 0.3, 0.75
+"""The middle of a backpack in the frame of the chest, fractions of stature; its least height above the floor and its
+least distance from other people's joints, m; the least height of hips, relative to that in standing straight, of people
+with a bag at the hip."""
 _BYSTANDER_GAP = 0.65
 """Least distance from a bystander's hips to other people's hips, m."""
 
@@ -104,11 +108,30 @@ def sample_people(
     asked += [None] * (len(looks) - len(asked))
     looks = [replace(each, hands=a or d) for each, a, d in zip(looks, asked, drawn, strict=True)]
     of_wardrobe = generator(seed, clip, Stream.SCENE).spawn(_WARDROBE + 1)[_WARDROBE].spawn(len(looks))
+    together = len(script.roles) if script else 0
+    bags = _bags(bodies[:together], motions[:together]) if together else []
+    bags += [_bags([body], [motion])[0] for body, motion in zip(bodies[together:], motions[together:], strict=True)]
     looks = [
-        dressed(each, body, config.wardrobe, rng=apart)
-        for each, body, apart in zip(looks, bodies, of_wardrobe, strict=True)
+        dressed(each, body, config.wardrobe, some, rng=apart)
+        for each, body, some, apart in zip(looks, bodies, bags, of_wardrobe, strict=True)
     ]
     return People(bodies, looks, motions, script, clearance, motion, interaction, seed, clip)
+
+
+def _bags(bodies: list[Body], motions: list[Motion]) -> list[tuple[str, ...]]:
+    """Return the kinds of bags, of `BAGS`, that P people have room for in motions around each other.
+
+    Nobody lies on a bag, or comes near it to embrace; who sits or crouches has none at the hip.
+    """
+    poses, found = poses_of(tuple(bodies), motions), []
+    for person, body in enumerate(bodies):
+        at = poses.point(person, "chest", _ON_BACK * body.stature)
+        others = np.delete(poses.origins, person, 1).reshape(len(at), -1, 3)
+        apart = np.linalg.norm(others - at[:, None], axis=-1).min(initial=np.inf)
+        free = at[:, 2].min() > _OFF_FLOOR and apart > _ROOM
+        tall = poses.origins[:, person, 0, 2].min() > _STANDING * body.hip_height
+        found.append(BAGS if free and tall else BAGS[:1] if free else ())
+    return found
 
 
 def count_people(config: SceneConfig, interaction: InteractionConfig, *, seed: int, clip: int) -> int:

@@ -1,5 +1,7 @@
 """Points on people's surfaces: 512 named ones, on the skin, seen by exactly the cameras that look at them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from dmae.data.labels import Visibility
 from dmae.data.skeleton import BODY25
 from synth.labels.surfaces import NAMES, agreement, surface_labels, surface_points
 from synth.people.body import SEGMENTS, Body
+from synth.people.clothing import Bag, Hat
 from synth.rendering.config import ImageQuality
 from synth.rendering.renderer import Renderer, render_images
 from synth.scene.build import build_scene
@@ -117,6 +120,11 @@ def test_points_are_on_the_side_of_the_silhouette_that_their_visibility_says(pai
     rig = preset("shelf")
     config = SceneConfig(arena="office", persons=[4, 4], seconds=0.4, gathering=0.4)
     spec = sample_scene(config, MotionConfig(), seed=1, clip=0).spec
+    dark = ((0.1, 0.1, 0.1), (0.2, 0.2, 0.2))
+    worn = [Hat("cap", dark), Bag("backpack", "l", dark)], [Hat("beanie", dark), Bag("shoulder_bag", "r", dark)]
+    persons = [replace(each, looks=replace(each.looks, hat=hat, bag=bag, beard="full"))
+               for each, (hat, bag) in zip(spec.persons, worn * 2, strict=True)]  # fmt: skip
+    spec = replace(spec, persons=tuple(persons))
     simulation = simulate(spec, rig, painted=False)
     built = build_scene(spec, rig, painted=False)
     labels = surface_labels(built, surface_points(built, [p.body for p in spec.persons]), simulation.qpos[-1:], rig)
