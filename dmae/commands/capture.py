@@ -36,7 +36,7 @@ from dmae.files.mapped import by_frames
 from dmae.formats.config import clip_range
 from dmae.formats.reading import Clips
 from dmae.numerics.compiled import compiled_anew
-from dmae.numerics.filling import smooth
+from dmae.numerics.filling import STRANGERS, are_stills, smooth
 from dmae.reconstruction.config import ADAPTIVE, CaptureConfig, SubjectConfig
 from dmae.reconstruction.diagnosis import explain_capture
 from dmae.reconstruction.pipeline import capture, learn_noise
@@ -81,6 +81,8 @@ def run(config: CaptureCommand, out: Path, told: Collection[str] = ()) -> None:
             assert poses is not None
             size = f"{counted(len(captured), 'frame')}, {counted(poses.xyz.shape[1], 'person', 'people')}"
             print(f"{captured.id}: {size}, {describe_joints(poses)}")
+            if are_stills(captured.fps):
+                print(f"{captured.id}: {captured.fps:g} frames/s: stills, in which nobody is followed: {STRANGERS}")
             if made.alone:
                 print(f"{captured.id}: {captured.provenance['noise']['found']}")
                 print(f"{captured.id}: {_world(captured, config.level)}")

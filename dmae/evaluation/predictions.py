@@ -46,7 +46,10 @@ def read_prediction(path: Path, clip: Clip, truth: Poses3D, *, tracks: bool = Fa
     """
     found = read_poses(path)
     if found.clip not in (None, clip.id):
-        raise ValueError(f"{path}: expected poses of clip {clip.id!r}, found those of clip {found.clip!r}")
+        raise ValueError(
+            f"{path}: expected poses of clip {clip.id!r}, found those of clip {found.clip!r}; if they are of the same "
+            f"recording, score what dmae export clip={path} format=npz writes"
+        )
     if found.fps is not None and not np.isclose(found.fps, clip.fps, rtol=1e-3):
         raise ValueError(
             f"{path}: expected {clip.fps:g} frames a second as in clip {clip.id!r}, found {found.fps:g}; resample them"

@@ -10,6 +10,7 @@ from dmae.data.array_fields import UNSET
 from dmae.data.clip import Poses3D, Source
 from dmae.data.conversion import scale_of
 from dmae.data.skeleton import Skeleton
+from dmae.numerics.filling import are_stills
 from dmae.numerics.paths import gap_lengths
 from dmae.numerics.statistics import mean_known
 
@@ -75,7 +76,12 @@ GAP_RATE = 25.0
 
 
 def gap_frames(measured: np.ndarray, fps: float) -> np.ndarray:
-    """Return the length of the gap around each entry of `measured` (F, ...), in frames at `GAP_RATE`; 0 where True."""
+    """Return the length of the gap around each entry of `measured` (F, ...), in frames at `GAP_RATE`; 0 where True.
+
+    In stills it is 1, as nobody is followed from one to the next.
+    """
+    if are_stills(fps):
+        return (~measured).astype(int)
     return np.ceil(gap_lengths(measured) * (GAP_RATE / fps) - 1e-6).astype(int)
 
 

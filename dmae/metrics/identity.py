@@ -5,6 +5,7 @@ from scipy.optimize import linear_sum_assignment
 
 from dmae.metrics.comparison import GATE, Comparison, distances
 from dmae.metrics.registry import Column, metric
+from dmae.numerics.filling import are_stills
 from dmae.numerics.statistics import mean_known
 
 
@@ -36,12 +37,16 @@ def idf1(pred: np.ndarray, truth: np.ndarray, gate: float = GATE) -> float:
 
 
 @metric("identity_switches", order=10, columns=(Column("switches", "", order=8, table="identities"),))
-def _identity_switches(comparison: Comparison) -> int:
-    """Number of times that a true person is matched to another prediction than before."""
-    return identity_switches(comparison.matches)
+def _identity_switches(comparison: Comparison) -> float:
+    """Number of times that a true person is matched to another prediction than before; NaN in stills."""
+    return float("nan") if are_stills(comparison.fps) else identity_switches(comparison.matches)
 
 
 @metric("idf1", order=11, columns=(Column("IDF1", "%", order=9, table="identities"),))
 def _idf1(comparison: Comparison) -> float:
-    """Identity F1 score, %."""
-    return idf1(comparison.pred.xyz, comparison.truth.xyz, comparison.scale * GATE)
+    """Identity F1 score, %; NaN in stills, in which nobody is followed."""
+    return (
+        float("nan")
+        if are_stills(comparison.fps)
+        else idf1(comparison.pred.xyz, comparison.truth.xyz, comparison.scale * GATE)
+    )

@@ -45,6 +45,10 @@ def are_stills(fps: float) -> bool:
     return 0 < fps < STILLS
 
 
+STRANGERS = "P1 of one is not P1 of the next"
+"""What is to be known of the people of stills."""
+
+
 def fill_stills(fill: Callable[[Poses3D, float], Poses3D], poses: Poses3D) -> Poses3D:
     """Return poses at a rate below `STILLS` with each person of each frame filled as a recording of one frame."""
     frames, persons = poses.xyz.shape[:2]

@@ -29,7 +29,7 @@ from dmae.evaluation.scores import read_scores
 from dmae.formats.poses import SOURCE_WORDS
 from dmae.metrics.angles import SHOWN_BY, leg_angles
 from dmae.metrics.score_tables import score_tables
-from dmae.numerics.filling import are_stills
+from dmae.numerics.filling import STRANGERS, are_stills
 from dmae.numerics.kinematics import can_move
 from dmae.progress import progress
 from dmae.reporting.figures import COMPLETED, PERSONS, gaps_figure, plain
@@ -152,7 +152,8 @@ def _subject(findings: Sequence[Findings]) -> list[str]:
         return [f"{len(findings)} clips: {length}."]
     people = findings[0].people
     captured = f", with {counted(people, 'captured person', 'captured people')}" if people else ""
-    return [f"Clip {findings[0].id}: {length}{captured}."]
+    followed = [f"In stills nobody is followed: {STRANGERS}."] if people and are_stills(findings[0].fps) else []
+    return [f"Clip {findings[0].id}: {length}{captured}.", *followed]
 
 
 def _states(findings: Sequence[Findings]) -> list[str]:

@@ -174,5 +174,7 @@ def test_ids_that_do_not_match_are_refused(tmp_path: Path):
     with pytest.raises(ValueError, match="expected poses of the 2 clips a, b, found those of one"):
         evaluate(config(tmp_path / "data", poses=str(tmp_path / "mine/a.npz")))
     save_clip(replace(seen(name="b"), poses=convert(seen().truth, BODY25)), tmp_path / "swapped")
-    with pytest.raises(ValueError, match="expected poses of clip 'a', found those of clip 'b'"):
+    with pytest.raises(
+        ValueError, match=r"expected poses of clip 'a', found those of clip 'b'; if .*dmae export clip="
+    ):
         evaluate(config(tmp_path / "data/a", poses=str(tmp_path / "swapped")))

@@ -10,6 +10,9 @@ from dmae.calibration.refinement import refine
 from dmae.completion.methods import find_method
 from dmae.data.clip import Clip, Detections2D, Poses3D, Source
 from dmae.data.skeleton import BODY25
+from dmae.evaluation.report.findings import examine
+from dmae.evaluation.report.page import summary
+from dmae.evaluation.scores import score
 from dmae.numerics.filling import smooth
 from dmae.reconstruction.config import CaptureConfig, NoiseModel, SubjectConfig
 from dmae.reconstruction.pipeline import capture, learn_noise
@@ -91,6 +94,20 @@ def test_nobody_is_followed_through_stills(stills):
         capture(stills[0], CaptureConfig(subject=SubjectConfig(at=[0, 0.0, 0.0])))
     with pytest.raises(ValueError, match="stills have no clock"):
         refine(stills[0], RefineConfig(offsets=True))
+
+
+def test_scores_of_stills_follow_nobody_either(stills):
+    """The first and the second person change places, and a joint is nowhere."""
+    clip, people = stills
+    truth, xyz = Poses3D(BODY25, people), people.copy()
+    xyz[1::2] = xyz[1::2][:, [1, 0, 2]]
+    xyz[:, 0, 4] = np.nan
+    poses = Poses3D(BODY25, xyz)
+    found = score(poses, poses, truth, fps=RATE)
+    assert np.isnan(found["identity_switches"]) and np.isnan(found["idf1"])
+    assert [gap["hidden"] for gap in found["gaps"]] == [len(people), 0, 0, 0]
+    assert score(poses, poses, truth, fps=25)["identity_switches"] > 0
+    assert "P1 of one is not P1 of the next" in " ".join(summary([examine(replace(clip, poses=poses))]))
 
 
 @pytest.mark.parametrize("method", ["hold", "linear", "pchip_body", "gaussian_process", "kalman"])
