@@ -56,13 +56,21 @@ class Registry(Mapping[str, E], Generic[E]):
         kind: What the functions are, for messages; by default the name of the decorator.
         option: Option that takes a name or `package.module:function`; by default only names are taken.
         plain: Whether `package.module:function` may be without the decorator, and so without settings.
+        arguments: What such a function has to take.
     """
 
     def __init__(
-        self, decorator: str, entry: type[E], *packages: str, kind: str = "", option: str = "", plain: bool = True
+        self,
+        decorator: str,
+        entry: type[E],
+        *packages: str,
+        kind: str = "",
+        option: str = "",
+        plain: bool = True,
+        arguments: tuple[str, ...] = (),
     ):
         self.decorator, self.kind, self.option = decorator, kind or decorator.replace("_", " "), option
-        self._entry, self._packages, self._plain = entry, packages, plain
+        self._entry, self._packages, self._plain, self._arguments = entry, packages, plain, arguments
         self._added: dict[str, E] = {}
         self._imported: dict[str, E] = {}
 
@@ -101,6 +109,8 @@ class Registry(Mapping[str, E], Generic[E]):
         known = next((entry for entry in self.values() if entry.home == _home(function)), None)
         if known is None and not self._plain:
             raise ValueError(f"{self.option}={name}: expected a function under the decorator {self.decorator}(...)")
+        if known is None and self._arguments and not takes(function, *self._arguments):
+            raise ValueError(f"{self.option}={name}: expected a function of {' and '.join(self._arguments)}")
         return known or self._describe(function, name, f"The function {name}.", name, {})
 
     def check(self, name: str, *others: str) -> None:
@@ -170,10 +180,10 @@ def _home(function: Callable) -> str:
     return f"{function.__module__}:{getattr(function, '__qualname__', '')}"
 
 
-def takes(function: Callable, *arguments: str) -> bool:
-    """Return whether a function can be called with these arguments in their order."""
+def takes(function: Callable, *arguments: str, **named: object) -> bool:
+    """Return whether a function can be called with these arguments in their order, and these by their names."""
     try:
-        inspect.signature(function).bind(*arguments)
+        inspect.signature(function).bind(*arguments, **named)
     except TypeError:
         return False
     except ValueError:

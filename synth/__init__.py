@@ -79,7 +79,9 @@ __all__ = sorted(_HOME_OF)
 
 def __getattr__(name: str):
     if name not in _HOME_OF:
-        raise AttributeError(f"module 'synth' has no attribute {name!r}; it has {', '.join(__all__)}")
+        from dmae.nearest import choices
+
+        raise AttributeError(f"module 'synth' has no attribute {name!r}; {choices(name, __all__)}; dmae has others")
     value = globals()[name] = getattr(import_module(_HOME_OF[name]), name)
     return value
 

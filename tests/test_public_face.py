@@ -126,6 +126,13 @@ def test_parameters_of_a_verb_are_documented(package: str, name: str):
         assert parameter in documented, f"{package}.{name} does not document {parameter}"
 
 
+def test_a_name_of_the_other_package_is_answered_by_that_package():
+    with pytest.raises(AttributeError, match=r"'dmae' has no attribute 'generate'; there are .*; synth has others$"):
+        dmae.generate  # noqa: B018
+    with pytest.raises(AttributeError, match=r"'synth' has no attribute 'generat'; did you mean generate\? .*dmae has"):
+        synth.generat  # noqa: B018
+
+
 def test_generate_answers_a_mistyped_option():
     with pytest.raises(TypeError, match=r"generate: no option worker; did you mean workers\?"):
         synth.generate(worker=2)
@@ -139,6 +146,8 @@ def test_generate_answers_a_mistyped_option():
         synth.generate(quality="drft")
     with pytest.raises(ValueError, match=r"did you mean office\?"):
         synth.generate(scene="ofice")
+    with pytest.raises(ValueError, match=r"^detector\.custom=math:floor: expected a function of a synth\.detector"):
+        synth.generate(clips=1, detector=synth.DetectorConfig(custom=["math:floor"]))
 
 
 def test_a_configuration_with_a_value_of_another_type_is_refused(clip, tmp_path: Path):
@@ -417,6 +426,10 @@ WRONG_TYPES = [
         "Clip.images: expected a Images",
     ),
     (lambda it: dmae.Poses3D(it.poses.skeleton, "a"), "Poses3D.xyz: expected an array of numbers, found 'a'"),
+    (
+        lambda it: dmae.Poses3D(it.poses.skeleton, [[1], [1, 2]]),
+        "Poses3D.xyz: expected an array of numbers, found list with parts that are no numbers, or of different lengths",
+    ),
     (lambda it: dmae.CameraRig(5, it.rig.K, None, None, None), "CameraRig.names: expected a list of names"),
     (lambda it: synth.generate(clips="2"), "clips: expected a whole number, found '2'"),
     (lambda it: synth.generate(persons=2), "persons: expected a list of whole numbers, found 2"),

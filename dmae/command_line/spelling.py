@@ -95,7 +95,8 @@ def required(options: Group, given: Collection[str] = ()) -> list[str]:
 def _checked(options: Group, override: str, sweep: bool) -> list[str]:
     """Check one override, and return what it stands for.
 
-    `detector=onnx` is short for `detector.name=onnx`, `images=rgb` for `images=[rgb]`, and `data=<folder>` for
+    `detector=onnx` is short for `detector.name=onnx`, `interaction=mine:greet` for `interaction.kind=mine:greet`,
+    `images=rgb` for `images=[rgb]`, and `data=<folder>` for
     `data=clip data.path=<folder>`.
     """
     if "=" not in override and not override.startswith("~"):
@@ -104,6 +105,9 @@ def _checked(options: Group, override: str, sweep: bool) -> list[str]:
     found = options.find(key)
     if isinstance(found, Group) and value and not found.presets and isinstance(options.find(f"{key}.name"), Option):
         return _checked(options, f"{key}.name={value}", sweep)
+    kind = options.find(f"{key}.kind")
+    if isinstance(found, Group) and FUNCTION.fullmatch(value) and isinstance(kind, Option):
+        return _checked(options, f"{kind.key}={value}", sweep)
     read = _read(override, found, sweep)
     key, override = read.key_or_group, str(read.input_line)
     if re.split("[./]", key)[0] == "hydra":

@@ -27,6 +27,8 @@ def set_array(owner: Any, name: str, dtype: type, shape: tuple[int | str, ...], 
             array = _full(shape, default, dtype) if value is None else np.asarray(value, dtype)
     except (TypeError, ValueError):
         found = repr(value) if isinstance(value, str) else type(value).__name__
+        if isinstance(value, list | tuple):
+            found += " with parts that are no numbers, or of different lengths"
         raise TypeError(f"{type(owner).__name__}.{name}: expected an array of numbers, found {found:.80}") from None
     if array.ndim != len(shape) or any(want not in (n, str(want)) for want, n in zip(shape, array.shape, strict=True)):
         expected = f"({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"

@@ -93,6 +93,8 @@ class Images:
         disk.
         """
         self._check(kind, view)
+        if not -len(self.frames) <= frame < len(self.frames):
+            raise IndexError(f"no frame {frame} of images; there are {len(self.frames)}, from 0")
         number = self.frames[frame]
         path = self.path(kind, view, number)
         image = kept_open(path).read(number) if kind == "rgb" and self.rgb == "h264" else _read_image(kind, path)
@@ -110,7 +112,8 @@ class Images:
 
     def _check(self, kind: str, view: str) -> None:
         if kind not in self.kinds or view not in self.views:
-            raise KeyError(f"no {kind} images of view {view!r}; there are {self.kinds} of {self.views}")
+            there = f"{', '.join(self.kinds)} of the cameras {', '.join(map(repr, self.views))}"
+            raise KeyError(f"no {kind} images of view {view!r}; there are {there}")
 
     def _cut(self, image: np.ndarray, view: str) -> np.ndarray:
         left, top = self.borders[self.views.index(view)] if self.borders else (0, 0)

@@ -14,7 +14,7 @@ from dmae.data.json_values import check_fields
 from dmae.data.skeleton import Skeleton
 from dmae.registry import Entry, Registry
 
-pose_detector = Registry("pose_detector", Entry, f"{__package__}.detectors", option="detector")
+pose_detector = Registry("pose_detector", Entry, f"{__package__}.detectors", option="detector", arguments=("config",))
 
 
 @dataclass(frozen=True)

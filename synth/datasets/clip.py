@@ -19,7 +19,7 @@ from synth.datasets.config import GenerateConfig, OcclusionConfig
 from synth.datasets.images import check_images
 from synth.datasets.occlusion import confirm, sample_hidden_scene, summary
 from synth.detector.config import DetectorConfig
-from synth.detector.simulated_detector import detect
+from synth.detector.simulated_detector import custom_errors, detect
 from synth.errors import FailedSimulation, until_success
 from synth.labels.visibility import joint_visibility
 from synth.people.body import SKELETON, landmarks
@@ -165,6 +165,7 @@ def check(config: GenerateConfig) -> CameraRig:
         FailedSimulation: no possible cameras were found, or `occlusion.target` cannot be met.
     """
     load_room(config.scene.arena)
+    custom_errors(config.detector)
     rig = until_success(lambda attempt: _rig(config, attempt_seed(config.seed, attempt), 0), config.retries)
     add_cameras(mujoco.MjSpec(), rig)
     check_images(config, rig)

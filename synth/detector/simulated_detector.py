@@ -1,6 +1,7 @@
 """Simulate a 2D pose detector: compute detections from the truth of a clip, and the true labels of the detections."""
 
 import zlib
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -11,7 +12,7 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import Detections2D, Poses3D
 from dmae.data.labels import DetectionLabels, JointError, OcclusionLabels
 from dmae.data.skeleton import BODY25
-from dmae.registry import load_function
+from dmae.registry import load_function, takes
 from synth.detector.config import DetectorConfig
 from synth.detector.parts import by_joint, kind_of
 from synth.detector.view import ErrorStream, View, box
@@ -62,7 +63,7 @@ def detect(
         raise ValueError("occlusion: expected labels with occluders")
     if not fps > 0:
         raise ValueError(f"fps: expected frames per second above 0, found {fps}")
-    custom = {name: load_function("detector.custom", name) for name in config.custom}
+    custom = custom_errors(config)
     xyz = truth.xyz[:, :, columns].astype(np.float64)
     xy, _ = rig.project(xyz)
     parts = by_joint(config.parts)
@@ -85,9 +86,24 @@ def detect(
         for error in config.errors().values():
             view = error.apply(view)
         for key, function in custom.items():
-            view = function(view, rng=random(ErrorStream.CUSTOM, zlib.crc32(key.encode()))).reported()
+            view = function(view, rng=random(ErrorStream.CUSTOM, zlib.crc32(key.encode())))
+            if not isinstance(view, View):
+                raise ValueError(f"detector.custom={key}: expected it to return a View, found {type(view).__name__}")
+            view = view.reported()
         views.append(_shown(view))
     return _stacked(views, xy)
+
+
+def custom_errors(config: DetectorConfig) -> dict[str, Callable]:
+    """Return the user's errors by name. Raises ValueError if one is not there or is not a function of a view."""
+    custom = {name: load_function("detector.custom", name) for name in config.custom}
+    for name, function in custom.items():
+        if not takes(function, "view", rng=None):
+            raise ValueError(
+                f"detector.custom={name}: expected a function of a synth.detector.view.View and rng, as in "
+                "def glare(view, *, rng): ..."
+            )
+    return custom
 
 
 def _generator(base: int, view: int, *stream: int) -> np.random.Generator:

@@ -132,6 +132,13 @@ def test_without_an_option_only_names_are_found():
         Registry("animal", Animal, "zoo", kind="bird").find("farm:moo")
 
 
+def test_a_function_of_other_arguments_is_refused_before_it_is_called():
+    shapes = Registry("shape", Entry, option="form", arguments=("x", "y"))
+    assert shapes.find("math:copysign").function is math.copysign
+    with pytest.raises(ValueError, match="form=math:floor: expected a function of x and y"):
+        shapes.find("math:floor")
+
+
 def test_a_function_is_imported_from_the_current_folder(tmp_path, monkeypatch):
     (tmp_path / "my_plugin.py").write_text("def double(x):\n    return 2 * x\n")
     monkeypatch.chdir(tmp_path)

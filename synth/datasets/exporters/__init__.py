@@ -18,4 +18,4 @@ class Exporter(Entry):
     validation: bool = False  # Whether readers of the format require splits for training and validation
 
 
-exporter = Registry("exporter", Exporter, __package__, option="format")
+exporter = Registry("exporter", Exporter, __package__, option="format", arguments=("selection", "out"))

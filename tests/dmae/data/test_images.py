@@ -87,7 +87,7 @@ def test_one_frame_of_each_kind(folder):
     np.testing.assert_array_equal(some.at("rgb", "left", -1), list(images.read("rgb", "left"))[4])
     with pytest.raises(KeyError, match="no heat images"):
         some.at("heat", "left", 0)
-    with pytest.raises(IndexError):
+    with pytest.raises(IndexError, match="no frame 2 of images; there are 2, from 0"):
         some.at("ids", "left", 2)
     longer = Images(images.folder, ("left",), tuple(range(9)))
     with pytest.raises(FileNotFoundError, match=r"left\.mp4: expected a frame 8, found 6 frames"):

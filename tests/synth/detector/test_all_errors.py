@@ -122,6 +122,9 @@ def test_an_error_of_your_own_is_named_by_module_and_function(truth, occlusion, 
     np.testing.assert_array_equal(found.xy, again.xy)
     labels = run(truth, occlusion, rig, custom).labels
     assert (labels.error[~found.observed] == JointError.ABSENT).all()
+    module.lost = lambda view, rng: None
+    with pytest.raises(ValueError, match="my_errors:lost: expected it to return a View, found NoneType"):
+        run(truth, occlusion, rig, replace(detector, custom=["my_errors:lost"]))
 
 
 @pytest.mark.parametrize(
@@ -129,6 +132,7 @@ def test_an_error_of_your_own_is_named_by_module_and_function(truth, occlusion, 
     [
         ("my_errors", "expected package.module:function"),
         ("no_such_module:lose", "cannot import no_such_module"),
+        ("math:floor", "detector.custom=math:floor: expected a function of a synth.detector.view.View and rng, as in"),
         ("synth.detector.view:lose", r"has no function 'lose'; it has \['box', 'height'\]"),
     ],
 )

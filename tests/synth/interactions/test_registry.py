@@ -64,9 +64,7 @@ def test_an_interaction_of_your_own_is_one_function(mine):
 
 
 def test_an_interaction_of_your_own_is_an_option(mine, tmp_path):
-    done = run_command(
-        tmp_path, "synth", "generate", f"interaction.kind={mine}", "out=set", "clips=1", "scene.seconds=0.2"
-    )
+    done = run_command(tmp_path, "synth", "generate", f"interaction={mine}", "out=set", "clips=1", "scene.seconds=0.2")
     assert done.returncode == 0, done.stderr
 
 
