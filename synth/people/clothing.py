@@ -14,7 +14,7 @@ PATTERNS = ("plain", "stripes", "checks", "melange", "camouflage")
 HATS = ("cap", "beanie")
 BEARDS = ("stubble", "short", "goatee", "full")
 BAGS = ("backpack", "shoulder_bag")
-WARDROBE = ("caps", "beards", "bags")
+WARDROBE = ("caps", "beards", "bags", "skirts")
 """What people may wear besides shirts, trousers and shoes. New words go last: each draws from a stream by its place."""
 
 
@@ -75,6 +75,7 @@ class PersonLooks:
     hat: Hat | None = None  # Hat, if any; hair above its rim is not seen
     beard: str | None = None  # One of `BEARDS`, if any
     bag: Bag | None = None  # Bag, if any
+    skirt: bool = False  # Whether `bottom` is a skirt, to the knees or, if long, to the calves; `top` is tucked into it
 
     def __post_init__(self):
         if len(self.hands) != 2 or set(self.hands) - set(HANDS):
@@ -135,6 +136,8 @@ _CANVAS = ((0.12, 0.12, 0.14), (0.16, 0.20, 0.32), (0.30, 0.33, 0.24), (0.48, 0.
            (0.42, 0.42, 0.44))  # fmt: skip
 _HATTED, _BEARDED, _LADEN = 0.15, 0.25, 0.2
 """Shares of people with a hat, of men with a beard, and of adults with a bag where nothing is against it."""
+_SKIRTED, _DRESSED = 0.36, 0.35
+"""Share of women and girls with a skirt, and of those whose skirt is the lower half of a dress."""
 
 
 def dressed(
@@ -162,7 +165,21 @@ def dressed(
         colour = _shade(_CANVAS, rng=of_bags)
         if kind in bags:
             looks = replace(looks, bag=Bag(kind, side, (colour, _darker(colour, 0.6))))
+    if "skirts" in wardrobe and body.feminine > 0.5 and (of_skirts := rngs["skirts"]).random() < _SKIRTED:
+        looks = replace(looks, skirt=True, untucked=False, bottom=_skirt(looks.top, rng=of_skirts))
     return looks
+
+
+def _skirt(top: Garment, *, rng: np.random.Generator) -> Garment:
+    """Draw a skirt, below a shirt or as the lower half of a dress."""
+    long = bool(rng.random() < 0.4)
+    if rng.random() < _DRESSED:
+        return replace(top, long=long)
+    pattern = str(rng.choice(PATTERNS[:4], p=(0.55, 0.05, 0.2, 0.2)))
+    first = _shade(_BOTTOMS + _TOPS, rng=rng)
+    return Garment(
+        long, pattern, (first, _shade(_TOPS, rng=rng) if pattern in ("stripes", "checks") else _darker(first))
+    )
 
 
 def sample_hands(*, rng: np.random.Generator) -> tuple[str, str]:

@@ -18,7 +18,7 @@ from synth.people.body import (
     trunk_sections,
 )
 from synth.people.clothing import PersonLooks
-from synth.people.outfit import Part, paint_clothes, parts
+from synth.people.outfit import Part, drapes, paint_clothes, parts
 from synth.people.skin import paint_iris, paint_lips, paint_shoe, paint_skin
 from synth.people.skinning import SKINNED, pack
 from synth.people.surface import BareBody, bare_body
@@ -159,6 +159,9 @@ def add_person(
         )
     numbers = pack(bare.rotations, bare.origins, np.concatenate(rows))
     spec.add_numeric(name=prefix + "skin", data=numbers, size=len(numbers))
+    for number, (_, drape) in enumerate(drapes(body, looks)):
+        packed = drape.pack()
+        spec.add_numeric(name=f"{prefix}drape{number}", data=packed, size=len(packed))
 
 
 def _add_segments(spec: mujoco.MjSpec, prefix: str, body: Body, position) -> list:

@@ -15,8 +15,9 @@ from scipy.spatial import cKDTree
 from synth.people.accessories import Crown, bag, hat
 from synth.people.body import ANKLE_HEIGHT, SEGMENTS, SIDES, Body, side_and_name, trunk_sections
 from synth.people.clothing import Bag, PersonLooks
+from synth.people.draping import Drape, Tube, skirt, tube
 from synth.people.skin import BEARD_LINE, HAIRLINE, around_head, around_limb, on_disc
-from synth.people.skinning import blend
+from synth.people.skinning import FIRST_NODE, blend
 from synth.people.surface import EYES, BareBody, assets, bare_body
 from synth.textures import paint
 
@@ -44,7 +45,8 @@ class Part(NamedTuple):
     faces: np.ndarray  # (T, 3) vertex indices, counter-clockwise seen from outside
     normals: np.ndarray  # (N, 3) unit normals. Parts of one garment share them at their seams.
     uv: np.ndarray  # (T, 3, 2) texture coordinates of the corners, 1 per repeat
-    bones: np.ndarray  # (N, 4) bones that the vertices follow, see `synth.people.skinning`
+    # (N, 4) bones that the vertices follow, see `synth.people.skinning`; from `FIRST_NODE` on, nodes of `drapes`
+    bones: np.ndarray
     weights: np.ndarray  # (N, 4) their weights
 
 
@@ -72,12 +74,15 @@ def parts(body: Body, looks: PersonLooks) -> list[Part]:
     # Around the hips cloth hangs between the thighs rather than on each.
     cloth = sheet._replace(weights=_softened(sheet.weights, sheet.along, ("pelvis", "spine"), "thigh", _LOOSE))
     sheets.append(("top", _worn(cloth, top, thick, None if looks.untucked else bottom)))
-    sheets.append(("bottom", _worn(cloth, bottom, wide, top if looks.untucked else None)))
+    if not looks.skirt:
+        sheets.append(("bottom", _worn(cloth, bottom, wide, top if looks.untucked else None)))
     ground = bare.origins[SEGMENTS.index("l_foot"), 2] - ANKLE_HEIGHT * body.stature
     upper = shoes.points[:, 2] - ground - 0.011 * body.stature
     sheets += [("shoe", _kept(shoes, upper)[0]), ("sole", _kept(shoes, -upper)[0])]
+    hanging = [(material, drape, *_hung(drape, body)) for material, drape in drapes(body, looks)]
     if looks.bag:
-        sheets += _bag([each for _, each in sheets[1:3]], bare, body, looks.bag)
+        cloths = dict(sheets) | {material: each for material, _, each, _ in hanging}
+        sheets += _bag([cloths["top"], cloths["bottom"]], bare, body, looks.bag)
     sheets += _face(sheet, bare, body)
     scalp = _scalp(sheet)
     crown = looks.hat and Crown.of(looks.hat.kind, scalp.points, bare.eyes.mean((0, 1)), body.stature * body.head)
@@ -87,7 +92,20 @@ def parts(body: Body, looks: PersonLooks) -> list[Part]:
     if crown:
         sheets += [(material, _rigid(*shape, SEGMENTS.index("head"))) for material, *shape in hat(crown)]
     found = [part for material, each in sheets for part in _split(each, material, bare, body)]
+    first = FIRST_NODE
+    for material, drape, each, surface in hanging:
+        found += _split(each, material, bare, body, surface, first)
+        first += drape.count
     return sorted(found, key=lambda part: SEGMENTS.index(part.segment))
+
+
+@lru_cache(maxsize=64)
+def drapes(body: Body, looks: PersonLooks) -> list[tuple[str, Drape]]:
+    """Return what hangs around a person's legs, by material."""
+    if not looks.skirt:
+        return []
+    hem, ease, flare = _SKIRTS[looks.bottom.long]
+    return [("bottom", skirt(body, bare_body(body), _WAIST * body.stature, hem, ease * body.stature, flare))]
 
 
 def _bare_sheet(bare: BareBody) -> _Sheet:
@@ -219,7 +237,9 @@ def _bottom(sheet: _Sheet, body: Body, looks: PersonLooks) -> tuple[np.ndarray, 
     """Return the field and the thickness (N,) of the trousers, m."""
     size, leg = body.stature, _chain(sheet, _LEG)
     waist = (0.045 if looks.untucked else 0.074) * size - sheet.points[:, 2]
-    cuff = np.where(leg > 0, (1.98 if looks.bottom.long else 0.86) - leg, _FAR / size) * 0.245 * size
+    # A skirt hides only as much skin as would come through it on a person who sits.
+    end = 0.5 * _SKIRTS[looks.bottom.long][0] if looks.skirt else 1.98 if looks.bottom.long else 0.86
+    cuff = np.where(leg > 0, end - leg, _FAR / size) * 0.245 * size
     field = np.where(_chain(sheet, _ARM) > 0, -_FAR, np.minimum(waist, cuff))
     wide = (0.002, 0.006, 0.014, 0.016) if looks.bottom.long else (0.006, 0.014, 0.014, 0.014)
     loose = np.interp(leg, (0.3, 1, 1.6, 2), wide) * size / 1.75
@@ -319,6 +339,29 @@ def _strap(cloth: _Sheet, across: np.ndarray, half: float, within: np.ndarray) -
     thick = 0.0003 + _THICK * np.clip((half - np.abs(across)) / (_EDGE / 2), 0, 1)
     points = band.points + thick[:, None] * band.normals
     return band._replace(points=points, normals=_normals(points, band.faces))
+
+
+# Skirts
+
+_WAIST = 0.074
+"""Height of the waistband above the hip joints, fraction of stature, where a shirt is tucked in."""
+_SKIRTS = {False: (1.02, 0.010, 0.10), True: (1.7, 0.012, 0.10)}
+"""Where skirts end along the legs, their ease, fraction of stature, and their flare, by whether they are long."""
+_COLUMNS, _ROW = 44, 0.04
+"""Number of vertices around hanging cloth, and distance between them downwards, m."""
+
+
+def _hung(drape: Drape, body: Body) -> tuple[_Sheet, Tube]:
+    """Return the surface of cloth that hangs from the waist; its weights say which segment it is beside."""
+    surface = tube(drape, _COLUMNS, _ROW, 0.008 * body.stature)
+    weights, left = np.zeros((len(surface.points), len(SEGMENTS))), surface.points[:, 1] > 0
+    for side in SIDES:
+        own = left == (side == "l")
+        for name, low, high in (("thigh", 0.05, 1.0), ("shin", 1.0, 3.0)):
+            weights[own, SEGMENTS.index(f"{side}_{name}")] = ((surface.share >= low) & (surface.share < high))[own]
+    weights[weights.sum(1) == 0, 0] = 1
+    normals = _normals(surface.points, surface.faces)
+    return _Sheet(surface.points, normals, weights, 0 * weights, surface.faces), surface
 
 
 # Face and hair
@@ -475,15 +518,17 @@ def _rigid(points: np.ndarray, faces: np.ndarray, segment: int) -> _Sheet:
 # From sheets to parts
 
 
-def _split(sheet: _Sheet, material: str, bare: BareBody, body: Body) -> list[Part]:
+def _split(
+    sheet: _Sheet, material: str, bare: BareBody, body: Body, hangs: Tube | None = None, first: int = 0
+) -> list[Part]:
     if not len(sheet.faces):
         return []
     share = sheet.weights[sheet.faces].sum(1)
     # A few triangles beyond a hem belong to the next segment.
     many = np.bincount(share.argmax(1), minlength=len(SEGMENTS)) >= _LEAST
     owner = np.where(many, share, -1).argmax(1)
-    bones, weights = blend(sheet.weights, sheet.along)
-    uv = _texture(sheet, owner, material, bare, body)
+    bones, weights = (hangs.nodes + first, hangs.weights) if hangs else blend(sheet.weights, sheet.along)
+    uv = _texture(sheet, owner, material, bare, body, hangs=hangs is not None)
     found = []
     for number in np.unique(owner):
         used, faces = np.unique(sheet.faces[owner == number], return_inverse=True)
@@ -494,7 +539,7 @@ def _split(sheet: _Sheet, material: str, bare: BareBody, body: Body) -> list[Par
     return found
 
 
-def _texture(sheet: _Sheet, owner: np.ndarray, material: str, bare: BareBody, body: Body) -> np.ndarray:
+def _texture(sheet: _Sheet, owner: np.ndarray, material: str, bare: BareBody, body: Body, *, hangs: bool) -> np.ndarray:
     """Return the (T, 3, 2) texture coordinates of the corners of triangles that belong to segments `owner` (T,).
 
     Cloth and hair go around the trunk and along it; trousers go around each leg, and shirts around each arm.
@@ -522,6 +567,8 @@ def _texture(sheet: _Sheet, owner: np.ndarray, material: str, bare: BareBody, bo
     # A texture goes once around the trunk.
     uv = np.stack([_turns(corners[..., 1], corners[..., 0]), corners[..., 2]], -1)
     for side, sign in SIDES.items():
+        if hangs:
+            break
         own = corners[..., 1].mean(1) * sign > 0
         if material == "top":
             # Between trunk and sleeve the pattern passes from one to the other.
@@ -555,7 +602,7 @@ def paint_clothes(body: Body, looks: PersonLooks, texels: int, *, rng: np.random
     painted = {}
     for material, garment, low, wide in (
         ("top", looks.top, -0.12, _around_trunk(body)),
-        ("bottom", looks.bottom, -1.3, 2),
+        ("bottom", looks.bottom, -1.3, 4 if looks.skirt else 2),
     ):
         repeat = paint(garment.pattern, garment.colours, texels, rng=rng)
         image = np.tile(repeat.astype(np.float32) / 255, (_TALL[material], wide, 1))
@@ -566,7 +613,8 @@ def paint_clothes(body: Body, looks: PersonLooks, texels: int, *, rng: np.random
         if material == "top":
             _sew_shirt(image, height, turn * wide * _TILE, body, looks, rng=rng)
         else:
-            _sew_trousers(image, height, turn * 0.55 * body.stature, body, looks, rng=rng)
+            sew = _sew_skirt if looks.skirt else _sew_trousers
+            sew(image, height, turn * 0.55 * body.stature, body, looks, rng=rng)
         image = np.roll(image, (round(low / _TILE * texels), -columns // 2), (0, 1))
         painted[material] = (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8)
     return painted
@@ -632,6 +680,16 @@ def _sew_trousers(
         belt = np.flatnonzero((height > band) & (height < band + 0.031))
         image[belt] = (0.10, 0.09, 0.08) if rng.random() < 0.6 else (0.27, 0.17, 0.10)
         image[belt[0] : belt[-1] + 1, np.abs(aside) < 0.022] = (0.62, 0.60, 0.55)
+
+
+def _sew_skirt(image: np.ndarray, height, aside, body: Body, looks: PersonLooks, *, rng: np.random.Generator) -> None:
+    """Add a waistband, a hem and seams at both sides to a skirt (H, W, 3), 0..1; see `_sew_trousers`."""
+    thigh, shin = -body.offsets[[SEGMENTS.index("l_shin"), SEGMENTS.index("l_foot")], 2]
+    end = -np.interp(_SKIRTS[looks.bottom.long][0], (1, 2), (thigh, thigh + shin))
+    image *= (1 - 0.3 * _line(np.abs(aside), 0.55 * body.stature / 4))[:, None]
+    image *= 1 - 0.25 * _line(height, end + 0.022)[..., None]
+    band = np.flatnonzero(height > _WAIST * body.stature - 0.035)
+    image[band] *= 0.55 if rng.random() < 0.5 else 0.85
 
 
 def _on_skin(corners: np.ndarray, segment: int, bare: BareBody) -> np.ndarray:

@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from dmae.numerics.compiled import compiled
 from synth.people.body import PARENTS, SEGMENTS, side_and_name
+from synth.people.draping import Drape
 
 _TWISTED = ("upper_arm", "forearm", "thigh")
 _NAMES = [side_and_name(segment)[1] for segment in SEGMENTS]
@@ -45,7 +46,9 @@ BONE_NAMES = (
     *(f"{segment} half" for segment in SEGMENTS[1:]),
     *(f"{SEGMENTS[i]} twist {step}" for i in _TWISTS for step in range(3)),
 )
-"""Names of the B bones: segments, their halves, and the bones that twist by none, a third and two thirds."""
+"""Names of bones: segments, their halves, and the bones that twist by none, a third and two thirds."""
+FIRST_NODE = len(BONE_NAMES)
+"""Number of the first node of hanging cloth (`synth.people.draping`) among the bones of a person."""
 MOST_BONES = 4
 """Greatest number of bones that a vertex follows; all readers of glTF support four."""
 _ROW = 2 * MOST_BONES + 6
@@ -97,17 +100,26 @@ class SkinOfPerson:
     segments: np.ndarray  # (16,) indices of the bodies of the segments
     # Indices of the geoms that bend. The vertices of their meshes, one mesh after the other, are the N.
     geoms: np.ndarray
-    bind: np.ndarray  # (B, 3, 4) rotation and origin, m, of each of `BONE_NAMES` in the bind pose
+    # (B, 3, 4) rotation and origin, m, of each of `BONE_NAMES` in the bind pose, and of the nodes of hanging cloth
+    bind: np.ndarray
     # which, weights: (N, 4) bones and their weights, largest first, sum 1
     which: np.ndarray
     weights: np.ndarray
     rest: np.ndarray  # (N, 6) place, m, and normal in the bind pose
+    drapes: tuple[Drape, ...]  # Cloth that hangs
+
+    @property
+    def bone_names(self) -> tuple[str, ...]:
+        """(B,) names of the bones."""
+        nodes = ((number, node) for number, drape in enumerate(self.drapes) for node in range(drape.count))
+        return BONE_NAMES + tuple(f"cloth {number} {node}" for number, node in nodes)
 
     def bones(self, data: mujoco.MjData) -> np.ndarray:
         """Return the (B, 3, 4) rotation and origin of each bone, m, world, for a state."""
         bones, own = np.empty((len(_TABLE), 3, 4)), self.segments
-        _place_bones(data.xquat[own], data.xpos[own], _PARENTS, _SEGMENT, _SHARES, _LENGTHWISE, bones)
-        return bones
+        quats, places = data.xquat[own], data.xpos[own]
+        _place_bones(quats, places, _PARENTS, _SEGMENT, _SHARES, _LENGTHWISE, bones)
+        return np.concatenate([bones, *(drape.bones(quats, places) for drape in self.drapes)])
 
 
 class Skin:
@@ -136,8 +148,12 @@ class Skin:
             quats, origins, rows = np.split(numbers, [64, 112])
             bind = np.empty((len(_TABLE), 3, 4))
             _place_bones(quats.reshape(16, 4), origins.reshape(16, 3), _PARENTS, _SEGMENT, _SHARES, _LENGTHWISE, bind)
+            hanging = [model.numeric(each) for each in range(model.nnumeric)]
+            prefix = name.removesuffix("skin") + "drape"
+            drapes = tuple(Drape.unpack(each.data) for each in hanging if each.name.startswith(prefix))
+            bind = np.concatenate([bind, *(drape.at_rest() for drape in drapes)])
             which, weights, rest = np.split(rows.reshape(-1, _ROW), [MOST_BONES, 2 * MOST_BONES], axis=1)
-            skin = bind, which.astype(np.int32), weights.copy(), rest.copy()
+            skin = bind, which.astype(np.int32), weights.copy(), rest.copy(), drapes
             self.persons.append(SkinOfPerson(name.removesuffix("/skin"), segments, geoms, *skin))
         self.geoms = np.concatenate([np.empty(0, int), *(person.geoms for person in self.persons)])
         self.meshes = model.geom_dataid[self.geoms]

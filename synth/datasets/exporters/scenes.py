@@ -24,7 +24,7 @@ from dmae.numerics.body import continuous
 from synth.datasets.exporters import exporter
 from synth.datasets.exporters.selection import ClipTask, Selection
 from synth.people.body import PARENTS, SEGMENTS
-from synth.people.skinning import BONE_NAMES, MOST_BONES, Skin, SkinOfPerson
+from synth.people.skinning import BONE_NAMES, FIRST_NODE, MOST_BONES, Skin, SkinOfPerson
 from synth.physics.body_state import load_state
 from synth.rendering.sensor import light_of
 from synth.scene.build import build_scene
@@ -68,6 +68,7 @@ class _SkinInMotion:
     which: np.ndarray  # (N, 4) indices of the bones that move each vertex
     weights: np.ndarray  # (N, 4) their weights, largest first
     looks: dict[str, tuple[np.ndarray, np.ndarray]]  # RGBA and faces (m, 3) of each material
+    bones: tuple[str, ...]  # (B,) names of the bones
     bind: np.ndarray  # (B, 4, 4) bones in the bind pose
     places: np.ndarray  # (F, B, 3) of bones
     turns: np.ndarray  # (F, B, 4) of bones, w last
@@ -123,13 +124,13 @@ def _scene(task: ClipTask) -> _SceneInMotion:
     data, qpos = mujoco.MjData(model), state.qpos[:: task.every]
     places, turns = np.empty((len(qpos), model.nbody, 3)), np.empty((len(qpos), model.nbody, 4))
     persons = Skin(model).persons
-    bones = np.empty((len(qpos), len(persons), len(BONE_NAMES), 3, 4))
+    bones = [np.empty((len(qpos), *skin.bind.shape)) for skin in persons]
     for frame, each in enumerate(qpos):
         data.qpos[:] = each
         mujoco.mj_kinematics(model, data)
         places[frame], turns[frame] = data.xpos, data.xquat[:, [1, 2, 3, 0]]
-        for person, skin in enumerate(persons):
-            bones[frame, person] = skin.bones(data)
+        for skin, moved in zip(persons, bones, strict=True):
+            moved[frame] = skin.bones(data)
     assert clip.truth is not None
     xyz = convert(clip.truth, task.skeleton).xyz[:: task.every].astype(np.float64)
     tracks = {
@@ -142,7 +143,7 @@ def _scene(task: ClipTask) -> _SceneInMotion:
     return _SceneInMotion(
         np.arange(len(qpos)) * task.every / clip.fps,
         [_Body(model.body(body).name, places[:, body], turns[:, body], pieces[body]) for body in sorted(pieces)],
-        [_skin(model, skin, bones[:, person]) for person, skin in enumerate(persons)],
+        [_skin(model, skin, moved) for skin, moved in zip(persons, bones, strict=True)],
         {name: place for name, place in tracks.items() if np.isfinite(place).all()},
         rig,
         turned,
@@ -189,7 +190,7 @@ def _skin(model: mujoco.MjModel, skin: SkinOfPerson, bones: np.ndarray) -> _Skin
     turns = Rotation.from_matrix(bones[..., :3].reshape(-1, 3, 3)).as_quat().reshape(*bones.shape[:2], 4)
     return _SkinInMotion(
         skin.name, points + shift, normals, np.where(weights > 0, which, 0).astype(int), weights, looks,
-        bind, bones[..., 3], continuous(turns),
+        skin.bone_names, bind, bones[..., 3], continuous(turns),
     )  # fmt: skip
 
 
@@ -252,13 +253,18 @@ def _pieces(model: mujoco.MjModel, persons: Sequence[SkinOfPerson]) -> dict[int,
 # glTF
 
 _BONE_PARENTS = (*PARENTS, *(SEGMENTS.index(bone.partition(" ")[0]) for bone in BONE_NAMES[len(PARENTS) :]))
-"""For each bone, the one that it is attached to: a segment, or -1 for the pelvis. Parents come first."""
+"""For each of `BONE_NAMES`, the one that it is attached to: a segment, or -1 for the pelvis. Parents come first."""
+
+
+def _parents(count: int) -> tuple[int, ...]:
+    """Return the bone that each bone is attached to; cloth that hangs is attached to the pelvis."""
+    return _BONE_PARENTS + (0,) * (count - FIRST_NODE)
 
 
 def _within_parents(places: np.ndarray, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return places (F, B, 3) and turns (F, B, 4) of bones relative to their parents, from those in the world."""
     own, of_parent = places.copy(), turns.copy()
-    for bone, parent in enumerate(_BONE_PARENTS):
+    for bone, parent in enumerate(_parents(places.shape[1])):
         if parent >= 0:
             back = Rotation.from_quat(turns[:, parent]).inv()
             own[:, bone] = back.apply(places[:, bone] - places[:, parent])
@@ -309,9 +315,9 @@ def _primitive(file: GltfFile, attributes: dict[str, int], faces: np.ndarray, na
 def _add_skin(file: GltfFile, skin: _SkinInMotion) -> int:
     """Add a person, and return the node of its pelvis. The node of its mesh stands beside all others in the scene."""
     bones, places, turns = [], *_within_parents(skin.places, skin.turns)
-    for bone, parent in enumerate(_BONE_PARENTS):
+    for bone, parent in enumerate(_parents(len(skin.bones))):
         node = file.add(
-            "nodes", name=f"{skin.name}/{BONE_NAMES[bone]}",
+            "nodes", name=f"{skin.name}/{skin.bones[bone]}",
             translation=places[0, bone].tolist(), rotation=turns[0, bone].tolist(),
         )  # fmt: skip
         file.animate(node, "translation", places[:, bone])
@@ -464,7 +470,7 @@ def _define_skin(file: _UsdFile, skin: _SkinInMotion) -> None:
     skeleton = UsdSkel.Skeleton.Define(file.stage, f"{root}/skeleton")
     motion = UsdSkel.Animation.Define(file.stage, f"{root}/motion")
     UsdSkel.BindingAPI.Apply(skeleton.GetPrim()).CreateAnimationSourceRel().AddTarget(motion.GetPath())
-    bones = [Tf.MakeValidIdentifier(bone) for bone in BONE_NAMES]
+    bones = [Tf.MakeValidIdentifier(bone) for bone in skin.bones]
     # Matrices of USD multiply rows.
     bind = Vt.Matrix4dArray([Gf.Matrix4d(each.T.tolist()) for each in skin.bind])
     skeleton.CreateJointsAttr(bones)

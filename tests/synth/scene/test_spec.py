@@ -89,8 +89,13 @@ def test_what_people_wear_changes_nothing_else():
     assert all(person in men for person in persons if person.looks.beard)
     looks = [person.looks for spec in worn.values() for person in spec.persons]
     assert 4 < sum(each.hat is not None for each in looks) < 16
+    assert 4 < sum(person.looks.skirt for person in persons) < 15
     for clip, spec in worn.items():
-        persons = [replace(person, looks=replace(person.looks, **bare)) for person in spec.persons]
+        persons = []
+        for person, without in zip(spec.persons, plain[clip].persons, strict=True):
+            skirt = {"skirt": False, "bottom": without.looks.bottom, "untucked": without.looks.untucked}
+            looks = replace(person.looks, **bare, **skirt) if person.looks.skirt else replace(person.looks, **bare)
+            persons.append(replace(person, looks=looks))
         assert replace(spec, persons=tuple(persons)) == plain[clip]
         assert all(getattr(person.looks, name) is None for person in plain[clip].persons for name in bare)
 

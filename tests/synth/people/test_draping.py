@@ -1,0 +1,146 @@
+"""Skirts: legs stay below the cloth, which neither tears nor turns inside out, and labels see what images show."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from synth.people.body import SEGMENTS, Body, body_at
+from synth.people.clothing import WARDROBE, Garment, dressed, sample_looks
+from synth.people.mjcf import add_person
+from synth.people.skinning import FIRST_NODE, Skin, mesh_triangles
+from synth.rooms.rays import cast_rays
+
+WOMAN, STOUT, GIRL = Body(1.66, 62, 1.0), Body(1.55, 92, 1.0), body_at(1, 6)
+LEG = ("thigh", "shin", "foot")
+GREY = ((0.5, 0.5, 0.5), (0.4, 0.4, 0.4))
+# Turns of thighs and shins about the axis from right to left, degrees: left thigh, left shin, right thigh, right shin.
+POSES = {
+    "standing": (0, 0, 0, 0),
+    "walking": (-28, 4, 18, 25),
+    "swinging": (-20, 62, 3, 0),
+    "seated": (-88, 86, -88, 86),
+    "crouching": (-115, 135, -100, 130),
+    "running": (-50, 80, 25, 50),
+}
+
+
+def skirted(long: bool):
+    looks = sample_looks(1.0, rng=np.random.default_rng(0))
+    return replace(looks, skirt=True, untucked=False, bottom=Garment(long, "plain", GREY))
+
+
+def posed(body: Body, looks, angles) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """A person with lifted arms, legs bent by `angles`."""
+    spec = mujoco.MjSpec()
+    add_person(spec, 0, body, looks, position=(0, 0, 1), rng=None)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    for segment, angle in zip(("l_thigh", "l_shin", "r_thigh", "r_shin"), angles, strict=True):
+        at = model.joint(f"person0/{segment}").qposadr[0]
+        data.qpos[at : at + 4] = Rotation.from_euler("y", angle, degrees=True).as_quat(scalar_first=True)
+    mujoco.mj_kinematics(model, data)
+    Skin(model).apply(data)
+    return model, data
+
+
+def cloth(model, data, material: str) -> np.ndarray:
+    """The triangles (T, 3, 3) of a material, world, m."""
+    geoms = [g for g in range(model.ngeom) if f"/{material}" in model.geom(g).name]
+    return np.concatenate(
+        [mesh_triangles(model, g) @ data.geom_xmat[g].reshape(3, 3).T + data.geom_xpos[g] for g in geoms]
+    )
+
+
+def names_met(model, data, point, ways) -> list[str]:
+    """Names of what rays meet that come from 1 m away to a point, in directions (R, 3) seen from it."""
+    geoms = [cast_rays(model, data, point + way, -way[None]).geom[0] for way in ways]
+    return [model.geom(geom).name.split("/", 1)[1] if geom >= 0 else "" for geom in geoms]
+
+
+SHOWN = {(False, "crouching"), (True, "swinging"), (True, "seated"), (True, "crouching"), (True, "running")}
+"""Skirts, whether long, and poses in which cameras at the height of a leg look into the open hem."""
+
+
+@pytest.mark.parametrize(
+    ("long", "pose"), [(long, pose) for long in (False, True) for pose in POSES if (long, pose) not in SHOWN]
+)
+@pytest.mark.parametrize("body", [WOMAN, STOUT, GIRL], ids=["woman", "stout", "girl"])
+def test_no_leg_comes_through_a_skirt(body, long, pose):
+    """Rays at right angles to a leg, not from below, meet the skirt before the leg."""
+    model, data = posed(body, skirted(long), POSES[pose])
+    met = []
+    for side in "lr":
+        hip, knee, ankle = (data.xpos[model.body(f"person0/{side}_{name}").id] for name in ("thigh", "shin", "foot"))
+        places = [(hip, knee, share) for share in (0.1, 0.3, 0.5, 0.7, 0.85)]
+        places += [(knee, ankle, share) for share in (0.15, 0.35, 0.5) if long]
+        for start, end, share in places:
+            along = (end - start) / np.linalg.norm(end - start)
+            across = np.linalg.svd(np.eye(3) - np.outer(along, along))[0][:, :2]
+            turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+            ways = np.stack([np.cos(turn), np.sin(turn)], -1) @ across.T
+            met += names_met(model, data, start + share * (end - start), ways[ways[:, 2] > -0.02])
+    skin = [name for name in met if "/skin" in name and ("thigh" in name or "shin" in name)]
+    assert sum("/bottom" in name for name in met) > 100
+    assert not skin
+
+
+@pytest.mark.parametrize("pose", POSES)
+@pytest.mark.parametrize("long", [False, True])
+@pytest.mark.parametrize("body", [WOMAN, STOUT, GIRL], ids=["woman", "stout", "girl"])
+def test_the_rings_of_a_skirt_are_around_both_legs(body, long, pose):
+    model, data = posed(body, skirted(long), POSES[pose])
+    (person,) = Skin(model).persons
+    (drape,) = person.drapes
+    rings = person.bones(data)[FIRST_NODE:, :, 3].reshape(len(drape.rings), -1, 3)
+    thigh, shin = -body.offsets[[SEGMENTS.index("l_shin"), SEGMENTS.index("l_foot")], 2]
+    for ring, height in zip(rings, drape.rings[:, 1], strict=True):
+        if height > -0.25 * thigh or abs(height + thigh) < 0.15 * thigh:
+            continue  # Around hips and knees, the axes of skinned legs are not their bones
+        for side in "lr":
+            hip, knee, ankle = (data.xpos[person.segments[SEGMENTS.index(f"{side}_{each}")]] for each in LEG)
+            share = -height / thigh
+            leg = hip + share * (knee - hip) if share < 1 else knee + (share - 1) * thigh / shin * (ankle - knee)
+            middle = ring.mean(0)
+            axes = np.linalg.svd(ring - middle)[2][:2]
+            flat, at = (ring - middle) @ axes.T, axes @ (leg - middle)
+            turns = np.unwrap(np.arctan2(*(np.concatenate([flat, flat[:1]]) - at).T[::-1]))
+            assert abs(turns[-1] - turns[0]) > 6.2, (side, share)
+
+
+@pytest.mark.parametrize("pose", POSES)
+@pytest.mark.parametrize("long", [False, True])
+def test_skirts_are_neither_torn_nor_turned_inside_out(long, pose):
+    before, after = (
+        cloth(*posed(WOMAN, skirted(long), angles), "bottom") for angles in (POSES["standing"], POSES[pose])
+    )
+    same = cKDTree(before.reshape(-1, 3)).query_pairs(1e-7, output_type="ndarray")
+    assert len(same) > 5000
+    corners = after.reshape(-1, 3)
+    assert np.linalg.norm(corners[same[:, 0]] - corners[same[:, 1]], axis=1).max() < 1e-5
+    long_before, long_after = (np.linalg.norm(each - np.roll(each, 1, axis=1), axis=-1) for each in (before, after))
+    assert np.percentile(long_after / np.maximum(long_before, 0.005), 99) < 3
+
+
+def test_cloth_at_rest_is_where_it_was_built():
+    model, data = posed(WOMAN, skirted(True), POSES["standing"])
+    (person,) = Skin(model).persons
+    (drape,) = person.drapes
+    moved = drape.bones(data.xquat[person.segments], data.xpos[person.segments])
+    np.testing.assert_allclose(moved[:, :, 3] - (0, 0, 1), drape.at_rest()[:, :, 3], atol=1e-9)
+    assert len(person.bone_names) == len(person.bind) <= 255, "files in glTF number bones by bytes"
+
+
+def test_women_and_girls_wear_skirts_unless_the_wardrobe_lacks_them():
+    looks = [sample_looks(1.0, rng=np.random.default_rng(seed)) for seed in range(300)]
+
+    def worn(body: Body, *words: str) -> list:
+        return [dressed(each, body, words, (), rng=np.random.default_rng(seed)) for seed, each in enumerate(looks)]
+
+    assert 0.3 < np.mean([each.skirt for each in worn(WOMAN, *WARDROBE)]) < 0.42
+    assert [each.skirt for each in worn(GIRL, "skirts")] == [each.skirt for each in worn(WOMAN, *WARDROBE)]
+    assert not any(each.skirt and each.untucked for each in worn(WOMAN, *WARDROBE))
+    assert worn(WOMAN) == worn(Body(), "skirts") == looks
