@@ -124,7 +124,7 @@ def _with_own_presets(
         return options, {}, [*overrides]
     from dmae.command_line.presets import own_presets  # it loads NumPy, which `--help` does not need
 
-    own, taken = own_presets(options, folders, overrides)
+    own, taken = own_presets(command, options, folders, overrides)
     return command.options(own), own, taken
 
 
@@ -206,14 +206,10 @@ def _apply(command: Command, options: Group, config, interrupted: interruption.I
 def compose(command: Command, overrides: Sequence[str]) -> object:
     """Return the configuration that `command overrides...` would run with; ValueError for a wrong option or value."""
     import hydra
-    from hydra.core.global_hydra import GlobalHydra
     from omegaconf import OmegaConf
 
     options, own, overrides = _with_own_presets(command, command.options(), (), overrides)
     overrides = checked(options, overrides)
-    # Hydra allows one user at a time: a command, as `dmae demo`, may call a verb that composes another configuration.
-    running = GlobalHydra.instance().hydra
-    GlobalHydra.instance().clear()
     try:
         with _stored(command, options, own, overrides), hydra.initialize(version_base="1.3"):
             return OmegaConf.to_object(hydra.compose(command.name, overrides=overrides))
@@ -221,8 +217,6 @@ def compose(command: Command, overrides: Sequence[str]) -> object:
         if not _of_hydra(error):
             raise
         raise ValueError(_in_one_line(error)) from None
-    finally:
-        GlobalHydra.instance().hydra = running
 
 
 class _Uncopied(dict):

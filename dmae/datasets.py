@@ -12,12 +12,12 @@ from safetensors import SafetensorError, safe_open
 from torch import Tensor
 from torch.utils.data import Dataset
 
-from dmae.data.arguments import check_arguments
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.conversion import convert
 from dmae.data.labels import Visibility
 from dmae.data.skeleton import Skeleton, decode_skeleton, get_skeleton
 from dmae.data.store import FORMAT, assemble_clip, clip_folders, is_of_frames, load_clip
+from dmae.data.typed import check_arguments
 from dmae.files.contents import cached_until_changed, check_file
 from dmae.files.structured import read_json
 from dmae.formats.labelled_images import PersonLabel, joint_labels, label_persons

@@ -25,7 +25,7 @@ from itertools import islice
 from multiprocessing import resource_tracker
 from pathlib import Path
 
-from dmae.data.json_values import check_fields
+from dmae.data.typed import Configuration
 from dmae.files.mapped import trim
 
 # joblib replaces workers that grew by 300 MB, for example because a clip has many people. No task is lost.
@@ -70,7 +70,7 @@ def check_workers(workers: int) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ProcessesConfig:
+class ProcessesConfig(Configuration):
     """Options of what runs in several processes."""
 
     workers: int = 1
@@ -79,7 +79,7 @@ class ProcessesConfig:
     """What runs the processes: this machine, or a cluster."""
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         check_workers(self.workers)
 
 

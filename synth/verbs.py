@@ -4,44 +4,43 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
-from copy import deepcopy
-from dataclasses import asdict, is_dataclass, replace
-from functools import cache
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dmae.cli import compose
-from dmae.data.arguments import check_arguments
+from dmae.command_line.options import Command, Preset
+from dmae.command_line.presets import is_preset, read_preset
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
-from dmae.data.json_values import decode, fields_meant
 from dmae.data.rng import Stream, generator
 from dmae.data.store import clip_folders, load_clip
+from dmae.data.typed import check_arguments, fields_meant
+from dmae.detection.registry import PoseDetectorConfig
+from dmae.nearest import unknown
 from dmae.parallel import in_parallel, running_on
-from dmae.verbs.recordings import configuration
+from dmae.viewing.config import ShowConfig
 from synth.cli import SYNTH
+from synth.datasets.config import GenerateConfig, RenderConfig
+from synth.detector.config import DetectorConfig, ErrorReference, Limits
 from synth.errors import FailedSimulation
+from synth.interactions.registry import InteractionConfig
+from synth.motion.config import MotionConfig
+from synth.planning.config import PlanConfig
+from synth.rendering.config import ImagingConfig
+from synth.rigs.config import RigConfig, listed_rig
+from synth.scene.config import SceneConfig
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from dmae.viewing.config import ShowConfig
-    from synth.datasets.config import GenerateConfig, RenderConfig
     from synth.datasets.forecast import Forecast
     from synth.datasets.motion_comparison import Difference
     from synth.datasets.verify import Problem
     from synth.detector.comparison import Row
-    from synth.detector.config import DetectorConfig, Limits
     from synth.detector.fitting import Fit
-    from synth.interactions.registry import InteractionConfig
-    from synth.motion.source import MotionConfig
     from synth.physics.body_state import BodyState
-    from synth.planning.config import PlanConfig
     from synth.planning.plan import CameraPlan
     from synth.recognition.realism import Rate
-    from synth.rendering.config import ImagingConfig
-    from synth.rigs.rig import RigConfig
-    from synth.scene.config import SceneConfig
 
 _GROUPS = ("scene", "rig", "motion", "interaction", "detector")
 """Options that presets set."""
@@ -68,66 +67,44 @@ def preset(group: str, name: str | Path, **changes: object) -> Any:
     """
     if group not in _GROUPS:
         raise ValueError(f"group={group!r}: expected one of {', '.join(_GROUPS)}")
-    return replace(getattr(_composed("generate", f"{group}={name}"), group), **changes)
+    return replace(getattr(_composed("generate", {group: name}), group), **changes)
 
 
-def _composed(command: str, *presets: str) -> Any:
-    """Return the configuration of a command with presets; files of presets may have changed since the last call."""
-    if any(preset.endswith(".yaml") for preset in presets):
-        return compose(SYNTH.commands[command], presets)
-    return deepcopy(_composed_once(command, *presets))
+def _composed(command: str, presets: dict[str, str | Path]) -> Any:
+    """Return the configuration of a command with presets."""
+    found = SYNTH.commands[command]
+    return found.composed({group: _preset(found, group, name) for group, name in presets.items()})
 
 
-@cache
-def _composed_once(command: str, *presets: str) -> Any:
-    """Return the configuration of a command with presets, to be copied: a tenth of a second the first time."""
-    return compose(SYNTH.commands[command], presets)
+def _preset(command: Command, group: str, name: str | Path) -> Preset:
+    if is_preset(group, name):
+        return read_preset(command, group, Path(name))
+    known = command.presets_of(group)
+    if name not in known:
+        raise ValueError(f"{group}={name}: {unknown('preset', str(name), sorted(known))}")
+    return known[str(name)]
 
 
 def _configured(command: str, config: Any, given: dict[str, Any]) -> Any:
-    """Return a configuration, by default that of a command, with changes. Presets are given by their names."""
-    given = {name: _group(command, name, value) for name, value in given.items() if value is not None}
-    presets = {name: given.pop(name) for name in _GROUPS if isinstance(given.get(name), str)}
-    expected = SYNTH.commands[command].configuration
+    """Return a configuration, by default that of a command, with changes. Presets are given by their names; cameras
+    also by themselves, or by their file."""
+    given = {name: value for name, value in given.items() if value is not None}
+    rig = given.get("rig")
+    if isinstance(rig, CameraRig):
+        given["rig"] = listed_rig(rig)
+    elif isinstance(rig, str | Path) and Path(rig).suffix and not is_preset("rig", rig):
+        given["rig"] = RigConfig(path=str(rig))
+    presets = {name: given.pop(name) for name in _GROUPS if isinstance(given.get(name), str | Path)}
     if config is None:
-        config = _composed(command, *(f"{name}={value}" for name, value in presets.items()))
-    elif not isinstance(config, expected):
-        raise TypeError(f"{command}: config: expected a synth.{expected.__name__}, found {config!r:.80}")
+        config = _composed(command, presets)
     else:
         given |= {name: preset(name, value) for name, value in presets.items()}
-    values = asdict(config)
-    of_scene = [name for name in ("seconds", "persons") if "scene" in values and name not in values]
-    for name in given.keys() - {*values, *of_scene}:
-        raise TypeError(f"{command}: no option {name}; {fields_meant(expected, name, of_scene)}")
-    values |= {name: _plain(value) for name, value in given.items() if name not in of_scene}
-    if of_scene:
-        values["scene"] |= {name: given[name] for name in of_scene if name in given}
-    return decode(expected, values, command)
-
-
-def _plain(value: Any) -> Any:
-    return asdict(value) if is_dataclass(value) and not isinstance(value, type) else value
-
-
-def _group(command: str, name: str, value: Any) -> Any:
-    """Return what was given for a group of options: a configuration, a preset's name or file; `rig` also as cameras."""
-    from dmae.command_line.presets import is_preset
-
-    if name not in _GROUPS:
-        return value
-    if is_preset(name, value):
-        return str(value)
-    if name == "rig":
-        from synth.rigs.config import RigConfig, listed_rig
-
-        if isinstance(value, CameraRig):
-            return listed_rig(value)
-        if isinstance(value, str | Path) and Path(value).suffix:
-            return RigConfig(path=str(value))
-    expected = type(getattr(SYNTH.commands[command].configuration(), name, None))
-    if not isinstance(value, str | expected):
-        raise TypeError(f"{name}: expected a synth.{expected.__name__} or the name of a preset, found {value!r:.80}")
-    return value
+    of_scene = {"seconds", "persons"} - vars(config).keys() if hasattr(config, "scene") else set()
+    for name in given.keys() - vars(config).keys() - of_scene:
+        raise TypeError(f"{command}: no option {name}; {fields_meant(type(config), name, of_scene)}")
+    if scene := {name: given.pop(name) for name in of_scene & given.keys()}:
+        given["scene"] = replace(given.get("scene", config.scene), **scene)
+    return replace(config, **given)
 
 
 @check_arguments
@@ -300,7 +277,6 @@ def render(
         >>> clip.images.at("flow", "ring0", 0).shape
         (72, 96, 2)
     """
-    from synth.datasets.config import RenderConfig
     from synth.datasets.render import render as render_data_set
 
     given = {"images": images, "quality": quality, "rgb": rgb, "imaging": imaging, "rig": rig, "workers": workers}
@@ -399,10 +375,9 @@ def show(clip: Clip, out: str | Path, config: ShowConfig | None = None) -> list[
         >>> [file.name for file in files]
         ['sheet.png']
     """
-    from dmae.viewing.config import ShowConfig
     from dmae.viewing.show import show_clip
 
-    return show_clip(clip, Path(out), configuration(config, ShowConfig), _rooms)
+    return show_clip(clip, Path(out), config or ShowConfig(), _rooms)
 
 
 def _rooms(clip: Clip) -> list[np.ndarray] | None:
@@ -444,7 +419,7 @@ def compare(real: Clip, sim: Iterable[Clip], *, limits: Limits | None = None, wo
         recorded = measure(real)
     with comparison.speaking_of("sim"):
         simulated = measure_all(clips, len(clips), workers)
-    return comparison.compare(recorded, simulated, configuration(limits, comparison.Limits, name="limits"))
+    return comparison.compare(recorded, simulated, limits or Limits())
 
 
 @check_arguments
@@ -492,7 +467,7 @@ def fit_detector(
     clips: Sequence[Clip],
     *,
     start: DetectorConfig | None = None,
-    truth: str = "others",
+    truth: ErrorReference | str = ErrorReference.others,
     rounds: int = 8,
     seed: int = 0,
     workers: int = 1,
@@ -521,17 +496,14 @@ def fit_detector(
         >>> sorted(vars(fit))
         ['config', 'statistics', 'undetermined']
     """
-    from synth.detector.config import DetectorConfig, ErrorReference
     from synth.detector.fitting import fit
     from synth.detector.statistics import measure
 
-    if truth not in [*ErrorReference]:
-        raise ValueError(f"truth={truth}: expected one of {', '.join(ErrorReference)}")
     if not clips:
         raise ValueError("clips: expected one simulated clip or more, found none")
     reference = ErrorReference(truth)
     how: dict[str, Any] = {"rounds": rounds, "seed": seed, "workers": workers, "reference": reference}
-    return fit(measure(recording, reference), clips, configuration(start, DetectorConfig, name="start"), **how)
+    return fit(measure(recording, reference), clips, start or DetectorConfig(), **how)
 
 
 @check_arguments
@@ -570,7 +542,6 @@ def realism(
         >>> rows[0].heading, rows[0].people > 0
         ('all', True)
     """
-    from dmae.detection.registry import PoseDetectorConfig
     from synth.recognition.realism import judge, rates
 
     folders = [Path(each) for each in (path, *extra_data)]

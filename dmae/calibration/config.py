@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from dmae.data.json_values import answer_fields, check_fields
+from dmae.data.typed import Configuration
 
 AUTO = "auto"
 """The cameras that differ from their calibration."""
@@ -22,9 +22,8 @@ def describe_shortness(seconds: float) -> str | None:
     )
 
 
-@answer_fields
 @dataclass(frozen=True)
-class RefineConfig:
+class RefineConfig(Configuration):
     """Parameters that are calibrated."""
 
     cameras: list[str] = field(default_factory=lambda: [AUTO])
@@ -53,7 +52,7 @@ class RefineConfig:
     extrinsics=false nothing else changes."""
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         if self.bodies < 20:
             raise ValueError(f"bodies={self.bodies}: expected 20 or more")
         if self.stature is not None and not 0.5 <= self.stature <= 2.5:

@@ -13,12 +13,13 @@ from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
 from functools import cache
 from pathlib import Path
 from types import ModuleType
-from typing import get_args, get_origin, get_type_hints
+from typing import Any, get_args, get_origin, get_type_hints
 
 from docstring_parser import parse_from_object
 
-from dmae.data.json_values import flat
+from dmae.data.json_values import flat, merged
 from dmae.data.resources import resource_folder
+from dmae.data.typed import decode
 from dmae.registry import Registry
 
 REQUIRED = "???"
@@ -149,6 +150,15 @@ class Command:
                 member = replace(member, presets=meanings, preset=self.presets[member.key])
             members.append(member)
         return replace(options, members=tuple(members))
+
+    def composed(self, chosen: Mapping[str, Preset]) -> Any:
+        """Return its configuration with these presets of groups, and in other groups those that it uses."""
+        values: dict[str, object] = {}
+        for group, usual in self.presets.items():
+            preset = chosen.get(group) or self.presets_of(group).get(usual or "")
+            if preset:
+                values = merged(values, preset.values if preset.whole else {group: preset.values})
+        return decode(self.configuration, values, self.name)
 
 
 class Program:

@@ -6,11 +6,11 @@ the environment. So Hydra is not given the folder, but checked values.
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from pathlib import Path
 
-from dmae.command_line.options import Group, Option, Preset
+from dmae.command_line.options import Command, Group, Option, Preset
 from dmae.command_line.spelling import FUNCTION, like
+from dmae.data.json_values import merged
 from dmae.files.contents import read_text
 from dmae.files.structured import parse_yaml
 
@@ -18,7 +18,7 @@ _NAME = re.compile(r"[\w-]+")
 _MOST_BYTES = 1 << 20
 
 
-def read_presets(options: Group, folder: Path) -> dict[str, dict[str, Preset]]:
+def read_presets(command: Command, folder: Path) -> dict[str, dict[str, Preset]]:
     """Return the presets of a command's groups in `folder/<group>/<name>.yaml`, by group and name.
 
     Raises ValueError if there is no such folder, or a file is no preset, or is called like one of the package; the
@@ -26,13 +26,10 @@ def read_presets(options: Group, folder: Path) -> dict[str, dict[str, Preset]]:
     """
     if not folder.is_dir():
         raise ValueError(f"--config-dir {folder}: no such folder")
-    found: dict[str, dict[str, Preset]] = {}
-    for group in options.members:
-        if not (isinstance(group, Group) and group.presets):
-            continue
-        files = sorted((folder / group.key).glob("*.yaml"))
-        found[group.key] = {file.stem: _read(options, group, file) for file in files}
-    return found
+    return {
+        group: {file.stem: read_preset(command, group, file) for file in sorted((folder / group).glob("*.yaml"))}
+        for group in command.presets
+    }
 
 
 def is_preset(key: str, value: object) -> bool:
@@ -42,7 +39,7 @@ def is_preset(key: str, value: object) -> bool:
 
 
 def own_presets(
-    options: Group, folders: Sequence[Path], overrides: Iterable[str]
+    command: Command, options: Group, folders: Sequence[Path], overrides: Iterable[str]
 ) -> tuple[dict[str, dict[str, Preset]], list[str]]:
     """Return the presets in folders and those given as files, and overrides with the names of these.
 
@@ -51,7 +48,7 @@ def own_presets(
     """
     own: dict[str, dict[str, Preset]] = {}
     for folder in folders:
-        for key, presets in read_presets(options, folder).items():
+        for key, presets in read_presets(command, folder).items():
             own[key] = own.get(key, {}) | presets
     taken = []
     for override in overrides:
@@ -59,7 +56,7 @@ def own_presets(
         found, values = options.find(key), value.split(",")
         for place, each in enumerate(values):
             if isinstance(found, Group) and found.presets and is_preset(key, each):
-                own.setdefault(key, {})[Path(each).stem] = _read(options, found, Path(each))
+                own.setdefault(key, {})[Path(each).stem] = read_preset(command, key, Path(each))
                 values[place] = Path(each).stem
             elif isinstance(found, Option) and _NAME.fullmatch(each):
                 files = [folder / key / f"{each}.yaml" for folder in folders]
@@ -68,11 +65,12 @@ def own_presets(
     return own, taken
 
 
-def _read(options: Group, group: Group, file: Path) -> Preset:
-    """Return the checked preset of a file."""
-    if file.stem in group.presets:
+def read_preset(command: Command, group: str, file: Path) -> Preset:
+    """Return the checked preset of a file. It may begin with presets of the package, as `defaults: [terrible]`."""
+    options, shipped = command.options(), command.presets_of(group)
+    if file.stem in shipped:
         raise ValueError(
-            f"{file}: {group.key}={file.stem} is a preset of the package, and would be used; give the file another name"
+            f"{file}: {group}={file.stem} is a preset of the package, and would be used; give the file another name"
         )
     if not _NAME.fullmatch(file.stem):
         raise ValueError(f"{str(file)!r}: expected a preset's name of letters, digits, - and _")
@@ -83,19 +81,16 @@ def _read(options: Group, group: Group, file: Path) -> Preset:
         raise ValueError(f"{file}: expected YAML, {error}") from None
     values = {} if values is None else values
     if not isinstance(values, dict):
-        raise ValueError(f"{file}: expected options of {group.key}, found {values!r:.60}")
-    above = values.pop("defaults", None)
-    _check(options, file, group.key, values)
-    if above is not None:
-        values = {"defaults": _checked_defaults(group, file, above)} | values
-    return replace(Preset.of(text, values), whole=False)
-
-
-def _checked_defaults(group: Group, file: Path, names) -> list[str]:
-    known = {"_self_", *group.presets}
-    if not isinstance(names, list) or any(not isinstance(name, str) or name not in known for name in names):
-        raise ValueError(f"{file}: defaults: expected a list of presets of {group.key}, found {names!r:.60}")
-    return names
+        raise ValueError(f"{file}: expected options of {group}, found {values!r:.60}")
+    above = values.pop("defaults", [])
+    if not isinstance(above, list) or any(name not in ("_self_", *shipped) for name in above):
+        raise ValueError(f"{file}: defaults: expected a list of presets of {group}, found {above!r:.60}")
+    _check(options, file, group, values)
+    made: dict[str, object] = {}
+    for name in above if "_self_" in above else [*above, "_self_"]:
+        own = Preset("", values) if name == "_self_" else shipped[name]
+        made = merged(made, own.values if own.whole else {group: own.values})
+    return Preset(Preset.of(text, None).meaning, made, whole=True)
 
 
 def _check(options: Group, file: Path, key: str, value) -> None:

@@ -32,7 +32,7 @@ def run(config: CalibrateCommand, out: Path) -> None:
     if clips.data_set:
         raise ValueError(
             f"data.path={config.data.path}: expected a recording or a single clip, found a data set; name a clip of "
-            f"it, as data.path={clips.folders[0] if len(clips) else config.data.path}"
+            f"it, as data.path={clips.folders[0]}"
         )
     clip = clips[0]
     refined = refine(clip, config.refine)

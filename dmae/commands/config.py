@@ -7,8 +7,8 @@ from typing import Any
 from dmae.calibration.config import RefineConfig
 from dmae.completion.config import DELAY, SMOOTHING
 from dmae.completion.methods import completion_method
-from dmae.data.json_values import answer_fields, check_fields
 from dmae.data.resources import resource_folder
+from dmae.data.typed import Configuration
 from dmae.detection.registry import OutputConfig, PoseDetectorConfig
 from dmae.evaluation.config import TITLE, PartConfig
 from dmae.formats.config import DataConfig, LengthUnit, UpDirection
@@ -26,7 +26,7 @@ def _presets(group: str) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True)
-class WorldConfig:
+class WorldConfig(Configuration):
     """Conventions that the calibration does not state; by default those of its format."""
 
     unit: LengthUnit | None = None
@@ -47,7 +47,7 @@ class DemoSize(StrEnum):
 
 
 @dataclass(frozen=True)
-class FilmedConfig:
+class FilmedConfig(Configuration):
     """What `dmae detect` and `dmae run` detect people in."""
 
     videos: str | None = field(default=None, metadata={"reads": "path"})
@@ -90,7 +90,7 @@ class RunCommand(FilmedConfig):
     """Folder: `detected`, `captured` and `completed` clips, `report.html`, and `poses` in each format."""
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         if (self.videos or self.photos) and self.calibration is None:
             raise ValueError(
                 "expected calibration=<file>: without it people are found in 2D only; use dmae detect for that"
@@ -109,7 +109,7 @@ class DetectCommand(FilmedConfig):
     """Folder of the clip, or of the files of keypoints; for a data set, it contains a folder for each clip."""
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         if sum(given is not None for given in (self.videos, self.clip, self.photos)) != 1:
             raise ValueError(
                 "expected videos=<folder of videos>, clip=<folder of a clip with images> or photos=<folder of "
@@ -156,10 +156,9 @@ class CaptureCommand(PartConfig):
     each with some clips."""
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         if not self.smooth >= 0:
             raise ValueError(f"smooth={self.smooth:g}: expected seconds, 0 (no smoothing) or more")
-        super().__post_init__()
 
 
 @dataclass(frozen=True)
@@ -193,14 +192,13 @@ class CompleteCommand(ProcessesConfig):
     """Folder of the completed clip; of a data set a folder for each clip is made in it."""
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         if self.delay != DELAY and not self.online:
             raise ValueError(f"delay={self.delay:g}: whole clips have no delay; add online=true, or leave delay out")
-        super().__post_init__()
 
 
 @dataclass(frozen=True)
-class ReportCommand:
+class ReportCommand(Configuration):
     """Make one page with a player for clips, and with scores: an HTML file that loads no other files."""
 
     title: str = TITLE
@@ -213,13 +211,13 @@ class ReportCommand:
     """File of the page; by default `report.html` in the folder of the clip, or else of the first scores."""
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         if not (self.clip or self.scores):
             raise ValueError("nothing to report: name scores=[folder,...] or clip=folder, or both")
 
 
 @dataclass(frozen=True)
-class ReviewCommand:
+class ReviewCommand(Configuration):
     """Rank the joints of a clip by their possible error; accept, blank or hand back entries of the ranking.
 
     Decisions are written to `decisions.json` in the folder of the clip. `dmae export` leaves out blanked and
@@ -239,7 +237,7 @@ class ReviewCommand:
 
 
 @dataclass(frozen=True)
-class LiveCommand:
+class LiveCommand(Configuration):
     """Answer detections of frames with poses, as lines of JSON (see `dmae.online.json_lines` or the documentation).
 
     Frames are read from standard input and answered on standard output, or on a socket with `listen`.
@@ -265,7 +263,7 @@ class LiveCommand:
     input."""
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         if self.weights is not None and not self.complete:
             raise ValueError(f"weights={self.weights}: nothing is completed; add complete=true, or leave weights out")
         if self.listen is None:
@@ -276,7 +274,7 @@ class LiveCommand:
 
 
 @dataclass(frozen=True)
-class ExportCommand:
+class ExportCommand(Configuration):
     """Write poses to a file that other programs read."""
 
     clip: str = field(default="???", metadata={"reads": "clip"})
@@ -301,7 +299,7 @@ class ExportCommand:
 
 
 @dataclass(frozen=True)
-class ConvertCommand:
+class ConvertCommand(Configuration):
     """Turn a recording into another format, or into a clip."""
 
     data: DataConfig = field(default_factory=DataConfig)
@@ -312,7 +310,7 @@ class ConvertCommand:
 
 
 @dataclass(frozen=True)
-class DoctorCommand:
+class DoctorCommand(Configuration):
     """Find what is wrong with a calibration and its detections, and print how to correct it.
 
     Exits with status 1 if anything is wrong. Writes `doctor.json`, `doctor.png`, and a figure of epipolar arrows for
@@ -327,7 +325,7 @@ class DoctorCommand:
 
 
 @dataclass(frozen=True)
-class CalibrateCommand:
+class CalibrateCommand(Configuration):
     """Refine a calibration by the people in a recording.
 
     Record people who walk through the whole volume for half a minute, better for a minute.
@@ -341,9 +339,8 @@ class CalibrateCommand:
     """Calibration file to write."""
 
 
-@answer_fields
 @dataclass(frozen=True)
-class PretrainCommand:
+class PretrainCommand(Configuration):
     """Simulate people with your motion, cameras and detector, and train on them.
 
     Trains a model that `dmae train init=<model>` can then fine-tune on recordings: simulates, captures, trains,
@@ -374,7 +371,7 @@ class PretrainCommand:
     """Folder of the data sets, of the model (`model`) and of its scores."""
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         for name, least in (("clips", 2), ("steps", 1), ("seed", 0)):
             if getattr(self, name) < least:
                 raise ValueError(f"{name}: expected at least {least}, found {getattr(self, name)}")
@@ -383,7 +380,7 @@ class PretrainCommand:
 
 
 @dataclass(frozen=True)
-class DemoCommand:
+class DemoCommand(Configuration):
     """Simulate people, detect, capture, train, complete, score and report. Every step is printed."""
 
     size: DemoSize = DemoSize.small
@@ -397,7 +394,7 @@ class DemoCommand:
 
 
 @dataclass(frozen=True)
-class RegressCommand:
+class RegressCommand(Configuration):
     """Check any triangulation against a fixed set of cases. Exits with status 1 if a bound is broken.
 
     The solver is a plain function of keyword arrays (numpy is sufficient):

@@ -14,11 +14,11 @@ from dmae.commands.config import CaptureCommand, CompleteCommand
 from dmae.data.cameras import camera_label
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.resume import claim_folder
-from dmae.data.store import CHECKSUMS, MANIFEST, filled_clip_folders, read_manifest, save_clip, write_manifest
+from dmae.data.store import CHECKSUMS, MANIFEST, clip_folders, read_manifest, save_clip, write_manifest
 from dmae.evaluation.review import DECISIONS
 from dmae.files.checksums import begin_data_set, checksum, clip_checksum, end_data_set, find_damage, write_checksums
 from dmae.files.contents import whole_folder
-from dmae.formats.reading import DataConfig, filled_clips
+from dmae.formats.reading import Clips, DataConfig
 from dmae.parallel import in_parallel, process_count
 from dmae.progress import duration, progress
 from dmae.reconstruction.sides import exchanged_detections
@@ -51,7 +51,7 @@ def forecast(config: CaptureCommand | CompleteCommand, clips: int, begin: Callab
 
 def each_clip(data: DataConfig, out: Path, doing: str) -> Iterator[tuple[Clip, str, Path]]:
     """Each clip that `data=` names, the name of its folder, and the folder in `out` that its result goes to."""
-    clips = filled_clips(data)
+    clips = Clips(data)
     for clip, folder in progress(zip(clips, clips.folders, strict=True), doing, len(clips)):
         yield clip, folder.name, out / folder.name if clips.data_set else out
 
@@ -159,7 +159,7 @@ def settings_of(command: str, config, data: Path) -> dict:
     The content is known by the `clip.json` of each clip, which holds a checksum of the arrays. Raises ValueError if
     there is no clip.
     """
-    folders = filled_clip_folders(data)
+    folders = clip_folders(data)
     files = (folder / name for folder in folders for name in ("clip.json", DECISIONS))
     content = hashlib.sha256(b"".join(file.read_bytes() for file in files if file.is_file())).hexdigest()
     options = {name: value for name, value in asdict(config).items() if name not in _WITHOUT_EFFECT}

@@ -23,10 +23,10 @@ from dmae.completion.pieces import in_pieces
 from dmae.completion.pose_prior import floor_height, likely_pose, stand_on_floor
 from dmae.completion.weights import SHIPPED, find_shipped, load_model, weights_folder
 from dmae.completion.windows import Rows, make_rows
-from dmae.data.arguments import check_arguments
 from dmae.data.clip import Poses3D, Source
 from dmae.data.conversion import convert
 from dmae.data.skeleton import Skeleton
+from dmae.data.typed import check_arguments
 from dmae.files.contents import cached_until_changed
 from dmae.metrics.position import GAPS
 from dmae.numerics.body import rotate_z

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from dmae.data.json_values import answer_fields, check_fields
+from dmae.data.typed import Configuration
 from dmae.formats.config import DataConfig
 from dmae.reconstruction.config import CaptureConfig
 
@@ -20,7 +20,7 @@ on the axis that follows the joints."""
 
 
 @dataclass(frozen=True)
-class EncoderConfig:
+class EncoderConfig(Configuration):
     """The encoder of observed tokens."""
 
     dim: int = 96
@@ -36,7 +36,7 @@ class EncoderConfig:
 
 
 @dataclass(frozen=True)
-class DecoderConfig:
+class DecoderConfig(Configuration):
     """The decoder of all tokens. Heads and hidden layers are as wide as the encoder's times `dim` / `encoder.dim`."""
 
     dim: int = 96
@@ -46,7 +46,7 @@ class DecoderConfig:
 
 
 @dataclass(frozen=True)
-class CodesConfig:
+class CodesConfig(Configuration):
     """The Fourier codes of coordinates (signal) and of joint and time (context)."""
 
     signal: int = 64
@@ -63,9 +63,8 @@ class CodesConfig:
     """Ablation: leave out the code of the joint, in the encoder, as the released code does."""
 
 
-@answer_fields
 @dataclass(frozen=True)
-class ModelConfig:
+class ModelConfig(Configuration):
     """What the network looks like. `configs/model/paper.yaml` is the paper's."""
 
     frames: int = 15
@@ -89,6 +88,7 @@ class ModelConfig:
     """Ablation: input features set to zero, of `gap`, `ray`, `held`, `bone_length`, `jitter` and `bone_stretch`."""
 
     def __post_init__(self):
+        super().__post_init__()
         if unknown := set(self.ablate) - FEATURES.keys():
             raise ValueError(f"model.ablate: expected some of {list(FEATURES)}, found {sorted(unknown)}")
         encoder, decoder, codes = self.encoder, self.decoder, self.codes
@@ -110,13 +110,11 @@ class ModelConfig:
             "fps": (self.fps, 0.01, 1e5),
         }
         for name, (value, least, most) in limits.items():
-            kind, noun = (int, "whole number") if least == 1 else (int | float, "number")
-            if isinstance(value, bool) or not isinstance(value, kind) or not least <= value <= most:
-                raise ValueError(f"model.{name}: expected a {noun} from {least:g} to {most:g}, found {value!r:.40}")
+            if not least <= value <= most:
+                raise ValueError(f"model.{name}: expected a number from {least:g} to {most:g}, found {value!r:.40}")
         for name, dim in (("encoder.dim", encoder.dim), ("decoder.dim", decoder.dim)):
             if dim % 2:
                 raise ValueError(f"model.{name}: expected an even number (sines and cosines), found {dim}")
-        check_fields(self)
 
 
 # How a model is trained.
@@ -142,7 +140,7 @@ class Precision(StrEnum):
 
 
 @dataclass(frozen=True)
-class MaskingConfig:
+class MaskingConfig(Configuration):
     """Which of the known joints are hidden from the encoder in training."""
 
     scattered: float = 0.05
@@ -163,7 +161,7 @@ class MaskingConfig:
     """Frames at 25/s of the longest burst in which the whole person is masked."""
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         for name in ("scattered", "joints", "frames", "released"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"masking.{name}: expected a share between 0 and 1, found {getattr(self, name)}")
@@ -172,7 +170,7 @@ class MaskingConfig:
 
 
 @dataclass(frozen=True)
-class AugmentConfig:
+class AugmentConfig(Configuration):
     """How recordings are varied each time they are drawn. Each person is rotated about the vertical by any angle."""
 
     mirror: float = 0.5
@@ -191,7 +189,7 @@ class AugmentConfig:
 
 
 @dataclass(frozen=True)
-class ExamplesConfig:
+class ExamplesConfig(Configuration):
     """What examples are made of."""
 
     masking: MaskingConfig = field(default_factory=MaskingConfig)
@@ -211,16 +209,15 @@ class ExamplesConfig:
     """Processes that make batches for the one that trains; 0: the training process makes them."""
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         if not 0 <= self.held_back < 1:
             raise ValueError(f"examples.held_back: expected a share in [0, 1), found {self.held_back}")
         if self.replay is not None and not 0 < self.replay < 1:
             raise ValueError(f"examples.replay={self.replay}: expected a share between 0 and 1")
 
 
-@answer_fields
 @dataclass(frozen=True)
-class LearningConfig:
+class LearningConfig(Configuration):
     """How the network learns from examples."""
 
     steps: int = 6000
@@ -246,7 +243,7 @@ class LearningConfig:
     """Numbers that the network computes with."""
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         for name in ("steps", "epoch", "batch", "devices"):
             if getattr(self, name) < 1:
                 raise ValueError(f"learning.{name}: expected at least 1, found {getattr(self, name)}")
@@ -256,9 +253,8 @@ class LearningConfig:
             raise ValueError(f"learning.average: expected a decay in [0, 1), found {self.average}")
 
 
-@answer_fields
 @dataclass(frozen=True)
-class TrainConfig:
+class TrainConfig(Configuration):
     """Train a model that completes poses."""
 
     data: DataConfig = field(default_factory=DataConfig)
@@ -287,7 +283,7 @@ class TrainConfig:
     """Folder of the model, its record, its checkpoint and TensorBoard's logs."""
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         if self.examples.replay is not None and not self.extra_data:
             raise ValueError(
                 f"examples.replay={self.examples.replay}: expected extra_data=[...] to take that share of windows from"

@@ -22,9 +22,9 @@ from dmae.completion.config import ModelConfig
 from dmae.completion.fusion import namesakes
 from dmae.completion.methods import completion_method
 from dmae.completion.network import DMAE
-from dmae.data.json_values import decode
 from dmae.data.skeleton import Skeleton, decode_skeleton, encode, get_skeleton
 from dmae.data.store import write_atomic
+from dmae.data.typed import decode
 from dmae.files.contents import read_bytes
 from dmae.files.structured import read_json, read_yaml
 from dmae.metrics.score_tables import score_tables

@@ -20,22 +20,27 @@ def set_array(owner: Any, name: str, dtype: type, shape: tuple[int | str, ...], 
     An axis of any length is given by its letter, as "F". A field that is None becomes an array of the default. Raises
     ValueError if the array has another shape.
     """
-    value = getattr(owner, name)
-    # Numbers too large for the type become infinite. `check_numbers` of the owner refuses them.
+    value, place = getattr(owner, name), f"{type(owner).__name__}.{name}"
+    array = _full(shape, default, dtype) if value is None else as_numbers(place, value, dtype)
+    if array.ndim != len(shape) or any(want not in (n, str(want)) for want, n in zip(shape, array.shape, strict=True)):
+        expected = f"({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
+        raise ValueError(f"{place}: expected shape {expected}, found {array.shape}")
+    if array.size == 0 and max(array.shape, default=0) > _LONGEST_EMPTY:
+        raise ValueError(f"{place}: found an empty array of shape {array.shape}")
+    object.__setattr__(owner, name, array)
+
+
+def as_numbers(name: str, value: Any, dtype: type = np.float64) -> np.ndarray:
+    """Return a value as an array; TypeError, with its name, if it is none of numbers."""
     try:
+        # Numbers too large for the type become infinite. `check_numbers` of their owner refuses them.
         with np.errstate(over="ignore"):
-            array = _full(shape, default, dtype) if value is None else np.asarray(value, dtype)
+            return np.asarray(value, dtype)
     except (TypeError, ValueError):
         found = repr(value) if isinstance(value, str) else type(value).__name__
         if isinstance(value, list | tuple):
             found += " with parts that are no numbers, or of different lengths"
-        raise TypeError(f"{type(owner).__name__}.{name}: expected an array of numbers, found {found:.80}") from None
-    if array.ndim != len(shape) or any(want not in (n, str(want)) for want, n in zip(shape, array.shape, strict=True)):
-        expected = f"({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
-        raise ValueError(f"{type(owner).__name__}.{name}: expected shape {expected}, found {array.shape}")
-    if array.size == 0 and max(array.shape, default=0) > _LONGEST_EMPTY:
-        raise ValueError(f"{type(owner).__name__}.{name}: found an empty array of shape {array.shape}")
-    object.__setattr__(owner, name, array)
+        raise TypeError(f"{name}: expected an array of numbers, found {found:.80}") from None
 
 
 def check_type(owner: Any, name: str, expected: type, advice: str = "") -> None:

@@ -23,7 +23,7 @@ def read_preset(kind: type[T], group: str, name: str) -> T:
 
     Raises ValueError, with the nearest name, if there is no such preset.
     """
-    from dmae.data.json_values import decode
+    from dmae.data.typed import decode
     from dmae.files.structured import read_yaml  # it loads NumPy, which `--help` does not need
 
     files = {file.stem: file for file in (resource_folder("dmae", "configs") / group).glob("*.yaml")}

@@ -179,23 +179,18 @@ def _labels(part: str, kind: type, arrays: dict[str, np.ndarray], **more) -> Any
 def clip_folders(path: Path) -> list[Path]:
     """Return the folders of the clips of a data set with status ok, in the order of its manifest; or the clip itself.
 
-    Raises FileNotFoundError if the path is neither a clip nor a data set.
+    Raises FileNotFoundError if the path is neither a clip nor a data set; ValueError if all clips failed.
     """
     path = Path(path)
     if (path / "clip.json").is_file():
         return [path]
     if (path / MANIFEST).is_file():
-        return [path / line["id"] for line in read_manifest(path) if line["status"] == "ok"]
+        folders = [path / line["id"] for line in read_manifest(path) if line["status"] == "ok"]
+        if not folders:
+            raise ValueError(f"{path}: no clip of this data set is ok, nothing to do")
+        return folders
     found = "neither; dmae capture data=... makes a clip of a recording" if path.exists() else "no such folder"
     raise FileNotFoundError(f"{path}: expected a clip (clip.json) or a data set ({MANIFEST}), found {found}")
-
-
-def filled_clip_folders(path: Path) -> list[Path]:
-    """Return `clip_folders`; ValueError if there are none, as all clips failed."""
-    folders = clip_folders(path)
-    if not folders:
-        raise ValueError(f"{path}: no clip of this data set is ok, nothing to do")
-    return folders
 
 
 def read_manifest(path: Path) -> list[dict]:

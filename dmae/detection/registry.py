@@ -10,15 +10,15 @@ from typing import Protocol
 
 import numpy as np
 
-from dmae.data.json_values import check_fields
 from dmae.data.skeleton import Skeleton
+from dmae.data.typed import Configuration
 from dmae.registry import Entry, Registry
 
 pose_detector = Registry("pose_detector", Entry, f"{__package__}.detectors", option="detector", arguments=("config",))
 
 
 @dataclass(frozen=True)
-class PoseDetectorConfig:
+class PoseDetectorConfig(Configuration):
     """How people are found in images."""
 
     name: str = field(default="blazepose", metadata={"choices": pose_detector})
@@ -42,7 +42,7 @@ class PoseDetectorConfig:
     that are parts of people."""
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         if self.windows is not None and not (self.windows and all(0.05 <= share <= 2 for share in self.windows)):
             raise ValueError(f"detector.windows={self.windows}: expected shares of the image from 0.05 to 2")
         if self.search_every < 1:
@@ -59,7 +59,7 @@ class FlatFormat(StrEnum):
 
 
 @dataclass(frozen=True)
-class OutputConfig:
+class OutputConfig(Configuration):
     """How detections are written."""
 
     skeleton: str | None = field(default=None, metadata={"reads": "skeleton"})

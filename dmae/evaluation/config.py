@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from dmae.completion.methods import completion_method
-from dmae.data.json_values import answer_fields, check_fields
+from dmae.data.typed import Configuration
 from dmae.evaluation.corruption.registry import corruption
 from dmae.formats.config import DataConfig
 from dmae.metrics.registry import protocol
@@ -47,7 +47,6 @@ class PartConfig(ProcessesConfig):
     """Number of clips; by default all from `first` on."""
 
 
-@answer_fields
 @dataclass(frozen=True)
 class EvaluateConfig(PartConfig):
     """Score methods of completion over clips and subsets of cameras."""
@@ -118,7 +117,6 @@ class StressSize(StrEnum):
     """Three or four levels, four pairs, three seeds: about 280 cells per clip."""
 
 
-@answer_fields
 @dataclass(frozen=True)
 class StressConfig(PartConfig):
     """Corrupt clips step by step, and score every method at each step."""
@@ -227,9 +225,8 @@ class TableSize(StrEnum):
     """Fewer methods and short trainings: all five tables in minutes."""
 
 
-@answer_fields
 @dataclass(frozen=True)
-class TableConfig:
+class TableConfig(Configuration):
     """Reproduce a table of the paper: published rows and rows measured here, with intervals.
 
     Tables 1 and 2 (PCP of each actor; by number of cameras) and 4 (pose fusion, limb by limb) score one recording with
@@ -264,7 +261,7 @@ class TableConfig:
     """Folder for the table."""
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         if self.number not in NUMBERS:
             tables = "; ".join(f"{number}, {title}" for number, title in NUMBERS.items())
             raise ValueError(f"number={self.number}: the tables are {tables}")

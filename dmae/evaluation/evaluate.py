@@ -24,7 +24,7 @@ from dmae.evaluation.predictions import predictions_of, read_prediction
 from dmae.evaluation.scores import compared_truth, measured_by_all, score, scored_actors, summary, truth_of
 from dmae.evaluation.synthetic_gaps import cut_gaps, perturb
 from dmae.formats.config import clip_range
-from dmae.formats.reading import Clips, camera_subsets, filled_clips
+from dmae.formats.reading import Clips, camera_subsets
 from dmae.metrics.angles import leg_angles
 from dmae.metrics.comparison import GATE, match, take_matched
 from dmae.parallel import in_parallel, process_count, running_on
@@ -270,7 +270,7 @@ def forecast(config: EvaluateConfig) -> str:
 
 
 def _clips(config: EvaluateConfig) -> Clips:
-    clips = filled_clips(config.data)
+    clips = Clips(config.data)
     return clips.part(clip_range(len(clips), config.first, config.clips))
 
 

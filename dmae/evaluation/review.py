@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from dmae.data.clip import Clip, Poses3D
-from dmae.data.json_values import decode
+from dmae.data.typed import decode
 from dmae.files.contents import write_atomic
 from dmae.files.structured import read_json
 
@@ -109,11 +109,6 @@ def checksum(poses: Poses3D) -> str:
 
 
 def _index(poses: Poses3D, decision: Decision) -> tuple[slice, int, int]:
-    if not isinstance(decision, Decision):
-        raise TypeError(
-            "decisions: expected decisions, as entry.decision('blank') of an entry of dmae.review, found "
-            f"{type(decision).__name__}"
-        )
     frames, persons, _ = poses.source.shape
     if decision.joint not in poses.skeleton.joints:
         raise ValueError(f"decision on joint {decision.joint!r}: {poses.skeleton.name} has no such joint")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dmae.data.typed import Configuration
 from dmae.formats.registry import reader
 
 if TYPE_CHECKING:
@@ -32,10 +33,6 @@ class LengthUnit(StrEnum):
     m = "m"
     cm = "cm"
     mm = "mm"
-
-    @classmethod
-    def _missing_(cls, value: object) -> None:
-        raise ValueError(f"unit={value}: expected one of {', '.join(cls)}")
 
 
 METRES = {LengthUnit.m: 1.0, LengthUnit.cm: 0.01, LengthUnit.mm: 0.001}
@@ -93,7 +90,7 @@ OURS = Convention()
 
 
 @dataclass(frozen=True)
-class DataConfig:
+class DataConfig(Configuration):
     """The recording, clip or data set to read."""
 
     name: str | None = field(default=None, metadata={"choices": reader})

@@ -143,14 +143,6 @@ class Clips(Sequence):
         return to_clip(found, rig, fps, folder)
 
 
-def filled_clips(config: DataConfig) -> Clips:
-    """Return the clips that a configuration names; ValueError if there are none, as all clips failed."""
-    clips = Clips(config)
-    if not clips:
-        raise ValueError(f"{config.path}: no clip of this data set is ok, nothing to do")
-    return clips
-
-
 def written_convention(config: DataConfig) -> Convention | None:
     """Return the convention by which the calibration is read; None if the recording itself holds the cameras."""
     if config.calibration is None and not _reader(config).takes("calibration"):

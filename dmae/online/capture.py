@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dmae.completion.config import DELAY
-from dmae.data.arguments import check_arguments
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.conversion import resized_poses, resized_rig
 from dmae.data.skeleton import Skeleton
+from dmae.data.typed import check_arguments
 from dmae.files.checks import check_rate
 from dmae.online.completion import TURN, FinishedFrame, OnlineCompleter, split_frames
 from dmae.reconstruction.body_size import resized_config

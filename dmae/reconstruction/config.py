@@ -9,7 +9,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from dmae.data.json_values import answer_fields, check_fields
+from dmae.data.typed import Configuration
 from dmae.registry import Entry, Registry
 
 ADAPTIVE = "adaptive"
@@ -45,7 +45,7 @@ class ComparedJoints(StrEnum):
 
 
 @dataclass(frozen=True)
-class NoiseModel:
+class NoiseModel(Configuration):
     """Expected error of detected joints, and when triangulation rejects a view or a point.
 
     Detectors err in proportion to the size of the person in the image. Sigma, the standard deviation along one axis,
@@ -73,7 +73,7 @@ class NoiseModel:
 
 
 @dataclass(frozen=True)
-class AssociationConfig:
+class AssociationConfig(Configuration):
     """Identity matching: which detections of different views show one person."""
 
     joints: ComparedJoints = ComparedJoints.all
@@ -86,13 +86,13 @@ class AssociationConfig:
     """Smallest affinity of detections of one person, 0 to 1."""
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         if not self.ray_distance_m > 0:
             raise ValueError(f"association.ray_distance_m={self.ray_distance_m}: expected a positive number")
 
 
 @dataclass(frozen=True)
-class TrackingConfig:
+class TrackingConfig(Configuration):
     """Tracking: birth, coasting and re-entry of persons, and how their motion is predicted."""
 
     birth_joints: int = 3
@@ -116,7 +116,7 @@ class TrackingConfig:
 
 
 @dataclass(frozen=True)
-class ReassignmentConfig:
+class ReassignmentConfig(Configuration):
     """Second pass: each joint takes the detection nearest to its own path, known from past and future."""
 
     distance_m: float = 0.2
@@ -126,7 +126,7 @@ class ReassignmentConfig:
 
 
 @dataclass(frozen=True)
-class SubjectConfig:
+class SubjectConfig(Configuration):
     """The one person that is wanted, or what the wanted people have in common; everyone else is left out."""
 
     at: list[float] | None = None
@@ -137,7 +137,7 @@ class SubjectConfig:
     """[least, most] length from hip to knee to ankle, m: adults have 0.7 to 1.0, children less."""
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         if self.at is not None and len(self.at) != 3:
             raise ValueError(f"subject.at={self.at}: expected [frame, x, y]")
         if self.camera is not None and self.at is None:
@@ -146,9 +146,8 @@ class SubjectConfig:
             raise ValueError(f"subject.leg_m={self.leg_m}: expected [least, most] in m")
 
 
-@answer_fields
 @dataclass(frozen=True)
-class CaptureConfig:
+class CaptureConfig(Configuration):
     """How people are reconstructed. Lengths are on the person, durations in seconds: nothing depends on the rig."""
 
     method: str = field(default=ADAPTIVE, metadata={"choices": (ADAPTIVE, *capture_method)})
@@ -175,7 +174,7 @@ class CaptureConfig:
     subject: SubjectConfig = field(default_factory=SubjectConfig)
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         capture_method.check(self.method, ADAPTIVE)
         if self.method in capture_method:
             others = [each for each in fields(self) if each.name not in ("method", "th_p")]

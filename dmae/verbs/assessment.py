@@ -7,13 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dmae.data.arguments import check_arguments
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.skeleton import Skeleton
-from dmae.evaluation.config import StressConfig, TableConfig
+from dmae.data.typed import check_arguments
+from dmae.evaluation.config import BenchmarkConfig, BenchmarkSize, StressConfig, TableConfig
 from dmae.evaluation.corruption import corrupt as corruption
 from dmae.evaluation.review import Decision, save_decisions, without_decided
-from dmae.verbs.recordings import configuration
 from dmae.viewing.config import ShowConfig
 
 if TYPE_CHECKING:
@@ -172,7 +171,7 @@ def benchmark(
     methods: Sequence[str | Callable] = ("linear", "pchip_body", "gaussian_process", "dmae"),
     captures: Sequence[str | Callable] = ("capture",),
     name: str = "occlusion-v2",
-    size: str = "small",
+    size: BenchmarkSize | str = BenchmarkSize.small,
     angles: bool = False,
     against: str | Path | None = None,
     workers: int = 1,
@@ -209,10 +208,7 @@ def benchmark(
     """
     from dmae.evaluation.benchmark.page import write_scores
     from dmae.evaluation.benchmark.run import benchmark as run
-    from dmae.evaluation.config import BenchmarkConfig, BenchmarkSize
 
-    if size not in [*BenchmarkSize]:
-        raise ValueError(f"size={size}: expected one of {', '.join(BenchmarkSize)}")
     config = BenchmarkConfig(
         name,
         BenchmarkSize(size),
@@ -282,7 +278,7 @@ def show(clip: Clip, out: str | Path, config: ShowConfig | None = None, *, poses
     """
     from dmae.viewing.show import show_clip
 
-    return show_clip(_with(clip, poses), Path(out), configuration(config, ShowConfig))
+    return show_clip(_with(clip, poses), Path(out), config or ShowConfig())
 
 
 @check_arguments
@@ -395,7 +391,7 @@ def stress(clips: Clip | Sequence[Clip], out: str | Path | None = None, config: 
     from dmae.evaluation.stress.page import write_result
 
     clips = [clips] if isinstance(clips, Clip) else clips
-    matrix = prepare(clips, configuration(config, StressConfig), Path(out) / CACHE if out else None)
+    matrix = prepare(clips, config or StressConfig(), Path(out) / CACHE if out else None)
     result = compute(matrix)
     if out:
         write_result(result, Path(out))
@@ -428,6 +424,6 @@ def table(number: int, data: str | Path, out: str | Path, config: TableConfig | 
     from dmae.evaluation.paper_tables.tables import make_table
     from dmae.formats.reading import recognise
 
-    config = replace(configuration(config, TableConfig), number=number)
+    config = replace(config or TableConfig(), number=number)
     source = replace(config.data, path=str(data), name=recognise(Path(data)))
     return make_table(replace(config, data=source), Path(out))

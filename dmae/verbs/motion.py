@@ -13,18 +13,19 @@ import numpy as np
 from dmae.calibration.config import RefineConfig
 from dmae.commands.config import PretrainCommand
 from dmae.completion.config import TrainConfig
-from dmae.data.arguments import check_arguments
+from dmae.data.array_fields import as_numbers
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import Skeleton, get_skeleton
 from dmae.data.store import load_clip
+from dmae.data.typed import check_arguments
 from dmae.detection.registry import PoseDetectorConfig
 from dmae.numerics import filling
 from dmae.reconstruction import pipeline, triangulation
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.diagnosis import explain_capture
 from dmae.reconstruction.triangulation import Points
-from dmae.verbs.recordings import configuration, detect_in
+from dmae.verbs.recordings import configured, detect_in
 
 if TYPE_CHECKING:
     from dmae.calibration.doctor import Diagnosis
@@ -61,7 +62,7 @@ def capture(
     """
     from dmae.completion.methods import find_method
 
-    chosen = configuration(config, CaptureConfig, "capture")
+    chosen = configured("capture", config)
     poses = pipeline.capture(clip, chosen)
     if not poses.xyz.shape[1]:
         for suggestion in explain_capture(clip, chosen).suggestions:
@@ -193,7 +194,7 @@ def train(
     """
     from dmae.completion.training import train as run
 
-    return run(configuration(config, TrainConfig, "train"), clips, Path(out), validation_data, extra_data)
+    return run(configured("train", config), clips, Path(out), validation_data, extra_data)
 
 
 @check_arguments
@@ -220,7 +221,7 @@ def pretrain(out: str | Path, config: PretrainCommand | None = None) -> Path:
     """
     from dmae.commands.pretrain import run
 
-    run(configuration(config, PretrainCommand), Path(out))
+    run(config or PretrainCommand(), Path(out))
     return Path(out) / "model"
 
 
@@ -279,20 +280,13 @@ def triangulate(rig: CameraRig, xy: np.ndarray, confidence: np.ndarray | None = 
     """
     if isinstance(xy, tuple):
         raise ValueError("xy: expected an array, found a tuple; rig.project returns xy and depth, give the first")
-    xy = _numbers("xy", xy)
+    xy = as_numbers("xy", xy)
     if xy.ndim < 3 or xy.shape[1] != len(rig) or xy.shape[-1] != 2:
         raise ValueError(f"rig of {len(rig)} cameras: expected xy (F, {len(rig)}, ..., 2) px, found shape {xy.shape}")
-    confidence = np.ones(xy.shape[:-1]) if confidence is None else _numbers("confidence", confidence)
+    confidence = np.ones(xy.shape[:-1]) if confidence is None else as_numbers("confidence", confidence)
     if confidence.shape != xy.shape[:-1]:
         raise ValueError(f"confidence: expected shape {xy.shape[:-1]}, one for each pixel, found {confidence.shape}")
     return triangulation.triangulate(rig, np.moveaxis(rig.undistort(xy), 1, -2), np.moveaxis(confidence, 1, -1))
-
-
-def _numbers(name: str, values: np.ndarray) -> np.ndarray:
-    try:
-        return np.asarray(values, np.float64)
-    except (TypeError, ValueError):
-        raise TypeError(f"{name}: expected an array of numbers, found {type(values).__name__}") from None
 
 
 @check_arguments
@@ -343,7 +337,7 @@ def calibrate(clip: Clip, refine: RefineConfig | None = None) -> Refined:
     """
     from dmae.calibration.refinement import refine as run
 
-    return run(clip, configuration(refine, RefineConfig))
+    return run(clip, refine or RefineConfig())
 
 
 @check_arguments
@@ -408,7 +402,7 @@ def run(
         raise ValueError(f"clip {given.id!r}: capture needs at least 2 cameras, found {len(given.rig)}")
     if out is None:
         clip = detect_in(given, calibration, detector, fps, offsets, frames, None, workers, least=2)
-        captured = pipeline.capture(clip, configuration(capture, CaptureConfig, "capture"))
+        captured = pipeline.capture(clip, configured("capture", capture))
         poses = complete(captured, clip.fps, weights=weights)
         return replace(clip, poses=poses)
     config = RunCommand(
@@ -416,7 +410,7 @@ def run(
         clip=str(source) if calibration is None else None,
         calibration=None if calibration is None else str(calibration),
         detector=PoseDetectorConfig(name=detector),
-        capture=configuration(capture, CaptureConfig, "capture"),
+        capture=configured("capture", capture),
         weights=None if weights is None else str(weights),
         fps=fps,
         offsets=None if offsets is None else list(offsets),

@@ -10,14 +10,13 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from dmae.completion.config import TrainConfig
-from dmae.data.arguments import check_arguments
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.conversion import convert as convert_poses
-from dmae.data.json_values import checked
 from dmae.data.resources import read_preset
 from dmae.data.skeleton import Skeleton, get_skeleton
 from dmae.data.store import load_clip, save_clip
+from dmae.data.typed import check_arguments
 from dmae.detection.recording import detect_clip, detect_recording, make_clip, open_recording, recording_name
 from dmae.detection.registry import PoseDetectorConfig
 from dmae.formats import poses as pose_files
@@ -63,7 +62,7 @@ def read(path: str | Path, fps: float | None = None, format: str | None = None, 
     for name in options.keys() - _FIELDS:
         raise TypeError(f"read: no option {name}; {suggestion(name, _FIELDS)}")
     try:
-        clips = Clips(checked(DataConfig(name=format, path=str(path), fps=fps, **options), "data"))
+        clips = Clips(DataConfig(name=format, path=str(path), fps=fps, **options))
         if len(clips) != 1:
             raise ValueError(f"{path}: expected one recording, found a data set of {len(clips)}; use dmae.load_dataset")
         return clips[0]
@@ -74,7 +73,7 @@ def read(path: str | Path, fps: float | None = None, format: str | None = None, 
 
 
 _FIELDS = [each.name for each in fields(DataConfig) if each.name != "name"]
-_OPTION = re.compile(rf"(?<![\w/.])data(?:\.({'|'.join(_FIELDS)})\b|\.name\b|(?==\.\.\.))")
+_OPTION = re.compile(rf"(?<![\w/.])(?:data|DataConfig)(?:\.({'|'.join(_FIELDS)})\b|\.name\b|(?==\.\.\.))")
 
 
 @check_arguments
@@ -242,7 +241,7 @@ def export(
     *,
     poses: Poses3D | None = None,
     skeleton: str | Path | Skeleton | None = None,
-    unit: str = "m",
+    unit: LengthUnit | str = LengthUnit.m,
     keep_mm: float | None = None,
     robot: str | None = None,
     people: Sequence[str] = (),
@@ -324,24 +323,6 @@ def to_skeleton(poses: Poses3D, skeleton: str | Path | Skeleton) -> Poses3D:
     return convert_poses(poses, get_skeleton(skeleton))
 
 
-def configuration(given: Any, expected: type, group: str | None = None, name: str = "config") -> Any:
-    """Return the configuration that was given, by its preset's name or as it is; by default that without a preset.
-
-    `group` has the presets, if there are any.
-
-    Raises:
-        TypeError: something else was given.
-        ValueError: there is no such preset, or a field has another type than its value.
-    """
-    if isinstance(given, str) and group:
-        return preset(group, given)
-    if given is not None and not isinstance(given, expected):
-        or_preset = " or the name of a preset" if group else ""
-        package = expected.__module__.partition(".")[0]
-        raise TypeError(f"{name}: expected a {package}.{expected.__name__}{or_preset}, found {given!r:.80}")
-    return checked(given) if given else expected()
-
-
 @check_arguments
 def preset(group: str, name: str, **changes: Any) -> Any:
     """Return a configuration as a preset of the command line sets it, with some fields changed.
@@ -362,3 +343,8 @@ def preset(group: str, name: str, **changes: Any) -> Any:
         raise ValueError(f"group={group!r}: expected capture or train")
     kind, folder = {"capture": (CaptureConfig, "capture"), "train": (TrainConfig, "model")}[group]
     return replace(read_preset(kind, folder, name), **changes)
+
+
+def configured(group: str, given: Any) -> Any:
+    """Return the configuration that was given, or the preset of this name; by default the default preset."""
+    return preset(group, given or "default") if given is None or isinstance(given, str) else given

@@ -2,13 +2,12 @@
 
 from dataclasses import dataclass, field
 
-from dmae.data.json_values import answer_fields
+from dmae.data.typed import Configuration
 from dmae.formats.config import DataConfig
 
 
-@answer_fields
 @dataclass(frozen=True)
-class LayersConfig:
+class LayersConfig(Configuration):
     """Layers that are drawn, if the clip has them."""
 
     detections: bool | None = None
@@ -22,9 +21,8 @@ class LayersConfig:
     no poses."""
 
 
-@answer_fields
 @dataclass(frozen=True)
-class ShowConfig:
+class ShowConfig(Configuration):
     """Draw recorded, simulated, captured or completed clips: `sheet.png`, a video, a recording for Rerun."""
 
     data: DataConfig = field(default_factory=DataConfig)

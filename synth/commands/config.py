@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from math import inf
 
+from dmae.data.typed import Configuration
 from dmae.detection.registry import PoseDetectorConfig
 from dmae.parallel import ProcessesConfig
 from synth.checks import check_range
@@ -34,7 +35,7 @@ class LabelCommand(ProcessesConfig):
 
 
 @dataclass(frozen=True)
-class VerifyCommand:
+class VerifyCommand(Configuration):
     """Check that clips are complete and correct. Exits with status 1 if they are not."""
 
     data: str = field(default="???", metadata={"reads": "path"})
@@ -46,7 +47,7 @@ class VerifyCommand:
 
 
 @dataclass(frozen=True)
-class SplitCommand:
+class SplitCommand(Configuration):
     """Divide the clips of a data set so that no person, motion or rig is in two splits, or takes of recorded motion so
     that no subject is in two sets; or check an existing division.
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from enum import Enum
 from math import inf
 
-from dmae.data.json_values import answer_fields, check_fields
 from dmae.data.labels import KINDS
+from dmae.data.typed import Configuration
 from dmae.parallel import ProcessesConfig
 from synth.checks import check_range
 from synth.detector.config import DetectorConfig
@@ -41,9 +41,8 @@ def image_kinds(choices: list[str] | tuple[str, ...] | str) -> tuple[str, ...]:
     return KINDS if "all" in choices else tuple(kind for kind in KINDS if kind in choices)
 
 
-@answer_fields
 @dataclass(frozen=True)
-class OcclusionConfig:
+class OcclusionConfig(Configuration):
     """Target occlusion: how many of the joints of BODY_25 are hidden, over a clip."""
 
     target: list[float] = field(default_factory=list)
@@ -56,7 +55,7 @@ class OcclusionConfig:
     """Whether joints hidden by their own person's body count, which no layout changes."""
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         if self.target and not (len(self.target) == 2 and 0 <= self.target[0] < self.target[1] <= 1):
             raise ValueError(
                 f"occlusion.target: expected [least, greatest] fraction of joints, 0 <= least < greatest <= 1, "
@@ -65,9 +64,8 @@ class OcclusionConfig:
         check_range("occlusion", self, 1, inf, "views")
 
 
-@answer_fields
 @dataclass(frozen=True)
-class AboutConfig:
+class AboutConfig(Configuration):
     """What only the publisher of a data set knows, for its Croissant metadata, datasheet and citation."""
 
     name: str | None = None
@@ -82,12 +80,11 @@ class AboutConfig:
     """Date of publication, as 2026-11-24."""
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         if self.date is not None and not re.fullmatch(r"\d{4}-(0\d|1[0-2])-([0-2]\d|3[01])", self.date):
             raise ValueError(f"about.date={self.date}: expected year-month-day, as 2026-11-24")
 
 
-@answer_fields
 @dataclass(frozen=True)
 class GenerateConfig(ProcessesConfig):
     """Simulate clips with exact truth. The same configuration and seed give the same clips."""
@@ -126,10 +123,9 @@ class GenerateConfig(ProcessesConfig):
     occlusion: OcclusionConfig = field(default_factory=OcclusionConfig)
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         check_range("", self, 0, inf, "seed", "first", "retries")
         check_range("", self, 1, inf, "clips")
-        super().__post_init__()
         if self.first + self.clips > MOST_CLIPS:
             raise ValueError(f"first and clips: expected clips up to number {MOST_CLIPS - 1}, found {self.first}")
         if not re.fullmatch(r"([A-Za-z0-9_][A-Za-z0-9_.-]*)?", self.prefix):
@@ -147,7 +143,6 @@ class GenerateConfig(ProcessesConfig):
         return image_kinds(self.images)
 
 
-@answer_fields
 @dataclass(frozen=True)
 class RenderConfig(ProcessesConfig):
     """Render simulated clips again: as other images, at another quality, or from other cameras. Nothing is simulated

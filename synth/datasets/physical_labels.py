@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from dmae.data.arguments import check_arguments
 from dmae.data.store import MANIFEST, clip_folders, load_clip
+from dmae.data.typed import check_arguments
 from dmae.files.checksums import (
     begin_data_set,
     checksum,

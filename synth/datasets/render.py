@@ -10,9 +10,9 @@ import numpy as np
 
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
-from dmae.data.json_values import decode
 from dmae.data.rng import Stream, generator
 from dmae.data.store import clip_folders, load_clip, save_clip
+from dmae.data.typed import decode
 from dmae.files.checksums import begin_data_set, find_damage, write_checksums
 from dmae.files.contents import whole_folder
 from dmae.files.structured import read_json

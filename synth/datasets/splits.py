@@ -15,8 +15,8 @@ import numpy as np
 from safetensors import safe_open
 from scipy.cluster.hierarchy import DisjointSet
 
-from dmae.data.arguments import check_arguments
-from dmae.data.store import filled_clip_folders
+from dmae.data.store import clip_folders
+from dmae.data.typed import check_arguments
 from dmae.files.contents import write_atomic
 from dmae.files.structured import read_json
 from dmae.progress import progress
@@ -240,7 +240,7 @@ def split(
     """
     if by not in SplitBy.__members__:
         raise ValueError(f"by={by!r}: expected one of {', '.join(SplitBy.__members__)}")
-    wanted, folders = _wanted(train, validation, test), filled_clip_folders(Path(path))
+    wanted, folders = _wanted(train, validation, test), clip_folders(Path(path))
     found = {folder.name: identities(folder, SplitBy[by]) for folder in progress(folders, "reading clips")}
     groups = _groups(found)
     if len(groups) < len(wanted):

@@ -14,10 +14,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from dmae.data.arguments import check_arguments
 from dmae.data.clip import Clip
 from dmae.data.labels import Visibility
-from dmae.data.store import MANIFEST, filled_clip_folders, load_clip, read_manifest
+from dmae.data.store import MANIFEST, clip_folders, load_clip, read_manifest
+from dmae.data.typed import check_arguments
 from dmae.files.contents import write_atomic
 from dmae.numerics.body import body_heading
 from dmae.numerics.paths import runs
@@ -150,7 +150,7 @@ def measure(data: Path | list[Path], *, workers: int = 1) -> Statistics:
         ValueError: no clip is ok, one is damaged, or clips have different skeletons.
     """
     each = data if isinstance(data, list) else [data]
-    folders = [folder for path in each for folder in filled_clip_folders(Path(path))]
+    folders = [folder for path in each for folder in clip_folders(Path(path))]
     found = in_parallel(_measure_clip, ((folder,) for folder in folders), workers)
     return reduce(Statistics.__add__, progress(found, "reading clips", len(folders)), Statistics())
 

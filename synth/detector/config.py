@@ -4,16 +4,15 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
-from dmae.data.json_values import answer_fields
+from dmae.data.typed import Configuration
 from synth.detector.errors_of_joints import Inversions, Misses, Noise, Scores
 from synth.detector.errors_of_persons import Drops, Ghosts, Merges, Splits, Swaps, Timing
 from synth.detector.parts import PartsConfig
 from synth.detector.view import Times
 
 
-@answer_fields
 @dataclass(frozen=True)
-class DetectorConfig:
+class DetectorConfig(Configuration):
     """A 2D pose detector of BODY25. By default it detects all visible joints and no others, without error.
 
     Errors are applied in the order of their fields. Each has its own random streams: changing one does not change the
@@ -66,7 +65,7 @@ class ErrorReference(StrEnum):
 
 
 @dataclass(frozen=True)
-class Limits:
+class Limits(Configuration):
     """Greatest differences allowed between a recording and its simulation."""
 
     miss: float = 0.03

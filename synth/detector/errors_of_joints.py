@@ -10,6 +10,7 @@ import numpy as np
 
 from dmae.data.labels import JointError, Visibility
 from dmae.data.skeleton import BODY25
+from dmae.data.typed import Configuration
 from synth.checks import check_range
 from synth.detector.parts import LEG_KINDS, check_beta, joint_groups, kind_of
 from synth.detector.view import ErrorStream, View, height
@@ -23,7 +24,7 @@ _MAX_WIDTH = 12.0
 
 
 @dataclass(frozen=True)
-class Noise:
+class Noise(Configuration):
     """Errors of the positions of detected joints. `parts.<kind>.noise`, `.tail` and `.offset` say how large they
     are."""
 
@@ -43,6 +44,7 @@ class Noise:
     """Factor of the error at hidden joints that are detected, relative to visible ones."""
 
     def __post_init__(self):
+        super().__post_init__()
         check_range("detector.noise", self, 0, inf, "view_offset", "minimum", "blur", "truncation", "hidden")
         check_range("detector.noise", self, 0, 1, "bias")
 
@@ -104,7 +106,7 @@ class Noise:
 
 
 @dataclass(frozen=True)
-class Scores:
+class Scores(Configuration):
     """Confidences, Beta distributed. `parts.<kind>.score` is their distribution at visible joints."""
 
     hidden: list[float] = field(default_factory=lambda: [1.0, 0.0])
@@ -115,6 +117,7 @@ class Scores:
     """Joints with less confidence are not reported."""
 
     def __post_init__(self):
+        super().__post_init__()
         check_range("detector.scores", self, 0, 1, "error_correlation", "minimum")
         check_beta("detector.scores.hidden", self.hidden)
 
@@ -166,7 +169,7 @@ _OUTER_AND_INNER = tuple(
 
 
 @dataclass(frozen=True)
-class Misses:
+class Misses(Configuration):
     """Joints, limbs and persons that are not detected. `parts.<kind>.miss` says how often a joint is missed."""
 
     limb_correlation: float = 0.0
@@ -189,6 +192,7 @@ class Misses:
     hidden legs is found more often than a person with a hidden trunk."""
 
     def __post_init__(self):
+        super().__post_init__()
         names = ("limb_correlation", "neighbour_correlation", "person", "hidden_person")
         check_range("detector.misses", self, 0, 1, *names)
         check_range("detector.misses", self, 0, 1, "lost_from", above=True)
@@ -270,7 +274,7 @@ _ARMS = BODY25.index("l_elbow", "l_wrist", "r_elbow", "r_wrist")
 
 
 @dataclass(frozen=True)
-class Inversions:
+class Inversions(Configuration):
     """Left limbs that are detected as right ones, and right as left."""
 
     legs: float = 0.0
@@ -284,6 +288,7 @@ class Inversions:
     """s; correlation time of `body`: the duration for which sides stay exchanged."""
 
     def __post_init__(self):
+        super().__post_init__()
         check_range("detector.inversions", self, 0, 1, "legs", "arms", "body")
         check_range("detector.inversions", self, 0, inf, "seconds", above=True, unit=" s")
 

@@ -11,13 +11,14 @@ import numpy as np
 
 from dmae.data.labels import JointError, Visibility
 from dmae.data.skeleton import BODY25
+from dmae.data.typed import Configuration
 from synth.checks import check_range
 from synth.detector.parts import LEG_KINDS, check_beta, joint_groups, kind_of
 from synth.detector.view import ErrorStream, View, box, height
 
 
 @dataclass(frozen=True)
-class Timing:
+class Timing(Configuration):
     """Cameras that do not expose their images at the times of the frames."""
 
     unsynchronised: float = 0.0
@@ -27,6 +28,7 @@ class Timing:
     """s; from the exposure of an image's first row to that of its last."""
 
     def __post_init__(self):
+        super().__post_init__()
         check_range("detector.timing", self, 0, inf, "unsynchronised", "rolling_shutter")
 
     def apply(self, view: View) -> View:
@@ -63,13 +65,14 @@ _NEAR = 0.06
 
 
 @dataclass(frozen=True)
-class Swaps:
+class Swaps(Configuration):
     """Joints that are detected on the same joint of another person."""
 
     probability: float = 0.0
     """Probability of a swap, for a joint that is hidden by another person or has that person's near by."""
 
     def __post_init__(self):
+        super().__post_init__()
         check_range("detector.swaps", self, 0, 1, "probability")
 
     def apply(self, view: View) -> View:
@@ -104,7 +107,7 @@ _LIMBS = np.array([joints for name, joints in _GROUPS.items() if name != "trunk"
 
 
 @dataclass(frozen=True)
-class Merges:
+class Merges(Configuration):
     """Two persons with overlapping boxes who become one detection, with some limbs from the other person."""
 
     probability: float = 0.0
@@ -114,6 +117,7 @@ class Merges:
     """Probability that the other person's remaining joints are reported as well."""
 
     def __post_init__(self):
+        super().__post_init__()
         check_range("detector.merges", self, 0, 1, "probability", "remainder")
 
     def apply(self, view: View) -> View:
@@ -162,13 +166,14 @@ _LEFT = np.array([joint.startswith("l_") for joint in BODY25.joints])
 
 
 @dataclass(frozen=True)
-class Splits:
+class Splits(Configuration):
     """One person that becomes two detections: upper and lower part, or left and right."""
 
     probability: float = 0.0
     """Probability that a person is split in a frame."""
 
     def __post_init__(self):
+        super().__post_init__()
         check_range("detector.splits", self, 0, 1, "probability")
 
     def apply(self, view: View) -> View:
@@ -193,7 +198,7 @@ _NOISE = 0.02
 
 
 @dataclass(frozen=True)
-class Ghosts:
+class Ghosts(Configuration):
     """Persons that a detector sees where none are, at fixed places in the image. Their shapes are true poses."""
 
     count: float = 0.0
@@ -204,6 +209,7 @@ class Ghosts:
     """(a, b) of the Beta distribution of their confidence."""
 
     def __post_init__(self):
+        super().__post_init__()
         check_range("detector.ghosts", self, 0, inf, "count")
         check_range("detector.ghosts", self, 0, 1, "joints")
         check_beta("detector.ghosts.score", self.score)
@@ -241,7 +247,7 @@ class Ghosts:
 
 
 @dataclass(frozen=True)
-class Drops:
+class Drops(Configuration):
     """Frames of a view that are lost."""
 
     probability: float = 0.0
@@ -250,6 +256,7 @@ class Drops:
     """Whether a lost frame repeats the detections of the previous frame."""
 
     def __post_init__(self):
+        super().__post_init__()
         check_range("detector.drops", self, 0, 1, "probability")
 
     def apply(self, view: View) -> View:

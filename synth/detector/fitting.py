@@ -16,9 +16,9 @@ import yaml
 from scipy.stats import spearmanr
 
 from dmae.data.clip import Clip
-from dmae.data.json_values import decode
 from dmae.data.resources import resource_folder
 from dmae.data.rng import Stream, generator
+from dmae.data.typed import decode
 from dmae.files.structured import read_yaml
 from dmae.progress import progress
 from synth.detector.config import DetectorConfig, ErrorReference

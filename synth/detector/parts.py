@@ -7,6 +7,7 @@ from math import inf
 import numpy as np
 
 from dmae.data.skeleton import BODY25
+from dmae.data.typed import Configuration
 from synth.checks import check_range
 
 
@@ -20,7 +21,7 @@ def check_beta(name: str, shape: Sequence[float]) -> None:
 
 
 @dataclass(frozen=True)
-class PartConfig:
+class PartConfig(Configuration):
     """Errors of the detector on one kind of joint."""
 
     noise: float = 0.0
@@ -54,6 +55,7 @@ class PartConfig:
     """As `hidden_score`, where another person or an object hides the joint; [0, 0] for `hidden_score`."""
 
     def __post_init__(self):
+        super().__post_init__()
         pairs = ("score", "offset", "hidden_score", "covered_score")
         for name, length in (*((name, 2) for name in pairs), ("miss", 4)):
             found = getattr(self, name)
@@ -70,7 +72,7 @@ class PartConfig:
 
 
 @dataclass(frozen=True)
-class PartsConfig:
+class PartsConfig(Configuration):
     """Errors of a detector on each kind of joint, left and right together."""
 
     nose: PartConfig = field(default_factory=PartConfig)

@@ -8,6 +8,7 @@ import numpy as np
 
 from dmae.data.array_fields import UNSET
 from dmae.data.labels import JointError, Visibility
+from dmae.data.typed import Configuration
 
 
 class ErrorStream(IntEnum):
@@ -34,7 +35,7 @@ class ErrorStream(IntEnum):
 
 
 @dataclass(frozen=True)
-class Times:
+class Times(Configuration):
     """Correlation times of errors."""
 
     correlation: float = 0.1
@@ -45,6 +46,7 @@ class Times:
     over the long one."""
 
     def __post_init__(self):
+        super().__post_init__()
         if not 0 <= self.correlation < float("inf"):
             raise ValueError(f"detector.times.correlation: expected 0 or more, found {self.correlation}")
         if len(self.bursts) != 2 or not min(self.bursts) > 0:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import inf
 
-from dmae.data.json_values import answer_fields, check_fields
+from dmae.data.typed import Configuration
 from dmae.registry import Entry, Registry
 from synth.checks import check_range
 
@@ -18,14 +18,14 @@ NO_INTERACTION = "none"
 
 
 @dataclass(frozen=True)
-class Interaction(Entry):
+class Interaction(Entry, Configuration):
     """What several people do together."""
 
     persons: tuple[int, int] = field(kw_only=True)
     """Least and greatest number of people."""
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         if not 1 <= self.persons[0] <= self.persons[1]:
             raise ValueError(f"interaction {self.name!r}: expected persons=(least, greatest), found {self.persons}")
 
@@ -34,9 +34,8 @@ interaction = Registry("interaction", Interaction, __package__, option="interact
 find_interaction = interaction.find
 
 
-@answer_fields
 @dataclass(frozen=True)
-class InteractionConfig:
+class InteractionConfig(Configuration):
     """Interaction of people, if any."""
 
     kind: str = NO_INTERACTION
@@ -45,7 +44,7 @@ class InteractionConfig:
     """Number of people who do not take part, each with an independent motion, added to `scene.persons`."""
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         interaction.check(self.kind, NO_INTERACTION)
         check_range("interaction", self, 0, inf, "bystanders", unit=" people")
         if self.bystanders and not self.together:

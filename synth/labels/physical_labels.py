@@ -9,7 +9,7 @@ import numpy as np
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
-from dmae.data.arguments import check_arguments
+from dmae.data.typed import check_arguments
 from dmae.files.checks import check_numbers
 from dmae.files.contents import write_atomic
 from dmae.files.structured import parse_json

@@ -5,7 +5,7 @@ from enum import Enum
 
 import numpy as np
 
-from dmae.data.json_values import answer_fields, check_fields
+from dmae.data.typed import Configuration
 from synth.checks import check_pairs, check_range
 from synth.motion.readers import reader
 
@@ -22,7 +22,7 @@ WEIGHTS = dict.fromkeys(ACTIONS, 1.0) | {
 
 
 @dataclass(frozen=True)
-class ProceduralConfig:
+class ProceduralConfig(Configuration):
     """Motion of procedural people who walk or stand throughout. With `motion.actions`, only `speed` applies."""
 
     standing: float = 0.25
@@ -37,7 +37,7 @@ class ProceduralConfig:
     """Share, 0 to 1, of the people who reach out or wave once."""
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         check_range("motion.procedural", self, 0, 1, "standing", "straight", "gesture")
         # Beyond these bounds the published kinematics no longer hold, or feet cross on the inside of the turn.
         check_pairs("motion.procedural", self, 0.6, 1.7, "speed", unit=" m/s")
@@ -54,9 +54,8 @@ class UpAxis(Enum):
     z = "z"
 
 
-@answer_fields
 @dataclass(frozen=True)
-class MotionConfig:
+class MotionConfig(Configuration):
     """Motion of one person."""
 
     kind: str = PROCEDURAL
@@ -87,7 +86,7 @@ class MotionConfig:
     """Procedural people who only walk or stand."""
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         reader.check(self.kind, PROCEDURAL, RECORDED)
         for what in ("actions", "weights"):
             unknown = ", ".join(repr(name) for name in getattr(self, what) if name not in ACTIONS)
@@ -102,7 +101,7 @@ class MotionConfig:
 
 
 @dataclass(frozen=True)
-class ReadingConfig:
+class ReadingConfig(Configuration):
     """Overrides for takes with missing or wrong values in their files; as in `synth.motion.source.MotionConfig`."""
 
     fps: float | None = None

@@ -10,7 +10,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from dmae.data.array_fields import short_repr
-from dmae.data.json_values import decode
+from dmae.data.typed import decode
 from dmae.files.contents import write_atomic
 from synth.people.body import SEGMENTS, Body, landmarks, segment_origins
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dmae.data.json_values import answer_fields, check_fields
+from dmae.data.typed import Configuration
 from dmae.parallel import ProcessesConfig
 from synth.checks import check_pairs, check_range
 from synth.detector.config import DetectorConfig
@@ -18,9 +18,8 @@ MOST_CAMERAS, MOST_PLACES = 32, 500
 """Greatest numbers of cameras and of places in a plan."""
 
 
-@answer_fields
 @dataclass(frozen=True)
-class MountConfig:
+class MountConfig(Configuration):
     """Where cameras may be mounted. Heights are the least and the greatest, m above the floor."""
 
     walls: list[float] | None = None
@@ -39,7 +38,7 @@ class MountConfig:
     are not valid for views from above."""
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         heights = [name for name in ("walls", "tripods") if getattr(self, name)]
         check_pairs("mount", self, 0, np.inf, *heights, above=True, unit=" m")
         if self.walls is not None and not (self.walls or self.ceiling or self.tripods):
@@ -53,9 +52,8 @@ class MountConfig:
         check_range("mount", self, 0, 90, "steepest_deg", above=True)
 
 
-@answer_fields
 @dataclass(frozen=True)
-class LensConfig:
+class LensConfig(Configuration):
     """The new cameras: pinhole cameras of one image size.
 
     Attributes:
@@ -67,7 +65,7 @@ class LensConfig:
     size: list[int] = field(default_factory=lambda: [1280, 960])
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         if not self.view_deg or not all(1 <= angle <= 150 for angle in self.view_deg):
             raise ValueError(f"lens.view_deg: expected fields of view of 1 to 150 degrees, found {list(self.view_deg)}")
         if len(self.size) != 2 or not all(1 <= side <= 20_000 for side in self.size):
@@ -80,9 +78,8 @@ class LensConfig:
         return intrinsics(self.size[0] / 2 / np.tan(np.radians(view_deg) / 2), self.size)
 
 
-@answer_fields
 @dataclass(frozen=True)
-class SearchConfig:
+class SearchConfig(Configuration):
     """Search for cameras, and check of the resulting rigs.
 
     Attributes:
@@ -96,12 +93,11 @@ class SearchConfig:
     check_clips: int = 8
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         check_range("search", self, 1, np.inf, "clips", "frames")
         check_range("search", self, 2, np.inf, "check_clips")
 
 
-@answer_fields
 @dataclass(frozen=True)
 class PlanConfig(ProcessesConfig):
     """Plan where to mount cameras: the best places for 4, 5, ... cameras, and the expected capture for each number.
@@ -133,11 +129,10 @@ class PlanConfig(ProcessesConfig):
     """Folder of the page, the rigs and the lists to print; written whole or not at all."""
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         # One camera measures no joint.
         check_pairs("", self, 2, MOST_CAMERAS, "views")
         check_range("", self, 0, np.inf, "seed")
-        super().__post_init__()
         self.setting()
 
     @property

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from enum import Enum
 from math import inf
 
-from dmae.data.json_values import answer_fields, check_fields
+from dmae.data.typed import Configuration
 from synth.checks import check_range
 
 
@@ -17,9 +17,8 @@ class ImageQuality(Enum):
     high = "high"
 
 
-@answer_fields
 @dataclass(frozen=True)
-class ImagingConfig:
+class ImagingConfig(Configuration):
     """Light and camera of colour images. Labels and all other kinds of images do not depend on it."""
 
     lamp: float = 0.2
@@ -42,6 +41,6 @@ class ImagingConfig:
     """Quality of JPEG, 1 to 100, that the camera compresses images with before they are stored; 0 for none."""
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         check_range("imaging", self, 0, inf, *vars(self))
         check_range("imaging", self, 0, 100, "jpeg")

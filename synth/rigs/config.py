@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dmae.data.json_values import answer_fields, check_fields
+from dmae.data.typed import Configuration
 from dmae.formats.config import LengthUnit, UpDirection
 from synth.checks import check_pairs, check_range
 
@@ -23,7 +23,7 @@ def check_image(group: str, focal: float, size: list[int]) -> None:
 
 
 @dataclass(frozen=True)
-class CameraConfig:
+class CameraConfig(Configuration):
     """One camera, by its matrices or by its position and target."""
 
     name: str
@@ -46,9 +46,8 @@ class CameraConfig:
     """Point that the camera looks at: x, y, z, m."""
 
 
-@answer_fields
 @dataclass(frozen=True)
-class RingConfig:
+class RingConfig(Configuration):
     """Cameras evenly around the vertical through the origin, looking at it; the ring's phase is random."""
 
     views: int = 5
@@ -65,14 +64,14 @@ class RingConfig:
     """Image width and height, px."""
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         check_range("rig.ring", self, 1, np.inf, "views")
         check_pairs("rig.ring", self, 0, np.inf, "radius", "height", above=True)
         check_image("rig.ring", self.focal, self.size)
 
 
 @dataclass(frozen=True)
-class DomeConfig:
+class DomeConfig(Configuration):
     """Cameras spread evenly over a band of a sphere, looking at its middle; nothing is random."""
 
     views: int = 31
@@ -89,7 +88,7 @@ class DomeConfig:
     """Image width and height, px."""
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         check_range("rig.dome", self, 1, np.inf, "views")
         check_range("rig.dome", self, 0, np.inf, "radius", above=True, unit=" m")
         check_pairs("rig.dome", self, 0, np.pi / 2, "elevation", above=True, unit=" rad")
@@ -107,7 +106,7 @@ class Lens(Enum):
 
 
 @dataclass(frozen=True)
-class RandomConfig:
+class RandomConfig(Configuration):
     """Cameras anywhere around the middle, such that enough of them see every point of the people's area.
 
     Pairs are the least and the greatest value that is drawn for each camera.
@@ -132,7 +131,7 @@ class RandomConfig:
     """Image width and height, px."""
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         check_range("rig.random", self, 1, np.inf, "views")
         check_pairs("rig.random", self, 0, np.inf, "radius", "height", "target_height", "focal", above=True)
         check_image("rig.random", self.focal[0], self.size)
@@ -146,7 +145,7 @@ class RandomConfig:
 
 
 @dataclass(frozen=True)
-class JitterConfig:
+class JitterConfig(Configuration):
     """Displacement of the cameras, as if held by hand, constant within a clip.
 
     Drawn for each clip and camera, normally distributed; the values are standard deviations.
@@ -158,12 +157,12 @@ class JitterConfig:
     """About each axis, rad."""
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         check_range("rig.jitter", self, 0, np.inf, *vars(self))
 
 
 @dataclass(frozen=True)
-class MiscalibrationConfig:
+class MiscalibrationConfig(Configuration):
     """Errors of the calibration that a clip stores as its rig.
 
     Images and labels come from the true cameras, which the clip stores as `true_rig`. Drawn for each clip and
@@ -182,7 +181,7 @@ class MiscalibrationConfig:
     """Of the camera's centre along each axis, m."""
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         check_range("rig.error", self, 0, np.inf, *vars(self))
 
 
@@ -194,9 +193,8 @@ class CameraPlacement(Enum):
     random = "random"
 
 
-@answer_fields
 @dataclass(frozen=True)
-class RigConfig:
+class RigConfig(Configuration):
     """The cameras of a clip: read from a file, otherwise listed, otherwise placed."""
 
     name: str = "ring"
@@ -230,7 +228,7 @@ class RigConfig:
     """Errors of the calibration."""
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         if len(self.origin) != 3 or not np.isfinite(self.origin).all():
             raise ValueError(f"rig.origin: expected x, y, z in m, found {list(self.origin)}")
         if self.size and (len(self.size) != 2 or min(self.size) < 1):

@@ -7,8 +7,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from dmae.data.json_values import answer_fields, check_fields
 from dmae.data.resources import resource_folder
+from dmae.data.typed import Configuration
 from synth.checks import check_range
 
 
@@ -51,9 +51,8 @@ class MeshUp(Enum):
     z = "z"
 
 
-@answer_fields
 @dataclass(frozen=True)
-class PropsConfig:
+class PropsConfig(Configuration):
     """Your own meshes, used instead of `scene.prop_kinds`."""
 
     path: str = field(default="", metadata={"reads": "path"})
@@ -64,7 +63,7 @@ class PropsConfig:
     """The axis of the files that points up."""
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         check_range("props", self, 0, np.inf, "scale", above=True, unit=" metres per unit of the mesh files")
         if not self.path and (self.scale != 1.0 or self.up is not MeshUp.auto):
             raise ValueError("props.scale and props.up say how meshes are read, but props.path names none")

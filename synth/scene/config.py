@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dmae.data.json_values import answer_fields, check_fields
+from dmae.data.typed import Configuration
 from dmae.nearest import unknown
 from synth.checks import check_pairs, check_range
 from synth.people.body import MOST_PERSONS
@@ -18,9 +18,8 @@ MOST_CLIPS = 1_000_000_000
 """Greatest number of clips of a data set."""
 
 
-@answer_fields
 @dataclass(frozen=True)
-class SceneConfig:
+class SceneConfig(Configuration):
     """Distributions from which scenes are drawn. Pairs are the least and the greatest value."""
 
     arena: str = field(default="studio", metadata={"reads": "path", "words": room_choices})
@@ -53,7 +52,7 @@ class SceneConfig:
     """Whether floor, walls, light and colours are random in each clip; otherwise as in the room's file."""
 
     def __post_init__(self):
-        check_fields(self)
+        super().__post_init__()
         for word in self.wardrobe:
             if word not in WARDROBE:
                 raise ValueError(f"scene.wardrobe: {unknown('word', word, WARDROBE)}")

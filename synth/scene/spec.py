@@ -4,7 +4,7 @@ import json
 from dataclasses import asdict, dataclass, field
 
 from dmae.data.clip import Clip
-from dmae.data.json_values import decode
+from dmae.data.typed import decode
 from dmae.files.checks import check_numbers, check_rate
 from dmae.files.structured import parse_json
 from synth.interactions.registry import InteractionConfig

@@ -17,8 +17,8 @@ from dmae.completion.training_data import Examples, PosePair, Recipe, TrainingBa
 from dmae.completion.weights import find_shipped
 from dmae.completion.windows import rest_pose
 from dmae.data.clip import Clip, Poses3D, Source
-from dmae.data.json_values import decode
 from dmae.data.skeleton import BODY25
+from dmae.data.typed import decode
 from dmae.online.completion import complete_online
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture

@@ -3,7 +3,7 @@
 import hashlib
 import os
 from dataclasses import asdict
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 
 from dmae.cli import DMAE
@@ -102,13 +102,8 @@ def _read_room(folder: Path) -> dict:
     return {"geoms": model.geom_size, "places": model.geom_pos}
 
 
-@cache
-def _options(program: Program, command: str):
-    return program.commands[command].options()
-
-
 def _read_presets(program: Program, command: str, folder: Path) -> None:
-    read_presets(_options(program, command), folder)
+    read_presets(program.commands[command], folder)
 
 
 def _read_motion(kind: str, folder: Path):

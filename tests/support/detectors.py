@@ -8,9 +8,9 @@ from omegaconf import OmegaConf
 
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Poses3D
-from dmae.data.json_values import decode
 from dmae.data.labels import OcclusionLabels, Visibility
 from dmae.data.skeleton import get_skeleton
+from dmae.data.typed import decode
 from synth.detector.config import DetectorConfig
 from synth.detector.parts import PartConfig, PartsConfig
 from synth.detector.simulated_detector import Detected, detect

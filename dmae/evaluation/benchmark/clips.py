@@ -17,11 +17,11 @@ from pathlib import Path
 import numpy as np
 
 from dmae.data.clip import Clip
-from dmae.data.json_values import decode
 from dmae.data.labels import Visibility
 from dmae.data.resources import resource_folder
 from dmae.data.resume import claim_folder
 from dmae.data.store import load_clip, read_manifest, save_clip
+from dmae.data.typed import decode
 from dmae.evaluation.config import BenchmarkSize
 from dmae.files.contents import write_atomic
 from dmae.files.structured import read_json, read_yaml

@@ -10,7 +10,6 @@ also hides the joints that lower levels hide.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from numbers import Real
 from typing import TYPE_CHECKING
 
 from dmae.registry import Entry, Registry
@@ -35,8 +34,6 @@ class Corruption(Entry):
 
     def check(self, level: float, clip: Clip | None = None) -> None:
         """Raise ValueError if there is no such level, or if a clip has too few cameras or people for it."""
-        if isinstance(level, bool) or not isinstance(level, Real):
-            raise TypeError(f"{self.name}={level!r:.40}: expected a level, a number in {self.unit}")
         given = f"{self.name}={level:g}"
         if not 0 <= level <= self.most or level == float("inf") or (self.whole and level % 1):
             most = "more" if self.most == float("inf") else f"up to {self.most:g}"

@@ -6,9 +6,9 @@ from collections import Counter
 from importlib import metadata
 from pathlib import Path
 
-from dmae.data.arguments import check_arguments
 from dmae.data.skeleton import Skeleton, option_skeleton
-from dmae.data.store import filled_clip_folders
+from dmae.data.store import clip_folders
+from dmae.data.typed import check_arguments
 from dmae.files.checksums import refuse_damaged
 from dmae.files.contents import check_vacant, whole_folder, write_atomic
 from dmae.files.structured import read_json
@@ -82,7 +82,7 @@ def export(
     if every < 1:
         raise ValueError(f"every: expected 1 or more frames, found {every}")
     check_workers(workers)
-    folders = filled_clip_folders(data)
+    folders = clip_folders(data)
     if not damaged:
         refuse_damaged(data, "damaged=true")
     if (data / "clip.json").is_file():

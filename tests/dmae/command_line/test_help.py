@@ -70,7 +70,7 @@ def test_presets_of_your_own_folder_are_found(tmp_path):
     (tmp_path / "mine/rig").mkdir(parents=True)
     (tmp_path / "mine/rig/hall.yaml").write_text("name: hall\n")
     (command,) = (each for each in COMMANDS if str(each) == "synth generate")
-    own = read_presets(command.options(), tmp_path / "mine")
+    own = read_presets(command, tmp_path / "mine")
     assert "hall" in command.options(own).find("rig").presets
     assert "hall" not in command.options().find("rig").presets
 

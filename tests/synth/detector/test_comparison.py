@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import yaml
 
-from dmae.data.json_values import decode
 from dmae.data.store import save_clip
+from dmae.data.typed import decode
 from synth.commands import compare as compare_command
 from synth.commands import fit_detector as fit_command
 from synth.commands.config import CompareCommand, FitDetectorCommand

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from dmae.data.json_values import decode
+from dmae.data.typed import decode
 from synth.interactions.casting import draw_motions
 from synth.interactions.registry import InteractionConfig
 from synth.motion.config import MotionConfig, ProceduralConfig, UpAxis
@@ -52,7 +52,10 @@ def test_json_preserves_spec_and_motions():
     ("change", "message"),
     [
         (lambda spec: spec.pop("decor"), "SceneSpec: expected the fields"),
-        (lambda spec: spec["persons"][0]["body"].update(stature="tall"), r"persons\[0\].body.stature: expected float"),
+        (
+            lambda spec: spec["persons"][0]["body"].update(stature="tall"),
+            r"persons\[0\].body.stature: expected a ",
+        ),
         (lambda spec: spec["persons"][0].update(start=[1.0]), r"persons\[0\].start: expected 2 values, found 1"),
         (lambda spec: spec.update(props={}), "props: expected a list"),
         (lambda spec: spec["motion"].update(kind="dance"), "no motion 'dance'; there are procedural, .*bvh"),

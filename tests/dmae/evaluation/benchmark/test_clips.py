@@ -74,7 +74,7 @@ def test_options_of_sets_come_after_those_of_levels_and_of_all(tiny: Definition)
         ("seed: 5", "seed: -1", "expected seed >= 0"),
         ("small: 1", "small: 3", "1 <= small <= full"),
         ("seed: 5", "sed: 5", r"expected the fields \[.*'seed'"),
-        ("seed: 5", "seed: five", "tiny.yaml.seed: expected int, found 'five'"),
+        ("seed: 5", "seed: five", "tiny.yaml.seed: expected a whole number, found 'five'"),
         ("scene.gathering=1.0", "out=elsewhere", "option 'out=elsewhere': expected key=value of one of scene"),
         ("scene.gathering=1.0", "hydra.run.dir=elsewhere", "option 'hydra.run.dir=elsewhere'"),
         ("scene.gathering=1.0", "gathering", "option 'gathering'"),
