@@ -291,11 +291,6 @@ class Learner(lightning.LightningModule):
         schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, self._rate)
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
 
-    def setup(self, stage: str) -> None:
-        # Processes that this one started are as quiet as it is.
-        if self.trainer.world_size > 1:
-            ignore_warnings()
-
     def on_train_start(self) -> None:
         """Begin the project's progress bar, by the share of the training that is done."""
         self._ticks = progress(range(100), "training, %") if self.trainer.is_global_zero else iter(())
@@ -465,7 +460,17 @@ def strategy_of(devices: int) -> DDPStrategy | str:
     # Torch warns where all parameters are used. They are not where codes are left out.
     os.environ.setdefault("TORCH_CPP_LOG_LEVEL", "ERROR")
     # Processes are spawned: torch's threads do not survive a fork.
-    return DDPStrategy(start_method="spawn", find_unused_parameters=True)
+    return _QuietProcesses(start_method="spawn", find_unused_parameters=True)
+
+
+class _QuietProcesses(DDPStrategy):
+    """Processes that are as quiet as the one that started them."""
+
+    def setup_environment(self) -> None:
+        for name in ("lightning.pytorch", "lightning.fabric"):
+            logging.getLogger(name).setLevel(logging.WARNING)
+        ignore_warnings()
+        super().setup_environment()
 
 
 @contextmanager
@@ -633,6 +638,7 @@ def _fit(learner: Learner, config: TrainConfig, out: Path) -> tuple[int, Mapping
         if learning.devices > 1 or learning.precision != Precision.single:
             # The weights are used by one process, in single precision.
             trainer = lightning.Trainer(devices=1, logger=False, **_QUIET)
+            learner.said = 0  # The last step was printed
         scores = trainer.validate(learner, verbose=False)[0] if learner.validation else {}
     return steps, scores
 

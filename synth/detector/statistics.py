@@ -379,7 +379,7 @@ def read_recording(path: Path, frames: Sequence[int] | None = None) -> Clip:
     except FileNotFoundError as error:
         raise FileNotFoundError(f"{error}; dmae convert makes clips of other recordings") from None
     if len(clips) != 1:
-        raise ValueError(f"{path}: expected one recording, found {len(clips)} clips")
+        raise ValueError(f"{path}: expected one recording, found {len(clips)} clips; {path / clips.names[0]} is one")
     clip = clips[0]
     if frames is None:
         return clip

@@ -371,9 +371,12 @@ def record(folder: Path) -> dict:
     return json.loads((folder / "model.json").read_text())
 
 
-def test_two_processes_give_the_losses_of_one_which_goes_on_where_they_stopped(clips, one, tmp_path):
+def test_two_processes_give_the_losses_of_one_which_goes_on_where_they_stopped(clips, one, tmp_path, capfd):
     """A batch of 7 windows has no equal halves, and these not equally many joints that count."""
     two = train(changed(SMALL, devices=2), clips, tmp_path)
+    said = capfd.readouterr()
+    printed = [line for line in (said.out + said.err).splitlines() if not line.startswith("training, %")]
+    assert printed and all(line.startswith("step ") and "loss nan" not in line for line in printed), printed
     assert len(losses(one)) == 6
     np.testing.assert_allclose(losses(two), losses(one), rtol=1e-4)
     ours, theirs = load_file(one / "weights.safetensors"), load_file(two / "weights.safetensors")

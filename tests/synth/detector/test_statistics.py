@@ -8,11 +8,12 @@ import pytest
 
 from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.skeleton import BODY25
+from dmae.data.store import save_clip, write_manifest
 from dmae.formats.shelf import read_shelf
 from synth.detector.config import ErrorReference
-from synth.detector.statistics import measure
+from synth.detector.statistics import measure, read_recording
 from tests.support.circling_people import circling_people
-from tests.support.clips import looking_at_origin
+from tests.support.clips import full_clip, looking_at_origin
 
 pytestmark = pytest.mark.slow
 
@@ -130,6 +131,14 @@ def test_clips_that_cannot_be_measured_are_refused(exact):
 
 
 @pytest.mark.slow
+def test_a_data_set_in_place_of_a_recording_is_answered_by_one_of_its_clips(tmp_path):
+    for name in ("a", "b"):
+        save_clip(full_clip(), tmp_path / name)
+    write_manifest(tmp_path, [{"id": name, "status": "ok"} for name in ("a", "b")])
+    with pytest.raises(ValueError, match=f"expected one recording, found 2 clips; {tmp_path / 'a'} is one$"):
+        read_recording(tmp_path)
+
+
 def test_statistics_of_shelf_equal_an_independent_analysis(data_folder):
     """Medians by confidence, and correlations of misses, from an analysis with other code."""
     found = measure(read_shelf(data_folder / "shelf"))
