@@ -65,12 +65,14 @@ def _draw(task: tuple[str, Path]) -> np.ndarray:
     hips = state.root[frame, :taking_part]
     rig = _cameras(hips.mean(0), 0.9 * np.linalg.norm(np.ptp(hips[:, :2], axis=0)) + 2.2)
     scene = build_scene(spec, rig)
-    qpos = state.qpos[frame]
+    qpos, seconds = state.qpos[frame], frame / clip.fps
     with Renderer(scene.model, scene.geom_ids, rig, ImageQuality.draft) as renderer:
-        shown = [_least(renderer.image(qpos, view, ("ids",)).ids, taking_part) for view in range(len(rig))]
+        shown = [
+            _least(renderer.image(qpos, view, ("ids",), seconds=seconds).ids, taking_part) for view in range(len(rig))
+        ]
     best = int(np.argmax(shown))
     with Renderer(scene.model, scene.geom_ids, rig, ImageQuality.high) as renderer:
-        image = renderer.image(qpos, best, ("rgb",)).rgb
+        image = renderer.image(qpos, best, ("rgb",), seconds=seconds).rgb
     return cv2.resize(image, SIZE, interpolation=cv2.INTER_AREA)
 
 

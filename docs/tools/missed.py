@@ -79,7 +79,8 @@ def _changed(clip: Clip, state: BodyState, crop: Crop) -> Iterator[tuple[str, np
             left = [FIRST_OBJECT_ID + k for k, name in enumerate(scene.objects) if name.startswith(("floor", "wall"))]
             group[(ids >= FIRST_OBJECT_ID) & ~np.isin(ids, left)] = _UNDRAWN
         with Renderer(scene.model, ids, rig) as renderer:
-            yield change, renderer.image(state.qpos[crop.frame], crop.view, ("rgb",)).rgb
+            seconds = crop.frame / clip.fps
+            yield change, renderer.image(state.qpos[crop.frame], crop.view, ("rgb",), seconds=seconds).rgb
 
 
 if __name__ == "__main__":

@@ -32,13 +32,14 @@ def draw(room: str, seed: int) -> np.ndarray:
     ring = RingConfig(views=8, radius=[4.0, 4.4], height=[2.2, 2.8], focal=0.85 * width, size=[width, height])
     scene = SceneConfig(arena=room, persons=[3, 4], seconds=3.0, fps=5.0)
     clip, state = simulate_clip(GenerateConfig(seed=seed, scene=scene, rig=RigConfig(ring=ring)), 0)
-    spec, rig, qpos = SceneSpec.of(clip), clip.actual_rig, state.qpos[len(state.qpos) // 2]
+    spec, rig, frame = SceneSpec.of(clip), clip.actual_rig, len(clip) // 2
+    qpos, seconds = state.qpos[frame], frame / clip.fps
     built, persons = build_scene(spec, rig), len(spec.persons)
     with Renderer(built.model, built.geom_ids, rig, ImageQuality.draft) as renderer:
-        ids = [renderer.image(qpos, view, ("ids",)).ids for view in range(len(rig))]
+        ids = [renderer.image(qpos, view, ("ids",), seconds=seconds).ids for view in range(len(rig))]
     seen = [np.bincount(each.ravel(), minlength=1 + persons)[1 : 1 + persons].min() for each in ids]
     with Renderer(built.model, built.geom_ids, rig, ImageQuality.high) as renderer:
-        image = renderer.image(qpos, int(np.argmax(seen)), ("rgb",)).rgb
+        image = renderer.image(qpos, int(np.argmax(seen)), ("rgb",), seconds=seconds).rgb
     return cv2.resize(image, SIZE, interpolation=cv2.INTER_AREA)
 
 

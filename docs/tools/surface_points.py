@@ -44,13 +44,13 @@ def main() -> None:
     spec, rig = SceneSpec.of(clip), clip.actual_rig
     scene = build_scene(spec, rig)
     points = surface_points(scene, [person.body for person in spec.persons])
-    labels = surface_labels(scene, points, state.qpos, rig)
+    labels = surface_labels(scene, points, state.qpos, rig, np.arange(len(clip)) / clip.fps)
     touching = (labels.touches > 0) & (labels.touches < 256)
     frame = int(touching.sum((1, 2)).argmax())
     view = int((labels.visibility[frame] == Visibility.VISIBLE).sum((1, 2)).argmax())
     print(f"frame {frame}, camera {rig.names[view]}: {touching[frame].sum(1).tolist()} points touch the other person")
     with Renderer(scene.model, scene.geom_ids, rig, ImageQuality.high) as renderer:
-        picture = renderer.image(state.qpos[frame], view, ("rgb",)).rgb
+        picture = renderer.image(state.qpos[frame], view, ("rgb",), seconds=frame / clip.fps).rgb
     scale = 2
     image = cv2.resize(
         np.ascontiguousarray(picture[..., ::-1]), None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC

@@ -83,7 +83,9 @@ def _compared(folders: list[Path]) -> np.ndarray:
         with Renderer(scene.model, scene.geom_ids, rig, ImageQuality.draft) as renderer:
             for view in range(len(rig)):
                 for frame in frames:
-                    images = renderer.image(state.qpos[frame], view, ("ids", "parts", "depth"))
+                    images = renderer.image(
+                        state.qpos[frame], view, ("ids", "parts", "depth"), seconds=frame / clip.fps
+                    )
                     total += _of_image(clip, rig, view, frame, images)
     return total
 

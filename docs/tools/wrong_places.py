@@ -171,7 +171,8 @@ def _images(people: list[Seen]) -> Iterator[tuple[Seen, str, np.ndarray]]:
                         frame, view, this = person.place
                         if number not in (None, this):
                             continue
-                        yield person, name, renderer.image(state.qpos[frame], view, ("rgb",)).rgb
+                        seconds = frame / clip.fps
+                        yield person, name, renderer.image(state.qpos[frame], view, ("rgb",), seconds=seconds).rgb
 
 
 def _dressed(spec: SceneSpec) -> SceneSpec:

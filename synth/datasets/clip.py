@@ -105,6 +105,7 @@ def label_clip(
     occlusion: OcclusionConfig,
     error: MiscalibrationConfig,
     stage: Stage,
+    seconds: np.ndarray | None = None,
 ) -> Clip:
     """Return the clip of simulated states with its labels. The same states and cameras always give the same labels.
 
@@ -117,13 +118,15 @@ def label_clip(
         qpos: (F, nq) states.
         occlusion: Settings of the summary of occlusion, and the target that the clip must meet.
         stage: The people's area, for the error of the calibration.
+        seconds: (F,) times of the states, s; by default those of all frames of a clip.
     """
     bodies = [person.body for person in spec.persons]
     joints = joint_positions(scene.model, qpos, bodies)
     truth = Poses3D(SKELETON, joints)
     depth = np.stack([landmarks(body)[2] for body in bodies])
     moving = moved_with(scene.model, bodies)
-    seen = joint_visibility(scene.model, qpos, joints, depth, scene.geom_ids, rig, moving, scene.objects)
+    seconds = np.arange(len(qpos)) / spec.fps if seconds is None else seconds
+    seen = joint_visibility(scene.model, qpos, joints, depth, scene.geom_ids, rig, moving, scene.objects, seconds)
     confirm(seen.visibility, occlusion)
     detected = detect(truth, seen, rig, spec.fps, detector, rng=generator(spec.seed, spec.clip, Stream.DETECTOR))
     line = line | {"occlusion": summary(seen.visibility, occlusion)}

@@ -199,8 +199,9 @@ class _OcclusionPrediction:
         self._places = joint_positions(model, qpos, bodies)
         self._depth = np.stack([landmarks(body)[2] for body in bodies])
         self._without_props = joint_visibility(
-            model, qpos, self._places, self._depth, base.geom_ids, rig, moved_with(model, bodies)
-        ).visibility
+            model, qpos, self._places, self._depth, base.geom_ids, rig, moved_with(model, bodies),
+            seconds=frames / PLAN_FPS,
+        ).visibility  # fmt: skip
 
         self.histograms: dict[int, np.ndarray] = {}
         """Predicted histograms of occlusion, by number of props. They are computed only once."""

@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from dmae.data.store import MANIFEST, clip_folders, load_clip
 from dmae.data.typed import check_arguments
 from dmae.files.checksums import (
@@ -124,6 +126,6 @@ def make_labels(folder: Path, kinds: Sequence[str] = KINDS) -> PhysicalLabels:
         contacts, forces = carry(scene, state, clip.fps)
     if "surface" in kinds:
         points = surface_points(scene, [person.body for person in spec.persons])
-        surface = surface_labels(scene, points, state.qpos, rig)
+        surface = surface_labels(scene, points, state.qpos, rig, np.arange(len(state.qpos)) / clip.fps)
     found: dict = {"contacts": contacts, "forces": forces, "surface": surface}
     return PhysicalLabels(**{kind: found[kind] for kind in kinds})

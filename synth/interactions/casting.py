@@ -17,6 +17,7 @@ from synth.motion.motion import Motion
 from synth.motion.readers.takes import partner
 from synth.motion.source import cut, draw_takes, load_motion, takes
 from synth.people.body import SEGMENTS, Body
+from synth.people.hands import uses_of
 
 _PACE = (0.75, 1.3)
 """Least and greatest factor on the speed of a walk to keep up with others."""
@@ -204,7 +205,9 @@ def cast_roles(script: Script, cast: Cast, config: MotionConfig, *, rng: np.rand
         if role.gaze is not None:
             motions[person] = look_at(motions[person], person, role.gaze, poses.origins[:, :, _HEAD])
     for reach in script.reaches(poses):
-        motions[reach.person] = reach_for(motions[reach.person], cast.bodies[reach.person], reach)
+        motion = reach_for(motions[reach.person], cast.bodies[reach.person], reach)
+        hands = (*motion.hands, *uses_of(reach.side, reach.share, reach.hand))
+        motions[reach.person] = replace(motion, hands=hands)
     return motions
 
 

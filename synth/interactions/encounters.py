@@ -131,7 +131,8 @@ def circle_talk(cast: Cast, *, rng: np.random.Generator) -> Script:
             beat = np.sin(2 * np.pi * beats[turn] * seconds)[:, None]
             hand = poses.point(person, "chest", (0.52 * arm, 0.30 * sign * arm, 0.05))
             hand += 0.05 * beat * poses.axis(person, "chest", (0.5, 0.3 * sign, 1))
-            reaches.append(Reach(int(person), hands[turn], share, hand, poses.axis(person, "chest", (0, -sign, 0.7))))
+            normal = poses.axis(person, "chest", (0, -sign, 0.7))
+            reaches.append(Reach(int(person), hands[turn], share, hand, normal, hand=("open", "relaxed", "point")))
         return reaches
 
     return Script(tuple(roles), clearance=0.45, reaches=speak)
@@ -179,7 +180,8 @@ def handshake(cast: Cast, *, rng: np.random.Generator) -> Script:
         middle = hands + (poses.origins[:, 0, 0] + poses.origins[:, 1, 0]) / 2 * (1, 1, 0)
         normals = (-right, right)
         reaches = [
-            Reach(person, "r", share, middle, np.tile(normal, (len(share), 1))) for person, normal in enumerate(normals)
+            Reach(person, "r", share, middle, np.tile(normal, (len(share), 1)), hand=("clasp",))
+            for person, normal in enumerate(normals)
         ]
         for person in np.flatnonzero(warm):
             # The left hand goes to the outside of the arm that the other person holds out.
@@ -187,7 +189,8 @@ def handshake(cast: Cast, *, rng: np.random.Generator) -> Script:
             arm = 0.5 * (middle + poses.origins[:, 1 - person, SEGMENTS.index("r_upper_arm")])
             side = normals[1 - person] * -1.0
             palm = arm + 0.024 * size * body.girth * side - (0, 0, 0.02 * size)
-            reaches.append(Reach(int(person), "l", late, palm, np.tile(-side, (len(share), 1)), (0.2, 0.6, -1.0)))
+            inward = np.tile(-side, (len(share), 1))
+            reaches.append(Reach(int(person), "l", late, palm, inward, (0.2, 0.6, -1.0), hand=("relaxed",)))
         return reaches
 
     roles = tuple(replace(role, hands=("relaxed", "grip")) for role in roles)
@@ -226,8 +229,8 @@ def dance(cast: Cast, *, rng: np.random.Generator) -> Script:
         shoulder = poses.point(0, "chest", (0.01 * first, -0.10 * first, 0.185 * first))
         forward = np.column_stack([ahead, 0 * yaw])
         return [
-            Reach(0, "l", always, hands, forward, (0.0, 0.6, -1.0), straight=True),
-            Reach(1, "r", always, hands, -forward, (0.0, 0.6, -1.0), straight=True),
+            Reach(0, "l", always, hands, forward, (0.0, 0.6, -1.0), straight=True, hand=("clasp",)),
+            Reach(1, "r", always, hands, -forward, (0.0, 0.6, -1.0), straight=True, hand=("clasp",)),
             Reach(0, "r", always, back, poses.axis(1, "chest", (1, 0, 0)), (0.0, 1.0, -0.4)),
             Reach(1, "l", always, shoulder, np.tile((0.0, 0.0, -1.0), (len(yaw), 1)), (0.0, 1.0, -0.2)),
         ]
@@ -497,7 +500,7 @@ def _hand(cast: Cast, poses: Poses, person: int, side: str, blows: list[_Blow]) 
     # A fist turns as the arm stretches: from thumb up to back of the hand up.
     upright, level = poses.axis(person, "chest", (0, -sign, -0.6)), poses.axis(person, "chest", (0, -0.4 * sign, -1.0))
     normal = upright + along[:, None] * (level - upright)
-    return Reach(person, side, np.ones(len(cast.seconds)), palm, normal, straight=True)
+    return Reach(person, side, np.ones(len(cast.seconds)), palm, normal, straight=True, hand=("fist",))
 
 
 def _guard(poses: Poses, person: int, sign: float, place: tuple[float, float, float], size: float) -> np.ndarray:

@@ -36,7 +36,8 @@ class Role:
     ahead: float = 0.0  # Distance of the feet ahead of the hips in sitting, m
     gaze: np.ndarray | None = None  # (F,) index of the person looked at; -1 leaves the head to the motion
     lean: np.ndarray | None = None  # (F,) angle by which the trunk is bent forward, rad
-    # Shapes of the left and the right hand, of `synth.people.clothing.HANDS`; None draws them
+    # Shapes of the left and the right hand, of `synth.people.clothing.HANDS`, in physics, and of hands that keep still;
+    # None draws them
     hands: tuple[str, str] | None = None
 
 
@@ -52,6 +53,8 @@ class Reach:
     elbow: tuple[float, float, float] = (-0.35, 0.45, -1.0)  # Direction of the elbow in the chest's frame, y outward
     # Whether the wrist stays straight; otherwise it bends so that the palm lies on the touched surface
     straight: bool = False
+    # Shapes, of `synth.people.clothing.HANDS`, one of which the hand takes; before a "grip" or a "clasp" it opens
+    hand: tuple[str, ...] = ("open",)
 
 
 @dataclass(frozen=True)

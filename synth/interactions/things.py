@@ -185,7 +185,8 @@ def shelving(cast: Cast, *, rng: np.random.Generator) -> Script:
                     share = during(seconds, turn * length + 0.5, (turn + 1) * length - 0.5, 0.5)
                     palm = poses.origins[:, person, 0] + forward * ahead + 0.22 * sign * arm * left
                     palm[:, 2] = heights[person, hand, turn]
-                    reaches.append(Reach(person, side, share * workers[person].free, palm, ahead))
+                    share = share * workers[person].free
+                    reaches.append(Reach(person, side, share, palm, ahead, hand=("open", "grip", "point")))
         return reaches + (hold(poses) if hold else [])
 
     return Script(

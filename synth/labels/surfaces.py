@@ -107,7 +107,8 @@ def surface_points(scene: Scene, bodies: list[Body]) -> SurfacePoints:
     data = at_rest(model)
     names = [model.geom(geom).name.rpartition("/")[2].rstrip("0123456789") for geom in range(model.ngeom)]
     on_body = ~np.isin(names, _BESIDE)
-    Skin(model).apply(data)
+    # Before the clip hands are relaxed, whatever shapes they have later.
+    Skin(model).apply(data, -np.inf)
     found = [
         _points_of((scene.geom_ids == 1 + person) & on_body, model, data, person, body)
         for person, body in enumerate(bodies)
@@ -205,13 +206,16 @@ class SurfaceLabels:
         set_array(self, "touches", np.uint16, (frames, *points))
 
 
-def surface_labels(scene: Scene, points: SurfacePoints, qpos: np.ndarray, rig: CameraRig) -> SurfaceLabels:
+def surface_labels(
+    scene: Scene, points: SurfacePoints, qpos: np.ndarray, rig: CameraRig, seconds: np.ndarray | None = None
+) -> SurfaceLabels:
     """Label points on people's surfaces: where they are, who sees them, and what they touch.
 
     Args:
         points: (P, S) points on its people.
         qpos: (F, nq) states of the scene.
         rig: V cameras.
+        seconds: (F,) times of the states in the clip, s, which shapes of hands follow; by default all are 0.
     """
     opaque = opaque_model(scene.model, scene.geom_ids)
     data, skin, shape = mujoco.MjData(opaque), Skin(opaque), points.geoms.shape
@@ -219,10 +223,10 @@ def surface_labels(scene: Scene, points: SurfacePoints, qpos: np.ndarray, rig: C
     visibility = np.empty((len(qpos), len(rig), *shape), np.uint8)
     hidden_by = np.full(visibility.shape, -1, np.int16)
     touches = np.zeros(xyz.shape[:3], np.uint16)
-    for frame, state in enumerate(qpos):
+    for frame, (state, now) in enumerate(zip(qpos, np.zeros(len(qpos)) if seconds is None else seconds, strict=True)):
         data.qpos[:] = state
         mujoco.mj_kinematics(opaque, data)
-        skin.apply(data)
+        skin.apply(data, now)
         xyz[frame], normals[frame] = points.at(opaque, data)
         touches[frame] = _touched(opaque, data, scene.geom_ids, xyz[frame], normals[frame])
         xy, along = rig.project(xyz[frame][None])

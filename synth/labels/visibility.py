@@ -26,6 +26,7 @@ def joint_visibility(
     rig: CameraRig,
     bodies: np.ndarray | None = None,
     objects: tuple[str, ...] = (),
+    seconds: np.ndarray | None = None,
 ) -> OcclusionLabels:
     """Label every joint in every view.
 
@@ -42,6 +43,7 @@ def joint_visibility(
         bodies: (P, J) index of the body that each joint moves with. Its limb is that body and its neighbours in the
             kinematic tree. By default a whole person is one limb.
         objects: Names of the objects.
+        seconds: (F,) times of the states in the clip, s, which shapes of hands follow; by default all are 0.
 
     Returns:
         `visibility`, `occluder` and `depth_margin`. Joints outside the image or behind the camera have no occluder. If
@@ -58,11 +60,13 @@ def joint_visibility(
     limbs = _limbs(model, bodies, depth.shape)
 
     opaque = opaque_model(model, geom_ids)
+    seconds = np.zeros(len(qpos)) if seconds is None else seconds
     some = max(1, _RAYS_AT_ONCE // max(1, visibility[:1].size))
     for first in range(0, len(qpos), some):
         block = slice(first, first + some)
         sought = np.nonzero(visibility[block] == Visibility.VISIBLE)
-        found = _seen_or_hidden(opaque, qpos[block], rig.centers, joints[block], sought, depth, limbs, geom_ids)
+        states = qpos[block], seconds[block]
+        found = _seen_or_hidden(opaque, states, rig.centers, joints[block], sought, depth, limbs, geom_ids)
         for label, value in zip(labels, found, strict=True):
             label[block][sought] = value
     return OcclusionLabels(visibility, occluder, margin, objects=objects)
@@ -79,7 +83,7 @@ def _limbs(model: mujoco.MjModel, bodies: np.ndarray | None, shape: tuple[int, i
 
 def _seen_or_hidden(
     opaque: mujoco.MjModel,
-    qpos: np.ndarray,
+    states: tuple[np.ndarray, np.ndarray],
     centers: np.ndarray,
     joints: np.ndarray,
     sought: tuple[np.ndarray, ...],
@@ -93,12 +97,12 @@ def _seen_or_hidden(
     reach = np.linalg.norm(rays, axis=-1)
     # The joined skeletons share elbows, wrists, knees and ankles: joints at the same place need only one ray.
     first = _first_at_place(joints)[person, joint]
-    ray = np.full((len(qpos), len(centers), *joints.shape[1:3]), -1)
+    ray = np.full((len(joints), len(centers), *joints.shape[1:3]), -1)
     ray[sought] = 0
     first = np.where(ray[frame, view, person, first] < 0, joint, first)
     own = np.flatnonzero(first == joint)
     ray[tuple(index[own] for index in sought)] = np.arange(len(own))
-    cast = _cast_all(opaque, qpos, centers, rays[own] / reach[own, None], frame[own], view[own])
+    cast = _cast_all(opaque, states, centers, rays[own] / reach[own, None], frame[own], view[own])
     hits = Hits(*(hit[ray[frame, view, person, first]] for hit in cast))
     depth = depth[person, joint]
     same_limb = limbs[person, joint, opaque.geom_bodyid[hits.geom]]
@@ -151,22 +155,23 @@ def _first_at_place(joints: np.ndarray) -> np.ndarray:
 
 def _cast_all(
     opaque: mujoco.MjModel,
-    qpos: np.ndarray,
+    states: tuple[np.ndarray, np.ndarray],
     centers: np.ndarray,
     directions: np.ndarray,
     frame: np.ndarray,
     view: np.ndarray,
 ) -> Hits:
-    """Cast rays from the camera centres of views in the states of frames. Rays are sorted by frame, then by view."""
+    """Cast rays from the camera centres of views in the states of frames, (F, nq), and times, (F,) s. Rays are sorted
+    by frame, then by view."""
     hits = Hits(np.empty(len(directions), np.int32), np.empty(len(directions)), np.empty_like(directions))
-    data, views, skin = mujoco.MjData(opaque), len(centers), Skin(opaque, normals=False)
+    data, views, skin, (qpos, seconds) = mujoco.MjData(opaque), len(centers), Skin(opaque, normals=False), states
     ends = np.searchsorted(frame * views + view, np.arange(len(qpos) * views), side="right").tolist()
     for number, (start, stop) in enumerate(pairwise([0, *ends])):
         at, seer = divmod(number, views)
         if seer == 0:
             data.qpos[:] = qpos[at]
             mujoco.mj_kinematics(opaque, data)
-            skin.apply(data)
+            skin.apply(data, seconds[at])
         for all_hits, some in zip(hits, cast_rays(opaque, data, centers[seer], directions[start:stop]), strict=True):
             all_hits[start:stop] = some
     return hits

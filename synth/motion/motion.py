@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from dmae.numerics.paths import runs
 from synth.motion.geometry import forwards, leftwards
 from synth.people.body import SEGMENTS
+from synth.people.hands import HandUse
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,7 @@ class Motion:
     seats: tuple[int, ...] = ()  # Frames in which the person begins to sit on a stool
     # First frame and name of each action. If empty, the whole motion is one action, named `name`.
     actions: tuple[tuple[int, str], ...] = ()
+    hands: tuple[HandUse, ...] = ()  # What hands are needed for; of two uses at a time, the latter counts
     first: int = 0  # Frame of the recording at which this motion begins. It aligns takes of people recorded together.
 
     def __post_init__(self):

@@ -9,7 +9,7 @@ from dmae.files.checks import check_numbers
 from synth.people.body import ADULT_AGE, SIDES, Body
 
 HAIRSTYLES = ("short", "bald", "bob", "long", "bun")
-HANDS = ("relaxed", "open", "grip", "fist", "point")
+HANDS = ("relaxed", "open", "grip", "fist", "point", "clasp")
 PATTERNS = ("plain", "stripes", "checks", "melange", "camouflage")
 HATS = ("cap", "beanie")
 BEARDS = ("stubble", "short", "goatee", "full")
@@ -71,14 +71,15 @@ class PersonLooks:
     shoes: tuple[float, float, float]  # Colour of the shoes
     sole: tuple[float, float, float]  # Colour of their soles
     untucked: bool  # Whether the shirt hangs over the trousers
-    hands: tuple[str, str] = ("relaxed", "relaxed")  # Shapes of the left and the right hand, of `HANDS`
+    # Shapes of the left and the right hand, of `HANDS`; None for a surface whose fingers follow bones
+    hands: tuple[str, str] | None = ("relaxed", "relaxed")
     hat: Hat | None = None  # Hat, if any; hair above its rim is not seen
     beard: str | None = None  # One of `BEARDS`, if any
     bag: Bag | None = None  # Bag, if any
     skirt: bool = False  # Whether `bottom` is a skirt, to the knees or, if long, to the calves; `top` is tucked into it
 
     def __post_init__(self):
-        if len(self.hands) != 2 or set(self.hands) - set(HANDS):
+        if self.hands is not None and (len(self.hands) != 2 or set(self.hands) - set(HANDS)):
             raise ValueError(f"hands {self.hands!r}: expected two of {', '.join(HANDS)}")
         if self.hair not in HAIRSTYLES:
             raise ValueError(f"no hairstyle {self.hair!r}; expected one of {', '.join(HAIRSTYLES)}")
@@ -184,7 +185,7 @@ def _skirt(top: Garment, *, rng: np.random.Generator) -> Garment:
 
 def sample_hands(*, rng: np.random.Generator) -> tuple[str, str]:
     """Draw the shapes of both hands of a person."""
-    left, right = rng.choice(HANDS, 2, p=(0.62, 0.16, 0.1, 0.06, 0.06)).tolist()
+    left, right = rng.choice(HANDS[:5], 2, p=(0.62, 0.16, 0.1, 0.06, 0.06)).tolist()
     return left, right
 
 

@@ -1,5 +1,8 @@
 """People in MuJoCo: capsules with mass and contacts, joints, and surfaces for images."""
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 
@@ -18,6 +21,7 @@ from synth.people.body import (
     trunk_sections,
 )
 from synth.people.clothing import PersonLooks
+from synth.people.hands import HandChange, MovingHands
 from synth.people.outfit import Part, drapes, paint_clothes, parts
 from synth.people.skin import paint_iris, paint_lips, paint_shoe, paint_skin
 from synth.people.skinning import SKINNED, pack
@@ -49,12 +53,13 @@ _SKULL = ("head", 1)
 """The capsule that scales with the head; the one before it is the neck."""
 
 
-def capsules(body: Body, hands: tuple[str, str] = ("relaxed", "relaxed")) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def capsules(body: Body, hands: tuple[str, str] | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the solid parts of a body.
 
     Args:
         body: Proportions.
-        hands: Shapes of the left and the right hand, of `synth.people.clothing.HANDS`; a fist is shorter.
+        hands: Shapes of the left and the right hand, of `synth.people.clothing.HANDS`; a fist is shorter. They are
+            those of the whole clip.
 
     Returns:
         segments: (C,) index into `SEGMENTS`.
@@ -83,7 +88,7 @@ def capsules(body: Body, hands: tuple[str, str] = ("relaxed", "relaxed")) -> tup
             stretch *= body.head
         stretch[1] *= SIDES.get(side, 1.0)
         solids = _CAPSULES.get(name, ())
-        if name == "hand" and hands["lr".index(side)] == "fist":
+        if name == "hand" and hands and hands["lr".index(side)] == "fist":
             solids = [_FIST]
         for number, (start, stop, radius) in enumerate(solids):
             segments.append(i)
@@ -118,7 +123,14 @@ def geom_parts(model: mujoco.MjModel) -> np.ndarray:
 
 
 def add_person(
-    spec: mujoco.MjSpec, person: int, body: Body, looks: PersonLooks, *, position, rng: np.random.Generator | None
+    spec: mujoco.MjSpec,
+    person: int,
+    body: Body,
+    looks: PersonLooks,
+    changes: Sequence[HandChange] = (),
+    *,
+    position,
+    rng: np.random.Generator | None,
 ) -> None:
     """Add a person in the canonical T-pose.
 
@@ -128,6 +140,7 @@ def add_person(
         person: Index of the person. The person's capsules touch everything except each other.
         body: Proportions.
         looks: Colours and clothes.
+        changes: How the visible hands change; none for hands that keep the shapes of `looks`.
         position: (3,) of the mid point of the hip joints, m.
         rng: Draws the texture of the cloth. None leaves out all that only images need, and the sites of joints,
             `person<p>/<skeleton>.<joint>` for every known skeleton.
@@ -140,6 +153,8 @@ def add_person(
     _add_touch(spec, prefix)
     if rng:
         _add_joints(bodies, prefix, body)
+    if changes:
+        looks = replace(looks, hands=None)
     bare, rows = bare_body(body, looks.hands), []
     for number, part in enumerate(parts(body, looks)):
         segment, name = SEGMENTS.index(part.segment), f"{prefix}{part.segment}/{part.material}{number}"
@@ -162,6 +177,9 @@ def add_person(
     for number, (_, drape) in enumerate(drapes(body, looks)):
         packed = drape.pack()
         spec.add_numeric(name=f"{prefix}drape{number}", data=packed, size=len(packed))
+    if changes:
+        numbers = MovingHands.of(bare.fingers, changes).pack()
+        spec.add_numeric(name=prefix + "hands", data=numbers, size=len(numbers))
 
 
 def _add_segments(spec: mujoco.MjSpec, prefix: str, body: Body, position) -> list:
@@ -175,7 +193,7 @@ def _add_segments(spec: mujoco.MjSpec, prefix: str, body: Body, position) -> lis
     return bodies
 
 
-def _add_capsules(bodies: list, prefix: str, person: int, body: Body, hands: tuple[str, str]) -> None:
+def _add_capsules(bodies: list, prefix: str, person: int, body: Body, hands: tuple[str, str] | None) -> None:
     segments, ends, radii = capsules(body, hands)
     volume = np.pi * radii**2 * (np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) + 4 / 3 * radii)
     share = volume / np.bincount(segments, volume)[segments]

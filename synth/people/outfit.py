@@ -523,7 +523,7 @@ def _split(
 ) -> list[Part]:
     if not len(sheet.faces):
         return []
-    share = sheet.weights[sheet.faces].sum(1)
+    share = sheet.weights[:, : len(SEGMENTS)][sheet.faces].sum(1)
     # A few triangles beyond a hem belong to the next segment.
     many = np.bincount(share.argmax(1), minlength=len(SEGMENTS)) >= _LEAST
     owner = np.where(many, share, -1).argmax(1)

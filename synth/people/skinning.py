@@ -5,7 +5,7 @@ boxes by which rays find triangles. Images, rays, ids and body parts then see on
 
 A vertex follows up to four bones. Each segment has, apart from the segment itself, a bone that turns half as far at
 its joint, so that elbows and knees keep their volume. Upper arms, forearms and thighs also have bones that twist by
-none, a third and two thirds, so that a twist spreads along the limb.
+none, a third and two thirds, so that a twist spreads along the limb. Fingers of hands that move have three bones each.
 """
 
 from dataclasses import dataclass
@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from dmae.numerics.compiled import compiled
 from synth.people.body import PARENTS, SEGMENTS, side_and_name
 from synth.people.draping import Drape
+from synth.people.hands import FINGER_BONES, MovingHands
 
 _TWISTED = ("upper_arm", "forearm", "thigh")
 _NAMES = [side_and_name(segment)[1] for segment in SEGMENTS]
@@ -35,8 +36,12 @@ _TABLE = (
     [(i, 1.0, 1.0) for i in range(len(SEGMENTS))]
     + [(i, 0.5, 0.0 if name in _TWISTED else 0.5) for i, name in enumerate(_NAMES) if i]
     + [(i, 1.0, twist / 3) for i in _TWISTS for twist in range(3)]
+    + [(SEGMENTS.index(bone.partition(" ")[0]), 1.0, 1.0) for bone in FINGER_BONES]
 )
+_FINGERS = (len(_TABLE) - len(FINGER_BONES), len(_TABLE) - len(FINGER_BONES) // 2)
+"""Number of the first bone of the fingers of the left and of the right hand."""
 _SEGMENT = np.array([row[0] for row in _TABLE])
+_PALMS = _SEGMENT[list(_FINGERS)]
 _SHARES = np.array([row[1:] for row in _TABLE])
 _LENGTHWISE = np.array([1 if name in ("upper_arm", "forearm", "hand") else 2 for name in _NAMES])
 """Axis of each segment about which it twists."""
@@ -45,8 +50,9 @@ BONE_NAMES = (
     *SEGMENTS,
     *(f"{segment} half" for segment in SEGMENTS[1:]),
     *(f"{SEGMENTS[i]} twist {step}" for i in _TWISTS for step in range(3)),
+    *FINGER_BONES,
 )
-"""Names of bones: segments, their halves, and the bones that twist by none, a third and two thirds."""
+"""Names of bones: segments, their halves, the bones that twist by none, a third and two thirds, and fingers."""
 FIRST_NODE = len(BONE_NAMES)
 """Number of the first node of hanging cloth (`synth.people.draping`) among the bones of a person."""
 MOST_BONES = 4
@@ -60,11 +66,11 @@ def blend(weights: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarra
     """Return bones (N, 4) and weights (N, 4) from the weights of segments.
 
     Args:
-        weights: (N, 16) weights of `SEGMENTS`, sum 1.
+        weights: (N, 16) weights of `SEGMENTS`, sum 1, or (N, 46), as of `synth.people.surface.BareBody`.
         along: (N, 16) position of each vertex along each segment, 0 at its joint, 1 at the next.
     """
     # A column is contiguous.
-    rest, bones = weights.copy(order="F"), np.zeros((len(weights), len(_TABLE)), order="F")
+    rest, bones = weights[:, : len(SEGMENTS)].copy(order="F"), np.zeros((len(weights), len(_TABLE)), order="F")
     for i, parent in enumerate(PARENTS[1:], start=1):
         shared = np.minimum(rest[:, i], rest[:, parent])
         rest[:, [i, parent]] -= shared[:, None]
@@ -76,6 +82,13 @@ def blend(weights: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarra
         place = 3 * np.clip(along[:, i], 0, 1)
         for step, bone in enumerate([*range(_TWISTS[i], _TWISTS[i] + 3), i]):
             bones[:, bone] += rest[:, i] * np.clip(1 - np.abs(place - step), 0, 1)
+    if weights.shape[1] > len(SEGMENTS):
+        for first, part in zip(_FINGERS, np.split(weights[:, len(SEGMENTS) :], 2, axis=1), strict=True):
+            hand, own = _SEGMENT[first], slice(first, first + part.shape[1])
+            bones[:, own] = part
+            # A part of the hand's weight may already be that of its half.
+            bones[:, own] *= np.minimum(1, bones[:, hand] / np.maximum(bones[:, own].sum(1), 1e-12))[:, None]
+            bones[:, hand] -= bones[:, own].sum(1)
     order = np.argsort(-np.ascontiguousarray(bones), axis=1, kind="stable")[:, :MOST_BONES]
     kept = np.take_along_axis(bones, order, 1)
     return order, kept / kept.sum(1, keepdims=True)
@@ -106,6 +119,7 @@ class SkinOfPerson:
     which: np.ndarray
     weights: np.ndarray
     rest: np.ndarray  # (N, 6) place, m, and normal in the bind pose
+    hands: MovingHands | None  # None for hands that keep their shapes
     drapes: tuple[Drape, ...]  # Cloth that hangs
 
     @property
@@ -114,11 +128,18 @@ class SkinOfPerson:
         nodes = ((number, node) for number, drape in enumerate(self.drapes) for node in range(drape.count))
         return BONE_NAMES + tuple(f"cloth {number} {node}" for number, node in nodes)
 
-    def bones(self, data: mujoco.MjData) -> np.ndarray:
-        """Return the (B, 3, 4) rotation and origin of each bone, m, world, for a state."""
+    def bones(self, data: mujoco.MjData, seconds: float) -> np.ndarray:
+        """Return the (B, 3, 4) rotation and origin of each bone, m, world, for a state at a time in the clip, s."""
         bones, own = np.empty((len(_TABLE), 3, 4)), self.segments
         quats, places = data.xquat[own], data.xpos[own]
         _place_bones(quats, places, _PARENTS, _SEGMENT, _SHARES, _LENGTHWISE, bones)
+        if self.hands:
+            turns, begins = (each.reshape(2, -1, *each.shape[3:]) for each in self.hands.at(seconds))
+            palms, fingers = bones[_PALMS], bones[_FINGERS[0] :].reshape(2, -1, 3, 4)
+            rest, at = self.bind[_PALMS, :, :3], self.bind[_PALMS, None, :, 3]
+            move = palms[..., :3] @ rest.swapaxes(1, 2)
+            fingers[..., :3] = move[:, None] @ turns @ rest[:, None]
+            fingers[..., 3] = (begins - at) @ move.swapaxes(1, 2) + palms[:, None, :, 3]
         return np.concatenate([bones, *(drape.bones(quats, places) for drape in self.drapes)])
 
 
@@ -153,7 +174,11 @@ class Skin:
             drapes = tuple(Drape.unpack(each.data) for each in hanging if each.name.startswith(prefix))
             bind = np.concatenate([bind, *(drape.at_rest() for drape in drapes)])
             which, weights, rest = np.split(rows.reshape(-1, _ROW), [MOST_BONES, 2 * MOST_BONES], axis=1)
-            skin = bind, which.astype(np.int32), weights.copy(), rest.copy(), drapes
+            hands = None
+            if (number := mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, name.replace("/skin", "/hands"))) >= 0:
+                hands = MovingHands.unpack(model.numeric(number).data)
+                bind[_FINGERS[0] : FIRST_NODE, :, 3] = hands.fingers.joints.reshape(-1, 3)
+            skin = bind, which.astype(np.int32), weights.copy(), rest.copy(), hands, drapes
             self.persons.append(SkinOfPerson(name.removesuffix("/skin"), segments, geoms, *skin))
         self.geoms = np.concatenate([np.empty(0, int), *(person.geoms for person in self.persons)])
         self.meshes = model.geom_dataid[self.geoms]
@@ -170,15 +195,18 @@ class Skin:
             self._turns = (inner * outer).as_matrix()
             self._offsets = inner.apply(model.geom_pos[self._drawn] - model.body_ipos[own])
 
-    def apply(self, data: mujoco.MjData) -> None:
-        """Put the vertices in place for a state whose kinematics is up to date."""
+    def apply(self, data: mujoco.MjData, seconds: float = 0.0) -> None:
+        """Put the vertices in place for a state whose kinematics is up to date, at a time in the clip, s.
+
+        The state has all but the shapes of hands, which follow time.
+        """
         model = self._model
         if not self.persons:
             return
         for person in self.persons:
             geoms = person.geoms
             _bend(
-                _moves(person.bones(data), person.bind), person.which, person.weights, person.rest,
+                _moves(person.bones(data, seconds), person.bind), person.which, person.weights, person.rest,
                 data.geom_xpos[geoms], data.geom_xmat[geoms].reshape(-1, 3, 3), _Meshes.of(model, geoms), self._normals,
             )  # fmt: skip
         _refit(_Meshes.of(model, self.geoms), _Boxes.of(model, self.geoms))

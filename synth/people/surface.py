@@ -7,14 +7,13 @@ is in the pose of the assets, the bind pose, from which linear blend skinning mo
 
 from dataclasses import dataclass, fields
 from functools import cache, lru_cache
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
-from scipy.spatial.transform import Rotation
 
 from synth.people.body import ANKLE_HEIGHT, HEAD_HEIGHT, PARENTS, SEGMENTS, SIDES, Body, side_and_name, trunk_sections
+from synth.people.hands import SHAPES, Fingers
 
 ASSETS = Path(__file__).with_name("surface.npz")
 BONES = SEGMENTS + tuple(f"{side}_finger{f}-{k}" for side in SIDES for f in range(1, 6) for k in range(1, 4))
@@ -76,10 +75,13 @@ class BareBody:
     """The bare surface of a person in the bind pose."""
 
     vertices: np.ndarray  # (N, 3) m; the mid point of the hip joints is the origin
-    weights: np.ndarray  # (N, 16) weights of `SEGMENTS`, sum 1
+    # (N, 16) weights of `SEGMENTS`, sum 1; if fingers move, (N, 46): then of `FINGER_BONES`, the parts of their hands'
+    # weights that they take
+    weights: np.ndarray
     rotations: np.ndarray  # (16, 3, 3) orientation of each segment, the identity in T-pose
     origins: np.ndarray  # (16, 3) origin of each segment, m
     eyes: np.ndarray  # (2, E, 3) balls of the eyes, m
+    fingers: Fingers  # The bones of the fingers in the pose of the assets
 
 
 def volume(vertices: np.ndarray, faces: np.ndarray) -> float:
@@ -89,12 +91,13 @@ def volume(vertices: np.ndarray, faces: np.ndarray) -> float:
 
 
 @lru_cache(maxsize=64)
-def bare_body(body: Body, hands: tuple[str, str] = ("relaxed", "relaxed")) -> BareBody:
+def bare_body(body: Body, hands: tuple[str, str] | None = ("relaxed", "relaxed")) -> BareBody:
     """Return the surface of a person.
 
     Args:
         body: Proportions. The surface has this mass, within the accuracy of MakeHuman's shapes.
-        hands: Shapes of the left and the right hand, of `synth.people.clothing.HANDS`.
+        hands: Shapes of the left and the right hand, of `synth.people.clothing.HANDS`; None for hands as in the
+            assets, whose fingers follow bones.
     """
     goal = body.mass / DENSITY
     low, high, stout = 0.0, 2.0, 1.0
@@ -141,8 +144,9 @@ def _fitted(body: Body, heavy: float, stout: float, hands: tuple[str, str] | Non
     shares = _mixed(body, heavy)
     shape, joints, eyes = (np.tensordot(shares, each, 1) for each in (assets().shapes, assets().joints, assets().eyes))
     each, weights = _weights()
+    fingers = Fingers.of(joints)
     if hands is not None:
-        shape, joints = _posed_hands(shape, joints, each, hands)
+        shape = _posed_hands(shape, each, fingers, hands)
     rotations = _bind_rotations(joints)
     origins = np.zeros((len(SEGMENTS), 3))
     for i, parent in enumerate(PARENTS[1:], start=1):
@@ -189,8 +193,11 @@ def _fitted(body: Body, heavy: float, stout: float, hands: tuple[str, str] | Non
             place = out @ bone / (bone @ bone)
             near = wider * np.interp(place, (0.55, 0.9, 1.0, 1.15), (0, 1, 1, 0)) * weights[:, [i, i + 1]].sum(1)
             moved += near[:, None] * (out - np.outer(place, bone))
-    head = SEGMENTS.index("head")
-    return BareBody(moved, weights, rotations, origins, eyes @ linear[head].T + shift[head])
+    head, palms = SEGMENTS.index("head"), [SEGMENTS.index(f"{side}_hand") for side in SIDES]
+    if hands is None:
+        weights = np.concatenate([weights, each[:, len(SEGMENTS) :]], axis=1)
+    fingers = fingers.scaled(linear[palms], shift[palms])
+    return BareBody(moved, weights, rotations, origins, eyes @ linear[head].T + shift[head], fingers)
 
 
 _ENDS = {"forearm": (0.95, 1.14), "shin": (0.96, 1.08)}
@@ -268,68 +275,15 @@ def _head_fit(body, shape, joints, eyes, weight, origin) -> tuple[np.ndarray, np
     return scale, shift + origin
 
 
-# Hands: relaxed, open, round a grip, closed to a fist, pointing
-
-# For each finger from the index finger on, degrees of its three joints towards the palm; and of the thumb's.
-_CURLS = {
-    "relaxed": ((18, 22, 14), (24, 26, 16), (28, 28, 18), (30, 30, 20)),
-    "open": ((0, 2, 2),) * 4,
-    "grip": ((55, 60, 35), (58, 62, 35), (60, 62, 38), (60, 62, 38)),
-    "fist": ((82, 98, 60), (84, 100, 60), (86, 100, 60), (86, 98, 60)),
-    "point": ((4, 6, 4), (82, 98, 60), (84, 100, 60), (86, 98, 60)),
-}
-_THUMBS = {
-    "relaxed": (8, 10, 10),
-    "open": (-10, 0, 0),
-    "grip": (20, 25, 25),
-    "fist": (30, 38, 40),
-    "point": (30, 35, 40),
-}
-_SPREADS = {"relaxed": 0.3, "open": 0.4, "grip": 0.2, "fist": 0.2, "point": 0.3}
-"""Angles of the other fingers from the middle one, relative to those of the assets, which are wide."""
-
-
-def _posed_hands(shape, joints, weights, hands) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices and joints with the fingers of both hands bent, from the pose of the assets."""
-    shape, joints = shape.copy(), joints.copy()
-    for number, (side, curl) in enumerate(zip(SIDES, hands, strict=True)):
-        sign, wrist = SIDES[side], joints[SEGMENTS.index(f"{side}_hand")]
-        fingers = joints[len(SEGMENTS) :].reshape(2, 5, 4, 3)[number].copy()
-        along = fingers[1:, 0].mean(0) - wrist
-        down = sign * np.cross(along, fingers[1, 0] - fingers[4, 0])
-        down /= np.linalg.norm(down)
-        posed, total = shape.copy(), np.zeros(len(shape))
-        moved = np.zeros_like(shape)
-        for finger in range(5):
-            way, turn = fingers[finger, 1] - fingers[finger, 0], np.eye(3)
-            if finger:
-                middle = fingers[2, 1] - fingers[2, 0]
-                apart = np.arctan2(np.cross(way, middle) @ down, way @ middle)
-                turn = Rotation.from_rotvec((1 - _SPREADS[curl]) * apart * down).as_matrix()
-                way = turn @ way
-            axis = np.cross(way, down)
-            if finger == 0:
-                # The thumb closes across the palm.
-                axis = np.cross(way, fingers[1:3, 0].mean(0) + 0.03 * down - fingers[0, 0])
-            axis /= np.linalg.norm(axis)
-            straight = _straightening(fingers[finger], axis) if finger else np.zeros(3)
-            bends = np.radians(_CURLS[curl][finger - 1] if finger else _THUMBS[curl]) - straight
-            base = fingers[finger, 0]
-            for bone in range(3):
-                start = fingers[finger, bone]
-                base = base if bone == 0 else base + turn @ (start - fingers[finger, bone - 1])
-                turn = Rotation.from_rotvec(axis * bends[bone]).as_matrix() @ turn
-                share = weights[:, BONES.index(f"{side}_finger{finger + 1}-{bone + 1}")]
-                own = np.flatnonzero(share)
-                moved[own] += share[own, None] * (base + (posed[own] - start) @ turn.T)
-                total += share
-                joints[len(SEGMENTS) + number * 20 + finger * 4 + bone] = base
-        shape = moved + (1 - total[:, None]) * posed
-    return shape, joints
-
-
-def _straightening(finger: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Return the (3,) angles, rad, about an axis by which a finger of the assets is bent; the first counts as 0."""
-    ways = np.diff(finger, axis=0)
-    turns = [np.arctan2(np.cross(a, b) @ axis, a @ b) for a, b in pairwise(ways)]
-    return np.array([0.0, *turns])
+def _posed_hands(shape: np.ndarray, weights: np.ndarray, fingers: Fingers, hands: tuple[str, str]) -> np.ndarray:
+    """Return the vertices with the fingers of both hands bent, from the pose of the assets."""
+    turns, begins = fingers.posed(np.stack([SHAPES[name] for name in hands]))
+    bones = zip(
+        weights[:, len(SEGMENTS) :].T, *(each.reshape(30, *each.shape[3:]) for each in (turns, begins)), strict=True
+    )
+    moved, total = np.zeros_like(shape), np.zeros(len(shape))
+    for (share, turn, begin), start in zip(bones, fingers.joints.reshape(-1, 3), strict=True):
+        own = np.flatnonzero(share)
+        moved[own] += share[own, None] * (begin + (shape[own] - start) @ turn.T)
+        total += share
+    return moved + (1 - total[:, None]) * shape

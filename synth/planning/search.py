@@ -47,6 +47,7 @@ class Rehearsal:
         return label_clip(
             line, self.spec, self.simulation, self.simulation.qpos[frames], rig, detector=detector,
             occlusion=OcclusionConfig(), error=MiscalibrationConfig(), stage=Stage(),
+            seconds=(np.arange(len(self.simulation.qpos)) / self.spec.fps)[frames],
         )  # fmt: skip
 
 
@@ -110,7 +111,7 @@ def gather(rehearsal: Rehearsal, candidates: CandidateCameras, detector: Detecto
     all_round = replace(rig.undistorted, K=K, size=np.tile(side, (len(rig), 1)))
     seen = joint_visibility(
         done.model, done.qpos[chosen], joints, done.depth[:, DETECTED], done.geom_ids,
-        all_round, done.bodies[:, DETECTED], done.objects,
+        all_round, done.bodies[:, DETECTED], done.objects, chosen / done.fps,
     )  # fmt: skip
     assert seen.occluder is not None
     xy, along = candidates.rig.project(joints)

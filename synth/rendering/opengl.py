@@ -148,6 +148,7 @@ class OpenGLPainter:
 
     def reshape(self, meshes: np.ndarray) -> None:
         """Take over the vertices of meshes (M,) that changed in the model."""
+        self._known = None
         self._gl.make_current()
         for drawing in {self._colouring, self._identifying}:
             for mesh in meshes.tolist():

@@ -81,13 +81,20 @@ class SurfaceFlow:
         self._rays = np.empty(0)
 
     def __call__(
-        self, data: mujoco.MjData, following: np.ndarray | None, view: int, depth: np.ndarray, geoms: np.ndarray
+        self,
+        data: mujoco.MjData,
+        following: np.ndarray | None,
+        seconds: float,
+        view: int,
+        depth: np.ndarray,
+        geoms: np.ndarray,
     ) -> np.ndarray:
         """Return the flow (H, W, 2), float32 px; NaN where there is no surface.
 
         Args:
             data: State of the scene, positions and surfaces up to date.
             following: (nq,) the next state; None if there is none. Then all flow is NaN.
+            seconds: Time of the next state in the clip, s.
             view: Index into the rig.
             depth: (H, W) m along the optical axis.
             geoms: (H, W) 1 + index of the geom at each pixel, 0 for none.
@@ -101,7 +108,7 @@ class SurfaceFlow:
             return flow
         self._next.qpos[:] = following
         mujoco.mj_kinematics(self._model, self._next)
-        self._skin.apply(self._next)
+        self._skin.apply(self._next, seconds)
         camera = self._rig[view : view + 1]
         pose, pixels = camera.cam_from_world[0], np.stack([column, row], -1).astype(float)
         rays = self._rays_of(camera, view, depth.shape)[row, column]
@@ -194,7 +201,7 @@ class Renderer:
         else:
             self._painter = RayPainter(model, geom_ids, rig, step)
         self._model, self._data = model, mujoco.MjData(model)
-        self._moved, self._skin = False, Skin(model)
+        self._seconds, self._skin = np.nan, Skin(model)
         # Index 0 means no geom.
         self._ids = np.concatenate([[0], geom_ids]).astype(np.uint16)
         self._parts = np.concatenate([[0], geom_parts(model)]).astype(np.uint8)
@@ -210,6 +217,8 @@ class Renderer:
         kinds: tuple[str, ...] = KINDS,
         following: np.ndarray | None = None,
         motion: np.ndarray | None = None,
+        seconds: float = 0.0,
+        interval: float = 0.0,
     ) -> RenderedView:
         """Render one view of the scene in the state `qpos` (nq,). It is fastest to render all frames of one view first.
 
@@ -219,19 +228,21 @@ class Renderer:
                 them. Normals cost two more passes, amodal one for each person.
             following: (nq,) the next state, which the flow refers to.
             motion: (nv,) motion of all joints during the exposure, for motion blur; None for a sharp image.
+            seconds: Time of the state in the clip, s, which shapes of hands follow.
+            interval: Time until the next state, s.
         """
         blurred = None
         if "rgb" in kinds and motion is not None and motion.any():
-            blurred = self._exposed(qpos, motion, view)
+            blurred = self._exposed(qpos, motion, view, seconds)
             kinds = tuple(kind for kind in kinds if kind != "rgb")
         painted: tuple[Any, ...] = (None,) * 4
         if kinds:
-            self._move(qpos)
+            self._move(qpos, seconds)
             painted = self._painter.paint(self._data, view, kinds)
         rgb, depth, geoms, normals = painted
         flow = None
         if "flow" in kinds:
-            flow = self._flow(self._data, following, view, depth, geoms)
+            flow = self._flow(self._data, following, seconds + interval, view, depth, geoms)
         amodal = None
         if "amodal" in kinds:
             amodal = np.zeros(geoms.shape, np.uint32)
@@ -247,13 +258,14 @@ class Renderer:
             amodal=amodal,
         )
 
-    def _exposed(self, qpos: np.ndarray, motion: np.ndarray, view: int) -> np.ndarray:
-        """Return the mean light of images during the exposure, with the state `qpos` in its middle, as an image."""
+    def _exposed(self, qpos: np.ndarray, motion: np.ndarray, view: int, seconds: float) -> np.ndarray:
+        """Return the mean light of images during the exposure, with the state `qpos` in its middle, as an image. Hands
+        keep their shapes meanwhile."""
 
         def move(share: float) -> None:
             moved = qpos.copy()
             mujoco.mj_integratePos(self._model, moved, motion, share - 0.5)
-            self._move(moved)
+            self._move(moved, seconds)
 
         ends, camera = [], self._rig[view : view + 1]
         for share in (0.0, 1.0):
@@ -277,18 +289,18 @@ class Renderer:
             mujoco.mj_differentiatePos(self._model, motion, (after - before) / fps, qpos[before], qpos[after])
         return motion * min(self._shutter, 1 / fps)
 
-    def alone(self, qpos: np.ndarray, view: int, person: int) -> np.ndarray:
-        """Return (H, W) True for the pixels that a person would cover if nothing else were there."""
-        self._move(qpos)
+    def alone(self, qpos: np.ndarray, view: int, person: int, seconds: float = 0.0) -> np.ndarray:
+        """Return (H, W) True for the pixels that a person would cover if nothing else were there, as `image`."""
+        self._move(qpos, seconds)
         return self._painter.paint_alone(self._data, view, 1 + person)
 
-    def _move(self, qpos: np.ndarray) -> None:
-        if self._moved and np.array_equal(self._data.qpos, qpos):
+    def _move(self, qpos: np.ndarray, seconds: float) -> None:
+        if self._seconds == seconds and np.array_equal(self._data.qpos, qpos):
             return
-        self._moved = True
+        self._seconds = seconds
         self._data.qpos[:] = qpos
         mujoco.mj_kinematics(self._model, self._data)
-        self._skin.apply(self._data)
+        self._skin.apply(self._data, seconds)
         self._painter.reshape(self._skin.meshes)
         mujoco.mj_comPos(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
@@ -347,7 +359,8 @@ def render_images(
         """Render the images of a view, write all that are not in a video, and yield the colours."""
         for frame, state in enumerate(qpos):
             following = qpos[frame + 1] if frame + 1 < len(qpos) else None
-            image = renderer.image(state, view, kinds, following, renderer.motion(qpos, frame, fps))
+            motion = renderer.motion(qpos, frame, fps)
+            image = renderer.image(state, view, kinds, following, motion, frame / fps, 1 / fps)
             if sensors and image.rgb is not None:
                 image = image._replace(rgb=sensors[view].image(image.rgb, frame))
             for kind in kinds:
@@ -357,7 +370,7 @@ def render_images(
             if counted:
                 for person in range(renderer.persons):
                     visible[frame, view, person] = np.count_nonzero(image.ids == 1 + person)
-                    amodal[frame, view, person] = np.count_nonzero(renderer.alone(state, view, person))
+                    amodal[frame, view, person] = np.count_nonzero(renderer.alone(state, view, person, frame / fps))
             seen()
             yield image.rgb
 

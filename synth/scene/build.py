@@ -83,7 +83,7 @@ def build_scene(spec: SceneSpec, rig: CameraRig, *, painted: bool = True) -> Sce
         obstacles.append(add_prop(world, f"{number}/", prop))
     for number, person in enumerate(spec.persons):
         at = (*person.start, person.body.hip_height)
-        add_person(world, number, person.body, person.looks, position=at, rng=rng)
+        add_person(world, number, person.body, person.looks, person.hands, position=at, rng=rng)
     for number, load in enumerate(spec.loads):
         _add_load(world, f"load{number}/", load, spec.persons)
     add_cameras(world, rig)

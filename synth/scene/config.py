@@ -1,6 +1,7 @@
 """What a scene is drawn from: room, people, props, and the length of a clip."""
 
 from dataclasses import dataclass, field
+from enum import Enum
 
 import numpy as np
 
@@ -18,6 +19,15 @@ MOST_CLIPS = 1_000_000_000
 """Greatest number of clips of a data set."""
 
 
+class Hands(Enum):
+    """What people's hands do in a clip."""
+
+    moving = "moving"
+    """They grip, open, point and close to fists with what people do, and their fingers move in between."""
+    still = "still"
+    """Each keeps one shape."""
+
+
 @dataclass(frozen=True)
 class SceneConfig(Configuration):
     """Distributions from which scenes are drawn. Pairs are the least and the greatest value."""
@@ -31,6 +41,8 @@ class SceneConfig(Configuration):
     """Share of children, 4 to 17 years old, among the people."""
     wardrobe: list[str] = field(default_factory=lambda: list(WARDROBE))
     """What people may wear besides shirts, trousers and shoes; nothing if empty."""
+    hands: Hands = Hands.moving
+    """What hands do. Bodies, motion and forces are the same for both."""
     seconds: float = 5.0
     """Length of a clip, s."""
     fps: float = 25.0

@@ -14,11 +14,12 @@ from synth.motion.config import MotionConfig
 from synth.motion.motion import Motion, redirect, redirected_path
 from synth.people.body import ADULT_AGE, MOST_PERSONS, Body, sample_body
 from synth.people.clothing import BAGS, PersonLooks, dressed, sample_hands, sample_looks
+from synth.people.hands import HandChange, sample_changes
 from synth.rooms.config import PropsConfig
 from synth.rooms.decor import sample_decor, sample_tint
 from synth.rooms.props import PlacedProp, find_meshes, prop_size
 from synth.rooms.room import arena_file, room_name
-from synth.scene.config import SceneConfig
+from synth.scene.config import Hands, SceneConfig
 from synth.scene.placement import Placement, place_persons, place_props, place_script, placed_discs, stool_discs
 from synth.scene.spec import PLAN_FPS, USUAL_PERSONS, PersonSpec, PropSpec, SceneSpec, planned_frames
 
@@ -47,6 +48,7 @@ class People:
     # bodies, looks: Bodies and looks of P people
     bodies: list[Body]
     looks: list[PersonLooks]
+    hands: list[tuple[HandChange, ...]]  # How the hands of each person change
     motions: list[Motion]  # P motions, scaled to the bodies, anywhere on the floor
     script: Script | None  # The interaction, if any
     clearance: float  # Distance that people keep between their hips, m
@@ -101,7 +103,7 @@ def sample_people(
         bodies, looks = bodies + others[0], looks + others[1]
     frames = planned_frames(config.seconds)
     motions, script = draw_motions(motion, interaction, bodies, frames, PLAN_FPS, config.radius, seed, clip)
-    # Roles say how hands are shaped; the hands of other people are random.
+    # Roles say how hands are shaped in physics; the hands of other people are random.
     of_hands = generator(seed, clip, Stream.SCENE).spawn(_HANDS + 1)[_HANDS]
     drawn = [sample_hands(rng=of_hands) for _ in looks]
     asked = [role.hands for role in script.roles] if script else []
@@ -115,7 +117,13 @@ def sample_people(
         dressed(each, body, config.wardrobe, some, rng=apart)
         for each, body, some, apart in zip(looks, bodies, bags, of_wardrobe, strict=True)
     ]
-    return People(bodies, looks, motions, script, clearance, motion, interaction, seed, clip)
+    hands: list[tuple[HandChange, ...]] = [()] * len(looks)
+    if config.hands is Hands.moving:
+        hands = [
+            sample_changes(first, motion.hands, frames, PLAN_FPS, rng=apart)
+            for first, motion, apart in zip(drawn, motions, of_hands.spawn(len(looks)), strict=True)
+        ]
+    return People(bodies, looks, hands, motions, script, clearance, motion, interaction, seed, clip)
 
 
 def _bags(bodies: list[Body], motions: list[Motion]) -> list[tuple[str, ...]]:
@@ -210,8 +218,10 @@ def lay_out(
         decor=decor,
         clearance=clearance,
         persons=tuple(
-            PersonSpec(body, looks, motion.name, *placed)
-            for body, looks, motion, placed in zip(people.bodies, people.looks, people.motions, placements, strict=True)
+            PersonSpec(body, looks, motion.name, *placed, hands)
+            for body, looks, motion, placed, hands in zip(
+                people.bodies, people.looks, people.motions, placements, people.hands, strict=True
+            )
         ),
         props=tuple(prop_spec(prop, props.scale, props.up) for prop in placed_props),
         motion=people.motion,

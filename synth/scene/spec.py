@@ -12,6 +12,7 @@ from synth.interactions.script import Load
 from synth.motion.config import MotionConfig
 from synth.people.body import MOST_PERSONS, Body
 from synth.people.clothing import PersonLooks
+from synth.people.hands import HandChange
 from synth.rooms.config import MeshUp
 from synth.rooms.decor import Colour, Decor
 from synth.scene.config import MOST_CLIPS
@@ -39,6 +40,8 @@ class PersonSpec:
     start: tuple[float, float]  # x and y of the hips in the first frame, m
     yaw: float  # Turn of the motion about the vertical, rad
     turn: float  # Bend of the motion along a curve, rad/s
+    # How the hands change; none for hands that keep the shapes of `looks`. Physics has these throughout.
+    hands: tuple[HandChange, ...] = ()
 
     def __post_init__(self):
         check_numbers("person: start, m", self.start, _FARTHEST)

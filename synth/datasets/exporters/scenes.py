@@ -123,14 +123,14 @@ def _scene(task: ClipTask) -> _SceneInMotion:
     model = build_scene(spec, clip.rig, painted=False).model
     data, qpos = mujoco.MjData(model), state.qpos[:: task.every]
     places, turns = np.empty((len(qpos), model.nbody, 3)), np.empty((len(qpos), model.nbody, 4))
-    persons = Skin(model).persons
+    persons, seconds = Skin(model).persons, np.arange(len(qpos)) * task.every / clip.fps
     bones = [np.empty((len(qpos), *skin.bind.shape)) for skin in persons]
     for frame, each in enumerate(qpos):
         data.qpos[:] = each
         mujoco.mj_kinematics(model, data)
         places[frame], turns[frame] = data.xpos, data.xquat[:, [1, 2, 3, 0]]
         for skin, moved in zip(persons, bones, strict=True):
-            moved[frame] = skin.bones(data)
+            moved[frame] = skin.bones(data, seconds[frame])
     assert clip.truth is not None
     xyz = convert(clip.truth, task.skeleton).xyz[:: task.every].astype(np.float64)
     tracks = {
@@ -141,7 +141,7 @@ def _scene(task: ClipTask) -> _SceneInMotion:
     pieces, turns, rig = _pieces(model, persons), continuous(turns), clip.rig
     turned = Rotation.from_matrix(rig.cam_from_world[:, :3, :3].swapaxes(1, 2) @ _GL_FROM_CV).as_quat()
     return _SceneInMotion(
-        np.arange(len(qpos)) * task.every / clip.fps,
+        seconds,
         [_Body(model.body(body).name, places[:, body], turns[:, body], pieces[body]) for body in sorted(pieces)],
         [_skin(model, skin, moved) for skin, moved in zip(persons, bones, strict=True)],
         {name: place for name, place in tracks.items() if np.isfinite(place).all()},

@@ -8,6 +8,7 @@ from scipy.interpolate import PchipInterpolator
 
 from synth.motion.geometry import minimum_jerk
 from synth.motion.procedural.trajectory import HIP_HEIGHT
+from synth.people.hands import GESTURES
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,8 @@ class Action:
     # Sets `PoseOffsets`, which are zero, at times (F,) since the first key, s. They stay zero at both ends.
     pose: Callable[[np.ndarray, PoseOffsets], None]
     seat: Seat | None = None  # The seat that the action uses, if any; its times count from the first key
+    # Shapes, of `synth.people.clothing.HANDS`, one of which the left and the right hand has while its arm is raised
+    hands: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
     turned: bool = False  # Whether left and right are exchanged
 
     @property
@@ -84,7 +87,7 @@ class Action:
 
     def mirrored(self) -> "Action":
         """Return the action with left and right exchanged."""
-        return replace(self, turned=not self.turned)
+        return replace(self, hands=self.hands[::-1], turned=not self.turned)
 
 
 _NODES, _WEIGHTS = np.polynomial.hermite.hermgauss(5)
@@ -170,7 +173,7 @@ def reach(style: Style, *, rng: np.random.Generator) -> Action:
         offsets.pelvis[:] = np.radians(scaled(share, (-0.35 * turn, 0.4 * lean, 0)))
         offsets.head[:] = np.radians(scaled(share, (-0.2 * turn, (90 - angles[0]) * 0.35)))
 
-    return Action("reach", last, pose)
+    return Action("reach", last, pose, hands=(GESTURES["reach"], ()))
 
 
 def wave(style: Style, *, rng: np.random.Generator) -> Action:
@@ -186,7 +189,7 @@ def wave(style: Style, *, rng: np.random.Generator) -> Action:
         offsets.chest[:] = np.radians(scaled(share, (4, -1, -3)))
         offsets.head[:, 0] = np.radians(look) * share
 
-    return Action("wave", last, pose)
+    return Action("wave", last, pose, hands=(GESTURES["wave"], ()))
 
 
 def bend(style: Style, *, rng: np.random.Generator) -> Action:
@@ -208,7 +211,7 @@ def bend(style: Style, *, rng: np.random.Generator) -> Action:
         if one:
             offsets.arms[:, 1] = np.radians((35, 12, 30, 75, 60))
 
-    return Action("bend", last, pose)
+    return Action("bend", last, pose, hands=(("open", "grip"), () if one else ("open",)))
 
 
 def crouch(style: Style, *, rng: np.random.Generator) -> Action:
@@ -266,7 +269,7 @@ def lift(style: Style, *, rng: np.random.Generator) -> Action:
             offsets.chest[:, 1] -= np.radians(6) * high
             offsets.head[:, 1] -= np.radians(18) * high
 
-    return Action("lift to a shelf" if shelf else "lift and put down", last, pose)
+    return Action("lift to a shelf" if shelf else "lift and put down", last, pose, hands=(("grip",), ("grip",)))
 
 
 def sit(style: Style, *, rng: np.random.Generator) -> Action:
@@ -289,7 +292,7 @@ def sit(style: Style, *, rng: np.random.Generator) -> Action:
         offsets.head[:, 1] += np.radians(0.3 * trunk)
         offsets.arms[:], offsets.raised[:] = np.radians(hands), sitting[:, None]
 
-    return Action("sit", last, pose, Seat(down, down + hold, back))
+    return Action("sit", last, pose, Seat(down, down + hold, back), hands=(("relaxed", "open"),) * 2)
 
 
 # Dynamic actions: kicking, punching and dancing
@@ -374,7 +377,7 @@ def punch(style: Style, *, rng: np.random.Generator) -> Action:
         offsets.pelvis[:, 0], offsets.pelvis[:, 1] = np.radians(0.6 * turn), np.radians(4) * share
         offsets.head[:] = np.radians(scaled(share, (-3, 10)))
 
-    return Action(f"punch {count} times", last, pose)
+    return Action(f"punch {count} times", last, pose, hands=(("fist",), ("fist",)))
 
 
 def dance(style: Style, *, rng: np.random.Generator) -> Action:

@@ -5,7 +5,7 @@ phase of the right leg.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -32,6 +32,7 @@ from synth.motion.procedural.trajectory import (
     random_drift,
     swing_width,
 )
+from synth.people.hands import GESTURES, HandUse, uses_of
 
 
 def _fourier(*points: tuple[float, float]) -> Callable[[np.ndarray], np.ndarray]:
@@ -282,18 +283,20 @@ def make_motion(config: ProceduralConfig, *, seconds: float, fps: float, rng: np
     times = np.arange(max(round(seconds * fps), 1)) / fps
     name, lower, lean = _stand(rng, times) if rng.uniform() < config.standing else _walk(config, rng, times)
     arms = [hang(rng, times, lower.swing * sign) for _, sign in SIDES]
-    turn = -0.3 * lower.swing
+    turn, hands = -0.3 * lower.swing, list[HandUse]()
     if rng.uniform() < config.gesture:
         arm, kind = rng.integers(2), str(rng.choice(("reach", "wave")))
         side, sign = SIDES[arm]
         share, angles = gesture(rng, kind, times)
         arms[arm] += share[:, None] * (angles - arms[arm])
+        hands += uses_of(side, share, GESTURES[kind])
         # The shoulder follows.
         turn = turn - sign * np.radians(8) * share
         name += f", {kind} {side}"
     look, nod = (random_drift(rng, times, np.radians(rms), 0.3) for rms in (15, 5))
     chest, head = np.stack([lower.heading + turn, *lean.T], axis=1), np.stack([lower.heading + look, nod], axis=1)
-    return lower.with_upper_body(chest, head, np.stack(arms, axis=1)).motion(name, fps)
+    motion = lower.with_upper_body(chest, head, np.stack(arms, axis=1)).motion(name, fps)
+    return replace(motion, hands=tuple(hands))
 
 
 def _walk(config: ProceduralConfig, rng: np.random.Generator, times: np.ndarray) -> tuple[str, LowerBody, np.ndarray]:

@@ -26,6 +26,7 @@ from synth.motion.procedural.trajectory import (
     reachable_root,
     swing_width,
 )
+from synth.people.hands import HandUse, uses_of
 
 _EPS = 1e-3
 """Step in phase for numerical derivatives."""
@@ -482,7 +483,7 @@ def make_sequence(
     motion = replace(trajectory, root=reachable_root(trajectory, fps)).motion(
         ", ".join(name for _, name in done.actions), fps
     )
-    return replace(motion, seats=done.seats, actions=done.actions)
+    return replace(motion, seats=done.seats, actions=done.actions, hands=done.hands)
 
 
 def _random_style(speed: Sequence[float], seated: float, *, rng: np.random.Generator) -> Style:
@@ -509,6 +510,7 @@ class _Performance:
     raised: np.ndarray  # (F, 2) weight of the action of each arm against the arm at ease
     actions: tuple[tuple[int, str], ...]  # First frame and name of each action
     seats: tuple[int, ...]  # Frames in which the person begins to sit on a stool
+    hands: tuple[HandUse, ...]  # What hands are needed for
 
 
 def _perform(
@@ -520,7 +522,7 @@ def _perform(
         times: (F,) s of the agenda.
         ease: (F, 2, 5) angles of arms at ease, as `HANGING`.
     """
-    trajectories, actions, seats = [], [], []
+    trajectories, actions, seats, hands = [], [], [], []
     walking, swing, raised = np.zeros(len(times)), np.zeros(len(times)), np.zeros((len(times), 2))
     for item in items:
         frames = np.flatnonzero((times >= item.begin) & (times < item.end))
@@ -544,7 +546,14 @@ def _perform(
             chest = np.stack([heading, style.lean * lower_body.walking, level], axis=1)
             trajectories.append(lower_body.with_upper_body(chest, np.stack([heading, level], axis=1), arms))
             walking[frames], swing[frames] = lower_body.walking, style.swing * lower_body.swing
-    return _Performance(concatenate(trajectories), walking, swing, raised, tuple(actions), tuple(seats))
+        gesture = item.doing if isinstance(item.doing, Action) else item.gesture
+        for arm, (side, _) in enumerate(SIDES):
+            if gesture and gesture.hands[arm]:
+                alone = np.zeros(len(times))
+                alone[frames] = raised[frames, arm]
+                hands += uses_of(side, alone, gesture.hands[arm])
+    performed = tuple(actions), tuple(seats), tuple(hands)
+    return _Performance(concatenate(trajectories), walking, swing, raised, *performed)
 
 
 def _add_sway(done: _Performance, times: np.ndarray, fps: float, *, rng: np.random.Generator) -> None:

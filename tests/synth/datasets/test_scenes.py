@@ -52,7 +52,7 @@ def drawn(data, clip):
     state.qpos[:] = load_state(data / "000000").qpos[-1]
     mujoco.mj_kinematics(model, state)
     skin = Skin(model)
-    skin.apply(state)
+    skin.apply(state, (len(clip) - 1) / clip.fps)
     found = {}
     bodies = [number for number in range(model.nbody) if model.body(number).name.startswith("person1/")]
     own = np.flatnonzero((model.geom_group < 3) & np.isin(model.geom_bodyid, bodies))
