@@ -7,9 +7,10 @@
         '''Recording of the Lizard tracker.'''
 
 Names, help and settings of the functions in a registry's packages are read from the source: `--help` lists them in
-tenths of a second, and their modules, with SciPy, Numba, torch and MuJoCo, take 2 to 5 seconds to import. A function is
-imported on first use. Functions elsewhere are registered when their module is
-imported, and an option takes any as `package.module:function` (`load_function`).
+tenths of a second, and their modules, with SciPy, Numba, torch and MuJoCo, take 2 to 5 seconds to import. Names of
+files cannot stand for them, as one file holds several functions, and a list elsewhere would be a second place to edit.
+A function is imported on first use. Functions elsewhere are registered when their module is imported, and an option
+takes any as `package.module:function` (`load_function`).
 """
 
 import ast

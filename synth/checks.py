@@ -22,9 +22,7 @@ def check_pairs(
     """Raise ValueError unless fields are ascending pairs of numbers that `check_range` accepts."""
     for name in names:
         found = getattr(config, name)
-        found = found if isinstance(found, int | float | str) else list(found)
-        pair = found if isinstance(found, list) else []
-        if len(pair) != 2 or not (pair[0] <= pair[1] and all(_within(value, least, most, above) for value in pair)):
+        if len(found) != 2 or not (found[0] <= found[1] and all(_within(value, least, most, above) for value in found)):
             bounds = _bounds(least, most, above, unit)
             raise ValueError(f"{_path(group, name)}: expected [least, greatest], {bounds}, found {found}")
 

@@ -425,7 +425,7 @@ WRONG_TYPES = [
     (lambda it: dmae.preset("capture", "paper", thv=2), "CaptureConfig: no field thv; did you mean th_v?"),
     (
         lambda it: dmae.Clip("a", 25, it.rig, it.clip.detections, images="x"),
-        "Clip.images: expected a Images",
+        "Clip.images: expected a dmae.Images, found 'x'",
     ),
     (lambda it: dmae.Poses3D(it.poses.skeleton, "a"), "Poses3D.xyz: expected an array of numbers, found 'a'"),
     (

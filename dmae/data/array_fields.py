@@ -43,15 +43,6 @@ def as_numbers(name: str, value: Any, dtype: type = np.float64) -> np.ndarray:
         raise TypeError(f"{name}: expected an array of numbers, found {found:.80}") from None
 
 
-def check_type(owner: Any, name: str, expected: type, advice: str = "") -> None:
-    """Raise TypeError if a field of a dataclass is neither None nor of the expected type."""
-    value = getattr(owner, name)
-    if value is not None and not isinstance(value, expected):
-        raise TypeError(
-            f"{type(owner).__name__}.{name}: expected a {expected.__name__}, found {type(value).__name__}{advice}"
-        )
-
-
 def same_fields(self: Any, other: Any) -> bool:
     """Compare dataclasses field by field (`__eq__ = same_fields`): arrays as wholes, where NaN equals NaN."""
     if type(self) is not type(other):

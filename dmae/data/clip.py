@@ -6,11 +6,12 @@ from enum import IntEnum
 
 import numpy as np
 
-from dmae.data.array_fields import UNSET, check_type, same_fields, set_array, short_repr
+from dmae.data.array_fields import UNSET, same_fields, set_array, short_repr
 from dmae.data.cameras import CameraRig
 from dmae.data.images import Images
 from dmae.data.labels import DetectionLabels, OcclusionLabels
 from dmae.data.skeleton import Skeleton
+from dmae.data.typed import decode, type_hints
 from dmae.files.checks import MOST_METRES, MOST_PIXELS, MOST_SCORE, MOST_VARIANCE, check_numbers, check_rate
 from dmae.files.mapped import by_frames, frame_blocks
 
@@ -41,7 +42,6 @@ def person_names(clip: "Clip", persons: int) -> list[str]:
 
 NOT_KNOWN = {"xyz": np.nan, "source": Source.ABSENT, "cov": np.nan, "views": 0, "rays": np.nan}
 """Value of each array of `Poses3D` where a joint is absent."""
-_BY_NAME = "; get_skeleton(name) returns one"
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Detections2D:
     __repr__, __eq__ = short_repr, same_fields
 
     def __post_init__(self):
-        check_type(self, "skeleton", Skeleton, _BY_NAME)
+        decode(Skeleton, self.skeleton, "Detections2D.skeleton")
         set_array(self, "xy", np.float32, ("F", "V", "D", len(self.skeleton), 2))
         if self.score is None:
             object.__setattr__(self, "score", np.where(np.isnan(self.xy).any(-1), np.nan, 1))
@@ -111,7 +111,7 @@ class Poses3D:
     __repr__, __eq__ = short_repr, same_fields
 
     def __post_init__(self):
-        check_type(self, "skeleton", Skeleton, _BY_NAME)
+        decode(Skeleton, self.skeleton, "Poses3D.skeleton")
         set_array(self, "xyz", np.float32, ("F", "P", len(self.skeleton), 3))
         joints = self.xyz.shape[:-1]
         absent = by_frames(lambda xyz: np.isnan(xyz).any(-1), self.xyz)
@@ -171,14 +171,6 @@ class Poses3D:
         return Poses3D(self.skeleton, **{name: array[frames] for name, array in self.arrays.items()})
 
 
-_KINDS = {
-    "id": str, "rig": CameraRig, "detections": Detections2D, "truth": Poses3D, "poses": Poses3D,
-    "occlusion": OcclusionLabels, "detection_labels": DetectionLabels, "images": Images, "true_rig": CameraRig,
-    "provenance": dict,
-}  # fmt: skip
-"""Types of the fields of a clip that a caller may confuse with arrays or with each other."""
-
-
 @dataclass(frozen=True)
 class Clip:
     """A section of a multi-view recording with F frames and V views.
@@ -217,8 +209,8 @@ class Clip:
     __repr__, __eq__ = short_repr, same_fields
 
     def __post_init__(self):
-        for name, kind in _KINDS.items():
-            check_type(self, name, kind)
+        for name in type_hints(Clip).keys() - {"fps"}:  # `check_rate` says what rates there are
+            decode(type_hints(Clip)[name], getattr(self, name), f"Clip.{name}")
         frames, views = self.detections.xy.shape[:2]
         if views != len(self.rig):
             raise ValueError(f"clip {self.id!r}: {len(self.rig)} cameras but detections in {views} views")

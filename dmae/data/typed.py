@@ -41,7 +41,7 @@ _ADVICE = {
         "dmae.Poses3D(skeleton, xyz) takes an array"
     ),
     "CameraRig": "clip.rig has the cameras of a clip",
-    "Skeleton": "poses.skeleton is the skeleton of poses",
+    "Skeleton": "dmae.get_skeleton(name) returns one",
     "Decision": "entry.decision('blank') makes one of an entry of dmae.review",
 }
 """Where one gets an object, by the name of its class."""

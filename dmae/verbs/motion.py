@@ -137,10 +137,7 @@ def completer(
 
     Args:
         skeleton: Skeleton of the poses to complete, or its name.
-        weights: As for `complete`.
-        denoise: As for `complete`.
-        reject: As for `complete`.
-        smooth: As for `complete`.
+        weights, denoise, reject, smooth: As for `complete`.
 
     Returns:
         A function of poses and frames per second that completes the poses.
@@ -360,18 +357,12 @@ def run(
         clip = dmae.run("session/videos", "session/calibration.toml", workers=4, out="runs/session")
 
     Args:
-        source: Folder of a video, or a folder of images, for each camera, named as in the calibration; or a clip with
-            colour images, or its folder.
-        calibration: Calibration file, or folder of them; cameras, without `out`; None for a clip, which has its own.
-        detector: `blazepose`, or `package.module:function`.
+        source: As for `detect`, or the folder of a clip with colour images.
+        calibration: As for `detect`; with `out` a file, not cameras.
+        detector, fps, offsets, frames, workers: As for `detect`.
         capture: How people are reconstructed, or the name of a preset of `dmae capture`, as `paper`.
-        weights: Folder that `train`, or `dmae train`, wrote; by default the weights that come with the package.
-        fps: Frames per second of the videos, where they do not say.
-        offsets: Frames by which cameras started late: a number for each, or "name:frames" for some; by default
-            what the videos say.
-        frames: First frame of the videos to take, and end, as (0, 500); by default all.
+        weights: As for `complete`.
         export: Formats of the poses that are written to `out`.
-        workers: Processes that detect; -1 for one per core.
         out: Folder of what `dmae run` writes: clips of each step, a report, poses in each format. None: nothing is
             written. The same call continues one that was interrupted.
 
@@ -380,8 +371,7 @@ def run(
 
     Raises:
         FileNotFoundError: there are no videos, or no such weights.
-        ValueError: a video cannot be read, has no calibration, or is of another size; the clip has no colour images;
-            `out` is given for a clip or cameras in memory.
+        ValueError: as in `detect`; there are fewer than two cameras; `out` is given for a clip or cameras in memory.
 
     Examples:
         >>> clip = next(synth.generate(seconds=0.1, clips=1, persons=[1, 1], out="walks"))

@@ -75,8 +75,6 @@ def export(
     """
     data, out, about = Path(path), Path(out), about or AboutConfig()
     entry = exporter.find(format)
-    if not isinstance(about, AboutConfig):
-        raise TypeError(f"about: expected a synth.AboutConfig, found {about!r:.80}")
     if images not in ImageFormat.__members__:
         raise ValueError(f"images={images!r}: expected one of {', '.join(ImageFormat.__members__)}")
     if every < 1:
