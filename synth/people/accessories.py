@@ -8,7 +8,7 @@ from scipy.spatial import ConvexHull
 _RIMS = {"cap": (0.0345, 0.20), "beanie": (0.021, 0.38)}
 """Height of the rim above the eyes at their distance ahead, and its slope upwards to the front; fractions of stature
 and of the head's size."""
-_AROUND, _ROWS = 40, 10
+_AROUND, _ROWS = 36, 7
 """Points around a hat, and rows of them from its rim to its top."""
 _LIP, _PRESSED = 0.22, 0.0015
 """How far the rim reaches inwards, fraction of its radius, and how far pressed hair is below a hat, fraction of stature
@@ -94,12 +94,12 @@ def hat(crown: Crown) -> list[tuple[str, np.ndarray, np.ndarray]]:
 
 def _brim(crown: Crown, rim: np.ndarray, around: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return points and triangles of a brim, a closed plate, in front of a rim (A, 3)."""
-    turn = np.linspace(-_HALF_BRIM, _HALF_BRIM, 19)
+    turn = np.linspace(-_HALF_BRIM, _HALF_BRIM, 15)
     start = np.stack([np.interp(turn, (around + np.pi) % (2 * np.pi) - np.pi, c, period=2 * np.pi) for c in rim.T], -1)
     long = _BRIM * crown.size * np.cos(turn / _HALF_BRIM * np.pi / 2) ** 0.7
     wide = np.abs(start[:, 1]).max()
     rows = []
-    for share in (-0.08, 0.3, 0.65, 0.93, 1.0):
+    for share in (-0.08, 0.45, 0.9, 1.0):
         ahead = share * long
         drop = np.tan(_DOWN) * ahead + 0.010 * crown.size * share * (start[:, 1] / wide) ** 2
         rows.append(start + np.stack([ahead, 0 * ahead, 0.0025 * crown.size - drop], -1))
@@ -137,7 +137,7 @@ _CUTS = {
 # width and height, and of the depth.
 _PROFILE = ((0.0, 0.0), (0.6, 0.0), (0.94, 0.0), (1.0, 0.14), (1.0, 0.62), (0.94, 0.86), (0.78, 0.97), (0.4, 1.0),
             (0.0, 1.0))  # fmt: skip
-_OUTLINE, _POCKET = 28, (0.78, -0.40, 0.50, 0.8, 1.18)
+_OUTLINE, _POCKET = 24, (0.78, -0.40, 0.50, 0.8, 1.18)
 """Points around a bag; width of a backpack's pocket, the height of its middle, its height, and where it begins and ends
 in depth, relative to the bag's."""
 

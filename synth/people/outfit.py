@@ -84,11 +84,11 @@ def parts(body: Body, looks: PersonLooks) -> list[Part]:
         cloths = dict(sheets) | {material: each for material, _, each, _ in hanging}
         sheets += _bag([cloths["top"], cloths["bottom"]], bare, body, looks.bag)
     sheets += _face(sheet, bare, body)
-    scalp = _scalp(sheet)
-    crown = looks.hat and Crown.of(looks.hat.kind, scalp.points, bare.eyes.mean((0, 1)), body.stature * body.head)
-    sheets += _hair(scalp, bare, body, looks.hair, crown)
+    head = _only(sheet, (sheet.weights[:, SEGMENTS.index("head")] > 0.8)[sheet.faces].all(1))[0]
+    crown = looks.hat and Crown.of(looks.hat.kind, head.points, bare.eyes.mean((0, 1)), body.stature * body.head)
+    sheets += _hair(head, bare, body, looks.hair, crown)
     if looks.beard and looks.beard != "stubble":
-        sheets.append(("hair", _beard(scalp, bare, body, looks.beard)))
+        sheets.append(("hair", _beard(head, bare, body, looks.beard)))
     if crown:
         sheets += [(material, _rigid(*shape, SEGMENTS.index("head"))) for material, *shape in hat(crown)]
     found = [part for material, each in sheets for part in _split(each, material, bare, body)]
@@ -289,8 +289,8 @@ def _shoes(sheet: _Sheet, bare: BareBody, body: Body) -> tuple[_Sheet, np.ndarra
 
 # Bags
 
-_STRAP, _THICK = {"backpack": 0.0125, "lower": 0.006, "shoulder_bag": 0.010}, 0.005
-"""Half the widths of straps, fractions of stature, and their thickness, m."""
+_STRAP, _THICK = {"backpack": 0.0125, "lower": 0.006, "shoulder_bag": 0.010}, 0.006
+"""Half the widths of straps, fractions of stature, and their thickness in the middle, m."""
 
 
 def _bag(worn: list[_Sheet], bare: BareBody, body: Body, looks: Bag) -> list[tuple[str, _Sheet]]:
@@ -303,14 +303,17 @@ def _bag(worn: list[_Sheet], bare: BareBody, body: Body, looks: Bag) -> list[tup
     straps = []
     if looks.kind == "backpack":
         front, back = top - 0.105 * size, top - 0.20 * size
+        start = ahead[np.abs(up - front) < 0.03 * size].max()
+        end = ahead[np.abs(up - back) < 0.03 * size].min()
+        before = ahead > (start + end) / 2
         for one in SIDES.values():
             over = one * aside - 0.060 * size
-            straps.append(_strap(trunk, over, _STRAP["backpack"] * size, up - front))
+            straps.append(
+                _strap(trunk, over, _STRAP["backpack"] * size, up - np.where(before, front, top - 0.03 * size))
+            )
             # From the front to the bag, along a plane across which the side is level.
-            start = ahead[np.abs(up - front) < 0.03 * size].max()
-            end = ahead[np.abs(up - back) < 0.03 * size].min()
             across = up - front - (ahead - start) * (back - front) / (end - start)
-            outer = np.where(ahead > (start + end) / 2, over + 0.012 * size, one * aside)
+            outer = np.where(before, over + 0.012 * size, one * aside)
             straps.append(_strap(trunk, across, _STRAP["lower"] * size, outer))
         weights = {"chest": 1.0}
     else:
@@ -334,9 +337,8 @@ def _strap(cloth: _Sheet, across: np.ndarray, half: float, within: np.ndarray) -
     band, across = _kept(cloth, within, across)
     for way in (1, -1):
         band, across = _kept(band, half - way * across, across)
-    for way in (1, -1):
-        band, (across,) = _cut(band, half - _EDGE / 2 - way * across, across)
-    thick = 0.0003 + _THICK * np.clip((half - np.abs(across)) / (_EDGE / 2), 0, 1)
+    band, (across,) = _cut(band, across, across)
+    thick = 0.0005 + _THICK * (1 - np.abs(across) / half)
     points = band.points + thick[:, None] * band.normals
     return band._replace(points=points, normals=_normals(points, band.faces))
 
@@ -419,20 +421,20 @@ def _patch(front: LinearNDInterpolator, head: int, middle: np.ndarray, half: tup
     return _rigid(np.column_stack([ahead, places]), np.concatenate(faces), head)
 
 
-def _scalp(sheet: _Sheet) -> _Sheet:
-    """Return the skin of the head, face included, with four triangles for each."""
-    scalp = _only(sheet, (sheet.weights[:, SEGMENTS.index("head")] > 0.8)[sheet.faces].all(1))[0]
-    values = {name: getattr(scalp, name) for name in ("normals", "weights", "along")}
-    points, faces, values = trimesh.remesh.subdivide(scalp.points, scalp.faces, vertex_attributes=values)
+def _finer(sheet: _Sheet) -> _Sheet:
+    """Return a sheet with four triangles for each."""
+    values = {name: getattr(sheet, name) for name in ("normals", "weights", "along")}
+    points, faces, values = trimesh.remesh.subdivide(sheet.points, sheet.faces, vertex_attributes=values)
     return _Sheet(points, faces=faces, **values)
 
 
-def _hair(scalp: _Sheet, bare: BareBody, body: Body, style: str, crown: Crown | None) -> list[tuple[str, _Sheet]]:
+def _hair(skin: _Sheet, bare: BareBody, body: Body, style: str, crown: Crown | None) -> list[tuple[str, _Sheet]]:
     """Return the hair; below a hat it is pressed, and left out where nothing shows."""
     if style == "bald":
         return []
     size, head = body.stature * body.head, SEGMENTS.index("head")
     eye = bare.eyes.mean((0, 1))
+    scalp = _finer(skin)
     back = scalp.points[:, 0].min()
     field = size * _inside(HAIRLINE, *(scalp.points - eye)[:, [0, 2]].T / size)
     field += 0.0015 * size * _locks(scalp, size)
@@ -456,18 +458,22 @@ def _hair(scalp: _Sheet, bare: BareBody, body: Body, style: str, crown: Crown | 
     return [(material, _below(crown, each)) for material, each in found] if crown else found
 
 
-def _beard(scalp: _Sheet, bare: BareBody, body: Body, kind: str) -> _Sheet:
+def _beard(skin: _Sheet, bare: BareBody, body: Body, kind: str) -> _Sheet:
     """Return a beard around the mouth."""
-    size = body.stature * body.head
-    ahead, aside, up = ((scalp.points - bare.eyes.mean((0, 1))) / size).T
-    field = _inside(BEARD_LINE, ahead, up) + 0.0012 * _locks(scalp, size)
+    size, eyes = body.stature * body.head, bare.eyes.mean((0, 1))
+    # Without the inside of the mouth
+    behind = _front(skin, SEGMENTS.index("head"))(skin.points[:, 1:]) - skin.points[:, 0] > 0.004 * size
+    inside = behind & (skin.points[:, 2] > eyes[2] - 0.060 * size) & (np.abs(skin.points[:, 1]) < 0.024 * size)
+    skin = _finer(_only(skin, ~inside[skin.faces].any(1))[0])
+    ahead, aside, up = ((skin.points - eyes) / size).T
+    field = _inside(BEARD_LINE, ahead, up) + 0.0012 * _locks(skin, size)
     mouth = np.hypot(aside / 0.0135, (up + _MOUTH) / 0.0052) - 1
     field = np.where(ahead > -0.012, np.minimum(field, 0.004 * mouth), field)
     if kind == "goatee":
         field = np.minimum(field, 0.017 + 0.1 * (-_MOUTH - up).clip(0) - np.abs(aside))
     chin = np.exp(-((aside / 0.016) ** 2) - ((up + 0.066) / 0.014) ** 2)
     thick = {"short": 0.0020, "goatee": 0.0025 + 0.002 * chin, "full": 0.0045 + 0.008 * chin}[kind]
-    return _worn(scalp, size * field, thick * size * np.clip(0.15 + field / 0.012, 0, 1))
+    return _worn(skin, size * field, thick * size * np.clip(0.15 + field / 0.012, 0, 1))
 
 
 def _below(crown: Crown, hair: _Sheet) -> _Sheet:

@@ -120,15 +120,15 @@ def test_bags_and_straps_lie_on_cloth(kind, side, body, untucked):
         assert np.sign(bag.centroid[1]) == SIDES[side]
         assert low[2] > -0.06 * size
     assert bag.centroid[0] < -0.05 * size
-    # Straps are 5 mm above the cloth.
+    # Straps are some millimetres above the cloth, most in their middle.
     straps, _ = of_material(found, "strap")
     if kind == "backpack":
         # The pocket has the colour of the straps.
         straps = straps[cKDTree(bag.vertices).query(straps)[0] > 0.05 * size]
     triangles, shares = locate(cloth, straps)
     away = np.linalg.norm(straps - (cloth[triangles] * shares[..., None]).sum(1), axis=1)
+    assert 0.005 < np.percentile(away, 98) < 0.0085
     assert away.max() < 0.009
-    assert np.median(away) > 0.003
     assert straps[:, 2].max() > bare_body(body).origins[SEGMENTS.index("l_upper_arm"), 2]
 
 
