@@ -29,7 +29,7 @@ from dmae.detection.recording import (
     write_photographs,
 )
 from dmae.files.checks import IMAGES
-from dmae.files.checksums import checksum
+from dmae.files.checksums import RECORD, checksum
 from dmae.formats.calibrations import read_calibration
 from dmae.formats.recordings import offsets_of_all
 from dmae.registry import source_hash
@@ -50,6 +50,8 @@ def run(config: DetectCommand, out: Path, name: str | None = None, least: int = 
     # A detector or skeleton that does not exist must not reserve the folder.
     make_detector(config.detector)
     output_skeleton(config.output.skeleton)
+    if not any(path.is_file() and path.name not in (_CLAIM, RECORD) for path in out.rglob("*")):
+        (out / _CLAIM).unlink(missing_ok=True)  # of a detector that failed in its first images
     if config.clip is not None:
         _detect_clips(config, Path(config.clip), out, least)
         return ()

@@ -1,6 +1,7 @@
 """From images to detections: each camera in pieces, in parallel and resumed, then all cameras together."""
 
 import hashlib
+import inspect
 import io
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -24,6 +25,7 @@ from dmae.parallel import in_parallel
 from dmae.progress import progress
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
+from dmae.registry import takes
 
 PIECE = 240
 """Number of images that are processed together. The results of a piece do not depend on other pieces."""
@@ -37,12 +39,18 @@ def make_detector(config: PoseDetectorConfig) -> ImageDetector:
 
     Raises ValueError if there is no such detector, or it cannot be made; the message says why.
     """
-    detector = pose_detector.find(config.name).function(config)
+    expected = (
+        f"detector={config.name}: expected a function of the options that returns a detector, which has a skeleton and "
+        "is called with images (see dmae.detection.registry),"
+    )
+    function = pose_detector.find(config.name).function
+    if not takes(function, config):
+        raise ValueError(f"{expected} found {function.__name__}{inspect.signature(function)}")
+    detector = function(config)
+    if isinstance(detector, type):
+        raise ValueError(f"{expected} it returned the class {detector.__name__} itself; call it")
     if not isinstance(getattr(detector, "skeleton", None), Skeleton) or not callable(detector):
-        raise ValueError(
-            f"detector={config.name}: expected a function that returns a detector, which has a skeleton and is called "
-            f"with images (see dmae.detection.registry), it returned {type(detector).__name__}"
-        )
+        raise ValueError(f"{expected} it returned {type(detector).__name__}")
     return detector
 
 
@@ -118,14 +126,22 @@ def _detect_piece(camera: CameraImages, config: PoseDetectorConfig, start: int, 
 
 def check_people(detector: ImageDetector, found: Sequence[np.ndarray], name: str) -> np.ndarray:
     """Return what a detector found as people (D, J, 3)."""
-    xy, score = (np.asarray(each, np.float64) for each in found)
-    shape = (len(xy), len(detector.skeleton))
-    if xy.shape != (*shape, 2) or score.shape != shape:
+    joints = len(detector.skeleton)
+    try:
+        xy, score = (np.asarray(each, np.float64) for each in found)
+        if not xy.size and not score.size:
+            return np.empty((0, joints, 3))
+        people = np.concatenate([xy, score[..., None]], -1)
+        if people.shape != (len(people), joints, 3):
+            raise ValueError
+    except (TypeError, ValueError):
+        shapes = [getattr(each, "shape", each) for each in found] if isinstance(found, tuple | list) else type(found)
         raise ValueError(
-            f"detector={name}: expected xy (D, {shape[1]}, 2) and score (D, {shape[1]}), "
-            f"found {xy.shape} and {score.shape}"
-        )
-    people = np.concatenate([xy, score[..., None]], -1)
+            f"detector={name}: expected two arrays, xy (D, {joints}, 2) px and score (D, {joints}), 1 if the detector "
+            f"states none; found {shapes!r:.80}"
+        ) from None
+    if 0 < np.fmax.reduce(np.abs(xy[score > 0]), axis=None, initial=0) <= 1:
+        raise ValueError(f"detector={name}: expected pixels, found no coordinate above 1")
     with np.errstate(invalid="ignore"):
         people[~(np.abs(people) < MOST_PIXELS).all(-1)] = np.nan
     return people[np.isfinite(people).all(-1).any(-1)]

@@ -127,9 +127,11 @@ def open_video(path: Path):
 def check_times(path: Path, times: Sequence[int | None]) -> None:
     """Raise ValueError if the images of a video have no times of their own: a raw stream has none, or all are equal."""
     if len(times) > 1 and len({*times}) < 2:
+        # ffmpeg does not write a file onto itself.
+        suffix = ".mkv" if path.suffix.lower() == ".mp4" else ".mp4"
         raise ValueError(
             f"{path}: its {len(times)} images have no times of their own, as in a stream that a camera wrote; write "
-            f"them into a file that has times, with their rate: ffmpeg -r 25 -i {path.name} -c copy {path.stem}.mp4"
+            f"them into a file that has times, with their rate: ffmpeg -r 25 -i {path.name} -c copy {path.stem}{suffix}"
         )
 
 

@@ -48,6 +48,30 @@ def dots(config):
 
 def nothing(config):
     return 7
+
+def without_options():
+    return Dots()
+
+def kind(config):
+    return Dots
+
+class Other(Dots):
+    def __init__(self, change):
+        self.change = change
+    def __call__(self, image):
+        return self.change(*super().__call__(image))
+
+def shares(config):
+    return Other(lambda xy, score: (xy / 1e4, score))
+
+def places(config):
+    return Other(lambda xy, score: xy)
+
+def unsure(config):
+    return Other(lambda xy, score: (xy, None))
+
+def nobody(config):
+    return Other(lambda xy, score: ([], []))
 '''
 
 
@@ -165,6 +189,8 @@ def test_without_a_calibration_keypoints_are_written(session: Clip, tmp_path: Pa
         (("videos=nowhere",), "videos=nowhere: no such file"),
         (("videos=videos",), "expected fps="),
         (("videos=videos", "fps=25", "detector=my_dots:nothing"), "it returned int"),
+        (("videos=videos", "fps=25", "detector=my_dots:without_options"), "found without_options()"),
+        (("videos=videos", "fps=25", "detector=my_dots:kind"), "it returned the class Dots itself"),
         (
             ("videos=videos", "fps=25", "calibration=cam.toml"),
             "calibration=cam.toml: no such file or folder",
@@ -183,6 +209,24 @@ def test_bad_input_is_one_line(session: Clip, tmp_path: Path, arguments, said):
     assert done.returncode == 1 and said in done.stderr, done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
     assert not (tmp_path / "found/detect.json").exists()
+
+
+def test_what_a_detector_returns_is_checked_and_a_mended_one_may_have_the_folder(session: Clip, tmp_path: Path):
+    for name, said in (
+        ("shares", "expected pixels"),
+        ("places", "1 if the detector states none; found"),
+        ("unsure", "1 if the detector states none; found [(1, 17, 2), None]"),
+    ):
+        done = dmae(tmp_path, "detect", *ARGUMENTS[:2], f"detector=my_dots:{name}", "fps=25", "out=found")
+        assert done.returncode == 1 and said in done.stderr, done.stderr
+        assert len(done.stderr.strip().splitlines()) == 1
+    assert dmae(tmp_path, "detect", *ARGUMENTS, "out=found").returncode == 0
+
+
+def test_empty_lists_are_nobody(session: Clip, tmp_path: Path):
+    done = dmae(tmp_path, "detect", *ARGUMENTS[:2], "detector=my_dots:nobody", "fps=25", "out=found")
+    assert done.returncode == 0, done.stderr
+    assert "people per frame in each camera: 0.00, 0.00, 0.00" in done.stdout
 
 
 def test_another_detector_rate_offset_or_calibration_is_refused_in_the_same_folder(session: Clip, tmp_path: Path):
