@@ -181,7 +181,7 @@ def _home(function: Callable) -> str:
     return f"{function.__module__}:{getattr(function, '__qualname__', '')}"
 
 
-def takes(function: Callable, *arguments: object, **named: object) -> bool:
+def takes(function: Callable, *arguments: str, **named: object) -> bool:
     """Return whether a function can be called with these arguments in their order, and these by their names."""
     try:
         inspect.signature(function).bind(*arguments, **named)

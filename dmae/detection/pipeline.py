@@ -1,7 +1,6 @@
 """From images to detections: each camera in pieces, in parallel and resumed, then all cameras together."""
 
 import hashlib
-import inspect
 import io
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -25,7 +24,6 @@ from dmae.parallel import in_parallel
 from dmae.progress import progress
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
-from dmae.registry import takes
 
 PIECE = 240
 """Number of images that are processed together. The results of a piece do not depend on other pieces."""
@@ -43,10 +41,7 @@ def make_detector(config: PoseDetectorConfig) -> ImageDetector:
         f"detector={config.name}: expected a function of the options that returns a detector, which has a skeleton and "
         "is called with images (see dmae.detection.registry),"
     )
-    function = pose_detector.find(config.name).function
-    if not takes(function, config):
-        raise ValueError(f"{expected} found {function.__name__}{inspect.signature(function)}")
-    detector = function(config)
+    detector = pose_detector.find(config.name).function(config)
     if isinstance(detector, type):
         raise ValueError(f"{expected} it returned the class {detector.__name__} itself; call it")
     if not isinstance(getattr(detector, "skeleton", None), Skeleton) or not callable(detector):

@@ -189,7 +189,7 @@ def test_without_a_calibration_keypoints_are_written(session: Clip, tmp_path: Pa
         (("videos=nowhere",), "videos=nowhere: no such file"),
         (("videos=videos",), "expected fps="),
         (("videos=videos", "fps=25", "detector=my_dots:nothing"), "it returned int"),
-        (("videos=videos", "fps=25", "detector=my_dots:without_options"), "found without_options()"),
+        (("videos=videos", "fps=25", "detector=my_dots:without_options"), "expected a function of config"),
         (("videos=videos", "fps=25", "detector=my_dots:kind"), "it returned the class Dots itself"),
         (
             ("videos=videos", "fps=25", "calibration=cam.toml"),
