@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dmae.command_line.options import Command, Preset
-from dmae.command_line.presets import is_preset, read_preset
+from dmae.command_line.presets import checked_preset, is_preset
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
+from dmae.data.resources import read_preset
 from dmae.data.rng import Stream, generator
 from dmae.data.store import clip_folders, load_clip
 from dmae.data.typed import check_arguments, fields_meant
@@ -78,7 +79,7 @@ def _composed(command: str, presets: dict[str, str | Path]) -> Any:
 
 def _preset(command: Command, group: str, name: str | Path) -> Preset:
     if is_preset(group, name):
-        return read_preset(command, group, Path(name))
+        return checked_preset(command, group, Path(name))
     known = command.presets_of(group)
     if name not in known:
         raise ValueError(f"{group}={name}: {unknown('preset', str(name), sorted(known))}")
@@ -581,10 +582,9 @@ def detector_errors(
         >>> row["group"], row["missed"]
         ('visible', 0.0)
     """
-    from synth.detector.fitting import load_preset
     from synth.recognition.detector_errors import study
 
-    presets = {Path(name).stem: load_preset(name) for name in simulated}
+    presets = {Path(name).stem: read_preset(DetectorConfig, "detector", name) for name in simulated}
     return study([Path(each) for each in (path, *extra_data)], presets, seed, workers)
 
 

@@ -522,7 +522,7 @@ def test_one_text_is_taken_for_a_list_of_it(clip, tmp_path: Path):
     assert dmae.show(clip, tmp_path, dmae.ShowConfig(frames=1, cameras="0"))
     with pytest.raises(ValueError, match="no completion method 'linera'"):
         dmae.benchmark(methods="linera", out=tmp_path)
-    with pytest.raises(ValueError, match=r"^detector clea: "):
+    with pytest.raises(ValueError, match=r"^detector=clea: no preset 'clea'; did you mean clean"):
         synth.detector_errors(tmp_path, simulated="clea")
 
 

@@ -9,8 +9,9 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from dmae.command_line.options import Command, Group, Option, Preset
-from dmae.command_line.spelling import FUNCTION, like
+from dmae.command_line.spelling import like
 from dmae.data.json_values import merged
+from dmae.data.resources import check_data
 from dmae.files.contents import read_text
 from dmae.files.structured import parse_yaml
 
@@ -27,7 +28,7 @@ def read_presets(command: Command, folder: Path) -> dict[str, dict[str, Preset]]
     if not folder.is_dir():
         raise ValueError(f"--config-dir {folder}: no such folder")
     return {
-        group: {file.stem: read_preset(command, group, file) for file in sorted((folder / group).glob("*.yaml"))}
+        group: {file.stem: checked_preset(command, group, file) for file in sorted((folder / group).glob("*.yaml"))}
         for group in command.presets
     }
 
@@ -56,7 +57,7 @@ def own_presets(
         found, values = options.find(key), value.split(",")
         for place, each in enumerate(values):
             if isinstance(found, Group) and found.presets and is_preset(key, each):
-                own.setdefault(key, {})[Path(each).stem] = read_preset(command, key, Path(each))
+                own.setdefault(key, {})[Path(each).stem] = checked_preset(command, key, Path(each))
                 values[place] = Path(each).stem
             elif isinstance(found, Option) and _NAME.fullmatch(each):
                 files = [folder / key / f"{each}.yaml" for folder in folders]
@@ -65,7 +66,7 @@ def own_presets(
     return own, taken
 
 
-def read_preset(command: Command, group: str, file: Path) -> Preset:
+def checked_preset(command: Command, group: str, file: Path) -> Preset:
     """Return the checked preset of a file. It may begin with presets of the package, as `defaults: [terrible]`."""
     options, shipped = command.options(), command.presets_of(group)
     if file.stem in shipped:
@@ -99,22 +100,9 @@ def _check(options: Group, file: Path, key: str, value) -> None:
     if found is None:
         raise ValueError(f"{file}: {key}: no such option; {like(options, key)}")
     if not isinstance(found, Group):
-        _check_data(file, key, value)
+        check_data(file, key, value)
         return
     if not isinstance(value, dict):
         raise ValueError(f"{file}: {key}: expected its options, found {value!r:.60}")
     for name, member in value.items():
         _check(options, file, f"{key}.{name}", member)
-
-
-def _check_data(file: Path, key: str, value) -> None:
-    if isinstance(value, dict):
-        for name, member in value.items():
-            _check_data(file, f"{key}.{name}", member)
-    elif isinstance(value, list):
-        for place, member in enumerate(value):
-            _check_data(file, f"{key}[{place}]", member)
-    elif isinstance(value, str) and "${" in value:
-        raise ValueError(f"{file}: {key}: a preset holds values; {value!r:.60} would be filled in from elsewhere")
-    elif isinstance(value, str) and FUNCTION.fullmatch(value):
-        raise ValueError(f"{file}: {key}: a preset cannot name a function, {value!r:.60}; name it in the command line")

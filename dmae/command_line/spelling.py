@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dmae.command_line.options import REQUIRED, Group, Option
+from dmae.data.resources import FUNCTION
 from dmae.nearest import choices, nearest
 
 if TYPE_CHECKING:
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
 
 _CONFUSED = {"clip": "data", "data": "clip"}
 """Options that one command has under the first name, and another command under the second."""
-FUNCTION = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
-"""`package.module:function`, which registries accept in addition to their own names."""
 _FLAGS = {
     "-cd": "--config-dir", "-c": "--cfg", "-p": "--package", "-i": "--info",
     "-m": "--multirun", "--resolve": "--resolve",

@@ -12,6 +12,7 @@ from dmae.commands.config import CaptureCommand, PretrainCommand
 from dmae.commands.demo import LOG, logged, run_step, say
 from dmae.completion.config import LearningConfig, TrainConfig
 from dmae.completion.weights import model_card
+from dmae.data.resources import read_preset
 from dmae.evaluation.config import EvaluateConfig, Input
 from dmae.evaluation.gates import compare_scores
 from dmae.evaluation.scores import read_scores
@@ -78,16 +79,14 @@ def run(config: PretrainCommand, out: Path) -> None:
 def configurations(config: PretrainCommand, out: Path) -> dict[str, dict[str, Any]]:
     """Return arguments of `synth.generate` by data set: for learning, uncertainty and scores; errors as in `run`."""
     import synth
-    from synth.detector.fitting import load_preset
+    from synth.detector.config import DetectorConfig
 
     detector: Any = config.detector
     rig: Any = config.rig
     if is_preset("detector", detector):
         detector = synth.preset("detector", detector)
-    elif Path(detector).suffix in (".yaml", ".yml"):
-        if not Path(detector).is_file():
-            raise FileNotFoundError(f"detector={detector}: no such file")
-        detector = load_preset(detector)
+    elif Path(detector).suffix:
+        detector = read_preset(DetectorConfig, "detector", detector)
     if is_preset("rig", rig):
         rig = synth.preset("rig", rig)
     elif Path(rig).exists():

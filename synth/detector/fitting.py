@@ -8,7 +8,6 @@ is corrected by the difference of its own statistic.
 import json
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, is_dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,10 +15,7 @@ import yaml
 from scipy.stats import spearmanr
 
 from dmae.data.clip import Clip
-from dmae.data.resources import resource_folder
 from dmae.data.rng import Stream, generator
-from dmae.data.typed import decode
-from dmae.files.structured import read_yaml
 from dmae.progress import progress
 from synth.detector.config import DetectorConfig, ErrorReference
 from synth.detector.parts import PartConfig, PartsConfig
@@ -51,19 +47,6 @@ def _changed(config, default) -> dict:
 
 def _flow(value) -> str:
     return yaml.safe_dump(value, default_flow_style=True, width=float("inf"), sort_keys=False).strip()
-
-
-def load_preset(name: str) -> DetectorConfig:
-    """Return a preset by its name, or from a YAML file.
-
-    Raises ValueError if there is no such preset, or the file is not a preset.
-    """
-    folder = resource_folder("dmae", "configs") / "detector"
-    path = Path(name) if name.endswith(".yaml") else folder / f"{name}.yaml"
-    if not path.is_file():
-        there = ", ".join(sorted(each.stem for each in folder.glob("*.yaml")))
-        raise ValueError(f"detector {name}: expected a YAML file, or one of {there}")
-    return decode(DetectorConfig, read_yaml(path), str(path))
 
 
 # Each parameter of the detector is corrected by one statistic, in which the recording and its simulation differ.

@@ -4,8 +4,10 @@ from dataclasses import replace
 
 import pytest
 
+import synth
+from dmae.data.resources import read_preset
 from synth.detector.config import DetectorConfig
-from synth.detector.fitting import load_preset, preset_yaml
+from synth.detector.fitting import preset_yaml
 from synth.detector.parts import PartConfig, PartsConfig
 from tests.support.detectors import changed
 
@@ -16,4 +18,10 @@ def test_small_numbers_stay_numbers(tmp_path, value: float):
     config = changed(replace(DetectorConfig(), parts=PartsConfig(wrist=part)), {"ghosts.count": value})
     path = tmp_path / "mine.yaml"
     path.write_text(preset_yaml(config, "mine", ["a comment"]))
-    assert load_preset(str(path)) == replace(config, name="mine")
+    assert read_preset(DetectorConfig, "detector", str(path)) == replace(config, name="mine")
+
+
+def test_a_file_that_names_a_function_is_refused_in_python_as_well(tmp_path):
+    (tmp_path / "mine.yaml").write_text("custom: ['os:system']\n")
+    with pytest.raises(ValueError, match=r"mine\.yaml: detector\.custom\[0\]: a preset cannot name a function"):
+        synth.detector_errors(tmp_path, simulated=[str(tmp_path / "mine.yaml")])

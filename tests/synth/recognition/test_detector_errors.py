@@ -7,9 +7,10 @@ import pytest
 
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.labels import OcclusionLabels, Visibility
+from dmae.data.resources import read_preset
 from dmae.data.skeleton import BODY25
 from dmae.data.store import save_clip
-from synth.detector.fitting import load_preset
+from synth.detector.config import DetectorConfig
 from synth.recognition.detector_errors import draw_errors, numbers, observe, pooled, study, tables
 from tests.support.clips import looking_at_origin, walkers
 
@@ -102,7 +103,7 @@ def test_joints_that_the_skeleton_lacks_are_no_misses(clip):
 
 def test_simulated_detectors_beside_the_measured_one(clip, tmp_path):
     save_clip(clip, tmp_path)
-    found = study([tmp_path], {"clean": load_preset("clean"), "terrible": load_preset("terrible")})
+    found = study([tmp_path], {name: read_preset(DetectorConfig, "detector", name) for name in ("clean", "terrible")})
     assert list(found) == ["detections (measured)", "clean", "terrible"]
     errors = {
         name: {row["group"]: row for row in each["joints"] if row["heading"] == "cause"} for name, each in found.items()
@@ -126,5 +127,5 @@ def test_pooling_adds_up(clip):
 
 
 def test_unknown_presets_are_answered_with_those_there_are():
-    with pytest.raises(ValueError, match=r"detector nosuch: expected a YAML file, or one of .*clean, "):
-        load_preset("nosuch")
+    with pytest.raises(ValueError, match=r"detector=nosuch: no preset .*clean, .* or a YAML file"):
+        read_preset(DetectorConfig, "detector", "nosuch")

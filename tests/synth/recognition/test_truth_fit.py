@@ -9,13 +9,13 @@ import pytest
 import synth
 from dmae.data.clip import Clip
 from dmae.data.labels import OcclusionLabels, Visibility
+from dmae.data.resources import read_preset
 from dmae.data.rng import Stream, generator
 from dmae.data.store import save_clip
 from synth.commands.config import FitDetectorCommand
 from synth.commands.fit_detector import run
 from synth.detector.config import DetectorConfig, ErrorReference
 from synth.detector.errors_of_joints import Misses
-from synth.detector.fitting import load_preset
 from synth.detector.parts import PartConfig, PartsConfig
 from synth.detector.simulated_detector import detect
 from synth.detector.statistics import measure
@@ -136,7 +136,7 @@ def test_distances_on_held_back_clips_are_written_beside_those_of_the_real_detec
     printed = capsys.readouterr().out
     assert "Held-back clips." in printed
     assert "The real detector" in printed
-    assert load_preset(str(out / "detector/planted.yaml")).name == "planted"
+    assert read_preset(DetectorConfig, "detector", str(out / "detector/planted.yaml")).name == "planted"
 
 
 def test_held_back_clips_need_truth(tmp_path):
