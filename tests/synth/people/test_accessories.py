@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from dmae.data.labels import Visibility
 from synth.interactions.registry import InteractionConfig
 from synth.labels.surfaces import NAMES, surface_labels, surface_points
+from synth.labels.visibility import joint_visibility
 from synth.motion.config import MotionConfig
 from synth.people.accessories import Crown
 from synth.people.body import SEGMENTS, SIDES, Body, body_at
@@ -19,10 +20,13 @@ from synth.people.outfit import parts
 from synth.people.skin import paint_skin
 from synth.people.skinning import locate
 from synth.people.surface import assets, bare_body
+from synth.physics.simulation import simulate
+from synth.rigs.config import RigConfig, RingConfig
+from synth.rigs.rig import make_rig
 from synth.scene.build import build_scene
 from synth.scene.config import SceneConfig
 from synth.scene.sampling import sample_people
-from tests.support.scenes import RIG, scene
+from tests.support.scenes import RIG, gliding, scene
 from tests.support.standing_people import looking_along_x
 from tests.synth.people.test_surfaces import BARE
 
@@ -193,3 +197,31 @@ def test_a_backpack_hides_the_back_and_carries_no_points():
     assert (plain.visibility[0, 0, 0, back] == Visibility.VISIBLE).all()
     assert (worn.visibility[0, 0, 0, back] == Visibility.HIDDEN_BY_SELF).all()
     assert (worn.hidden_by[0, 0, 0, back] == 0).all()
+
+
+@pytest.mark.parametrize(
+    "worn", [(Hat("cap", _RED), Bag("backpack", "l", _RED)), (Hat("beanie", _RED), Bag("shoulder_bag", "l", _RED))]
+)
+def test_hats_and_bags_hide_joints_as_the_own_body_does(worn):
+    ring = RingConfig(views=16, radius=[4, 4], height=[1.6, 1.6])
+    rig = make_rig(RigConfig(ring=ring), rng=np.random.default_rng(0))
+    found = []
+    for hat, bag in ((None, None), worn):
+        spec = scene([Body()], 2)
+        looks = replace(spec.persons[0].looks, hat=hat, bag=bag, beard=bag and "full")
+        spec = replace(spec, persons=(replace(spec.persons[0], looks=looks),))
+        simulation = simulate(spec, rig, [gliding(Body(), 2, (0, 0), (1, 0))])
+        labels = joint_visibility(
+            simulation.model, simulation.qpos[:1], simulation.joints[:1], simulation.depth, simulation.geom_ids, rig,
+            simulation.bodies,
+        )  # fmt: skip
+        found.append((labels.visibility[0, :, 0], labels.occluder[0, :, 0]))
+    (plain, _), (seen, occluder) = found
+    changed = seen != plain
+    assert 5 < changed.sum() < 0.1 * changed.size
+    assert (seen[changed] == Visibility.HIDDEN_BY_SELF).mean() > 0.95
+    assert (occluder[seen == Visibility.HIDDEN_BY_SELF] == 0).all()
+    # From the front everything below the brow is seen as before.
+    front = np.abs(np.arctan2(rig.centers[:, 1], rig.centers[:, 0])) < np.radians(40)
+    brow = [name.endswith(("top_head", "ear")) for name in simulation.skeleton.joints]
+    assert not changed[front][:, ~np.array(brow)].any()
