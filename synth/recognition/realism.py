@@ -371,6 +371,8 @@ def _groups(clip: Clip, seen: Sightings, crop: Crop) -> dict[str, str]:
         groups["shirt"] = looks.top.pattern
         groups["sleeves"] = "long" if looks.top.long else "short"
         groups["trousers"] = "long" if looks.bottom.long else "short"
+        groups["hat"], groups["bag"] = (each.kind if each else "none" for each in (looks.hat, looks.bag))
+        groups["beard"] = looks.beard or "none"
     well, alone = seen.visible[place].mean() >= _WELL_VISIBLE, _is_alone(seen, crop)
     cut_off = (seen.visibility[place] == Visibility.OUTSIDE_IMAGE).any()
     groups |= {
