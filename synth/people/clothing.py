@@ -14,7 +14,7 @@ PATTERNS = ("plain", "stripes", "checks", "melange", "camouflage")
 HATS = ("cap", "beanie")
 BEARDS = ("stubble", "short", "goatee", "full")
 BAGS = ("backpack", "shoulder_bag")
-WARDROBE = ("caps", "beards", "bags", "skirts")
+WARDROBE = ("caps", "beards", "bags", "skirts", "coats")
 """What people may wear besides shirts, trousers and shoes. New words go last: each draws from a stream by its place."""
 
 
@@ -60,6 +60,14 @@ class Bag:
 
 
 @dataclass(frozen=True)
+class Coat:
+    """A coat or a jacket over the shirt."""
+
+    cloth: Garment  # If long, it reaches the knees rather than the hips
+    open: bool  # Whether it is open in front
+
+
+@dataclass(frozen=True)
 class PersonLooks:
     """Colours, hair and clothes of a person; colours are RGB, 0..1."""
 
@@ -76,6 +84,7 @@ class PersonLooks:
     hat: Hat | None = None  # Hat, if any; hair above its rim is not seen
     beard: str | None = None  # One of `BEARDS`, if any
     bag: Bag | None = None  # Bag, if any
+    coat: Coat | None = None  # Coat, if any
     skirt: bool = False  # Whether `bottom` is a skirt, to the knees or, if long, to the calves; `top` is tucked into it
 
     def __post_init__(self):
@@ -137,6 +146,10 @@ _CANVAS = ((0.12, 0.12, 0.14), (0.16, 0.20, 0.32), (0.30, 0.33, 0.24), (0.48, 0.
            (0.42, 0.42, 0.44))  # fmt: skip
 _HATTED, _BEARDED, _LADEN = 0.15, 0.25, 0.2
 """Shares of people with a hat, of men with a beard, and of adults with a bag where nothing is against it."""
+_COATS = ((0.09, 0.09, 0.10), (0.10, 0.13, 0.22), (0.22, 0.22, 0.24), (0.20, 0.22, 0.15), (0.28, 0.18, 0.12),
+          (0.30, 0.09, 0.12), (0.62, 0.48, 0.32), (0.45, 0.46, 0.48))  # fmt: skip
+_COATED = 0.2
+"""Share of people with a coat or a jacket."""
 _SKIRTED, _DRESSED = 0.36, 0.35
 """Share of women and girls with a skirt, and of those whose skirt is the lower half of a dress."""
 
@@ -168,6 +181,13 @@ def dressed(
             looks = replace(looks, bag=Bag(kind, side, (colour, _darker(colour, 0.6))))
     if "skirts" in wardrobe and body.feminine > 0.5 and (of_skirts := rngs["skirts"]).random() < _SKIRTED:
         looks = replace(looks, skirt=True, untucked=False, bottom=_skirt(looks.top, rng=of_skirts))
+    if "coats" in wardrobe and (of_coats := rngs["coats"]).random() < _COATED:
+        long, open_ = (bool(of_coats.random() < share) for share in (0.4, 0.4))
+        pattern = str(of_coats.choice(("plain", "melange", "checks"), p=(0.65, 0.25, 0.1)))
+        first = _shade(_COATS, rng=of_coats)
+        # Straps lie on closed coats, and over skirts there are short ones.
+        cloth = Garment(long and not looks.skirt, pattern, (first, _darker(first)))
+        looks = replace(looks, coat=Coat(cloth, open_ and not looks.bag))
     return looks
 
 

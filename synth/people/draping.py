@@ -25,7 +25,7 @@ NODES, _WAYS = 16, 48
 """Number of nodes of a ring, and of directions in which its shape is known."""
 _TIGHT, _LOOSE = 0.3, 0.8
 """Cosines of a ring's angle to the horizontal at which cloth lies on the legs, and hangs freely."""
-_CLOSE, _MARGIN, _SMOOTH = 0.003, 0.012, 0.012
+_CLOSE, _MARGIN, _SMOOTH = 0.0015, 0.012, 0.012
 """Least distance of cloth from legs that it lies on, and from others, and width of the transition to it, m."""
 _THICK = 0.0015
 """Half the thickness of the cloth, m."""
@@ -103,8 +103,8 @@ class Tube(NamedTuple):
     share: np.ndarray  # (N,) place along the legs: below 0 above the hips, 1 at the knees, 2 at the ankles
 
 
-def skirt(body: Body, bare: BareBody, waist: float, hem: float, ease: float, flare: float) -> Drape:
-    """Return a skirt.
+def skirt(body: Body, bare: BareBody, waist: float, hem: float, ease: float, flare: float, gap: float = 0.0) -> Drape:
+    """Return a skirt, or a coat below the waist.
 
     Args:
         body: Proportions.
@@ -113,13 +113,14 @@ def skirt(body: Body, bare: BareBody, waist: float, hem: float, ease: float, fla
         hem: Where it ends along the legs: 1 at the knees, 2 at the ankles.
         ease: Distance from the hips, m.
         flare: Further distance at the hem per length below the hips.
+        gap: Half the angle that is open in front, rad.
     """
     size, origins = body.stature, segment_origins(body, np.zeros((1, 3)), np.tile(np.eye(3), (1, 16, 1, 1)))[0]
     thigh, shin = -body.offsets[[SEGMENTS.index("l_shin"), SEGMENTS.index("l_foot")], 2]
     shares = np.array([0, 0.16, 0.32, 0.54, 0.77, 1.0, 1.3])
     shares = np.append(shares[shares < hem - 0.1], hem)
     heights = np.concatenate([(waist, waist / 2), -np.interp(shares, (0, 1, 2), (0, thigh, thigh + shin))])
-    turns = 2 * np.pi * np.arange(_WAYS) / _WAYS
+    turns = np.linspace(gap, 2 * np.pi - gap, _WAYS, endpoint=gap > 0)
     ways = np.stack([np.cos(turns), np.sin(turns)], -1)
     half = HALF_HIP_WIDTH * size
     rings, tight = np.zeros((len(heights), 8)), np.empty((len(heights), _WAYS))
@@ -221,7 +222,7 @@ def tube(drape: Drape, columns: int, step: float, folds: float) -> Tube:
     sides = [points + _THICK * outward, points - _THICK * outward]
     index = np.arange(points[..., 0].size).reshape(points.shape[:2])
     # Nobody sees the inner side above.
-    inner = (index + index.size)[len(index) // 3 :]
+    inner = (index + index.size)[len(index) // 6 :]
     outer, faces = index[-len(inner) :], []
     grids = [(index, 1), (inner, -1), (np.stack([index[-1], inner[-1]]), 1)]
     if closed:

@@ -257,6 +257,8 @@ def _add_materials(
     }
     strands = tuple(tuple(shade * c for c in looks.hair_colour) for shade in (0.75, 1.15))
     woven = {"top": looks.top.colours, "bottom": looks.bottom.colours, "hair": strands}
+    if looks.coat:
+        woven["coat"] = looks.coat.cloth.colours
     if looks.hat:
         flat |= dict(zip(("hat", "brim"), looks.hat.colours, strict=True))
     if looks.bag:

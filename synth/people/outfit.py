@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from synth.people.accessories import Crown, bag, hat
 from synth.people.body import ANKLE_HEIGHT, SEGMENTS, SIDES, Body, side_and_name, trunk_sections
-from synth.people.clothing import Bag, PersonLooks
+from synth.people.clothing import Bag, Coat, PersonLooks
 from synth.people.draping import Drape, Tube, skirt, tube
 from synth.people.skin import BEARD_LINE, HAIRLINE, around_head, around_limb, on_disc
 from synth.people.skinning import FIRST_NODE, blend
@@ -28,7 +28,7 @@ _CLOTH, _EDGE, _UNDER, _TUCKED, _TUCK = 0.005, 0.004, 0.025, 0.05, 0.03
 shirt reaches into trousers, m."""
 _JOINT = 0.1
 """Length of cloth over which its pattern turns from one segment of a limb to the next, m."""
-_TALL = {"top": 3, "bottom": 5}
+_TALL = {"top": 3, "bottom": 5, "coat": 5}
 """Repeats of their pattern that the textures of garments hold along the trunk or a leg."""
 _ARMHOLE = (0.1, 0.8)
 """Weights of the arm between which the pattern of a shirt passes from the trunk's to the sleeve's."""
@@ -68,21 +68,24 @@ def parts(body: Body, looks: PersonLooks) -> list[Part]:
     sheet = _bare_sheet(bare)
     (top, thick), (bottom, wide) = _top(sheet, bare, body, looks), _bottom(sheet, body, looks)
     shoes, shod = _shoes(sheet, bare, body)
+    coat, cover, heavy = _coat(sheet, bare, body, looks) if looks.coat else (*[np.full(len(top), -_FAR)] * 2, thick)
     # Where two garments overlap, neither hem is an opening.
-    fields = np.sort([top, bottom, shod], axis=0)
+    fields = np.sort([top, bottom, shod, coat], axis=0)
     sheets = [("skin", _kept(sheet, _UNDER - fields[-1] - np.maximum(fields[-2], 0))[0])]
     # Around the hips cloth hangs between the thighs rather than on each.
     cloth = sheet._replace(weights=_softened(sheet.weights, sheet.along, ("pelvis", "spine"), "thigh", _LOOSE))
-    sheets.append(("top", _worn(cloth, top, thick, None if looks.untucked else bottom)))
+    sheets.append(("top", _worn(cloth, top, thick, cover if looks.untucked else np.maximum(bottom, cover))))
     if not looks.skirt:
-        sheets.append(("bottom", _worn(cloth, bottom, wide, top if looks.untucked else None)))
+        sheets.append(("bottom", _worn(cloth, bottom, wide, np.maximum(top, cover) if looks.untucked else cover)))
+    if looks.coat:
+        sheets.append(("coat", _worn(cloth, coat, heavy)))
     ground = bare.origins[SEGMENTS.index("l_foot"), 2] - ANKLE_HEIGHT * body.stature
     upper = shoes.points[:, 2] - ground - 0.011 * body.stature
     sheets += [("shoe", _kept(shoes, upper)[0]), ("sole", _kept(shoes, -upper)[0])]
     hanging = [(material, drape, *_hung(drape, body)) for material, drape in drapes(body, looks)]
     if looks.bag:
-        cloths = dict(sheets) | {material: each for material, _, each, _ in hanging}
-        sheets += _bag([cloths["top"], cloths["bottom"]], bare, body, looks.bag)
+        cloths = {material: each for material, _, each, _ in hanging} | dict(sheets)
+        sheets += _bag([cloths.get("coat", cloths["top"]), cloths["bottom"]], bare, body, looks.bag)
     sheets += _face(sheet, bare, body)
     head = _only(sheet, (sheet.weights[:, SEGMENTS.index("head")] > 0.8)[sheet.faces].all(1))[0]
     crown = looks.hat and Crown.of(looks.hat.kind, head.points, bare.eyes.mean((0, 1)), body.stature * body.head)
@@ -102,10 +105,14 @@ def parts(body: Body, looks: PersonLooks) -> list[Part]:
 @lru_cache(maxsize=64)
 def drapes(body: Body, looks: PersonLooks) -> list[tuple[str, Drape]]:
     """Return what hangs around a person's legs, by material."""
-    if not looks.skirt:
-        return []
-    hem, ease, flare = _SKIRTS[looks.bottom.long]
-    return [("bottom", skirt(body, bare_body(body), _WAIST * body.stature, hem, ease * body.stature, flare))]
+    size, bare, found = body.stature, bare_body(body), []
+    if looks.skirt:
+        hem, ease, flare = _SKIRTS[looks.bottom.long]
+        found.append(("bottom", skirt(body, bare, _WAIST * size, hem, ease * size, flare)))
+    if looks.coat and looks.coat.cloth.long:
+        waist, hem, ease, flare = _COAT
+        found.append(("coat", skirt(body, bare, waist * size, hem, ease * size, flare, _GAP * looks.coat.open)))
+    return found
 
 
 def _bare_sheet(bare: BareBody) -> _Sheet:
@@ -246,6 +253,30 @@ def _bottom(sheet: _Sheet, body: Body, looks: PersonLooks) -> tuple[np.ndarray, 
     return field, _CLOTH + loose + (0 if looks.untucked else 0.006 * (leg < 0))
 
 
+def _coat(sheet: _Sheet, bare: BareBody, body: Body, looks: PersonLooks) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the field of a coat, the field of what it covers, and its thickness, m, (N,) each.
+
+    Below the waist, a long coat hangs around the legs.
+    """
+    assert looks.coat
+    size, arm, up = body.stature, _chain(sheet, _ARM), sheet.points[:, 2] / body.stature
+    ahead, aside, above = (sheet.points - bare.origins[SEGMENTS.index("head")]).T
+    low = _COAT[0] - 0.025 if looks.coat.cloth.long else 0.045 if looks.skirt else -0.04
+    hem = np.where(arm > 0, _FAR, sheet.points[:, 2] - low * size)
+    sleeve = np.where(arm > 0, 1.97 - arm, _FAR / size) * 0.17 * size
+    collar = 0.9 * np.maximum(np.hypot(ahead, aside) - 0.040 * size, 0) - above - 0.38 * ahead + 0.010 * size
+    # Open coats leave a strip free in front, which widens to the neck; of closed ones, only the collar is open.
+    strip = np.interp(up, (0.0, 0.15, 0.24, 0.30), (0.034, 0.028, 0.024, 0.035) if looks.coat.open else (0, 0, 0, 0.02))
+    front = np.where((arm < 0) & (ahead > -0.01 * size), np.abs(aside) - strip * size, _FAR)
+    front = np.where(strip > 0, front, _FAR)
+    loose = np.where(arm > 0, 0.011, np.interp(up, (-0.06, 0.02, 0.12, 0.25), (0.011, 0.013, 0.012, 0.009)))
+    field = np.min([hem, sleeve, collar, front], axis=0)
+    leg = _chain(sheet, _LEG)
+    hung = np.where(arm > 0, -_FAR, np.minimum(np.where(leg > 0, 0.55 - leg, _FAR / size) * 0.245 * size, front))
+    cover = np.maximum(field, np.minimum(hung, collar)) if looks.coat.cloth.long else field
+    return field, cover, _CLOTH + 0.004 + loose
+
+
 def _worn(sheet: _Sheet, field: np.ndarray, thickness: np.ndarray, over: np.ndarray | None = None) -> _Sheet:
     """Return a garment over the skin where a field is above 0, smoother than the skin, and never inside it.
 
@@ -343,12 +374,15 @@ def _strap(cloth: _Sheet, across: np.ndarray, half: float, within: np.ndarray) -
     return band._replace(points=points, normals=_normals(points, band.faces))
 
 
-# Skirts
+# Skirts, and long coats below the waist
 
 _WAIST = 0.074
 """Height of the waistband above the hip joints, fraction of stature, where a shirt is tucked in."""
 _SKIRTS = {False: (1.02, 0.010, 0.10), True: (1.7, 0.012, 0.10)}
 """Where skirts end along the legs, their ease, fraction of stature, and their flare, by whether they are long."""
+_COAT, _GAP = (0.05, 0.94, 0.014, 0.11), 0.42
+"""Height of a long coat's waist above the hip joints, its end along the legs, its ease, fractions of stature, and its
+flare; and half the angle that an open one leaves free in front, rad."""
 _COLUMNS, _ROW = 44, 0.04
 """Number of vertices around hanging cloth, and distance between them downwards, m."""
 
@@ -576,7 +610,7 @@ def _texture(sheet: _Sheet, owner: np.ndarray, material: str, bare: BareBody, bo
         if hangs:
             break
         own = corners[..., 1].mean(1) * sign > 0
-        if material == "top":
+        if material != "bottom":
             # Between trunk and sleeve the pattern passes from one to the other.
             first = SEGMENTS.index(f"{side}_upper_arm")
             arms = sheet.weights[:, first : first + len(_ARM)].sum(1)[sheet.faces]
@@ -606,10 +640,13 @@ def paint_clothes(body: Body, looks: PersonLooks, texels: int, *, rng: np.random
     `texels` is the side of a repeat of the pattern, px.
     """
     painted = {}
-    for material, garment, low, wide in (
+    garments = [
         ("top", looks.top, -0.12, _around_trunk(body)),
         ("bottom", looks.bottom, -1.3, 4 if looks.skirt else 2),
-    ):
+    ]
+    if looks.coat:
+        garments.append(("coat", looks.coat.cloth, -0.6, _around_trunk(body)))
+    for material, garment, low, wide in garments:
         repeat = paint(garment.pattern, garment.colours, texels, rng=rng)
         image = np.tile(repeat.astype(np.float32) / 255, (_TALL[material], wide, 1))
         # The first row is at the least height; the middle column is in front.
@@ -618,6 +655,8 @@ def paint_clothes(body: Body, looks: PersonLooks, texels: int, *, rng: np.random
         turn = (np.arange(columns, dtype=np.float32) + 0.5) / columns - 0.5
         if material == "top":
             _sew_shirt(image, height, turn * wide * _TILE, body, looks, rng=rng)
+        elif looks.coat and material == "coat":
+            _sew_coat(image, height, turn * wide * _TILE, body, looks.coat)
         else:
             sew = _sew_skirt if looks.skirt else _sew_trousers
             sew(image, height, turn * 0.55 * body.stature, body, looks, rng=rng)
@@ -686,6 +725,21 @@ def _sew_trousers(
         belt = np.flatnonzero((height > band) & (height < band + 0.031))
         image[belt] = (0.10, 0.09, 0.08) if rng.random() < 0.6 else (0.27, 0.17, 0.10)
         image[belt[0] : belt[-1] + 1, np.abs(aside) < 0.022] = (0.62, 0.60, 0.55)
+
+
+def _sew_coat(image: np.ndarray, height, aside, body: Body, coat: Coat) -> None:
+    """Add a front with buttons, pockets and a belt, where a long one begins to hang, to a coat (H, W, 3), 0..1; see
+    `_sew_shirt`."""
+    size = body.stature
+    if not coat.open:
+        image *= (1 - 0.5 * _line(aside, -0.03))[:, None]
+        buttons = np.hypot((height + 0.03 * size) % 0.11 - 0.055, aside) < 0.010
+        image[buttons & (height < 0.27 * size)] *= 0.4
+    for side in SIDES.values():
+        slit = (np.abs(height - 0.015 * size) < 0.0035) & (np.abs(aside - side * 0.075 * size) < 0.03 * size)
+        image[slit] *= 0.6
+    if coat.cloth.long:
+        image[np.flatnonzero(np.abs(height - (_COAT[0] - 0.018) * size) < 0.022)] *= 0.7
 
 
 def _sew_skirt(image: np.ndarray, height, aside, body: Body, looks: PersonLooks, *, rng: np.random.Generator) -> None:

@@ -1,4 +1,4 @@
-"""Skirts: legs stay below the cloth, which neither tears nor turns inside out, and labels see what images show."""
+"""Skirts and coats: legs stay below the cloth, which neither tears nor turns inside out."""
 
 from dataclasses import replace
 
@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from synth.people.body import SEGMENTS, Body, body_at
-from synth.people.clothing import WARDROBE, Garment, dressed, sample_looks
+from synth.people.clothing import WARDROBE, Coat, Garment, dressed, sample_looks
 from synth.people.mjcf import add_person
 from synth.people.skinning import FIRST_NODE, Skin, mesh_triangles
 from synth.rooms.rays import cast_rays
@@ -95,7 +95,7 @@ def test_the_rings_of_a_skirt_are_around_both_legs(body, long, pose):
     model, data = posed(body, skirted(long), POSES[pose])
     (person,) = Skin(model).persons
     (drape,) = person.drapes
-    rings = person.bones(data)[FIRST_NODE:, :, 3].reshape(len(drape.rings), -1, 3)
+    rings = person.bones(data, 0.0)[FIRST_NODE:, :, 3].reshape(len(drape.rings), -1, 3)
     thigh, shin = -body.offsets[[SEGMENTS.index("l_shin"), SEGMENTS.index("l_foot")], 2]
     for ring, height in zip(rings, drape.rings[:, 1], strict=True):
         if height > -0.25 * thigh or abs(height + thigh) < 0.15 * thigh:
@@ -125,6 +125,24 @@ def test_skirts_are_neither_torn_nor_turned_inside_out(long, pose):
     assert np.percentile(long_after / np.maximum(long_before, 0.005), 99) < 3
 
 
+@pytest.mark.parametrize("pose", ["standing", "walking", "seated"])
+@pytest.mark.parametrize("long", [False, True])
+@pytest.mark.parametrize("body", [WOMAN, STOUT, GIRL], ids=["woman", "stout", "girl"])
+def test_nothing_comes_through_a_closed_coat(body, long, pose):
+    looks = replace(sample_looks(0.0, rng=np.random.default_rng(1)), untucked=True)
+    model, data = posed(body, replace(looks, coat=Coat(Garment(long, "plain", GREY), open=False)), POSES[pose])
+    turn = np.linspace(0, 2 * np.pi, 48, endpoint=False)
+    level = np.stack([np.cos(turn), np.sin(turn), 0 * turn], -1)
+    met = []
+    # From below the waist to the chest, where the arms begin; of those who sit, from above the knees.
+    low = 0.1 if pose == "seated" else -0.15 if long else 0.0
+    for height in np.linspace(low, 0.2, 8) * body.stature:
+        met += names_met(model, data, np.array((-0.01 * body.stature, 0, 1 + height)), level)
+    names = [name.split("/")[1].rstrip("0123456789") for name in met if "arm" not in name and "hand" not in name]
+    assert names.count("coat") > 250
+    assert names.count("coat") >= 0.995 * len(names), set(names)
+
+
 def test_cloth_at_rest_is_where_it_was_built():
     model, data = posed(WOMAN, skirted(True), POSES["standing"])
     (person,) = Skin(model).persons
@@ -143,4 +161,8 @@ def test_women_and_girls_wear_skirts_unless_the_wardrobe_lacks_them():
     assert 0.3 < np.mean([each.skirt for each in worn(WOMAN, *WARDROBE)]) < 0.42
     assert [each.skirt for each in worn(GIRL, "skirts")] == [each.skirt for each in worn(WOMAN, *WARDROBE)]
     assert not any(each.skirt and each.untucked for each in worn(WOMAN, *WARDROBE))
+    coated = [each for each in worn(WOMAN, *WARDROBE) if each.coat]
+    assert 0.15 < len(coated) / 300 < 0.25
+    assert {(each.coat.cloth.long, each.coat.open) for each in coated if not each.skirt} == {*np.ndindex(2, 2)}
+    assert not any(each.skirt and each.coat.cloth.long for each in coated)
     assert worn(WOMAN) == worn(Body(), "skirts") == looks

@@ -85,7 +85,7 @@ def test_children_are_drawn_on_request_only():
 def test_what_people_wear_changes_nothing_else():
     config = replace(SHORT, persons=[4, 4])
     plain, worn = (specs(replace(config, wardrobe=wardrobe), range(15)) for wardrobe in ([], list(WARDROBE)))
-    bare = {"hat": None, "beard": None, "bag": None}
+    bare = {"hat": None, "beard": None, "bag": None, "coat": None}
     persons = [person for spec in worn.values() for person in spec.persons]
     men = [person for person in persons if person.body.feminine < 0.5]
     assert 0.1 < np.mean([person.looks.beard is not None for person in men]) < 0.45
