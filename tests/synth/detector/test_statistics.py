@@ -130,7 +130,6 @@ def test_clips_that_cannot_be_measured_are_refused(exact):
         measure(replace(exact, truth=None), ErrorReference.annotated)
 
 
-@pytest.mark.slow
 def test_a_data_set_in_place_of_a_recording_is_answered_by_one_of_its_clips(tmp_path):
     for name in ("a", "b"):
         save_clip(full_clip(), tmp_path / name)
@@ -139,6 +138,7 @@ def test_a_data_set_in_place_of_a_recording_is_answered_by_one_of_its_clips(tmp_
         read_recording(tmp_path)
 
 
+@pytest.mark.slow
 def test_statistics_of_shelf_equal_an_independent_analysis(data_folder):
     """Medians by confidence, and correlations of misses, from an analysis with other code."""
     found = measure(read_shelf(data_folder / "shelf"))
