@@ -29,7 +29,7 @@ from dmae.data.skeleton import Skeleton
 from dmae.data.typed import check_arguments
 from dmae.files.contents import cached_until_changed
 from dmae.metrics.position import GAPS
-from dmae.numerics.body import rotate_z
+from dmae.numerics.body import bone_lengths, rotate_z
 from dmae.numerics.filling import are_stills, present, resample
 from dmae.numerics.paths import gap_lengths
 from dmae.parallel import one_thread
@@ -173,6 +173,21 @@ _AGREEING_VIEWS = 3
 came no nearer to annotations."""
 
 
+_LONGEST = 4.0
+"""m; bones of people are shorter, by a factor of ten in the median. In mm they are 250 long, in cm 25."""
+
+
+def _check_metres(poses: Poses3D) -> None:
+    """Raise ValueError if measured bones in some of the frames are so long that coordinates are not in m."""
+    some = poses.select(slice(None, None, 1 + len(poses.xyz) // 100))
+    lengths = bone_lengths(np.where(some.measured[..., None], some.xyz, np.nan), poses.skeleton.bones)
+    lengths = lengths[np.isfinite(lengths)]
+    if len(lengths) and (median := float(np.median(lengths))) > _LONGEST * poses.skeleton.scale:
+        raise ValueError(
+            f"poses: expected coordinates in m, found bones of {median:.3g} m; divide those in mm by 1000, in cm by 100"
+        )
+
+
 @dataclass(frozen=True)
 class Completer:
     """A trained model, ready to fill in joints that no camera measured.
@@ -211,7 +226,7 @@ class Completer:
     runs on one thread of the CPU, as more take longer on a busy machine.
 
     Raises (when called):
-        ValueError: the skeletons have no joint in common, or fps is not positive and finite.
+        ValueError: the skeletons have no joint in common, fps is not positive and finite, or poses are not in m.
     """
 
     model: DMAE
@@ -226,6 +241,7 @@ class Completer:
 
     @check_arguments
     def __call__(self, poses: Poses3D, fps: float, frames: slice = slice(None)) -> Poses3D:
+        _check_metres(poses)
         return in_pieces(self._whole, poses, fps, frames)
 
     def _whole(self, poses: Poses3D, fps: float, frames: slice) -> Poses3D:

@@ -336,6 +336,13 @@ def test_joints_that_are_not_finite_are_absent_where_the_weights_lack_them():
     assert source[shoulder] == Source.COMPLETED and source[nose] == Source.ABSENT
 
 
+@pytest.mark.parametrize("unit", [1000, 100])
+def test_poses_in_another_unit_are_refused(unit):
+    poses = circling(0)
+    with pytest.raises(ValueError, match=r"expected coordinates in m, found bones of .* m; divide those in mm by 1000"):
+        untrained()(replace(poses, xyz=poses.xyz * unit), FPS)
+
+
 @pytest.mark.parametrize("fps", [0.0, -25.0, np.nan, np.inf])
 def test_impossible_frame_rates_are_refused(fps):
     with pytest.raises(ValueError, match="fps must be positive, found"):
