@@ -12,7 +12,7 @@ from dmae.command_line.options import Command, Preset
 from dmae.command_line.presets import checked_preset, is_preset
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
-from dmae.data.resources import read_preset
+from dmae.data.resources import FUNCTION, read_preset
 from dmae.data.rng import Stream, generator
 from dmae.data.store import clip_folders, load_clip
 from dmae.data.typed import check_arguments, fields_meant
@@ -81,8 +81,12 @@ def _preset(command: Command, group: str, name: str | Path) -> Preset:
     if is_preset(group, name):
         return checked_preset(command, group, Path(name))
     known = command.presets_of(group)
+    if group in ("interaction", "motion") and FUNCTION.fullmatch(str(name)):
+        return Preset("", {"kind": str(name)})
     if name not in known:
-        raise ValueError(f"{group}={name}: {unknown('preset', str(name), sorted(known))}")
+        recorded = f"; files are synth.preset('motion', 'recorded', path={str(name)!r})"
+        given = recorded if group == "motion" and Path(name).exists() else ""
+        raise ValueError(f"{group}={name}: {unknown('preset', str(name), sorted(known))}{given}")
     return known[str(name)]
 
 

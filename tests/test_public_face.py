@@ -146,6 +146,8 @@ def test_generate_answers_a_mistyped_option():
         synth.generate(quality="drft")
     with pytest.raises(ValueError, match=r"did you mean office\?"):
         synth.generate(scene="ofice")
+    with pytest.raises(ValueError, match=r"files are synth\.preset\('motion', 'recorded', path='/'\)$"):
+        synth.generate(motion="/")
     with pytest.raises(ValueError, match=r"^detector\.custom=math:floor: expected a function of a synth\.detector"):
         synth.generate(clips=1, detector=synth.DetectorConfig(custom=["math:floor"]))
 

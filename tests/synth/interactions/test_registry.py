@@ -4,6 +4,7 @@ import sys
 
 import pytest
 
+import synth
 from synth.interactions.registry import (
     NO_INTERACTION,
     InteractionConfig,
@@ -66,6 +67,7 @@ def test_an_interaction_of_your_own_is_one_function(mine):
 def test_an_interaction_of_your_own_is_an_option(mine, tmp_path):
     done = run_command(tmp_path, "synth", "generate", f"interaction={mine}", "out=set", "clips=1", "scene.seconds=0.2")
     assert done.returncode == 0, done.stderr
+    assert next(synth.generate(clips=1, seconds=0.2, interaction=mine)).truth.xyz.shape[1] == 3
 
 
 @pytest.mark.parametrize(
