@@ -186,7 +186,7 @@ def shelving(cast: Cast, *, rng: np.random.Generator) -> Script:
                     palm = poses.origins[:, person, 0] + forward * ahead + 0.22 * sign * arm * left
                     palm[:, 2] = heights[person, hand, turn]
                     share = share * workers[person].free
-                    reaches.append(Reach(person, side, share, palm, ahead, hand=("open", "grip", "point")))
+                    reaches.append(Reach(person, side, share, palm, ahead, hand=("open", "grip")))
         return reaches + (hold(poses) if hold else [])
 
     return Script(

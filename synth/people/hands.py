@@ -29,8 +29,8 @@ _THUMBS = {
     "relaxed": (8, 10, 10),
     "open": (-10, 0, 0),
     "grip": (20, 25, 25),
-    "fist": (30, 38, 40),
-    "point": (30, 35, 40),
+    "fist": (10, 20, 45),
+    "point": (10, 20, 45),
     "clasp": (10, 14, 16),
 }
 _SPREADS = {"relaxed": 0.3, "open": 0.4, "grip": 0.2, "fist": 0.2, "point": 0.3, "clasp": 0.2}
@@ -40,6 +40,10 @@ SHAPES = {
     for name in HANDS
 }
 """(5, 4) for each of `HANDS`: bends of the three joints of each finger, rad, and the spread."""
+STILL = SHAPES | {name: SHAPES[name].copy() for name in ("fist", "point")}
+"""The same for hands that keep one shape. Their thumbs are inside fists, as in the clips of benchmarks."""
+for _name, _thumb in (("fist", (30, 38, 40)), ("point", (30, 35, 40))):
+    STILL[_name][0, :3] = np.radians(_thumb)
 
 
 class Fingers(NamedTuple):
@@ -241,9 +245,9 @@ class MovingHands:
     def unpack(cls, numbers: np.ndarray) -> "MovingHands":
         """Return the hands of the numbers of `pack`."""
         ends = np.cumsum([np.prod(shape) for shape in cls._SHAPES])
-        *fingers, changes = np.split(numbers, ends)
-        fingers = (each.reshape(shape) for each, shape in zip(fingers, cls._SHAPES, strict=True))
-        return cls(Fingers(*fingers), changes.reshape(-1, 5))
+        *bones, changes = np.split(numbers, ends)
+        fingers = Fingers(*(each.reshape(shape) for each, shape in zip(bones, cls._SHAPES, strict=True)))
+        return cls(fingers, changes.reshape(-1, 5))
 
     def at(self, seconds: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the bones at a time, s: how they turn and where they begin, as `Fingers.posed`."""

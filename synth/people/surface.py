@@ -13,7 +13,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from synth.people.body import ANKLE_HEIGHT, HEAD_HEIGHT, PARENTS, SEGMENTS, SIDES, Body, side_and_name, trunk_sections
-from synth.people.hands import SHAPES, Fingers
+from synth.people.hands import STILL, Fingers
 
 ASSETS = Path(__file__).with_name("surface.npz")
 BONES = SEGMENTS + tuple(f"{side}_finger{f}-{k}" for side in SIDES for f in range(1, 6) for k in range(1, 4))
@@ -277,7 +277,7 @@ def _head_fit(body, shape, joints, eyes, weight, origin) -> tuple[np.ndarray, np
 
 def _posed_hands(shape: np.ndarray, weights: np.ndarray, fingers: Fingers, hands: tuple[str, str]) -> np.ndarray:
     """Return the vertices with the fingers of both hands bent, from the pose of the assets."""
-    turns, begins = fingers.posed(np.stack([SHAPES[name] for name in hands]))
+    turns, begins = fingers.posed(np.stack([STILL[name] for name in hands]))
     bones = zip(
         weights[:, len(SEGMENTS) :].T, *(each.reshape(30, *each.shape[3:]) for each in (turns, begins)), strict=True
     )

@@ -14,10 +14,11 @@ from synth.interactions.registry import InteractionConfig
 from synth.labels.visibility import joint_visibility
 from synth.motion.config import MotionConfig
 from synth.people.body import Body
-from synth.people.clothing import HANDS, sample_looks
-from synth.people.hands import HandChange, sample_changes, uses_of
+from synth.people.clothing import sample_looks
+from synth.people.hands import SHAPES, HandChange, sample_changes, uses_of
 from synth.people.mjcf import add_person
 from synth.people.skinning import Skin
+from synth.people.surface import bare_body
 from synth.rendering.config import ImageQuality
 from synth.rendering.renderer import Renderer, render_images
 from synth.rigs.lenses import add_cameras
@@ -52,7 +53,7 @@ def skin_at(model: mujoco.MjModel, seconds: float) -> np.ndarray:
     return np.concatenate(found)
 
 
-@pytest.mark.parametrize("shape", HANDS)
+@pytest.mark.parametrize("shape", ["relaxed", "open", "grip", "clasp"])
 def test_moving_hands_have_the_shapes_of_still_ones(shape):
     still = skin_at(modelled(hands=(shape, shape)), 0.0)
     moving = skin_at(modelled([HandChange(side, -1.0, 0.3, shape) for side in "lr"]), 0.0)
@@ -75,6 +76,14 @@ def test_fingers_keep_their_size_as_they_close():
         ratio = edges[seconds] / edges[0.0]
         assert abs(np.median(ratio) - 1) < 0.01
         assert np.percentile(np.abs(ratio - 1), 90) < 0.35, seconds
+
+
+@pytest.mark.parametrize("shape", ["fist", "point"])
+def test_the_thumb_lies_over_bent_fingers(shape):
+    fingers = bare_body(BODY, None).fingers
+    _, begins = fingers.posed(np.tile(SHAPES[shape], (2, 1, 1)))
+    depth = np.einsum("hfki,hi->hfk", begins, fingers.down)
+    assert (depth[:, 0, 2] > depth[:, 2, 2] + 0.01).all(), "the thumb's last joint is farther from the palm"
 
 
 def test_a_hand_that_grips_opens_on_the_way():
