@@ -6,8 +6,9 @@ import sys
 import textwrap
 from collections.abc import Iterator, Sequence
 
-from dmae.command_line.options import REQUIRED, Command, Group, Option, Program
+from dmae.command_line.options import Command, Group, Option, Program
 from dmae.command_line.spelling import required
+from dmae.data.typed import REQUIRED
 from dmae.nearest import suggestion
 
 _FLAGS = (

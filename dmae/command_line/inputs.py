@@ -9,8 +9,9 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
-from dmae.command_line.options import REQUIRED, Group
+from dmae.command_line.options import Group
 from dmae.command_line.spelling import similar_path
+from dmae.data.typed import REQUIRED
 
 _KINDS = {
     "path": "a file, or a folder that is not empty",

@@ -19,11 +19,9 @@ from docstring_parser import parse_from_object
 
 from dmae.data.json_values import flat, merged
 from dmae.data.resources import resource_folder
-from dmae.data.typed import decode
+from dmae.data.typed import REQUIRED, decode
 from dmae.registry import Registry
 
-REQUIRED = "???"
-"""Default of an option that has to be given."""
 _KINDS = {int: "whole number", float: "number", bool: "true or false", str: "text"}
 
 

@@ -13,8 +13,9 @@ from difflib import SequenceMatcher
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dmae.command_line.options import REQUIRED, Group, Option
+from dmae.command_line.options import Group, Option
 from dmae.data.resources import FUNCTION
+from dmae.data.typed import REQUIRED
 from dmae.nearest import choices, nearest
 
 if TYPE_CHECKING:
@@ -262,8 +263,8 @@ def _check_value(option: Option, text: str, value: Any) -> None:
         # A user's module:function is checked when it is imported.
         if option.choices and str(each) not in option.choices and ":" not in str(each):
             name = option.key.rpartition(".")[2]
-            one = "axis" if name == "axes" else name.removesuffix("s")
-            no = f"no {one} {each!r}" if listed else "no such choice"
+            noun = "axis" if name == "axes" else name.removesuffix("s")
+            no = f"no {noun} {each!r}" if listed else "no such choice"
             raise ValueError(f"{option.key}={text}: {no}; {choices(str(each), option.choices)}")
         try:
             if node:

@@ -1,6 +1,7 @@
 """What can be run? The commands of `dmae`, in the order of the help."""
 
-from dmae.command_line.options import REQUIRED, Command
+from dmae.command_line.options import Command
+from dmae.data.typed import REQUIRED
 
 COMMANDS = {
     "run": Command(

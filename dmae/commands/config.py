@@ -2,13 +2,12 @@
 
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any
 
 from dmae.calibration.config import RefineConfig
 from dmae.completion.config import DELAY, SMOOTHING
 from dmae.completion.methods import completion_method
 from dmae.data.resources import resource_folder
-from dmae.data.typed import Configuration
+from dmae.data.typed import REQUIRED, Configuration
 from dmae.detection.registry import OutputConfig, PoseDetectorConfig
 from dmae.evaluation.config import TITLE, PartConfig
 from dmae.formats.config import DataConfig, LengthUnit, UpDirection
@@ -16,8 +15,6 @@ from dmae.formats.registry import pose_writer, recording_writer
 from dmae.parallel import ProcessesConfig
 from dmae.reconstruction.config import CaptureConfig
 
-REQUIRED: Any = "???"
-"""Default of an option that has to be given, as Hydra spells it."""
 _FILLS = ("none", *(name for name, method in completion_method.items() if not method.learned and name != "measured"))
 
 
@@ -165,7 +162,7 @@ class CaptureCommand(PartConfig):
 class CompleteCommand(ProcessesConfig):
     """Fill what no camera measured, marked as such."""
 
-    clip: str = field(default="???", metadata={"reads": "clips"})
+    clip: str = field(default=REQUIRED, metadata={"reads": "clips"})
     """Folder of a captured clip, or of a data set of them."""
     weights: str | None = field(default=None, metadata={"reads": "model", "words": ("paper",)})
     """Folder that `dmae train` wrote; `paper`: the weights of the paper's network; by default those that come with the
@@ -224,7 +221,7 @@ class ReviewCommand(Configuration):
     handed-back joints; `dmae complete` fills handed-back joints again. The next ranking contains the remaining joints.
     """
 
-    clip: str = field(default="???", metadata={"reads": "clip"})
+    clip: str = field(default=REQUIRED, metadata={"reads": "clip"})
     """Folder of a captured or completed clip."""
     accept: list[int] = field(default_factory=list)
     """Entries of the last ranking that are correct."""
@@ -243,7 +240,7 @@ class LiveCommand(Configuration):
     Frames are read from standard input and answered on standard output, or on a socket with `listen`.
     """
 
-    calibration: str = field(default="???", metadata={"reads": "path"})
+    calibration: str = field(default=REQUIRED, metadata={"reads": "path"})
     """Calibration file of any supported format, its folder, or a clip with these cameras."""
     fps: float = REQUIRED
     """1/s; rate at which frames arrive."""
@@ -277,7 +274,7 @@ class LiveCommand(Configuration):
 class ExportCommand(Configuration):
     """Write poses to a file that other programs read."""
 
-    clip: str = field(default="???", metadata={"reads": "clip"})
+    clip: str = field(default=REQUIRED, metadata={"reads": "clip"})
     """Folder of a clip; its captured or completed poses are exported, or its truth if it has none. What
     `dmae review` blanked or handed back is left out."""
     format: str | None = field(default=None, metadata={"choices": pose_writer})
@@ -294,7 +291,7 @@ class ExportCommand(Configuration):
     """MJCF of the Unitree G1, for g1 and lerobot; by default that of an installed mjlab."""
     people: list[str] = field(default_factory=list)
     """Persons to write and their names in files, as [P1:anna,P3]; by default all, as P1, P2, ..."""
-    out: str = "???"
+    out: str = REQUIRED
     """File to write, by default with the suffix of the format; for panoptic, openpose and lerobot a folder."""
 
 
@@ -305,7 +302,7 @@ class ConvertCommand(Configuration):
     data: DataConfig = field(default_factory=DataConfig)
     format: str = field(default="clip", metadata={"choices": recording_writer})
     """Format to convert to."""
-    out: str = "???"
+    out: str = REQUIRED
     """Folder to write; for a data set, it contains a folder for each clip."""
 
 
@@ -410,7 +407,7 @@ class RegressCommand(Configuration):
     To start from: dmae.regression.solvers:ours, :dlt, :opencv. In pytest: the fixture check_triangulation.
     """
 
-    solver: str = "???"
+    solver: str = REQUIRED
     """package.module:function; the current folder is searched first."""
     skip: list[str] = field(default_factory=list)
     """Names of cases to skip."""

@@ -17,6 +17,7 @@ from dmae.data.clip import Clip, Poses3D
 from dmae.data.conversion import convert
 from dmae.data.rng import Stream, generator
 from dmae.data.skeleton import Skeleton
+from dmae.data.typed import REQUIRED
 from dmae.formats.reading import camera_subsets
 from dmae.metrics.comparison import match, take_matched
 from dmae.numerics.body import rotate_z
@@ -270,7 +271,7 @@ class TrainingSet:
 
 def source_of(config: TrainConfig) -> str:
     """Return where the clips come from, to begin a message with; in Python they are given, and no path is."""
-    return "" if config.data.path == "???" else f"{config.data.path}: "
+    return "" if config.data.path == REQUIRED else f"{config.data.path}: "
 
 
 def read_training_set(

@@ -177,6 +177,10 @@ def _given(kind: Any, value: Any, name: str) -> Any:
     return decode(kind, value, name) if finite else value
 
 
+REQUIRED: Any = "???"
+"""Default of an option that has to be given, as Hydra spells it."""
+
+
 class Configuration:
     """Base of a configuration, a frozen dataclass: its fields are brought to their types when one is made.
 

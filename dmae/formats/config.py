@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dmae.data.typed import Configuration
+from dmae.data.typed import REQUIRED, Configuration
 from dmae.formats.registry import reader
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ class DataConfig(Configuration):
 
     name: str | None = field(default=None, metadata={"choices": reader})
     """Format; by default recognised by the files in `path`."""
-    path: str = field(default="???", metadata={"reads": "path"})
+    path: str = field(default=REQUIRED, metadata={"reads": "path"})
     """Folder of the recording, of a clip, or of a data set of clips."""
     cameras: list[int | str] | None = None
     """Names of the cameras to use; by default all."""

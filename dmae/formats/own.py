@@ -7,6 +7,7 @@ definition of your own skeleton as JSON. A person is absent from a frame if all 
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryFile
+from typing import Any
 from zipfile import ZIP_DEFLATED, ZipFile
 
 import numpy as np
@@ -85,7 +86,8 @@ def read_npz(path: Path) -> tuple[Poses3D, float | None]:
             raise ValueError(
                 f"expected shape (F, P, {len(names)}, 3) of joints, {len(names)} as joint_names; found {shapes}"
             )
-        poses = Poses3D(skeleton, *(each if each is None else each[:, :, order] for each in found))
+        ordered: list[Any] = [each if each is None else each[:, :, order] for each in found]
+        poses = Poses3D(skeleton, *ordered)
         poses.check_numbers()
         return poses, check_rate("fps", arrays["fps"].item()) if "fps" in arrays else None
     except (ValueError, TypeError, OverflowError) as error:

@@ -5,7 +5,8 @@ from importlib import import_module
 from pathlib import Path
 
 from dmae.cli import DMAE
-from dmae.command_line.options import REQUIRED, Command, Group, Option, Program
+from dmae.command_line.options import Command, Group, Option, Program
+from dmae.data.typed import REQUIRED
 from dmae.evaluation.corruption.registry import corruptions
 from synth.cli import SYNTH
 

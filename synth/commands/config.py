@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from math import inf
 
-from dmae.data.typed import Configuration
+from dmae.data.typed import REQUIRED, Configuration
 from dmae.detection.registry import PoseDetectorConfig
 from dmae.parallel import ProcessesConfig
 from synth.checks import check_range
@@ -28,7 +28,7 @@ class LabelCommand(ProcessesConfig):
     them, and what they touch.
     """
 
-    data: str = field(default="???", metadata={"reads": "clips"})
+    data: str = field(default=REQUIRED, metadata={"reads": "clips"})
     """Data set that `synth generate` made, or one clip of it."""
     labels: list[str] = field(default_factory=lambda: list(LABELS), metadata={"choices": LABELS})
     """Labels to add. Existing labels of a clip are kept."""
@@ -38,7 +38,7 @@ class LabelCommand(ProcessesConfig):
 class VerifyCommand(Configuration):
     """Check that clips are complete and correct. Exits with status 1 if they are not."""
 
-    data: str = field(default="???", metadata={"reads": "path"})
+    data: str = field(default=REQUIRED, metadata={"reads": "path"})
     """Folder of a data set, or of a clip."""
     fast: bool = False
     """Compare only sizes of files, and the contents of JSON files, with their checksums."""
@@ -55,7 +55,7 @@ class SplitCommand(Configuration):
     in any set.
     """
 
-    data: str = field(default="???", metadata={"reads": "path"})
+    data: str = field(default=REQUIRED, metadata={"reads": "path"})
     """Folder of a data set; or a folder of takes; or a list of takes (TSV) to check."""
     by: SplitBy = SplitBy.person
     """Property that two splits of clips must not share."""
@@ -78,7 +78,7 @@ class SplitCommand(Configuration):
 class StatsCommand(ProcessesConfig):
     """Describe a data set: occlusion by joint and cause, contacts, people, distances, angles, motion."""
 
-    data: str = field(default="???", metadata={"reads": "clips"})
+    data: str = field(default=REQUIRED, metadata={"reads": "clips"})
     """Folder of a data set, or of a clip."""
     extra_data: list[str] = field(default_factory=list, metadata={"reads": "clips"})
     """More data sets that the same page describes."""
@@ -95,7 +95,7 @@ class RealismCommand(ProcessesConfig):
     person is cut out of the image, and detected without further information.
     """
 
-    data: str = field(default="???", metadata={"reads": "clips"})
+    data: str = field(default=REQUIRED, metadata={"reads": "clips"})
     """Folder of a data set with colour images, or of a clip."""
     extra_data: list[str] = field(default_factory=list, metadata={"reads": "clips"})
     """More data sets for the same table."""
@@ -119,7 +119,7 @@ class RealismCommand(ProcessesConfig):
 class ExportDataCommand(ProcessesConfig):
     """Write a data set in the layout of another program: images and annotations."""
 
-    data: str = field(default="???", metadata={"reads": "clips"})
+    data: str = field(default=REQUIRED, metadata={"reads": "clips"})
     """Folder of a data set, or of a clip."""
     format: str = field(default="coco", metadata={"choices": exporter})
     """Layout."""
@@ -136,7 +136,7 @@ class ExportDataCommand(ProcessesConfig):
     robot: str | None = field(default=None, metadata={"reads": "path"})
     """MJCF of the Unitree G1, for g1 and lerobot; by default that of an installed mjlab."""
     about: AboutConfig = field(default_factory=AboutConfig)
-    out: str = "???"
+    out: str = REQUIRED
     """Folder to write, whole or not at all; it must be empty or not exist."""
 
 
@@ -156,11 +156,11 @@ class CompareCommand(ProcessesConfig):
 
     by: CompareBy = CompareBy.detections
     """What is compared."""
-    real: str = field(default="???", metadata={"reads": "path"})
+    real: str = field(default=REQUIRED, metadata={"reads": "path"})
     """For detections, the recording: a clip, which `dmae convert` makes from any format, or Shelf's text files. For
     motion a take (BVH, ASF/AMC, AMASS-style npz, C3D) or a folder with takes at any depth; or a clip or data set of
     clips: the captured poses of each clip, or its truth if nothing was captured."""
-    sim: str = field(default="???", metadata={"reads": "clips"})
+    sim: str = field(default=REQUIRED, metadata={"reads": "clips"})
     """Folder of the simulated clips."""
     frames: list[int] | None = None
     """Detections: first frame of the recording, and the one after the last; by default all."""
@@ -183,7 +183,7 @@ class CompareCommand(ProcessesConfig):
 class FitDetectorCommand(ProcessesConfig):
     """Fit a detector's preset to a recording: `detector/<name>.yaml` and `compare.html`."""
 
-    detections: str = field(default="???", metadata={"reads": "path"})
+    detections: str = field(default=REQUIRED, metadata={"reads": "path"})
     """Folder of the recording: a clip, which `dmae convert` makes from any format, or Shelf's text files; with
     `truth=annotated` also a data set."""
     extra_data: list[str] = field(default_factory=list, metadata={"reads": "clips"})
@@ -225,7 +225,7 @@ class DetectorErrorsCommand(ProcessesConfig):
     The detections are those in the clips, as `dmae detect clip=...` makes them from images.
     """
 
-    data: str = field(default="???", metadata={"reads": "clips"})
+    data: str = field(default=REQUIRED, metadata={"reads": "clips"})
     """Folder of a data set, or of a clip, with truth and detections."""
     extra_data: list[str] = field(default_factory=list, metadata={"reads": "clips"})
     """More data sets for the same table."""

@@ -6,7 +6,7 @@ from enum import Enum
 from math import inf
 
 from dmae.data.labels import KINDS
-from dmae.data.typed import Configuration
+from dmae.data.typed import REQUIRED, Configuration
 from dmae.parallel import ProcessesConfig
 from synth.checks import check_range
 from synth.detector.config import DetectorConfig
@@ -152,7 +152,7 @@ class RenderConfig(ProcessesConfig):
     computed for its cameras, with the same result as generation with that rig.
     """
 
-    data: str = field(default="???", metadata={"reads": "clips"})
+    data: str = field(default=REQUIRED, metadata={"reads": "clips"})
     """Data set that `synth generate` made, or one clip of it."""
     out: str = "runs/rendered"
     """Folder of the new data set. Existing clips in it are kept."""

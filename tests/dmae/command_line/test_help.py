@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 from omegaconf import MISSING as REQUIRED_BY_HYDRA
 
-from dmae.command_line.options import REQUIRED, Command, Option
+from dmae.command_line.options import Command, Option
 from dmae.command_line.presets import read_presets
+from dmae.data.typed import REQUIRED
 from tests.support.commands import COMMANDS, command_line, run_command
 
 HEAVY = {"torch", "lightning", "mujoco", "hydra", "omegaconf", "cv2", "scipy", "numba", "joblib", "matplotlib"}
