@@ -106,17 +106,16 @@ def _brim(crown: Crown, rim: np.ndarray, around: np.ndarray) -> tuple[np.ndarray
     upper = np.concatenate(rows)
     count, half = len(turn), 0.0009 * crown.size
     points = np.concatenate([upper + (0, 0, half), upper - (0, 0, half)])
-    faces = [_between(row * count, (row + 1) * count, count) for row in range(len(rows) - 1)]
-    top = np.concatenate(faces)[:, ::-1]
+    top = np.concatenate([_between(row * count, (row + 1) * count, count) for row in range(len(rows) - 1)])
     edge = np.concatenate([
         np.arange(count), np.arange(1, len(rows)) * count + count - 1,
         (len(rows) - 1) * count + np.arange(count - 2, -1, -1), np.arange(len(rows) - 2, 0, -1) * count,
     ])  # fmt: skip
     after, below = np.roll(edge, -1), len(upper)
     sides = np.concatenate([
-        np.column_stack([edge, edge + below, after]), np.column_stack([after, edge + below, after + below])
+        np.column_stack([edge, after, edge + below]), np.column_stack([after, after + below, edge + below])
     ])  # fmt: skip
-    return points + crown.middle, np.concatenate([top[:, ::-1], top + below, sides[:, ::-1]])
+    return points + crown.middle, np.concatenate([top, top[:, ::-1] + below, sides])
 
 
 class _Cut(NamedTuple):
