@@ -16,6 +16,7 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from dmae.data.store import clip_folders, load_clip
 from dmae.progress import progress
+from synth.people.skinning import let_swing
 from synth.physics.body_state import BodyState, load_state
 from synth.rendering.config import ImageQuality
 from synth.rendering.renderer import Renderer
@@ -65,6 +66,7 @@ def _draw(task: tuple[str, Path]) -> np.ndarray:
     hips = state.root[frame, :taking_part]
     rig = _cameras(hips.mean(0), 0.9 * np.linalg.norm(np.ptp(hips[:, :2], axis=0)) + 2.2)
     scene = build_scene(spec, rig)
+    let_swing(scene.model, state.qpos, clip.fps)
     qpos, seconds = state.qpos[frame], frame / clip.fps
     with Renderer(scene.model, scene.geom_ids, rig, ImageQuality.draft) as renderer:
         shown = [

@@ -20,6 +20,7 @@ from dmae.data.labels import Visibility
 from dmae.data.store import clip_folders, load_clip
 from dmae.detection.pipeline import make_detector
 from dmae.detection.registry import PoseDetectorConfig
+from synth.people.skinning import let_swing
 from synth.physics.body_state import BodyState, load_state
 from synth.recognition.realism import Crop, crops, found_in, sightings
 from synth.rendering.renderer import Renderer
@@ -72,6 +73,7 @@ def _changed(clip: Clip, state: BodyState, crop: Crop) -> Iterator[tuple[str, np
         ("in a plain shirt", True, True, replace(spec, persons=tuple(persons))),
     ):
         scene = build_scene(drawn, rig)
+        let_swing(scene.model, state.qpos, clip.fps)
         ids, group = scene.geom_ids, scene.model.geom_group
         if not others:
             group[(ids > 0) & (ids < FIRST_OBJECT_ID) & (ids != 1 + crop.person)] = _UNDRAWN

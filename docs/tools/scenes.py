@@ -13,6 +13,7 @@ import numpy as np
 from dmae.progress import progress
 from synth.datasets.clip import simulate_clip
 from synth.datasets.config import GenerateConfig
+from synth.people.skinning import let_swing
 from synth.rendering.config import ImageQuality
 from synth.rendering.renderer import Renderer
 from synth.rigs.config import RigConfig, RingConfig
@@ -35,6 +36,7 @@ def draw(room: str, seed: int) -> np.ndarray:
     spec, rig, frame = SceneSpec.of(clip), clip.actual_rig, len(clip) // 2
     qpos, seconds = state.qpos[frame], frame / clip.fps
     built, persons = build_scene(spec, rig), len(spec.persons)
+    let_swing(built.model, state.qpos, clip.fps)
     with Renderer(built.model, built.geom_ids, rig, ImageQuality.draft) as renderer:
         ids = [renderer.image(qpos, view, ("ids",), seconds=seconds).ids for view in range(len(rig))]
     seen = [np.bincount(each.ravel(), minlength=1 + persons)[1 : 1 + persons].min() for each in ids]

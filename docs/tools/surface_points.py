@@ -16,6 +16,7 @@ from synth.datasets.clip import simulate_clip
 from synth.datasets.config import GenerateConfig
 from synth.interactions.registry import InteractionConfig
 from synth.labels.surfaces import surface_labels, surface_points
+from synth.people.skinning import let_swing
 from synth.rendering.config import ImageQuality
 from synth.rendering.renderer import Renderer
 from synth.rigs.config import RigConfig, RingConfig
@@ -43,6 +44,7 @@ def main() -> None:
     clip, state = simulate_clip(config, 0)
     spec, rig = SceneSpec.of(clip), clip.actual_rig
     scene = build_scene(spec, rig)
+    let_swing(scene.model, state.qpos, clip.fps)
     points = surface_points(scene, [person.body for person in spec.persons])
     labels = surface_labels(scene, points, state.qpos, rig, np.arange(len(clip)) / clip.fps)
     touching = (labels.touches > 0) & (labels.touches < 256)

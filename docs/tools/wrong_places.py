@@ -29,6 +29,7 @@ from dmae.data.store import clip_folders, load_clip
 from dmae.detection.detectors.landmarks import Network, Region, corrected_torso, find_person, pyramid_of
 from dmae.detection.images import find_cameras
 from synth.detector.parts import kind_of
+from synth.people.skinning import let_swing
 from synth.physics.body_state import load_state
 from synth.recognition.realism import NEAR, in_plain_sight, sightings
 from synth.rendering.renderer import Renderer
@@ -160,6 +161,7 @@ def _images(people: list[Seen]) -> Iterator[tuple[Seen, str, np.ndarray]]:
             for number in dict.fromkeys(each.place[2] for each in own) if change.get("alone") else (None,):
                 spec = SceneSpec.of(clip)
                 scene = build_scene(_dressed(spec) if change.get("dressed") else spec, clip.actual_rig)
+                let_swing(scene.model, state.qpos, clip.fps)
                 ids, group = scene.geom_ids, scene.model.geom_group
                 if number is not None:
                     group[(ids > 0) & (ids < FIRST_OBJECT_ID) & (ids != 1 + number)] = _UNDRAWN

@@ -10,6 +10,7 @@ from dmae.data.clip import Clip
 from dmae.data.images import KINDS, Images
 from dmae.data.store import save_clip
 from synth.datasets.config import GenerateConfig, RenderConfig, RgbFormat
+from synth.people.skinning import let_swing
 from synth.physics.body_state import BodyState
 from synth.rendering.opengl import find_backend
 from synth.rendering.renderer import Renderer, render_images
@@ -68,6 +69,7 @@ def add_images(
             f"clip {clip.id!r}: expected states of {scene.model.nq} numbers, found {state.qpos.shape[1]}; has the "
             f"room {spec.arena} changed?"
         )
+    let_swing(scene.model, state.qpos, clip.fps)
     partial = folder / f".{_FOLDER}"
     shutil.rmtree(partial, ignore_errors=True)
     try:

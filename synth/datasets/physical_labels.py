@@ -29,6 +29,7 @@ from synth.labels.physical_labels import (
     save_physical_labels,
 )
 from synth.labels.surfaces import surface_labels, surface_points
+from synth.people.skinning import let_swing
 from synth.physics.body_state import load_state
 from synth.scene.build import build_scene
 from synth.scene.spec import SceneSpec
@@ -121,6 +122,7 @@ def make_labels(folder: Path, kinds: Sequence[str] = KINDS) -> PhysicalLabels:
     scene = build_scene(spec, rig, painted=False)
     if scene.model.nq != state.qpos.shape[1] or tuple(dict.fromkeys(scene.geom_names)) != state.contact_names:
         raise ValueError(f"clip {clip.id!r}: its states are of another scene; has the room {spec.arena} changed?")
+    let_swing(scene.model, state.qpos, clip.fps)
     contacts = forces = surface = None
     if {"contacts", "forces"} & set(kinds):
         contacts, forces = carry(scene, state, clip.fps)

@@ -24,6 +24,7 @@ from synth.datasets.forecast import Forecast, bytes_in, image_cost, lacks_images
 from synth.datasets.generate import CONFIG, ImageTally, as_settings, claim, make_clips, with_images
 from synth.datasets.images import add_images, check_images
 from synth.detector.config import DetectorConfig
+from synth.people.skinning import let_swing
 from synth.physics.body_state import BodyState, load_state, save_state
 from synth.rigs.config import NO_RIG
 from synth.rigs.coverage import Stage, stage_of
@@ -159,10 +160,12 @@ def _relabelled(config: RenderConfig, settings: dict, clip: Clip, state: BodySta
     rig = _new_rig(config, settings, spec)
     dropped = ("occlusion", "calibration_error")
     line = {key: value for key, value in clip.provenance["manifest"].items() if key not in dropped}
+    scene = build_scene(spec, rig, painted=False)
+    let_swing(scene.model, state.qpos, clip.fps)
     return label_clip(
         line,
         spec,
-        build_scene(spec, rig, painted=False),
+        scene,
         state.qpos,
         rig,
         detector=decode(DetectorConfig, settings["detector"]),

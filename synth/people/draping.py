@@ -8,12 +8,14 @@ follow as skin follows segments (`synth.people.skinning`). Where the nodes are i
 - Cloth spans both legs: a node is at least as far out as the convex hull of two discs, the sections of the legs.
 - Where the hull pushes nodes out, the other nodes of the ring come in, so that its length stays.
 - Where legs are level, as on a seat, cloth lies on them instead of standing off.
+- Elsewhere cloth swings: the middles of rings are displaced as `swings` says, more towards the hem.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator
+from scipy.signal import lsim
 from scipy.spatial import ConvexHull
 
 from dmae.numerics.compiled import compiled
@@ -31,6 +33,9 @@ _THICK = 0.0015
 """Half the thickness of the cloth, m."""
 _ROUND = 1.3
 """Least radius of the corners of a ring that hangs freely, in halves of the distance between the hip joints."""
+_GRAVITY, _FRICTION, _WIDEST = 9.81, 0.3, 0.35
+"""Acceleration of free fall, m/s^2; damping of the swing relative to the critical one; and the greatest displacement of
+a hem relative to the length of the cloth."""
 _SIDES = 32
 """Number of sides of the polygon that stands for the hull of legs."""
 _LEAST = 0.4
@@ -62,14 +67,20 @@ class Drape(NamedTuple):
         """Whether the tube is closed in front."""
         return bool(self.ways[0, 1] == 0)
 
-    def bones(self, quats: np.ndarray, places: np.ndarray) -> np.ndarray:
+    @property
+    def length(self) -> float:
+        """Length below the hip joints, m."""
+        return float(-self.rings[-1, 1])
+
+    def bones(self, quats: np.ndarray, places: np.ndarray, swing: np.ndarray) -> np.ndarray:
         """Return (R * NODES, 3, 4) rotations and places of the nodes, ring by ring, m.
 
         Args:
             quats, places: (16, 4) and (16, 3) m of the segments.
+            swing: (2,) displacement of the hem, m, see `swings`.
         """
         bones, own = np.empty((self.count, 3, 4)), list(_OWN)
-        _drape(quats[own], places[own], *self, self.closed, bones)
+        _drape(quats[own], places[own], *self, swing, self.closed, bones)
         return bones
 
     def at_rest(self) -> np.ndarray:
@@ -77,7 +88,7 @@ class Drape(NamedTuple):
         origin."""
         quats, places = np.tile((1.0, 0, 0, 0), (len(SEGMENTS), 1)), np.zeros((len(SEGMENTS), 3))
         places[list(_OWN)] = self.origins
-        return self.bones(quats, places)
+        return self.bones(quats, places, np.zeros(2))
 
     def pack(self) -> np.ndarray:
         """Return the numbers that a model holds."""
@@ -144,7 +155,7 @@ def skirt(body: Body, bare: BareBody, waist: float, hem: float, ease: float, fla
             of_legs = np.empty(_WAYS)
             _hull(np.array(((0, half), (0, -half))), radius, ways, of_legs)
             hull = np.maximum(hull, of_legs)
-        tight[row] = hull + (0.005 if height > 0 else 0.002)
+        tight[row] = hull + (0.010 if height > 0 else 0.002)
     below = np.maximum(-heights, 0)[:, None]
     widest = np.maximum.accumulate(tight, axis=0)
     loose = widest + ease * np.interp(heights, (0, waist), (1, 0.2))[:, None] + flare * below
@@ -241,6 +252,34 @@ def tube(drape: Drape, columns: int, step: float, folds: float) -> Tube:
     )  # fmt: skip
 
 
+# How cloth swings
+
+
+def swings(length: float, hips: np.ndarray, fps: float) -> np.ndarray:
+    """Return the displacements (F, 2) of a hem from where it hangs at rest, m, world, x and y.
+
+    Cloth is a rod that hangs from the hips, a pendulum whose equivalent length is l = 2/3 of its own (Landau and
+    Lifshitz, Mechanics, 3rd edition, section 32), with friction and a moving support. For small angles, its horizontal
+    place w follows that of the hips p: w'' = -2 z n (w' - p') - n^2 (w - p), with n^2 = g / l. At first it moves with
+    the hips. Places between frames are linear, for which the solution is exact.
+
+    Args:
+        length: Of the cloth below the hips, m.
+        hips: (F, 2) places, m.
+        fps: Frames per second.
+    """
+    if len(hips) < 2:
+        return np.zeros_like(hips)
+    seconds = np.arange(len(hips)) / fps
+    way = hips - hips[0]
+    way = way - np.outer(seconds, way[1] * fps)
+    rate = np.sqrt(_GRAVITY / (2 / 3 * length))
+    system = [2 * _FRICTION * rate, rate**2], [1, 2 * _FRICTION * rate, rate**2]
+    away = np.stack([lsim(system, column, seconds)[1] - column for column in way.T], -1)
+    far = np.linalg.norm(away, axis=1, keepdims=True) / (_WIDEST * length)
+    return away * np.tanh(far) / np.maximum(far, 1e-12)
+
+
 # Where the nodes are in a pose
 
 
@@ -263,6 +302,8 @@ def _hull(discs, radius, ways, out):
         support = -np.inf
         for disc in discs:
             support = max(support, disc[0] * x + disc[1] * y + radius)
+        # The middle of cloth that swings may leave the hull.
+        support = max(support, 0.01)
         for way in range(len(ways)):
             facing = x * ways[way, 0] + y * ways[way, 1]
             if facing > 1e-3:
@@ -302,12 +343,13 @@ def _matrix(q, out):
 
 
 @compiled()
-def _drape(quats, places, rings, loose, tight, ways, origins, closed, bones):
+def _drape(quats, places, rings, loose, tight, ways, origins, swing, closed, bones):
     """Fill `bones` (R * NODES, 3, 4) with the rotations and places of nodes, see the module.
 
     Args:
         quats, places: (6, 4) and (6, 3) m of the segments `_OWN` in the world.
         rings, loose, tight, ways, origins: As in `Drape`.
+        swing: (2,) displacement of the hem, m.
         closed: Whether the last node of a ring is beside its first.
     """
     rows, nodes = len(rings), NODES
@@ -348,6 +390,12 @@ def _drape(quats, places, rings, loose, tight, ways, origins, closed, bones):
         _matrix(mean, frames[row])
     for row in range(rows):
         frame, middle = frames[row], (legs[row, 0] + legs[row, 1]) / 2
+        # On a seat, cloth lies on the hips where thighs are level.
+        steep = min(abs(frame[2, 2]), abs(frames[min(row + 1, rows - 1), 2, 2]))
+        free = min(1.0, max(0.0, (steep - _TIGHT) / (_LOOSE - _TIGHT)))
+        free = free * free * (3 - 2 * free)
+        for k in range(2):
+            middle[k] += free * max(0.0, rings[row, 1] / rings[rows - 1, 1]) * swing[k]
         above, below = legs[max(row - 1, 0)], legs[min(row + 1, rows - 1)]
         for side in range(2):
             for k in range(3):
@@ -355,10 +403,6 @@ def _drape(quats, places, rings, loose, tight, ways, origins, closed, bones):
                 for j in range(3):
                     own[side, k] += frame[j, k] * (legs[row, side, j] - middle[j])
                     along[side, k] += frame[j, k] * (below[side, j] - above[side, j])
-        # On a seat, cloth lies on the hips where thighs are level.
-        steep = min(abs(frame[2, 2]), abs(frames[min(row + 1, rows - 1), 2, 2]))
-        free = min(1.0, max(0.0, (steep - _TIGHT) / (_LOOSE - _TIGHT)))
-        free = free * free * (3 - 2 * free)
         radius, pushed = rings[row, 3], rings[row, 3] > 0
         if pushed:
             for side in range(2):
@@ -385,8 +429,9 @@ def _drape(quats, places, rings, loose, tight, ways, origins, closed, bones):
         _spread(outs, ways, closed, marks)
         for node in range(nodes):
             x, y = marks[node]
-            square = own[0, 0] ** 2 + own[0, 1] ** 2 + 1e-4
-            tilt = own[0, 2] * min(_TILT, max(-_TILT, (x * own[0, 0] + y * own[0, 1]) / square))
+            aside, ahead, along_axis = (own[0] - own[1]) / 2
+            share = (x * aside + y * ahead) / (aside**2 + ahead**2 + 1e-4)
+            tilt = along_axis * min(_TILT, max(-_TILT, share))
             for k in range(3):
                 place[row, node, k] = middle[k] + x * frame[k, 0] + y * frame[k, 1] + tilt * frame[k, 2]
     for row in range(rows):

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from dmae.numerics.compiled import compiled
 from synth.people.body import PARENTS, SEGMENTS, side_and_name
-from synth.people.draping import Drape
+from synth.people.draping import Drape, swings
 from synth.people.hands import FINGER_BONES, MovingHands
 
 _TWISTED = ("upper_arm", "forearm", "thigh")
@@ -121,6 +121,8 @@ class SkinOfPerson:
     rest: np.ndarray  # (N, 6) place, m, and normal in the bind pose
     hands: MovingHands | None  # None for hands that keep their shapes
     drapes: tuple[Drape, ...]  # Cloth that hangs
+    swing: np.ndarray  # (F, 2) displacement of their hems, m, world, see `let_swing`
+    fps: float  # Frames per second of the swing
 
     @property
     def bone_names(self) -> tuple[str, ...]:
@@ -140,7 +142,13 @@ class SkinOfPerson:
             move = palms[..., :3] @ rest.swapaxes(1, 2)
             fingers[..., :3] = move[:, None] @ turns @ rest[:, None]
             fingers[..., 3] = (begins - at) @ move.swapaxes(1, 2) + palms[:, None, :, 3]
-        return np.concatenate([bones, *(drape.bones(quats, places) for drape in self.drapes)])
+        if not self.drapes:
+            return bones
+        at = min(max(seconds * self.fps, 0.0), len(self.swing) - 1.0)
+        first = int(at)
+        before, after = self.swing[first], self.swing[min(first + 1, len(self.swing) - 1)]
+        swing = before + (at - first) * (after - before)
+        return np.concatenate([bones, *(drape.bones(quats, places, swing) for drape in self.drapes)])
 
 
 class Skin:
@@ -178,7 +186,11 @@ class Skin:
             if (number := mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, name.replace("/skin", "/hands"))) >= 0:
                 hands = MovingHands.unpack(model.numeric(number).data)
                 bind[_FINGERS[0] : FIRST_NODE, :, 3] = hands.fingers.joints.reshape(-1, 3)
+            swing = np.zeros(3)
+            if (number := mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, name.replace("/skin", "/swing"))) >= 0:
+                swing = model.numeric(number).data.copy()
             skin = bind, which.astype(np.int32), weights.copy(), rest.copy(), hands, drapes
+            skin = *skin, swing[1:].reshape(-1, 2), float(swing[0])
             self.persons.append(SkinOfPerson(name.removesuffix("/skin"), segments, geoms, *skin))
         self.geoms = np.concatenate([np.empty(0, int), *(person.geoms for person in self.persons)])
         self.meshes = model.geom_dataid[self.geoms]
@@ -212,6 +224,25 @@ class Skin:
         _refit(_Meshes.of(model, self.geoms), _Boxes.of(model, self.geoms))
         model.bvh_aabb[self._roots] = self._boxes
         _enclose(self._roots[self._within], self._drawn, self._turns, self._offsets, model.geom_aabb, model.bvh_aabb)
+
+
+def let_swing(model: mujoco.MjModel, qpos: np.ndarray, fps: float) -> None:
+    """Write into a model how cloth swings in a whole clip, for every `Skin` of it and of its later copies.
+
+    A model that `synth.scene.build.build_scene` made has room for the clip; cloth of others hangs at rest.
+
+    Args:
+        qpos: (F, nq) states of all frames of the clip.
+        fps: Frames per second.
+    """
+    for person in Skin(model).persons:
+        number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, f"{person.name}/swing")
+        if number < 0:
+            continue
+        hips = model.jnt_qposadr[model.body_jntadr[person.segments[0]]]
+        away = swings(max(drape.length for drape in person.drapes), qpos[:, hips : hips + 2], fps)
+        start, size = model.numeric_adr[number], model.numeric_size[number]
+        model.numeric_data[start : start + size] = [fps, *away.ravel()]
 
 
 def mesh_triangles(model: mujoco.MjModel, geom: int) -> np.ndarray:

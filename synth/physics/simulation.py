@@ -10,6 +10,7 @@ from dmae.data.skeleton import Skeleton
 from synth.errors import FailedSimulation
 from synth.motion.motion import Motion
 from synth.people.body import SKELETON, landmarks
+from synth.people.skinning import let_swing
 from synth.physics.body_state import BodyState, joint_positions, moved_with, reference_joints
 from synth.physics.controller import Controller, JointAddresses, find_joints, make_reference
 from synth.physics.planning import plan_motions
@@ -227,6 +228,7 @@ def simulate(
     holding, leading = (Controller(scene.model, data, r, masses) for r in (reference.still(), reference))
     states = StatesAt(scene.model, find_joints(scene.model, len(bodies)), scene.geom_persons, kept)
     planned, shifts, overlaps = _run(scene, data, holding, leading, states, steps, spec.planned_frames)
+    let_swing(scene.model, states.qpos, spec.fps)
     joints = joint_positions(scene.model, states.qpos, bodies)
     judged = joints if spec.fps == PLAN_FPS else joint_positions(scene.model, planned, bodies)
     motion = zip(bodies, plan.root.swapaxes(0, 1), plan.rotations.swapaxes(0, 1), strict=True)

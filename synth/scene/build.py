@@ -13,6 +13,7 @@ from synth.interactions.script import Load
 from synth.motion.geometry import PALM
 from synth.people.body import SIDES
 from synth.people.mjcf import HIDDEN_GROUP, add_person
+from synth.people.outfit import drapes
 from synth.rigs.coverage import check_outside
 from synth.rigs.lenses import add_cameras
 from synth.rooms.decor import decorate
@@ -84,6 +85,10 @@ def build_scene(spec: SceneSpec, rig: CameraRig, *, painted: bool = True) -> Sce
     for number, person in enumerate(spec.persons):
         at = (*person.start, person.body.hip_height)
         add_person(world, number, person.body, person.looks, person.hands, position=at, rng=rng)
+        if drapes(person.body, person.looks):
+            # `synth.people.skinning.let_swing` fills it.
+            still = [spec.fps, *np.zeros(2 * spec.frames)]
+            world.add_numeric(name=f"person{number}/swing", data=still, size=len(still))
     for number, load in enumerate(spec.loads):
         _add_load(world, f"load{number}/", load, spec.persons)
     add_cameras(world, rig)

@@ -24,7 +24,7 @@ from dmae.numerics.body import continuous
 from synth.datasets.exporters import exporter
 from synth.datasets.exporters.selection import ClipTask, Selection
 from synth.people.body import PARENTS, SEGMENTS
-from synth.people.skinning import BONE_NAMES, FIRST_NODE, MOST_BONES, Skin, SkinOfPerson
+from synth.people.skinning import BONE_NAMES, FIRST_NODE, MOST_BONES, Skin, SkinOfPerson, let_swing
 from synth.physics.body_state import load_state
 from synth.rendering.sensor import light_of
 from synth.scene.build import build_scene
@@ -121,6 +121,7 @@ def _scene(task: ClipTask) -> _SceneInMotion:
     clip, state = task.load(), load_state(task.folder)
     spec = SceneSpec.of(clip)
     model = build_scene(spec, clip.rig, painted=False).model
+    let_swing(model, state.qpos, clip.fps)
     data, qpos = mujoco.MjData(model), state.qpos[:: task.every]
     places, turns = np.empty((len(qpos), model.nbody, 3)), np.empty((len(qpos), model.nbody, 4))
     persons, seconds = Skin(model).persons, np.arange(len(qpos)) * task.every / clip.fps

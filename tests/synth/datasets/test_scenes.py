@@ -13,7 +13,7 @@ from dmae.data.skeleton import BODY25
 from dmae.data.store import load_clip
 from dmae.formats.animation import WORLD_Y_UP
 from synth.datasets.exporters.export import export
-from synth.people.skinning import Skin, mesh_triangles
+from synth.people.skinning import Skin, let_swing, mesh_triangles
 from synth.physics.body_state import load_state
 from synth.rendering.sensor import encode
 from synth.scene.build import build_scene
@@ -48,6 +48,7 @@ def clip(data):
 def drawn(data, clip):
     """The triangles (T, 3, 3) of the second person in the last frame, as images show them, for each material."""
     model = build_scene(SceneSpec.of(clip), clip.rig, painted=False).model
+    let_swing(model, load_state(data / "000000").qpos, clip.fps)
     state = mujoco.MjData(model)
     state.qpos[:] = load_state(data / "000000").qpos[-1]
     mujoco.mj_kinematics(model, state)

@@ -10,9 +10,12 @@ from scipy.spatial.transform import Rotation
 
 from synth.people.body import SEGMENTS, Body, body_at
 from synth.people.clothing import WARDROBE, Coat, Garment, dressed, sample_looks
+from synth.people.draping import NODES, swings
 from synth.people.mjcf import add_person
-from synth.people.skinning import FIRST_NODE, Skin, mesh_triangles
+from synth.people.skinning import FIRST_NODE, Skin, let_swing, mesh_triangles
 from synth.rooms.rays import cast_rays
+from synth.scene.build import build_scene
+from tests.support.scenes import RIG, scene
 
 WOMAN, STOUT, GIRL = Body(1.66, 62, 1.0), Body(1.55, 92, 1.0), body_at(1, 6)
 LEG = ("thigh", "shin", "foot")
@@ -147,9 +150,64 @@ def test_cloth_at_rest_is_where_it_was_built():
     model, data = posed(WOMAN, skirted(True), POSES["standing"])
     (person,) = Skin(model).persons
     (drape,) = person.drapes
-    moved = drape.bones(data.xquat[person.segments], data.xpos[person.segments])
+    moved = drape.bones(data.xquat[person.segments], data.xpos[person.segments], np.zeros(2))
     np.testing.assert_allclose(moved[:, :, 3] - (0, 0, 1), drape.at_rest()[:, :, 3], atol=1e-9)
     assert len(person.bone_names) == len(person.bind) <= 255, "files in glTF number bones by bytes"
+
+
+def test_a_hem_swings_on_when_the_hips_stop_and_comes_to_rest():
+    seconds = np.arange(200) / 25
+    hips = np.stack([np.minimum(seconds, 2.0) * 1.2, 0 * seconds], -1)
+    away = swings(0.7, hips, 25)
+    np.testing.assert_allclose(away[:50], 0, atol=1e-9)  # In walking evenly
+    assert 0.05 < away[:, 0].max() < 0.25
+    assert away[:, 0].min() < -0.01
+    assert np.abs(away[-50:]).max() < 0.003
+    assert (away[:, 1] == 0).all()
+    finer = swings(0.7, np.stack([np.minimum(np.arange(400) / 50, 2.0) * 1.2, np.zeros(400)], -1), 50)
+    np.testing.assert_allclose(finer[::2], away, atol=1e-6)
+    # Half the period of a pendulum of two thirds of the length is between the extremes.
+    period = 2 * np.pi / np.sqrt(9.81 / (0.7 * 2 / 3) * (1 - 0.3**2))
+    assert (away[:, 0].argmin() - away[:, 0].argmax()) / 25 == pytest.approx(period / 2, abs=0.05)
+
+
+@pytest.mark.parametrize("pose", ["standing", "seated"])
+def test_cloth_swings_where_legs_are_upright(pose):
+    model, data = posed(WOMAN, skirted(True), POSES[pose])
+    (person,) = Skin(model).persons
+    (drape,) = person.drapes
+    where = data.xquat[person.segments], data.xpos[person.segments]
+    rest, away = (drape.bones(*where, np.array(swing)).reshape(-1, NODES, 3, 4) for swing in ((0, 0), (0.0, 0.15)))
+    moved = (away - rest)[..., 3].mean(1)
+    thighs = drape.rings[:, 1] > -0.4 * drape.length
+    assert np.abs(moved[thighs]).max() < 0.08
+    if pose == "standing":
+        assert moved[-1, 1] == pytest.approx(0.15, abs=0.03)
+        assert (np.diff(moved[:, 1]) > -1e-9).all()
+    else:
+        assert np.abs(moved[thighs]).max() < 0.01
+
+
+def test_frames_drawn_alone_show_the_same_cloth():
+    spec = scene([WOMAN], 30)
+    spec = replace(spec, persons=(replace(spec.persons[0], looks=skirted(False)),))
+    model = build_scene(spec, RIG, painted=False).model
+    qpos = np.tile(model.qpos0, (30, 1))
+    qpos[:, 0] += 0.002 * np.arange(30) ** 2
+    let_swing(model, qpos, 25.0)
+    (person,), data = Skin(model).persons, mujoco.MjData(model)
+    hems = []
+    for frame in (0, 20, 29):
+        data.qpos[:] = qpos[frame]
+        mujoco.mj_kinematics(model, data)
+        own = person.bones(data, frame / 25)[-NODES:, 0, 3].mean() - qpos[frame, 0]
+        assert own == pytest.approx(
+            Skin(model).persons[0].bones(data, frame / 25)[-NODES:, 0, 3].mean() - qpos[frame, 0]
+        )
+        hems.append(own)
+    # The hips accelerate by 2.5 m/s^2; the hem stays behind.
+    assert hems[0] - hems[1] > 0.05
+    assert hems[0] - hems[2] > 0.05
 
 
 def test_women_and_girls_wear_skirts_unless_the_wardrobe_lacks_them():
