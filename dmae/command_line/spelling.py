@@ -260,8 +260,9 @@ def _check_value(option: Option, text: str, value: Any) -> None:
         raise wrong
     node: Any = {"whole number": IntegerNode, "number": FloatNode, "true or false": BooleanNode}.get(option.kind)
     for each in value if listed else [value]:
-        # A user's module:function is checked when it is imported.
-        if option.choices and str(each) not in option.choices and ":" not in str(each):
+        # A user's module:function is checked when it is imported; a folder of weights is a method as well.
+        own = ":" in str(each) or (option.key == "methods" and (Path(str(each)) / "model.json").is_file())
+        if option.choices and str(each) not in option.choices and not own:
             name = option.key.rpartition(".")[2]
             noun = "axis" if name == "axes" else name.removesuffix("s")
             no = f"no {noun} {each!r}" if listed else "no such choice"

@@ -402,7 +402,9 @@ def _check_line(clip: Clip, line: dict, config: dict | None) -> Iterator[str]:
         yield f"fps: {fps} in {CONFIG}, {clip.fps} in the clip"
     found = clip.images.kinds if clip.images else ()
     if found != kinds:
-        yield f"images: {kinds} in {CONFIG}, {found} in the clip"
+        there, here = (", ".join(each) or "none" for each in (kinds, found))
+        make = "; synth generate for all clips makes the others" if set(kinds) > set(found) else ""
+        yield f"images: {there} in {CONFIG}, {here} in the clip{make}"
     if {"seed", "attempts"} <= line.keys() and line["seed"] != (
         seed := attempt_seed(config["seed"], line["attempts"] - 1)
     ):

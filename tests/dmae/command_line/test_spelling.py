@@ -105,6 +105,14 @@ def test_a_mistyped_option_is_refused_before_anything_is_loaded(folder, argument
     assert done.stdout == ""
 
 
+def test_a_folder_of_weights_is_a_method(tmp_path):
+    (tmp_path / "model.json").touch()
+    override = f"methods=[linear,{tmp_path}]"
+    assert checked(DMAE.commands["evaluate"].options(), [override], {"--info"}) == [override]
+    with pytest.raises(ValueError, match="no method"):
+        checked(DMAE.commands["evaluate"].options(), [f"methods=[linear,{tmp_path.parent}]"], {"--info"})
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

@@ -17,7 +17,8 @@ from dmae.files.checksums import number_of
 from dmae.files.structured import read_json
 from synth.commands import verify as command
 from synth.commands.config import VerifyCommand
-from synth.datasets.verify import CHECKS, verify
+from synth.datasets.verify import CHECKS, _check_line, verify
+from tests.support.clips import full_clip
 from tests.support.verified_sets import CLIP, changed, found, only
 
 pytestmark = pytest.mark.filterwarnings("ignore:no OpenGL")
@@ -175,7 +176,16 @@ def test_clips_of_another_configuration_are_found(data):
     (data / "config.json").write_text(json.dumps(config))
     said = {what for _, check, what in found(data) if check == "manifest"}
     assert "fps: 50.0 in config.json, 25.0 in the clip" in said
-    assert any(what.startswith("images: ('rgb',) in config.json") for what in said)
+    assert any(what.startswith("images: rgb in config.json, rgb, depth, ids") for what in said)
+
+
+def test_a_clip_without_the_images_of_its_data_set_is_answered_with_the_command():
+    clip = replace(full_clip(), poses=None, images=None)
+    config = {"scene": {"fps": clip.fps}, "images": "all", "seed": 0}
+    assert [*_check_line(clip, {"id": clip.id, "status": "ok"}, config)] == [
+        "images: rgb, depth, ids, parts, normals, flow, amodal in config.json, none in the clip; "
+        "synth generate for all clips makes the others"
+    ]
 
 
 def test_a_clip_of_another_seed_is_found(data):
