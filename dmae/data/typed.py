@@ -164,9 +164,13 @@ def type_hints(owner: Any) -> dict[str, Any]:
     """Return the annotations of a dataclass, or of the parameters of a function."""
     if isinstance(owner, type):
         return get_type_hints(owner)
-    # What a function returns may be imported for type checkers only.
-    parameters = {name: each for name, each in owner.__annotations__.items() if name != "return"}
-    return get_type_hints(type("_", (), {"__annotations__": parameters}), owner.__globals__)
+    hints: dict[str, Any] = {}
+    for name, annotation in owner.__annotations__.items():
+        try:
+            hints |= get_type_hints(type("_", (), {"__annotations__": {name: annotation}}), owner.__globals__)
+        except NameError:
+            continue  # It is imported for type checkers only, and left to the function
+    return hints
 
 
 def _given(kind: Any, value: Any, name: str) -> Any:
