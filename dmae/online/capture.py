@@ -87,7 +87,7 @@ class OnlineCapture:
         """
         fps, config = check_rate("fps", fps), config or CaptureConfig()
         if look_ahead is not None and not 0 <= look_ahead < np.inf:
-            raise ValueError(f"look_ahead={look_ahead}: expected seconds, 0 or more")
+            raise ValueError(f"look_ahead={look_ahead:g}: expected seconds, 0 or more")
         if len(rig) < 2:
             raise ValueError(f"capture needs at least 2 cameras, found {len(rig)}")
         check_origin(rig, "calibration")
