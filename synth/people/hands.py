@@ -102,13 +102,13 @@ class Fingers(NamedTuple):
         return turns, begins.cumsum(2)
 
 
-_ACROSS = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2)
-"""(3, 3, 3); its product with a vector is the matrix of the cross product with it."""
+_ACROSS = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2).reshape(3, 9)
+"""The product of a vector with it is the matrix of the cross product with the vector, row by row."""
 
 
 def _turn(axes: np.ndarray, angles: np.ndarray) -> np.ndarray:
     """Return rotations (..., 3, 3) about unit axes (..., 3) by angles (...), rad: Rodrigues' formula."""
-    across = np.tensordot(axes, _ACROSS, 1)
+    across = (axes @ _ACROSS).reshape(*axes.shape, 3)
     return (
         np.eye(3) + np.sin(angles)[..., None, None] * across + (1 - np.cos(angles))[..., None, None] * (across @ across)
     )
