@@ -170,8 +170,8 @@ def bag(
     for material, share, at, start, depth in parts:
         angle = np.arange(_OUTLINE) / _OUTLINE * 2 * np.pi
         ring = np.sign([np.cos(angle), np.sin(angle)]) * np.abs([np.cos(angle), np.sin(angle)]) ** 0.4
-        places = [ring * wide for wide, _ in _PROFILE[1:-1]]
-        places = np.concatenate([np.zeros((2, 1)), *places, np.zeros((2, 1))], 1).T * share + (0, at)
+        nothing = np.zeros((2, 1))
+        places = np.concatenate([nothing, *(ring * wide for wide, _ in _PROFILE[1:-1]), nothing], 1).T * share + (0, at)
         deep = np.concatenate([[0.0], *(np.full(_OUTLINE, each) for _, each in _PROFILE[1:-1]), [1.0]])
         # A backpack is deeper below.
         belly = 1 - 0.3 * places[:, 1] if kind == "backpack" else 1.0

@@ -85,15 +85,17 @@ def parts(body: Body, looks: PersonLooks) -> list[Part]:
     hanging = [(material, drape, *_hung(drape, body)) for material, drape in drapes(body, looks)]
     if looks.bag:
         cloths = {material: each for material, _, each, _ in hanging} | dict(sheets)
-        sheets += _bag([cloths.get("coat", cloths["top"]), cloths["bottom"]], bare, body, looks.bag)
+        sheets += _bag([cloths["coat" if looks.coat else "top"], cloths["bottom"]], bare, body, looks.bag)
     sheets += _face(sheet, bare, body)
     head = _only(sheet, (sheet.weights[:, SEGMENTS.index("head")] > 0.8)[sheet.faces].all(1))[0]
-    crown = looks.hat and Crown.of(looks.hat.kind, head.points, bare.eyes.mean((0, 1)), body.stature * body.head)
+    crown = None
+    if looks.hat:
+        crown = Crown.of(looks.hat.kind, head.points, bare.eyes.mean((0, 1)), body.stature * body.head)
     sheets += _hair(head, bare, body, looks.hair, crown)
     if looks.beard and looks.beard != "stubble":
         sheets.append(("hair", _beard(head, bare, body, looks.beard)))
     if crown:
-        sheets += [(material, _rigid(*shape, SEGMENTS.index("head"))) for material, *shape in hat(crown)]
+        sheets += [(material, _rigid(points, faces, SEGMENTS.index("head"))) for material, points, faces in hat(crown)]
     found = [part for material, each in sheets for part in _split(each, material, bare, body)]
     first = FIRST_NODE
     for material, drape, each, surface in hanging:

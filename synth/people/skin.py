@@ -77,7 +77,7 @@ def paint_skin(body: Body, looks: PersonLooks, *, rng: np.random.Generator) -> n
     if body.figure < 0.5 and body.age >= 18:
         beard = head * np.clip((-0.024 - above) / 0.008, 0, 1) * np.clip((above + 0.078) / 0.012, 0, 1)
         shadow = rng.uniform(0, 0.30)
-        beard *= np.clip((88 - np.abs(angle)) / 14, 0, 1) * _SHADOWS.get(looks.beard, shadow)
+        beard *= np.clip((88 - np.abs(angle)) / 14, 0, 1) * _SHADOWS.get(looks.beard or "", shadow)
         colour += (beard * (1 + 0.2 * noise(x, rng, 0.7)))[..., None] * (0.6 * np.array(looks.hair_colour) - colour)
     sparse = np.zeros_like(x)
     sparse[_SIDE // 2 :] = _sparse_hair(body, looks, rng=rng)

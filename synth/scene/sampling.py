@@ -26,7 +26,7 @@ from synth.scene.spec import PLAN_FPS, USUAL_PERSONS, PersonSpec, PropSpec, Scen
 _BYSTANDERS, _PLACES, _HANDS, _WARDROBE = 2, 3, 4, 5
 """Numbers of the child streams for bystanders, their places, hands, and what people wear besides shirts, trousers and
 shoes; 0 and 1 draw textures and colours."""
-_ON_BACK, _OFF_FLOOR, _ROOM, _STANDING = np.array((-0.10, 0.0, 0.015)), 0.3, 0.3, 0.75
+_ON_BACK, _OFF_FLOOR, _ROOM, _STANDING = (-0.10, 0.0, 0.015), 0.3, 0.3, 0.75
 """The middle of a backpack in the frame of the chest, fractions of stature; its least height above the floor and its
 least distance from other people's joints, m; the least height of hips, relative to that in standing straight, of people
 with a bag at the hip."""
@@ -131,9 +131,11 @@ def _bags(bodies: list[Body], motions: list[Motion]) -> list[tuple[str, ...]]:
 
     Nobody lies on a bag, or comes near it to embrace; who sits or crouches has none at the hip.
     """
-    poses, found = poses_of(tuple(bodies), motions), []
+    poses = poses_of(tuple(bodies), motions)
+    found: list[tuple[str, ...]] = []
     for person, body in enumerate(bodies):
-        at = poses.point(person, "chest", _ON_BACK * body.stature)
+        ahead, aside, up = (body.stature * each for each in _ON_BACK)
+        at = poses.point(person, "chest", (ahead, aside, up))
         others = np.delete(poses.origins, person, 1).reshape(len(at), -1, 3)
         apart = np.linalg.norm(others - at[:, None], axis=-1).min(initial=np.inf)
         free = at[:, 2].min() > _OFF_FLOOR and apart > _ROOM
