@@ -89,7 +89,7 @@ def _reader(path: Path) -> PoseReader | None:
 
 def _expected(path: Path) -> str:
     formats = " or ".join(each.file or f"a folder of {each.signs[0]}" for each in pose_reader.values())
-    on_skin = " (markers of a C3D are on the skin, not at joints: docs/how-to/biomechanics.md)"
+    on_skin = " (markers of a C3D are on the skin, not at joints; our own poses as npz: docs/how-to/biomechanics.md)"
     return formats + on_skin * (path.suffix.lower() == ".c3d")
 
 

@@ -101,7 +101,7 @@ class DetectionNoise:
             each = (
                 f"{camera_label(name)} by {floor:.0f} px more" for name, floor in zip(names, self.floor_px, strict=True)
             )
-            text += f"; {', '.join(one for one, off in zip(each, far, strict=True) if off)}"
+            text += f"; {', '.join(one for one, off in zip(each, far, strict=True) if off)} (see dmae doctor)"
         if self.usual_m > _DOUBTFUL_M:
             text += (
                 f"; detectors err by less than {1000 * _DOUBTFUL_M:.0f} mm: dmae doctor, with the same data=..., "

@@ -92,6 +92,8 @@ def test_a_scatter_that_no_detector_has_points_to_the_cameras():
     names = ("0", "1", "2", "3")
     assert "115 mm on the person; detectors err by less than 80 mm: dmae doctor, with the same" in noise.describe(names)
     assert "dmae doctor" not in replace(noise, usual_m=0.06).describe(names)
+    far = replace(noise, usual_m=0.06, floor_px=np.where(np.arange(len(names)) == 1, 9.0, 0.5))
+    assert f"camera {names[1]} by 9 px more (see dmae doctor)" in far.describe(names)
 
 
 @pytest.mark.parametrize("value", [0.0, 2.0, -1.0])
