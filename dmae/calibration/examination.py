@@ -47,6 +47,8 @@ _MUCH, _CHANCE_OF_MUCH = 0.25, 0.01
 _EXAMINED = 2  # Number of cameras that are examined for every kind
 _OFFSETS = (0, *(sign * frames for frames in (2, 4, 7, 10, 14, 18) for sign in (-1, 1)))
 """Frames at which the search of a time offset starts. Larger offsets are found earlier, without tracks."""
+_MOST_OFFSET = 20  # Frames; a search that ends at more is of no camera that sees people
+_HALF_WAY = 0.1  # Frames from the middle between two, within which a search of a time offset may have stopped there
 
 
 class Kind(StrEnum):
@@ -150,15 +152,25 @@ def examine(tracks: ImageTracks, calibration: Calibration) -> Examination | None
 
 def _fit(observations: Observations, calibration: Calibration, xyz: np.ndarray, view: int, kind: Kind) -> Adjusted:
     """Fit a difference of one camera, from bodies (M, J, 3)."""
-    if kind == Kind.late:
-        # Start at the offset at which the detections of the camera are nearest to the bodies.
-        late, fps = np.arange(Q) == OFFSET, observations.tracks.fps
-        tried = [calibration.with_step(view, late * (frames / fps)) for frames in _OFFSETS]
-        calibration = min(tried, key=lambda each: adjust(observations, each, iterations=0, xyz=xyz).cost.sum())
     free = np.zeros((len(calibration.rig), Q), bool)
     free[view, list(PARAMETERS[kind])] = True
     freedom = Freedom(free, np.full(free.shape, np.inf))
-    return adjust(observations, calibration, freedom, iterations=10, xyz=xyz, tolerance=1e-4)
+
+    def fitted(calibration: Calibration) -> Adjusted:
+        return adjust(observations, calibration, freedom, iterations=10, xyz=xyz, tolerance=1e-4)
+
+    if kind != Kind.late:
+        return fitted(calibration)
+    # Start at the offset at which the detections of the camera are nearest to the bodies.
+    frame = (np.arange(Q) == OFFSET) / observations.tracks.fps
+    tried = [calibration.with_step(view, frames * frame) for frames in _OFFSETS]
+    fits = [fitted(min(tried, key=lambda each: adjust(observations, each, iterations=0, xyz=xyz).cost.sum()))]
+    # Lines in the image are fitted around whole frames, so a search stops half way between two: go on from both sides.
+    if abs(fits[0].calibration.offset[view] * observations.tracks.fps % 1 - 0.5) < _HALF_WAY:
+        fits += [fitted(fits[0].calibration.with_step(view, half * frame)) for half in (-0.5, 0.5)]
+    # A camera that is so late that it sees nobody costs nothing.
+    fits = [each for each in fits if abs(each.calibration.offset[view]) * observations.tracks.fps <= _MOST_OFFSET]
+    return min(fits, key=lambda each: each.cost.sum()) if fits else _refit(observations, calibration, xyz)
 
 
 def _refit(observations: Observations, calibration: Calibration, xyz: np.ndarray) -> Adjusted:

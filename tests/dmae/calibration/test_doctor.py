@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from dmae.calibration.bundle_adjustment import ROTATION, Calibration, Q
+from dmae.calibration.bundle_adjustment import ROTATION, Calibration, Observations, Q, adjust
 from dmae.calibration.doctor import Diagnosis, Finding, PairFit, _confirmed, _remedy, diagnose, examined
 from dmae.calibration.epipolar import Hypothesis, pairs_to_compare
-from dmae.calibration.examination import CameraDifference, Kind
+from dmae.calibration.examination import BODIES, CameraDifference, Kind, _fit, _start
 from dmae.calibration.faults import Correction, Fault, rescale
+from dmae.calibration.matching import match_tracks
 from dmae.cli import DMAE, compose
 from dmae.commands import convert as convert_command
 from dmae.commands import doctor as command
@@ -251,6 +252,18 @@ def test_offsets_do_not_make_up_for_the_pose_of_another_camera():
     behind = Hypothesis.of(late(clip, 3, 2), Convention())
     delay = Correction(Fault.delay, (2,), behind.delayed(3 * third))
     assert _confirmed(delay, behind, examined(behind)[0], pairs)
+
+
+@pytest.mark.parametrize("frames", [2, 3, 5])
+def test_an_offset_is_not_left_half_way_between_two_frames(frames):
+    """Lines in the image are fitted around whole frames, and their cost has a step there."""
+    clip = sound("ring")
+    xy = clip.detections.xy + np.random.default_rng(0).normal(0, 6, clip.detections.xy.shape).astype(np.float32)
+    clip = late(replace(clip, detections=replace(clip.detections, xy=xy)), frames, 2)
+    observations, calibration = Observations.of(match_tracks(clip), BODIES), Calibration.of(clip.rig)
+    bodies = _start(observations, adjust(observations, calibration))
+    found = _fit(observations, calibration, bodies, 2, Kind.late)
+    assert -found.calibration.offset[2] * clip.fps == pytest.approx(frames, abs=0.2)
 
 
 CLIPS = {"dogs": (lambda: dog_clip(70, dogs=2), 4.0), "hands": (lambda: hands_clip(70), 8.0)}
