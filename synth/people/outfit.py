@@ -84,8 +84,9 @@ def parts(body: Body, looks: PersonLooks) -> list[Part]:
     sheets += [("shoe", _kept(shoes, upper)[0]), ("sole", _kept(shoes, -upper)[0])]
     hanging = [(material, drape, *_hung(drape, body)) for material, drape in drapes(body, looks)]
     if looks.bag:
-        cloths = {material: each for material, _, each, _ in hanging} | dict(sheets)
-        sheets += _bag([cloths["coat" if looks.coat else "top"], cloths["bottom"]], bare, body, looks.bag)
+        worn, loose = dict(sheets), {material: each for material, _, each, _ in hanging}
+        low = loose.get("coat") or loose.get("bottom") or worn["bottom"]
+        sheets += _bag([worn["coat" if looks.coat else "top"], low], bare, body, looks.bag)
     sheets += _face(sheet, bare, body)
     head = _only(sheet, (sheet.weights[:, SEGMENTS.index("head")] > 0.8)[sheet.faces].all(1))[0]
     crown = None

@@ -15,7 +15,7 @@ from synth.labels.visibility import joint_visibility
 from synth.motion.config import MotionConfig
 from synth.people.accessories import Crown
 from synth.people.body import SEGMENTS, SIDES, Body, body_at
-from synth.people.clothing import BAGS, BEARDS, HAIRSTYLES, HATS, Bag, Hat
+from synth.people.clothing import BAGS, BEARDS, HAIRSTYLES, HATS, Bag, Coat, Garment, Hat
 from synth.people.outfit import parts
 from synth.people.skin import paint_skin
 from synth.people.skinning import locate
@@ -134,6 +134,15 @@ def test_bags_and_straps_lie_on_cloth(kind, side, body, untucked):
     assert 0.005 < np.percentile(away, 98) < 0.0085
     assert away.max() < 0.009
     assert straps[:, 2].max() > bare_body(body).origins[SEGMENTS.index("l_upper_arm"), 2]
+
+
+def test_a_bag_hangs_outside_a_long_coat():
+    coat = Coat(Garment(True, "plain", _RED), False)
+    found = parts(Body(), replace(BARE, coat=coat, bag=Bag("shoulder_bag", "l", _RED)))
+    cloth, bag = (of_material(found, material)[0] for material in ("coat", "bag"))
+    back = cloth[cloth[:, 0] < 0]
+    behind = back[cKDTree(back[:, 1:]).query(bag[:, 1:], 3)[1], 0].min(1)
+    assert (bag[:, 0] < behind).mean() > 0.85
 
 
 def test_hats_brims_and_bags_are_closed_from_outside():
