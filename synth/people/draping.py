@@ -58,7 +58,7 @@ class Drape(NamedTuple):
     origins: np.ndarray  # (6, 3) origins of `_OWN` in T-pose, m
 
     @property
-    def count(self) -> int:
+    def nodes(self) -> int:
         """Number of nodes."""
         return len(self.rings) * NODES
 
@@ -79,7 +79,7 @@ class Drape(NamedTuple):
             quats, places: (16, 4) and (16, 3) m of the segments.
             swing: (2,) displacement of the hem, m, see `swings`.
         """
-        bones, own = np.empty((self.count, 3, 4)), list(_OWN)
+        bones, own = np.empty((self.nodes, 3, 4)), list(_OWN)
         _drape(quats[own], places[own], *self, swing, self.closed, bones)
         return bones
 

@@ -101,7 +101,7 @@ def parts(body: Body, looks: PersonLooks) -> list[Part]:
     first = FIRST_NODE
     for material, drape, each, surface in hanging:
         found += _split(each, material, bare, body, surface, first)
-        first += drape.count
+        first += drape.nodes
     return sorted(found, key=lambda part: SEGMENTS.index(part.segment))
 
 

@@ -127,7 +127,7 @@ class SkinOfPerson:
     @property
     def bone_names(self) -> tuple[str, ...]:
         """(B,) names of the bones."""
-        nodes = ((number, node) for number, drape in enumerate(self.drapes) for node in range(drape.count))
+        nodes = ((number, node) for number, drape in enumerate(self.drapes) for node in range(drape.nodes))
         return BONE_NAMES + tuple(f"cloth {number} {node}" for number, node in nodes)
 
     def bones(self, data: mujoco.MjData, seconds: float) -> np.ndarray:
@@ -144,10 +144,10 @@ class SkinOfPerson:
             fingers[..., 3] = (begins - at) @ move.swapaxes(1, 2) + palms[:, None, :, 3]
         if not self.drapes:
             return bones
-        at = min(max(seconds * self.fps, 0.0), len(self.swing) - 1.0)
-        first = int(at)
+        frame = min(max(seconds * self.fps, 0.0), len(self.swing) - 1.0)
+        first = int(frame)
         before, after = self.swing[first], self.swing[min(first + 1, len(self.swing) - 1)]
-        swing = before + (at - first) * (after - before)
+        swing = before + (frame - first) * (after - before)
         return np.concatenate([bones, *(drape.bones(quats, places, swing) for drape in self.drapes)])
 
 
@@ -190,8 +190,8 @@ class Skin:
             if (number := mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, name.replace("/skin", "/swing"))) >= 0:
                 swing = model.numeric(number).data.copy()
             skin = bind, which.astype(np.int32), weights.copy(), rest.copy(), hands, drapes
-            skin = *skin, swing[1:].reshape(-1, 2), float(swing[0])
-            self.persons.append(SkinOfPerson(name.removesuffix("/skin"), segments, geoms, *skin))
+            swung = swing[1:].reshape(-1, 2), float(swing[0])
+            self.persons.append(SkinOfPerson(name.removesuffix("/skin"), segments, geoms, *skin, *swung))
         self.geoms = np.concatenate([np.empty(0, int), *(person.geoms for person in self.persons)])
         self.meshes = model.geom_dataid[self.geoms]
         # MuJoCo tests rays against boxes of bodies, which leave out geoms without contacts.
