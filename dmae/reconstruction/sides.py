@@ -19,9 +19,10 @@ from dmae.reconstruction.config import CaptureConfig, DistanceUnit
 from dmae.reconstruction.evidence import Evidence, evidence_blocks
 from dmae.reconstruction.triangulation import project
 
-_SIGMA, _SPEED = 0.04, 0.2
+_SIGMA, _SPEEDS = 0.04, (0.2, 0.45, 0.7)
 """m and m/s; standard deviation of the distance of joints from their expected places, including the noise of both, and
-how fast it grows while joints are predicted by the motion of the body."""
+how fast it grows while joints are predicted by the motion of the body: the first joint of a limb, the second, and
+others. Root mean squares of recorded people (CMU). Seen from the side, legs change places in a quarter of a second."""
 TURN_S = 0.3  # s; in a longer time somebody may turn round, so that places predicted for it say nothing about sides
 _MIN_EVIDENCE = 8.0
 """Smallest logarithm of the ratio of likelihoods, with sides exchanged and as detected, for a pair, a limb or the whole
@@ -46,6 +47,7 @@ class Sides:
 
     pairs: np.ndarray  # (n, 2) indices of left joints and of their partners on the right
     groups: np.ndarray  # (G, n) True for the pairs that are exchanged together: the whole body, and its limbs
+    speed: np.ndarray  # (n,) m/s, standard deviation along each axis of their motion about that of the body
 
     @classmethod
     def of(cls, skeleton: Skeleton) -> "Sides":
@@ -56,18 +58,24 @@ class Sides:
         pairs = np.stack([left, mirror[left]], -1).reshape(-1, 2)
         kinds = [names[i].removeprefix("l_") for i in left]
         limbs = [[kind in limb for kind in kinds] for limb in _LIMBS]
+        tops, place = np.array([_top(skeleton, joint) for joint in left], int).reshape(-1, 2).T
         if skeleton.defined:
-            tops = np.array([_top(skeleton, joint) for joint in left], int)
             limbs = [list(tops == top) for top in np.unique(tops)]
-        return cls(pairs, np.array([[True] * len(pairs), *limbs], bool).reshape(1 + len(limbs), len(pairs)))
+        groups = np.array([[True] * len(pairs), *limbs], bool).reshape(1 + len(limbs), len(pairs))
+        return cls(pairs, groups, np.array(_SPEEDS)[np.minimum(place, len(_SPEEDS) - 1)])
+
+    def sigma(self, ahead_s: float) -> np.ndarray:
+        """Return (n,) standard deviations of the distances of joints from places predicted for so many seconds, m."""
+        return np.hypot(_SIGMA, self.speed * ahead_s) if ahead_s <= TURN_S else np.full(len(self.pairs), np.inf)
 
 
-def _top(skeleton: Skeleton, joint: int) -> int:
-    """Return the first joint of a limb: its highest joint with a partner on the other side."""
-    parents, mirror = skeleton.parents, skeleton.mirror
+def _top(skeleton: Skeleton, joint: int) -> tuple[int, int]:
+    """Return the first joint of a limb, its highest joint with a partner on the other side, and the number of joints
+    from there to this one."""
+    parents, mirror, number = skeleton.parents, skeleton.mirror, 0
     while parents[joint] >= 0 and mirror[parents[joint]] != parents[joint]:
-        joint = parents[joint]
-    return joint
+        joint, number = parents[joint], number + 1
+    return joint, number
 
 
 def nearer_side(distance: np.ndarray, exchanged: np.ndarray, sides: Sides, ahead_s: float = 0.0) -> np.ndarray:
@@ -82,15 +90,10 @@ def nearer_side(distance: np.ndarray, exchanged: np.ndarray, sides: Sides, ahead
     if not len(sides.pairs):
         return distance
     rows, others = (np.ascontiguousarray(each).reshape(-1, distance.shape[-1]) for each in (distance, exchanged))
-    row, pair = np.nonzero(judge_sides(rows, others, sides.pairs, sides.groups, _sigma(ahead_s)))
+    row, pair = np.nonzero(judge_sides(rows, others, sides.pairs, sides.groups, sides.sigma(ahead_s)))
     chosen, both = rows.copy(), (row[:, None], sides.pairs[pair])
     chosen[both] = others[both]
     return chosen.reshape(distance.shape)
-
-
-def _sigma(ahead_s: float) -> float:
-    """Return the standard deviation of the distance of joints from places predicted for so many seconds, m."""
-    return float(np.hypot(_SIGMA, _SPEED * ahead_s)) if ahead_s <= TURN_S else np.inf
 
 
 def follow_sides(
@@ -111,12 +114,12 @@ def follow_sides(
         people whose sides are exchanged from now on.
     """
     found, detection = _measured(evidence, assigned[None], expected[None], sides)
-    wrong, said = judge_people(found, detection, sides.groups, _sigma(ahead_s))
+    wrong, said = judge_people(found, detection, sides.groups, sides.sigma(ahead_s))
     doubt = np.where(np.isnan(said[0]), 0, doubt + min(1, ahead_s / _EXCHANGED_S) * said[0])
     turned = doubt > 0
     if turned.any():
         found[:, :, turned] = found[::-1, :, turned]
-        wrong, _ = judge_people(found, detection, sides.groups, _sigma(ahead_s))
+        wrong, _ = judge_people(found, detection, sides.groups, sides.sigma(ahead_s))
     return _exchanged(evidence, wrong, detection, sides), np.maximum(-np.abs(doubt), _LEAST_DOUBT), turned
 
 
@@ -143,7 +146,7 @@ def find_exchanged(
         detection: (F, P, V, n) index of the detection that shows the pair, or `NONE`.
     """
     found, detection = _measured(evidence, assigned, expected, sides)
-    return judge_people(found, detection, sides.groups, _sigma(0))[0], detection
+    return judge_people(found, detection, sides.groups, sides.sigma(0))[0], detection
 
 
 def _measured(
@@ -245,7 +248,7 @@ def judge_people(distances, detection, groups, sigma):
         distances: (2, F, P, V, n, 2) m, as `measure_pairs` returns them.
         detection: (F, P, V, n) detection that shows the pair, negative for none.
         groups: (G, n) True for the pairs that are exchanged together.
-        sigma: m, standard deviation of the distance of a joint from its expected place.
+        sigma: (n,) m, standard deviations of the distances of joints from their expected places.
 
     Returns:
         (F, P, V, n) True for exchanged pairs; and (F, P) logarithm of the ratio of likelihoods of the views if the
@@ -292,7 +295,7 @@ def judge_sides(distance, exchanged, pairs, groups, sigma):
         exchanged: (m, J) m, distances from the expected places of their partners.
         pairs: (n, 2) indices of the left and the right joint.
         groups: (G, n) True for the pairs that are exchanged together.
-        sigma: m, standard deviation of the distance of a joint from its expected place.
+        sigma: (n,) m, standard deviations of the distances of joints from their expected places.
     """
     wrong = np.zeros((len(distance), len(pairs)), np.bool_)
     for i in range(len(distance)):
@@ -315,7 +318,7 @@ def _judge(distance, exchanged, pairs, groups, sigma, fewest, wrong):
             here, there = distance[pairs[pair, side]], exchanged[pairs[pair, side]]
             if not (np.isnan(here) or np.isnan(there)):
                 here, there = min(here, _FARTHEST), min(there, _FARTHEST)
-                evidence[pair] += (here * here - there * there) / (2 * sigma * sigma)
+                evidence[pair] += (here * here - there * there) / (2 * sigma[pair] * sigma[pair])
                 after[pair] += there
                 count[pair] += 1
         known += count[pair] > 0

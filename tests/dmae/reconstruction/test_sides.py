@@ -11,6 +11,7 @@ from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
 from dmae.reconstruction.sides import Sides, exchanged_detections
 from tests.support.detected_people import detected_clip, errors, walk
+from tests.support.stressed_clips import strollers
 
 MIRROR = list(BODY25.mirror)
 LIMBS = BODY25.index("l_wrist", "r_wrist", "l_elbow", "r_elbow", "l_knee", "r_knee", "l_ankle", "r_ankle")
@@ -122,3 +123,13 @@ def test_the_camera_and_its_frames_are_named():
 def test_no_people_no_exchange():
     clip = detected_clip(np.full((5, 1, 25, 3), np.nan))
     assert not exchanged_detections(clip, capture(clip, CaptureConfig())).any()
+
+
+def test_sides_stay_where_legs_change_places_between_two_frames():
+    """At ten frames a second, the legs of a runner seen from the side are where the other ones were."""
+    clip = strollers(30, persons=3, views=4, fps=10.0)
+    poses, truth = capture(clip, CaptureConfig()).xyz, clip.truth.xyz
+    away = np.linalg.norm(poses[:, :, None] - truth[:, None], axis=-1)
+    nearest = np.nanmean(away, axis=(0, 3)).argmin(1)
+    assert sorted(nearest) == [0, 1, 2]
+    assert np.nanmax(away[:, np.arange(3), nearest]) < 0.1

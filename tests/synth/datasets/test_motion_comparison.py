@@ -177,7 +177,8 @@ def damaged(kind: str, folder: Path) -> dict[str, str]:
         "no clips": {"sim": folder / "empty"},
         "no truth": {"sim": write_clips(folder / "blind", walk(0), truth=None)},
         "too few frames": {"sim": write_clips(folder / "short", walk(0)[:5])},
-        "no people": {"sim": write_clips(folder / "deserted")},
+        "nothing in the set": {"sim": write_clips(folder / "deserted")},
+        "no people": {"sim": write_clips(folder / "nobody", walk(0), truth=Poses3D(BODY25, np.zeros((75, 0, 25, 3))))},
         "two rates": {"real": write_clips(folder / "fast", walk(0, fps=50.0), fps=50.0)},
     }[kind]
 
@@ -192,7 +193,8 @@ def damaged(kind: str, folder: Path) -> dict[str, str]:
         ("no clips", "empty: expected a clip .* found neither"),
         ("no truth", "000000: expected a truth, as in simulated clips, found none"),
         ("too few frames", r"expected a track of 0.4 s or more, found 000000, person 0 0.20 s"),
-        ("no people", "found 0 clips without people"),
+        ("nothing in the set", "deserted: no clip of this data set is ok"),
+        ("no people", "found 1 clips without people"),
         ("two rates", r"found 50 a second in .*fast and 25 in .*set; simulate with scene.fps=50"),
     ],
 )
