@@ -32,7 +32,7 @@ from dmae.reconstruction.chance import expected_by_chance
 from dmae.reconstruction.config import CaptureConfig, ComparedJoints, DistanceUnit, fewer_of_few
 from dmae.reconstruction.evidence import Evidence, evidence_blocks
 from dmae.reconstruction.noise import DetectionNoise
-from dmae.reconstruction.sides import TURN_S, Sides, follow_sides, nearer_side
+from dmae.reconstruction.sides import Sides, correct_sides, nearer_side
 
 _VELOCITY_FADE = 0.5  # s; velocities decay to 1/e in this time unless they are measured again
 
@@ -117,14 +117,15 @@ class TrackState:
     age: np.ndarray  # (T,) s for which the person has been measured with support
     unsupported: np.ndarray  # (T,) s since the person was measured with support
     mixed: np.ndarray  # (T,) s for which its views showed different people, see `_mixed_views`
-    doubt: np.ndarray  # (T,) about its sides, see `follow_sides`
 
     @classmethod
     def birth(cls, first: int, xyz: np.ndarray) -> TrackState:
         """Return new tracks, numbered from `first` on, of people with joints (T, J, 3)."""
         count, joints = xyz.shape[:2]
         zero = np.zeros(count)
-        return cls(first + np.arange(count), xyz, np.zeros((count, 3)), np.zeros((count, joints)), *[zero] * 5)
+        return cls(
+            first + np.arange(count), xyz, np.zeros((count, 3)), np.zeros((count, joints)), zero, zero, zero, zero
+        )
 
     def __getitem__(self, index) -> TrackState:
         return TrackState(*(getattr(self, f.name)[index] for f in fields(self)))
@@ -209,9 +210,7 @@ class Tracker:
         """
         config, state = evidence.config, self._state.predicted(self._dt)
         assigned, primary = _propagate(evidence, state, self._sides, self._mirror, self._dt)
-        expected = np.where((state.joint_unseen <= TURN_S)[..., None], state.xyz, np.nan)
-        evidence, state.doubt, turned = follow_sides(evidence, assigned, expected, state.doubt, self._sides, self._dt)
-        state.xyz[turned] = state.xyz[turned][:, self._mirror]
+        evidence = correct_sides(evidence, assigned[None], state.xyz[None], self._sides, self._dt)
         points = evidence.triangulate(assigned[None], _ITERATIONS)
         xyz, plausible = self._plausible(points.xyz[0], assigned, self._fewest)
         used, xyz[~plausible] = points.used[0], np.nan

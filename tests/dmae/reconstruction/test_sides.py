@@ -55,32 +55,6 @@ def test_two_cameras_of_four_are_put_right_by_the_frames_before():
     assert np.nanquantile(errors(poses, clip.truth.xyz)[40:70], 0.99) < 0.1
 
 
-@pytest.mark.parametrize("views", [[0, 1], [0, 1, 2]], ids=["two of three", "all"])
-def test_most_cameras_exchange_sides_for_a_moment(views):
-    """The person changed sides with them, and back."""
-    clip = one_walker(3)
-    poses = capture(exchanged(clip, slice(40, 50), views), CaptureConfig())
-    assert np.nanquantile(errors(poses, clip.truth.xyz)[40:50], 0.99) < 0.1
-
-
-def test_a_person_found_with_exchanged_sides_is_turned():
-    """Two cameras of three exchange sides at first. Once all show the right ones, the person has them too."""
-    clip = one_walker(3)
-    poses = capture(exchanged(clip, slice(0, 20), [0, 1]), CaptureConfig())
-    assert np.nanquantile(errors(poses, clip.truth.xyz)[30:], 0.99) < 0.1
-
-
-def test_hidden_joints_are_exchanged_with_the_body():
-    """Arms that were not seen for 0.4 s have no expected place; two cameras of four show them, on the wrong side."""
-    clip = one_walker()
-    arms = BODY25.index("l_elbow", "r_elbow", "l_wrist", "r_wrist")
-    xy, score = clip.detections.xy.copy(), clip.detections.score.copy()
-    xy[30:40, :, :, arms], score[30:40, :, :, arms] = np.nan, np.nan
-    wrong = exchanged(replace(clip, detections=replace(clip.detections, xy=xy, score=score)), slice(35, 60), [0, 2])
-    found = errors(capture(wrong, CaptureConfig()), clip.truth.xyz)[40:60][..., arms]
-    assert np.isfinite(found).mean() > 0.9 and np.nanquantile(found, 0.99) < 0.1
-
-
 def test_turning_round_between_two_frames_exchanges_no_sides():
     """At one frame a second people turn by any angle from one frame to the next; a quarter of the joints was wrong."""
     turns = np.random.default_rng(0).uniform(-np.pi, np.pi, 30)
