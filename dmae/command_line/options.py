@@ -150,7 +150,7 @@ class Command:
         return replace(options, members=tuple(members))
 
     def composed(self, chosen: Mapping[str, Preset]) -> Any:
-        """Return its configuration with these presets of groups, and in other groups those that it uses."""
+        """Return the configuration of the command with the chosen presets; other groups have their usual ones."""
         values: dict[str, object] = {}
         for group, usual in self.presets.items():
             preset = chosen.get(group) or self.presets_of(group).get(usual or "")

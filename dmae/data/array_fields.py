@@ -31,7 +31,7 @@ def set_array(owner: Any, name: str, dtype: type, shape: tuple[int | str, ...], 
 
 
 def as_numbers(name: str, value: Any, dtype: type = np.float64) -> np.ndarray:
-    """Return a value as an array; TypeError, with its name, if it is none of numbers."""
+    """Return a value as an array; TypeError, with its name, if it is not an array of numbers."""
     try:
         # Numbers too large for the type become infinite. `check_numbers` of their owner refuses them.
         with np.errstate(over="ignore"):

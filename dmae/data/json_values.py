@@ -25,7 +25,7 @@ def flat(values: dict, prefix: str = "") -> dict[str, Any]:
 
 
 def merged(values: dict[str, Any], others: dict[str, Any]) -> dict[str, Any]:
-    """Return nested values with others in the place of those of the same dotted names."""
+    """Return nested values of two dictionaries; where both have a value, the second one counts."""
     both = values | others
     for name in values.keys() & others.keys():
         if isinstance(values[name], dict) and isinstance(others[name], dict):

@@ -71,7 +71,7 @@ class Skeleton:
         """Return the indices of the named joints; KeyError, which lists the skeleton's joints, if one is unknown."""
         lacking = [name for name in names if name not in self._index]
         if lacking:
-            # In a fused skeleton `nose` is that of one of its parts
+            # A fused skeleton calls a nose `body25.nose`
             meant = next((joint for joint in self.joints if joint.endswith(f".{lacking[0]}")), lacking[0])
             raise KeyError(f"skeleton {self.name!r} has no joint {lacking}; {choices(meant, self.joints)}")
         return [self._index[name] for name in names]

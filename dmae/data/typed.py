@@ -219,7 +219,7 @@ def fields_meant(kind: type, name: str, also: Iterable[str] = ()) -> str:
 
 
 def _places(kind: Any) -> Iterator[tuple[str, str]]:
-    """The names of all fields of a configuration, those of its groups last, and how each is given."""
+    """Yield the name of each field, and how it is given; the fields of groups come last."""
     yield from ((field, field) for field in type_hints(kind))
     for field, group in type_hints(kind).items():
         for name, place in _places(group) if is_dataclass(group) else ():

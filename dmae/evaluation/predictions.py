@@ -47,8 +47,8 @@ def read_prediction(path: Path, clip: Clip, truth: Poses3D, *, tracks: bool = Fa
     found = read_poses(path)
     if found.clip not in (None, clip.id):
         raise ValueError(
-            f"{path}: expected poses of clip {clip.id!r}, found those of clip {found.clip!r}; if they are of the same "
-            f"recording, score what dmae export clip={path} format=npz writes"
+            f"{path}: expected poses of clip {clip.id!r}, found those of clip {found.clip!r}; if both clips are "
+            f"one recording, write the poses with dmae export clip={path} format=npz, and score that file"
         )
     if found.fps is not None and not np.isclose(found.fps, clip.fps, rtol=1e-3):
         raise ValueError(

@@ -35,15 +35,19 @@ _THUMBS = {
 }
 _SPREADS = {"relaxed": 0.3, "open": 0.4, "grip": 0.2, "fist": 0.2, "point": 0.3, "clasp": 0.2}
 """Angles of the other fingers from the middle one, relative to those of the assets, which are wide."""
-SHAPES = {
-    name: np.column_stack([np.radians([_THUMBS[name], *_CURLS[name]]), np.full(len(FINGERS), _SPREADS[name])])
-    for name in HANDS
-}
+
+
+def _shapes(thumbs: dict[str, tuple[int, int, int]]) -> dict[str, np.ndarray]:
+    return {
+        name: np.column_stack([np.radians([thumbs[name], *_CURLS[name]]), np.full(len(FINGERS), _SPREADS[name])])
+        for name in HANDS
+    }
+
+
+SHAPES = _shapes(_THUMBS)
 """(5, 4) for each of `HANDS`: bends of the three joints of each finger, rad, and the spread."""
-STILL = SHAPES | {name: SHAPES[name].copy() for name in ("fist", "point")}
+STILL = _shapes(_THUMBS | {"fist": (30, 38, 40), "point": (30, 35, 40)})
 """The same for hands that keep one shape. Their thumbs are inside fists, as in the clips of benchmarks."""
-for _name, _thumb in (("fist", (30, 38, 40)), ("point", (30, 35, 40))):
-    STILL[_name][0, :3] = np.radians(_thumb)
 
 
 class Fingers(NamedTuple):

@@ -110,9 +110,12 @@ def sample_people(
     asked += [None] * (len(looks) - len(asked))
     looks = [replace(each, hands=a or d) for each, a, d in zip(looks, asked, drawn, strict=True)]
     of_wardrobe = generator(seed, clip, Stream.SCENE).spawn(_WARDROBE + 1)[_WARDROBE].spawn(len(looks))
-    together = len(script.roles) if script else 0
-    bags = _bags(bodies[:together], motions[:together]) if together else []
-    bags += [_bags([body], [motion])[0] for body, motion in zip(bodies[together:], motions[together:], strict=True)]
+    bags: list[tuple[str, ...]] = [()] * len(looks)
+    if "bags" in config.wardrobe:
+        together = len(script.roles) if script else 0
+        alone = zip(bodies[together:], motions[together:], strict=True)
+        bags = _bags(bodies[:together], motions[:together]) if together else []
+        bags += [_bags([body], [motion])[0] for body, motion in alone]
     looks = [
         dressed(each, body, config.wardrobe, some, rng=apart)
         for each, body, some, apart in zip(looks, bodies, bags, of_wardrobe, strict=True)
