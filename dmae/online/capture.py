@@ -123,7 +123,7 @@ class OnlineCapture:
         self.delay = self._ahead + min(self._batch - 1, 1) + (self._completing.delay if self._completing else 0)
         self._memory = ceil(max(_MIN_MEMORY, 2 * config.tracking.reentry_s) * fps)
         self._tracked: list[TrackedFrame] = []
-        self._measured: list[tuple[np.ndarray, np.ndarray]] = []
+        self._measured: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         self._detected: list[Detections2D] = []
         self._number = self._seen = self._waiting = 0
         self._person_of: dict[int, int] = {}
@@ -181,16 +181,17 @@ class OnlineCapture:
         reassignment = self._config.reassignment
         th_p = reassignment.th_p if reassignment.distance_m > 0 else self._config.th_p
         evidence = self._evidence(self._detected[past : past + ahead], th_p)
-        before = np.full((past, *tracks.xyz.shape[1:]), np.nan)
+        before, votes = np.full((past, *tracks.xyz.shape[1:]), np.nan), np.zeros((past, len(persons)))
         if past:
-            known, xyz = (np.concatenate(part) for part in zip(*self._measured, strict=True))
-            number = np.repeat(np.arange(past), [len(people) for people, _ in self._measured])
+            known, xyz, seen = (np.concatenate(part) for part in zip(*self._measured, strict=True))
+            number = np.repeat(np.arange(past), [len(people) for people, *_ in self._measured])
             both = np.isin(known, persons)
-            before[number[both], np.searchsorted(persons, known[both])] = xyz[both]
+            place = number[both], np.searchsorted(persons, known[both])
+            before[place], votes[place] = xyz[both], seen[both]
         window = slice(past, past + ahead)
-        joints, poses = measure(evidence, tracks, window, before, self._skeleton, self._fps)
+        joints, seen, poses = measure(evidence, tracks, window, before, votes, self._skeleton, self._fps)
         self._measuring = poses, persons, count
-        self._measured += [(persons, xyz) for xyz in joints[:count]]
+        self._measured += [(persons, *each) for each in zip(joints[:count], seen[:count], strict=True)]
         self._waiting -= count
         kept = self._memory + self._waiting
         self._tracked, self._detected = self._tracked[-kept:], self._detected[-kept:]

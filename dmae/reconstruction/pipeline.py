@@ -10,7 +10,7 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import NOT_KNOWN, Clip, Poses3D, Source
 from dmae.data.skeleton import Skeleton
-from dmae.files.mapped import empty, in_steps
+from dmae.files.mapped import by_frames, empty, in_steps
 from dmae.numerics.filling import STILLS, are_stills, fill_body_frame
 from dmae.numerics.paths import pchip
 from dmae.numerics.statistics import evenly_spaced
@@ -23,7 +23,7 @@ from dmae.reconstruction.noise import DetectionNoise, fit, residuals
 from dmae.reconstruction.people import steps_to_people
 from dmae.reconstruction.pruning import prune
 from dmae.reconstruction.reassignment import expected_paths, most_confident_rays, reassign
-from dmae.reconstruction.sides import Sides, correct_sides
+from dmae.reconstruction.sides import Sides, correct_sides, find_turned, side_votes, turn
 from dmae.reconstruction.tracking import MIN_JOINTS, Tracker, Tracks, count_figures, track
 from dmae.registry import takes
 
@@ -260,14 +260,23 @@ def _measured_people(clip: Clip, tracks: Tracks, config: CaptureConfig, noise: D
     """Measure the joints of the people of a whole clip, as `measure` does, in blocks of frames that fit in memory."""
     skeleton, fps, reassignment = clip.detections.skeleton, clip.fps, config.reassignment
     th_p = reassignment.th_p if reassignment.distance_m > 0 else config.th_p
-    paths, sides = expected_paths(tracks.xyz, skeleton, fps, noise.usual_m), Sides.of(skeleton)
-    blocks = evidence_blocks(clip, tracks.assigned.shape[1])
+    sides, blocks = Sides.of(skeleton), evidence_blocks(clip, tracks.assigned.shape[1])
 
     # If there is a single block, its evidence is computed only once.
     @lru_cache(maxsize=1)
+    def detected_between(start: int, stop: int) -> Evidence:
+        return Evidence.of(clip, th_p, config, slice(start, stop), noise)
+
+    votes = np.zeros(tracks.xyz.shape[:2])
+    for part in in_steps(blocks):
+        evidence = detected_between(part.start, part.stop)
+        votes[part] = side_votes(evidence, tracks.assigned[part], tracks.xyz[part], sides)
+    turned, paths = _turned_and_paths(tracks, votes, skeleton, fps, noise.usual_m)
+
+    @lru_cache(maxsize=1)
     def evidence_between(start: int, stop: int) -> Evidence:
         part = slice(start, stop)
-        evidence = Evidence.of(clip, th_p, config, part, noise)
+        evidence = turn(detected_between(start, stop), tracks.assigned[part], turned[part], sides)
         return correct_sides(evidence, tracks.assigned[part], paths[part], sides)
 
     kinds = {"xyz": np.float32, "source": np.uint8, "cov": np.float32, "views": np.uint8, "rays": np.float32}
@@ -288,6 +297,17 @@ def _measured_people(clip: Clip, tracks: Tracks, config: CaptureConfig, noise: D
         for name, array in poses.arrays.items():
             made[name][part] = array
     return Poses3D(skeleton, **made)
+
+
+def _turned_and_paths(
+    tracks: Tracks, votes: np.ndarray, skeleton: Skeleton, fps: float, deviation: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return where people were tracked with sides exchanged (F, P), and the paths of joints with them put right."""
+    turned, xyz = find_turned(tracks.xyz, votes, Sides.of(skeleton), fps, deviation), tracks.xyz
+    if turned.any():
+        mirror = list(skeleton.mirror)
+        xyz = by_frames(lambda xyz, turned: np.where(turned[..., None, None], xyz[:, :, mirror], xyz), xyz, turned)
+    return turned, expected_paths(xyz, skeleton, fps, deviation)
 
 
 def _expected(skeleton: Skeleton, fps: float, xyz: np.ndarray, window: slice, seconds: float) -> np.ndarray:
@@ -326,8 +346,14 @@ def _poses(
 
 
 def measure(
-    evidence: Evidence, tracks: Tracks, window: slice, before: np.ndarray, skeleton: Skeleton, fps: float
-) -> tuple[np.ndarray, Callable[[int], Poses3D]]:
+    evidence: Evidence,
+    tracks: Tracks,
+    window: slice,
+    before: np.ndarray,
+    votes: np.ndarray,
+    skeleton: Skeleton,
+    fps: float,
+) -> tuple[np.ndarray, np.ndarray, Callable[[int], Poses3D]]:
     """Measure the joints of known people in a window of frames: reassign, triangulate and prune.
 
     Args:
@@ -335,14 +361,21 @@ def measure(
         tracks: P people over N frames, from before the window to after it.
         window: The F frames among the N.
         before: (window.start, P, J, 3) m, joints triangulated in the frames before the window.
+        votes: (window.start, P) votes on sides in the frames before the window, see `side_votes`.
 
     Returns:
-        The joints (F, P, J, 3), m, before pruning; and a function that returns so many of the first frames as poses,
-        with the rays of joints that were not measured, which takes about as long again.
+        The joints (F, P, J, 3), m, before pruning; the votes on sides (F, P) in the window; and a function that returns
+        so many of the first frames as poses, with the rays of joints that were not measured, which takes about as long
+        again.
     """
-    first_pass = tracks.assigned[window]
-    paths = expected_paths(tracks.xyz, skeleton, fps, evidence.noise.usual_m)[window]
-    evidence = correct_sides(evidence, first_pass, paths, Sides.of(skeleton))
+    first_pass, sides = tracks.assigned[window], Sides.of(skeleton)
+    seen = side_votes(evidence, first_pass, tracks.xyz[window], sides)
+    later = np.zeros((len(tracks.xyz) - window.stop, seen.shape[1]))
+    all_votes = np.concatenate([votes, seen, later])
+    turned, paths = (
+        each[window] for each in _turned_and_paths(tracks, all_votes, skeleton, fps, evidence.noise.usual_m)
+    )
+    evidence = correct_sides(turn(evidence, first_pass, turned, sides), first_pass, paths, sides)
     assigned = reassign(evidence, first_pass, paths, evidence.config.reassignment.distance_m)
     points = evidence.triangulate(assigned)
     xyz = np.concatenate([before, points.xyz])
@@ -355,4 +388,4 @@ def measure(
         known = xyz[part], points.cov[:count], points.views[:count]
         return _poses(skeleton, known, evidence, expected, assigned[:count], first_pass[:count])
 
-    return points.xyz, poses
+    return points.xyz, seen, poses

@@ -1,7 +1,7 @@
 """Left and right: joints that a detector put on the other side of the body are found and corrected.
 
-A detector may exchange sides for one frame or for seconds, with full confidence, in one view. The other views and
-neighbouring frames show the correct sides.
+A detector may exchange sides for one frame or for seconds, with full confidence, in one view or in most at once. The
+other views and neighbouring frames show the correct sides: nobody's left arm is on the right a moment later.
 """
 
 from dataclasses import dataclass, replace
@@ -11,7 +11,7 @@ import numpy as np
 
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import Skeleton
-from dmae.files.mapped import in_steps
+from dmae.files.mapped import frame_blocks, in_steps
 from dmae.numerics.compiled import compiled
 from dmae.reconstruction.association import NONE
 from dmae.reconstruction.config import CaptureConfig, DistanceUnit
@@ -27,6 +27,12 @@ _MIN_EVIDENCE = 8.0
 body to be exchanged. A pair that is exchanged alone is at least 11 cm wide."""
 _FARTHEST, _MAX_DISTANCE = 0.3, 0.15
 """m; upper limit of the distance of a joint, and largest mean distance of joints after the exchange."""
+_EXCHANGED, _EXCHANGED_S = 0.1, 0.3
+"""Share of the time in which a view shows left and right of a person exchanged, and s for which it does so at once."""
+_SWING = 1.5, 4.0  # m/s; how fast the two joints of a pair move relative to each other, in the trunk and in limbs
+_MOST_OF_A_PAIR, _RARE = 4.0, 1.0
+"""Logarithms of the ratio of likelihoods that a person is tracked with the sides of the frame before, and with others:
+the most that a pair of joints says, as it may be wrong, and what is known without joints."""
 _LIMBS = (
     ("shoulder", "elbow", "wrist", "little_finger", "index_finger", "thumb"),
     ("hip", "knee", "ankle", "heel", "big_toe", "small_toe"),
@@ -40,6 +46,7 @@ class Sides:
 
     pairs: np.ndarray  # (n, 2) indices of left joints and of their partners on the right
     groups: np.ndarray  # (G, n) True for the pairs that are exchanged together: the whole body, and its limbs
+    trunk: np.ndarray  # (n,) True for the pairs where limbs begin; nobody swings them past each other
 
     @classmethod
     def of(cls, skeleton: Skeleton) -> "Sides":
@@ -49,11 +56,15 @@ class Sides:
         left = np.array(skeleton.left, int)
         pairs = np.stack([left, mirror[left]], -1).reshape(-1, 2)
         kinds = [names[i].removeprefix("l_") for i in left]
-        limbs = [[kind in limb for kind in kinds] for limb in _LIMBS]
+        limbs, trunk = (
+            [[kind in limb for kind in kinds] for limb in _LIMBS],
+            np.isin(kinds, [limb[0] for limb in _LIMBS]),
+        )
         if skeleton.defined:
             tops = np.array([_top(skeleton, joint) for joint in left], int)
-            limbs = [list(tops == top) for top in np.unique(tops)]
-        return cls(pairs, np.array([[True] * len(pairs), *limbs], bool).reshape(1 + len(limbs), len(pairs)))
+            limbs, trunk = [list(tops == top) for top in np.unique(tops)], tops == left
+        groups = np.array([[True] * len(pairs), *limbs], bool).reshape(1 + len(limbs), len(pairs))
+        return cls(pairs, groups, trunk.reshape(len(pairs)))
 
 
 def _top(skeleton: Skeleton, joint: int) -> int:
@@ -105,24 +116,35 @@ def find_exchanged(
         exchanged: (F, P, V, n) True where the sides of a pair are exchanged.
         detection: (F, P, V, n) index of the detection that shows the pair, or `NONE`.
     """
-    pairs = sides.pairs
-    left, right = (assigned[..., pairs[:, side]] for side in (0, 1))
-    detection = np.where(left == NONE, right, left)
-    detection = np.where((right != NONE) & (right != detection), NONE, detection)
-    rig = evidence.rig
-    expected, shown = np.ascontiguousarray(expected, np.float64), np.ascontiguousarray(detection, np.int64)
-    found = measure_pairs(rig.projections, rig.focal, evidence.xy, expected, shown, pairs)
-    rows, both = found.reshape(2, prod(detection.shape[:-1]), pairs.size), np.arange(pairs.size).reshape(pairs.shape)
-    wrong = judge_sides(rows[0], rows[1], both, sides.groups, _sigma(ahead_s)).reshape(detection.shape)
+    found, detection = _measured_pairs(evidence, assigned, expected, sides)
+    rows, both = found.reshape(2, prod(detection.shape[:-1]), sides.pairs.size), np.arange(sides.pairs.size)
+    wrong = judge_sides(rows[0], rows[1], both.reshape(sides.pairs.shape), sides.groups, _sigma(ahead_s))
+    wrong = wrong.reshape(detection.shape)
     observing = (assigned != NONE).any(-1).sum(2)[:, :, None, None]
     return wrong & (2 * wrong.sum(2, keepdims=True) <= observing), detection
+
+
+def _measured_pairs(
+    evidence: Evidence, assigned: np.ndarray, expected: np.ndarray, sides: Sides
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return distances (2, F, P, V, n, 2), see `measure_pairs`, and the detection (F, P, V, n) that shows each pair."""
+    left, right = (assigned[..., sides.pairs[:, side]] for side in (0, 1))
+    detection = np.where(left == NONE, right, left)
+    detection = np.where((right != NONE) & (right != detection), NONE, detection)
+    expected, shown = np.ascontiguousarray(expected, np.float64), np.ascontiguousarray(detection, np.int64)
+    rig = evidence.rig
+    return measure_pairs(rig.projections, rig.focal, evidence.xy, expected, shown, sides.pairs), detection
 
 
 def correct_sides(
     evidence: Evidence, assigned: np.ndarray, expected: np.ndarray, sides: Sides, ahead_s: float = 0.0
 ) -> Evidence:
     """Return the evidence with left and right exchanged where `find_exchanged` says so."""
-    wrong, detection = find_exchanged(evidence, assigned, expected, sides, ahead_s)
+    return _exchanged(evidence, *find_exchanged(evidence, assigned, expected, sides, ahead_s), sides)
+
+
+def _exchanged(evidence: Evidence, wrong: np.ndarray, detection: np.ndarray, sides: Sides) -> Evidence:
+    """Return the evidence with left and right exchanged in the `wrong` pairs of detections, both (F, P, V, n)."""
     if not wrong.any():
         return evidence
     frame, _, view, pair = np.nonzero(wrong)
@@ -132,6 +154,64 @@ def correct_sides(
     for array in (xy, confidence):
         array[*places, left], array[*places, right] = array[*places, right], array[*places, left]
     return replace(evidence, xy=xy, confidence=confidence)
+
+
+def side_votes(evidence: Evidence, assigned: np.ndarray, xyz: np.ndarray, sides: Sides) -> np.ndarray:
+    """Return (F, P) logarithms of the ratio of likelihoods of what views show: if people have their sides exchanged,
+    and if they have them as tracked.
+
+    Args:
+        evidence: Detections.
+        assigned: (F, P, V, J) index of the detection that shows the joint in the view, or `NONE`.
+        xyz: (F, P, J, 3) m, joints as tracked; NaN where absent.
+        sides: Of the skeleton.
+    """
+    found, _ = _measured_pairs(evidence, assigned, xyz, sides)
+    own, other = np.minimum(found, _FARTHEST) ** 2 / (2 * max(_SIGMA, evidence.noise.usual_m) ** 2)
+    ratio, odds = np.nansum(own - other, (-1, -2)), np.log(1 / _EXCHANGED - 1)
+    # A view may itself be wrong, so it says no more than the odds that it is right.
+    return (np.logaddexp(ratio + odds, 0) - np.logaddexp(ratio, odds)).sum(-1)
+
+
+def find_turned(xyz: np.ndarray, votes: np.ndarray, sides: Sides, fps: float, deviation: float) -> np.ndarray:
+    """Find the frames in which people were tracked with left and right exchanged, as most views showed them so.
+
+    Returns the most likely sequence of sides (Viterbi) of a hidden Markov model of two states, right and exchanged:
+    views vote for the sides that they show, and pairs of joints speak for the sides that they had a moment before.
+
+    Args:
+        xyz: (F, P, J, 3) m, joints as tracked; NaN where absent.
+        votes: (F, P) as `side_votes` returns them.
+        sides: Of the skeleton.
+        fps: Frames per second.
+        deviation: m, standard deviation of a joint along one axis.
+
+    Returns:
+        (F, P) True where left and right are exchanged.
+    """
+    if not len(sides.pairs):
+        return np.zeros(xyz.shape[:2], bool)
+    # What hangs from the first pair of a limb moves together, so all of it speaks like one pair.
+    limb = sides.groups[1:].argmax(0)
+    weight = np.where(sides.trunk, 1, 1 / np.maximum(np.bincount(limb, ~sides.trunk)[limb], 1))
+    swing, shape = np.where(sides.trunk, *_SWING), (xyz.shape[1], len(sides.pairs))
+    last, when = np.full((*shape, 3), np.nan), np.full(shape, -np.inf)
+    kept = np.zeros(xyz.shape[:2], np.float32)
+    for part in frame_blocks(xyz):
+        joints = np.ascontiguousarray(xyz[part], np.float64)
+        kept[part] = compare_sides(
+            joints, sides.pairs, weight, swing, last, when, part.start, fps, max(deviation, _SIGMA)
+        )
+    # A view shows the same sides for a while, so it has one vote in that time.
+    return most_likely(votes * min(1.0, 1 / (fps * _EXCHANGED_S)), kept)
+
+
+def turn(evidence: Evidence, assigned: np.ndarray, turned: np.ndarray, sides: Sides) -> Evidence:
+    """Return the evidence with left and right exchanged in all detections of people `turned` (F, P)."""
+    if not turned.any():
+        return evidence
+    detection = assigned[..., sides.pairs].max(-1)
+    return _exchanged(evidence, turned[..., None, None] & (detection != NONE), detection, sides)
 
 
 def exchanged_detections(clip: Clip, poses: Poses3D) -> np.ndarray:
@@ -235,3 +315,62 @@ def judge_sides(distance, exchanged, pairs, groups, sigma):
         for pair in range(number):
             wrong[i, pair] &= evidence[pair] > -_MIN_EVIDENCE and count[pair] > 0
     return wrong
+
+
+@compiled()
+def compare_sides(xyz, pairs, weight, swing, last, when, start, fps, deviation):
+    """Return (F, P) logarithms of the ratio of likelihoods that people are tracked with the sides that they had when
+    they were seen before, and with others; infinite where no pair is known.
+
+    Args:
+        xyz: (F, P, J, 3) m; NaN where absent.
+        pairs: (n, 2) indices of the left and the right joint.
+        weight: (n,) what each pair counts.
+        swing: (n,) m/s, how fast the joints of each pair move relative to each other.
+        last: (P, n, 3) m, from the right joint to the left one when they were known last; changed in place.
+        when: (P, n) the frame of that; changed in place.
+        start: Number of the first frame.
+        fps: Frames per second.
+        deviation: m, standard deviation of a joint along one axis.
+    """
+    frames, persons = xyz.shape[:2]
+    kept = np.full((frames, persons), np.inf)
+    for f in range(frames):
+        for p in range(persons):
+            for n in range(len(pairs)):
+                across = xyz[f, p, pairs[n, 0]] - xyz[f, p, pairs[n, 1]]
+                if np.isnan(across).any():
+                    continue
+                if np.isinf(kept[f, p]):
+                    kept[f, p] = _RARE
+                apart_s = (start + f - when[p, n]) / fps
+                if apart_s <= _TURN_S:
+                    # (|a + b|^2 - |a - b|^2) / 2 = 2 a.b
+                    ratio = 2 * (across * last[p, n]).sum() / (4 * deviation**2 + (swing[n] * apart_s) ** 2)
+                    kept[f, p] += weight[n] * min(max(ratio, -_MOST_OF_A_PAIR), _MOST_OF_A_PAIR)
+                last[p, n], when[p, n] = across, start + f
+    return kept
+
+
+@compiled()
+def most_likely(votes, kept):
+    """Return (F, P) True where the most likely sequence of sides has them exchanged.
+
+    Args:
+        votes: (F, P) logarithms of the ratio of likelihoods of exchanged and right sides.
+        kept: (F, P) those of keeping the sides of the frame before, and of changing them.
+    """
+    frames, persons = votes.shape
+    exchanged, changed = np.zeros((frames, persons), np.bool_), np.zeros((frames, 2), np.bool_)
+    for p in range(persons):
+        right, wrong = 0.0, 0.0
+        for f in range(frames):
+            changed[f, 0], changed[f, 1] = wrong - kept[f, p] > right, right - kept[f, p] > wrong
+            right, wrong = max(right, wrong - kept[f, p]), max(wrong, right - kept[f, p]) + votes[f, p]
+            most = max(right, wrong)
+            right, wrong = right - most, wrong - most
+        now = wrong > right
+        for f in range(frames - 1, -1, -1):
+            exchanged[f, p] = now
+            now ^= changed[f, int(now)]
+    return exchanged

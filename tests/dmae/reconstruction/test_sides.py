@@ -55,6 +55,21 @@ def test_two_cameras_of_four_are_put_right_by_the_frames_before():
     assert np.nanquantile(errors(poses, clip.truth.xyz)[40:70], 0.99) < 0.1
 
 
+@pytest.mark.parametrize("views", [[0, 1], [0, 1, 2]], ids=["two of three", "all"])
+def test_most_cameras_exchange_sides_for_a_moment(views):
+    """The person changed sides with them, and back."""
+    clip = one_walker(3)
+    poses = capture(exchanged(clip, slice(40, 50), views), CaptureConfig())
+    assert np.nanquantile(errors(poses, clip.truth.xyz)[40:50], 0.99) < 0.1
+
+
+def test_a_person_found_with_exchanged_sides_is_turned():
+    """Two cameras of three exchange sides at first. What they show later tells which sides are right."""
+    clip = one_walker(3)
+    poses = capture(exchanged(clip, slice(0, 20), [0, 1]), CaptureConfig())
+    assert np.nanquantile(errors(poses, clip.truth.xyz), 0.99) < 0.1
+
+
 def test_turning_round_between_two_frames_exchanges_no_sides():
     """At one frame a second people turn by any angle from one frame to the next; a quarter of the joints was wrong."""
     turns = np.random.default_rng(0).uniform(-np.pi, np.pi, 30)
