@@ -269,7 +269,8 @@ def fit(found: Residuals, prior: DetectionNoise, start: DetectionNoise, skeleton
     constant, confidences = scores.constant, prior.confidences
     if scores.told.any():
         shape2, scored = parts.shape2, np.unique(scores.bin[scores.told])
-        each = np.sqrt(np.median(parts.floor2) + np.median(found.scale) ** 2 * parts.level2 * shape2[scored])
+        usual_floor2 = np.median(parts.floor2[np.unique(found.view)])
+        each = np.sqrt(usual_floor2 + np.median(found.scale) ** 2 * parts.level2 * shape2[scored])
         constant = constant | (each.max() < (1 + _SAYS) * each.min())
         model = prior.model
         usual = float(model.sigma(np.array(USUAL)))
