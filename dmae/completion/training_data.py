@@ -22,7 +22,7 @@ from dmae.formats.reading import camera_subsets
 from dmae.metrics.comparison import match, take_matched
 from dmae.numerics.body import rotate_z
 from dmae.numerics.filling import resample
-from dmae.numerics.statistics import ar1_filter
+from dmae.numerics.noise import ar1_filter
 from dmae.progress import progress
 from dmae.reconstruction.pipeline import capture
 

@@ -4,8 +4,8 @@ import numpy as np
 
 from dmae.completion.config import MaskingConfig
 from dmae.data.clip import Poses3D
+from dmae.numerics.noise import ar1_filter
 from dmae.numerics.paths import neighbours
-from dmae.numerics.statistics import ar1_filter
 
 _NOISE = 0.02  # m; the standard deviation of the noise of a person's joints is uniform between 0 and this
 _CORRELATION = 0.75  # Correlation of errors in frames 40 ms apart, similar to OpenPose's errors

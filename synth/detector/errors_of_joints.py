@@ -1,7 +1,4 @@
-"""Errors of single joints: noise, confidences, misses, and left taken for right.
-
-The options are declared here, so that scipy is imported only where errors are applied.
-"""
+"""Errors of single joints: noise, confidences, misses, and left taken for right."""
 
 from dataclasses import dataclass, field, replace
 from math import inf
@@ -11,6 +8,7 @@ import numpy as np
 from dmae.data.labels import JointError, Visibility
 from dmae.data.skeleton import BODY25
 from dmae.data.typed import Configuration
+from dmae.numerics.noise import ar1_noise, beta_quantile, bursts, multiscale_noise
 from synth.checks import check_range
 from synth.detector.parts import LEG_KINDS, check_beta, joint_groups, kind_of
 from synth.detector.view import ErrorStream, View, height
@@ -54,9 +52,7 @@ class Noise(Configuration):
         The noise has Student's t distribution: a Gaussian process with a constant part, scaled by a variance that is a
         random process as well (from quantiles of the chi-square distribution).
         """
-        from scipy.special import gammaincinv, ndtr
-
-        from dmae.numerics.statistics import ar1_noise, multiscale_noise
+        from scipy.special import gammaincinv, ndtr  # options are read without scipy
 
         joints, tail = view.visibility.shape, view.parts["tail"]
         hidden_tail = view.of_hidden("tail")
@@ -124,8 +120,6 @@ class Scores(Configuration):
     def apply(self, view: View) -> View:
         """Draw confidences, which are lower for errors of higher rank, and drop joints that are not reported."""
         from scipy.special import ndtr, ndtri
-
-        from dmae.numerics.statistics import ar1_noise, beta_quantile
 
         noise = ar1_noise(view.error_rank.shape, view.fps, view.times.correlation, rng=view.random(ErrorStream.SCORE))
         smallness = -ndtri(np.clip(view.error_rank, 1e-9, 1 - 1e-9))
@@ -199,20 +193,17 @@ class Misses(Configuration):
         check_range("detector.misses", self, 0, inf, "steepness", "trunk_weight")
 
     def apply(self, view: View) -> View:
-        from dmae.numerics.statistics import bursts, multiscale_noise
-
         missed = self._joints_and_limbs(view)
         persons = view.visibility.shape[:2]
         if self.neighbour_correlation:
-            rng = view.random(ErrorStream.NEIGHBOUR_MISS)
-            noise = multiscale_noise((*persons, len(_OUTER_AND_INNER)), view.fps, view.times.bursts, rng=rng)
-            torn = bursts(self.neighbour_correlation, noise)
+            limbs = (*persons, len(_OUTER_AND_INNER))
+            torn = view.events(self.neighbour_correlation, limbs, ErrorStream.NEIGHBOUR_MISS)
             for i, (outer, inner) in enumerate(_OUTER_AND_INNER):
                 lost = missed[..., BODY25.index(*inner)].all(-1) & torn[..., i]
                 missed[..., BODY25.index(*outer)] |= lost[..., None]
         if self.person or self.hidden_person:
-            noise = multiscale_noise(persons, view.fps, view.times.bursts, rng=view.random(ErrorStream.PERSON_MISS))
-            missed |= bursts(self.person_probability(view.visibility != Visibility.VISIBLE), noise)[..., None]
+            probability = self.person_probability(view.visibility != Visibility.VISIBLE)
+            missed |= view.events(probability, persons, ErrorStream.PERSON_MISS)[..., None]
         return view.without(missed)
 
     def probability(self, view: View) -> np.ndarray:
@@ -241,13 +232,9 @@ class Misses(Configuration):
         )
 
     def _joints_and_limbs(self, view: View) -> np.ndarray:
-        from dmae.numerics.statistics import bursts, multiscale_noise
-
         rng = view.random(ErrorStream.MISS)
-        of_limbs = multiscale_noise((*view.visibility.shape[:2], len(_LIMBS)), view.fps, view.times.bursts, rng=rng)[
-            ..., _LIMB
-        ]
-        of_joints = multiscale_noise(view.visibility.shape, view.fps, view.times.bursts, rng=rng)
+        of_limbs = view.noise((*view.visibility.shape[:2], len(_LIMBS)), rng=rng)[..., _LIMB]
+        of_joints = view.noise(view.visibility.shape, rng=rng)
         noise = np.sqrt(self.limb_correlation) * of_limbs + np.sqrt(1 - self.limb_correlation) * of_joints
         outside, probability = self._joint_probability(view)
         return outside | bursts(probability, noise)
@@ -293,17 +280,15 @@ class Inversions(Configuration):
         check_range("detector.inversions", self, 0, inf, "seconds", above=True, unit=" s")
 
     def apply(self, view: View) -> View:
-        from dmae.numerics.statistics import ar1_noise, bursts, multiscale_noise
-
+        persons = view.score.shape[:2]
         for probability, limbs, stream in (
             (self.legs, _LEGS, ErrorStream.LEG_INVERSION),
             (self.arms, _ARMS, ErrorStream.ARM_INVERSION),
         ):
             if probability:
-                noise = multiscale_noise(view.score.shape[:2], view.fps, view.times.bursts, rng=view.random(stream))
-                view = _inverted(view, bursts(probability, noise), limbs)
+                view = _inverted(view, view.events(probability, persons, stream), limbs)
         if self.body:
-            noise = ar1_noise(view.score.shape[:2], view.fps, self.seconds, rng=view.random(ErrorStream.BODY_INVERSION))
+            noise = ar1_noise(persons, view.fps, self.seconds, rng=view.random(ErrorStream.BODY_INVERSION))
             view = _inverted(view, bursts(self.body, noise), _SIDED)
         return view
 

@@ -1,7 +1,4 @@
-"""Errors of whole detections: times, swaps between people, merges, splits, ghosts, and lost frames.
-
-The options are declared here, so that scipy is imported only where errors are applied.
-"""
+"""Errors of whole detections: times, swaps between people, merges, splits, ghosts, and lost frames."""
 
 from dataclasses import dataclass, field, replace
 from itertools import combinations
@@ -12,6 +9,7 @@ import numpy as np
 from dmae.data.labels import JointError, Visibility
 from dmae.data.skeleton import BODY25
 from dmae.data.typed import Configuration
+from dmae.numerics.noise import ar1_noise, beta_quantile, bursts
 from synth.checks import check_range
 from synth.detector.parts import LEG_KINDS, check_beta, joint_groups, kind_of
 from synth.detector.view import ErrorStream, View, box, height
@@ -76,8 +74,6 @@ class Swaps(Configuration):
         check_range("detector.swaps", self, 0, 1, "probability")
 
     def apply(self, view: View) -> View:
-        from dmae.numerics.statistics import bursts, multiscale_noise
-
         persons = view.true_xy.shape[1]
         if not self.probability or persons < 2:
             return view
@@ -88,8 +84,7 @@ class Swaps(Configuration):
         near = distance.min(2) < _NEAR * height(xy)[..., None]
         other = np.where(near, distance.argmin(2), own)
         other = np.where(view.visibility == Visibility.HIDDEN_BY_PERSON, view.occluder, other)
-        noise = multiscale_noise(own.shape, view.fps, view.times.bursts, rng=view.random(ErrorStream.SWAP))
-        owner = np.where(bursts(self.probability, noise), other, own)
+        owner = np.where(view.events(self.probability, own.shape, ErrorStream.SWAP), other, own)
         kind = np.where(owner == own, JointError.GOOD, JointError.SWAPPED).astype(np.uint8)
         swapped = np.take_along_axis(view.xy, owner[..., None].astype(int), 1)
         return replace(view, xy=swapped, owner=owner.astype(np.int16), kind=kind)
@@ -121,15 +116,13 @@ class Merges(Configuration):
         check_range("detector.merges", self, 0, 1, "probability", "remainder")
 
     def apply(self, view: View) -> View:
-        from dmae.numerics.statistics import bursts, multiscale_noise
-
         frames, persons = view.score.shape[:2]
         pairs = list(combinations(range(persons), 2))
         if not self.probability or not pairs:
             return view
-        rng, times = view.random(ErrorStream.MERGE), view.times.bursts
-        event, side, rest = np.moveaxis(multiscale_noise((frames, len(pairs), 3), view.fps, times, rng=rng), -1, 0)
-        limbs = multiscale_noise((frames, len(pairs), len(_LIMBS)), view.fps, times, rng=rng) < 0
+        rng = view.random(ErrorStream.MERGE)
+        event, side, rest = np.moveaxis(view.noise((frames, len(pairs), 3), rng=rng), -1, 0)
+        limbs = view.noise((frames, len(pairs), len(_LIMBS)), rng=rng) < 0
         low, high = box(view.xy)
         free = np.any(view.observed, -1)
         arrays = {name: getattr(view, name).copy() for name in ("xy", "score", "owner", "kind")}
@@ -177,12 +170,9 @@ class Splits(Configuration):
         check_range("detector.splits", self, 0, 1, "probability")
 
     def apply(self, view: View) -> View:
-        from dmae.numerics.statistics import bursts, multiscale_noise
-
         if not self.probability:
             return view
-        persons = view.score.shape[:2]
-        noise = multiscale_noise((*persons, 2), view.fps, view.times.bursts, rng=view.random(ErrorStream.SPLIT))
+        noise = view.noise((*view.score.shape[:2], 2), rng=view.random(ErrorStream.SPLIT))
         event = bursts(self.probability, noise[..., 0])
         off = event[..., None] & np.where(noise[..., 1, None] < 0, _LOWER, _LEFT)
         piece = view.without(~off)
@@ -217,14 +207,12 @@ class Ghosts(Configuration):
             raise ValueError(f"detector.ghosts.joints: expected a number above 0 and below 1, found {self.joints}")
 
     def apply(self, view: View) -> View:
-        from dmae.numerics.statistics import ar1_noise, beta_quantile, bursts, multiscale_noise
-
         rng = view.random(ErrorStream.GHOSTS)
         poses = view.xyz[np.isfinite(view.xyz).all((2, 3))]
         places = rng.poisson(self.count / _DUTY) if self.count and len(poses) else 0
         if not places:
             return view
-        frames, joints = len(view.xyz), (len(view.xyz), places, len(BODY25))
+        joints = (len(view.xyz), places, len(BODY25))
         pose = poses[rng.integers(len(poses), size=places)]
         angle = rng.uniform(0, 2 * np.pi, (places, 1))
         shape = np.stack([pose[..., 0] * np.cos(angle) + pose[..., 1] * np.sin(angle), -pose[..., 2]], -1)
@@ -235,8 +223,8 @@ class Ghosts(Configuration):
         xy = still + _NOISE * height * ar1_noise((*joints, 2), view.fps, view.times.correlation, rng=rng)
         # Mostly the same joints of a ghost are detected in all frames.
         probability = rng.beta(self.joints, 1 - self.joints, (places, len(BODY25)))
-        detected = bursts(probability, multiscale_noise(joints, view.fps, view.times.bursts, rng=rng))
-        detected &= bursts(_DUTY, multiscale_noise((frames, places), view.fps, view.times.bursts, rng=rng))[..., None]
+        detected = bursts(probability, view.noise(joints, rng=rng))
+        detected &= bursts(_DUTY, view.noise(joints[:2], rng=rng))[..., None]
         score = beta_quantile(np.array(self.score), rng.uniform(size=joints))
         ghosts = replace(view, xy=xy, score=np.where(detected, score, np.nan)).reported()
         labels = np.full(joints, -1), np.full(joints, JointError.GHOST), np.full(places, -1)
@@ -260,8 +248,6 @@ class Drops(Configuration):
         check_range("detector.drops", self, 0, 1, "probability")
 
     def apply(self, view: View) -> View:
-        from dmae.numerics.statistics import ar1_noise, bursts
-
         if not self.probability:
             return view
         noise = ar1_noise(view.shown.shape, view.fps, view.times.bursts[1], rng=view.random(ErrorStream.DROP))

@@ -9,6 +9,7 @@ import numpy as np
 from dmae.data.array_fields import UNSET
 from dmae.data.labels import JointError, Visibility
 from dmae.data.typed import Configuration
+from dmae.numerics.noise import bursts, multiscale_noise
 
 
 class ErrorStream(IntEnum):
@@ -119,6 +120,14 @@ class View:
     def observed(self) -> np.ndarray:
         """(F, D, 25) True where a joint is detected."""
         return ~np.isnan(self.score)
+
+    def noise(self, shape: tuple[int, ...], *, rng: np.random.Generator) -> np.ndarray:
+        """Return standard normal noise of a shape (F, ...) with the correlation times of `times.bursts`."""
+        return multiscale_noise(shape, self.fps, self.times.bursts, rng=rng)
+
+    def events(self, probability: np.ndarray | float, shape: tuple[int, ...], stream: ErrorStream) -> np.ndarray:
+        """Return events of a shape (F, ...), bool, with a probability, in bursts of `times.bursts`."""
+        return bursts(probability, self.noise(shape, rng=self.random(stream)))
 
     def without(self, joints: np.ndarray) -> "View":
         """Return the view without the detected joints where `joints` (F, D, 25) is True."""

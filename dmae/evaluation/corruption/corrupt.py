@@ -13,8 +13,8 @@ from dmae.data.skeleton import Skeleton
 from dmae.evaluation.corruption.registry import find_corruption
 from dmae.metrics.comparison import match
 from dmae.numerics.filling import fill_body_frame
+from dmae.numerics.noise import multiscale_noise
 from dmae.numerics.paths import linear
-from dmae.numerics.statistics import multiscale_noise
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
 

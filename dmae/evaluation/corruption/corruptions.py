@@ -26,8 +26,7 @@ from dmae.evaluation.corruption.corrupt import (
 )
 from dmae.evaluation.corruption.registry import corruption
 from dmae.formats.reading import shift_views
-from dmae.numerics import statistics
-from dmae.numerics.statistics import multiscale_noise
+from dmae.numerics import noise
 
 # What hides joints from cameras: objects, other people, the own body, edges of the image; and people who are added.
 
@@ -321,7 +320,7 @@ def ghosts(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
     """
     found, number = clip.detections, int(np.ceil(level / _DUTY))
     shape = (len(clip), len(clip.rig), _PLACES)
-    there = statistics.bursts(level / number, multiscale_noise(shape, clip.fps, _GHOST_TIMES, rng=rng)[:, :, :number])
+    there = noise.bursts(level / number, noise.multiscale_noise(shape, clip.fps, _GHOST_TIMES, rng=rng)[:, :, :number])
     drawn, place, scale = rng.random(shape[1:]), rng.random((*shape[1:], 2)), rng.uniform(0.5, 1, shape[1:])
     xy = np.full((*there.shape, *found.xy.shape[3:]), np.nan)
     score = np.full(xy.shape[:-1], np.nan)

@@ -1,11 +1,12 @@
-"""Likely errors, and poses without the joints that have a large one."""
+"""Random processes, likely errors, and poses without the joints that have a large one."""
 
 import numpy as np
 import pytest
 
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import BODY25
-from dmae.numerics.statistics import ar1_filter, ar1_noise, bursts, likely_error, multiscale_noise, without_unlikely
+from dmae.numerics.noise import ar1_filter, ar1_noise, bursts, multiscale_noise
+from dmae.numerics.statistics import likely_error, without_unlikely
 from tests.support.clips import walkers
 
 
