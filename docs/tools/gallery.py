@@ -6,7 +6,6 @@
 The camera is one of eight around the people: the one in which the least visible person has the most visible pixels.
 """
 
-import json
 import sys
 from pathlib import Path
 
@@ -16,11 +15,10 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from dmae.data.store import clip_folders, load_clip
 from dmae.progress import progress
-from synth.people.skinning import let_swing
 from synth.physics.body_state import BodyState, load_state
+from synth.physics.simulation import rebuilt_scene
 from synth.rendering.config import ImageQuality
 from synth.rendering.renderer import Renderer
-from synth.scene.build import build_scene
 from synth.scene.spec import SceneSpec
 
 OUT = Path(__file__).parents[2] / "docs/images/interactions.jpg"
@@ -61,12 +59,11 @@ def _draw(task: tuple[str, Path]) -> np.ndarray:
     _, folder = task
     clip, state = load_clip(folder), load_state(folder)
     frame = _moment(state)
-    spec = SceneSpec.from_json(json.dumps(clip.provenance["spec"]))
+    spec = SceneSpec.of(clip)
     taking_part = len(spec.persons) - spec.interaction.bystanders
     hips = state.root[frame, :taking_part]
     rig = _cameras(hips.mean(0), 0.9 * np.linalg.norm(np.ptp(hips[:, :2], axis=0)) + 2.2)
-    scene = build_scene(spec, rig)
-    let_swing(scene.model, state.qpos, clip.fps)
+    scene = rebuilt_scene(clip, state, rig)
     qpos, seconds = state.qpos[frame], frame / clip.fps
     with Renderer(scene.model, scene.geom_ids, rig, ImageQuality.draft) as renderer:
         shown = [

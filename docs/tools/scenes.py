@@ -13,13 +13,11 @@ import numpy as np
 from dmae.progress import progress
 from synth.datasets.clip import simulate_clip
 from synth.datasets.config import GenerateConfig
-from synth.people.skinning import let_swing
+from synth.physics.simulation import rebuilt_scene
 from synth.rendering.config import ImageQuality
 from synth.rendering.renderer import Renderer
 from synth.rigs.config import RigConfig, RingConfig
-from synth.scene.build import build_scene
 from synth.scene.config import SceneConfig
-from synth.scene.spec import SceneSpec
 
 FILE = Path(__file__).parents[1] / "images/scenes.jpg"
 ROOMS = ("studio", "office", "living_room", "warehouse", "pillars", "market")
@@ -33,10 +31,9 @@ def draw(room: str, seed: int) -> np.ndarray:
     ring = RingConfig(views=8, radius=[4.0, 4.4], height=[2.2, 2.8], focal=0.85 * width, size=[width, height])
     scene = SceneConfig(arena=room, persons=[3, 4], seconds=3.0, fps=5.0)
     clip, state = simulate_clip(GenerateConfig(seed=seed, scene=scene, rig=RigConfig(ring=ring)), 0)
-    spec, rig, frame = SceneSpec.of(clip), clip.actual_rig, len(clip) // 2
+    rig, frame = clip.actual_rig, len(clip) // 2
     qpos, seconds = state.qpos[frame], frame / clip.fps
-    built, persons = build_scene(spec, rig), len(spec.persons)
-    let_swing(built.model, state.qpos, clip.fps)
+    built, persons = rebuilt_scene(clip, state), len(state.shapes)
     with Renderer(built.model, built.geom_ids, rig, ImageQuality.draft) as renderer:
         ids = [renderer.image(qpos, view, ("ids",), seconds=seconds).ids for view in range(len(rig))]
     seen = [np.bincount(each.ravel(), minlength=1 + persons)[1 : 1 + persons].min() for each in ids]

@@ -16,13 +16,11 @@ from synth.datasets.clip import simulate_clip
 from synth.datasets.config import GenerateConfig
 from synth.interactions.registry import InteractionConfig
 from synth.labels.surfaces import surface_labels, surface_points
-from synth.people.skinning import let_swing
+from synth.physics.simulation import rebuilt_scene
 from synth.rendering.config import ImageQuality
 from synth.rendering.renderer import Renderer
 from synth.rigs.config import RigConfig, RingConfig
-from synth.scene.build import build_scene
 from synth.scene.config import SceneConfig
-from synth.scene.spec import SceneSpec
 
 FILE = Path(__file__).parents[1] / "images/surface_points.jpg"
 _COLOURS = {
@@ -42,10 +40,8 @@ def main() -> None:
         interaction=InteractionConfig(kind="hug"),
     )  # fmt: skip
     clip, state = simulate_clip(config, 0)
-    spec, rig = SceneSpec.of(clip), clip.actual_rig
-    scene = build_scene(spec, rig)
-    let_swing(scene.model, state.qpos, clip.fps)
-    points = surface_points(scene, [person.body for person in spec.persons])
+    rig, scene = clip.actual_rig, rebuilt_scene(clip, state)
+    points = surface_points(scene, list(state.shapes))
     labels = surface_labels(scene, points, state.qpos, rig, np.arange(len(clip)) / clip.fps)
     touching = (labels.touches > 0) & (labels.touches < 256)
     frame = int(touching.sum((1, 2)).argmax())

@@ -26,12 +26,11 @@ from dmae.data.store import clip_folders, load_clip
 from dmae.progress import progress
 from synth.labels.visibility import CONTACT
 from synth.people.body import PARENTS, landmarks
-from synth.people.skinning import let_swing
 from synth.physics.body_state import load_state
+from synth.physics.simulation import rebuilt_scene
 from synth.rendering.config import ImageQuality
 from synth.rendering.renderer import Renderer
 from synth.rooms.config import room_choices
-from synth.scene.build import build_scene
 from synth.scene.spec import SceneSpec
 
 FILE = Path(__file__).parents[2] / "docs/results/visibility.json"
@@ -79,8 +78,7 @@ def _compared(folders: list[Path]) -> np.ndarray:
     for folder in folders:
         clip, state = load_clip(folder), load_state(folder)
         rig = clip.actual_rig
-        scene = build_scene(SceneSpec.of(clip), rig, painted=False)
-        let_swing(scene.model, state.qpos, clip.fps)
+        scene = rebuilt_scene(clip, state, painted=False)
         frames = range(0, len(clip), max(1, round(EVERY * clip.fps)))
         with Renderer(scene.model, scene.geom_ids, rig, ImageQuality.draft) as renderer:
             for view in range(len(rig)):

@@ -30,6 +30,7 @@ from synth.rigs.coverage import Stage, stage_of
 from synth.rigs.lenses import add_cameras
 from synth.rigs.rig import calibration_error, make_rig, miscalibrate
 from synth.rooms.room import arena_file, load_room
+from synth.scene.build import Scene
 from synth.scene.sampling import SampledScene, sample_scene
 from synth.scene.spec import SceneSpec
 
@@ -97,7 +98,7 @@ def _stage(config: GenerateConfig) -> Stage:
 def label_clip(
     line: dict,
     spec: SceneSpec,
-    scene,
+    scene: Scene,
     qpos: np.ndarray,
     rig: CameraRig,
     *,
@@ -114,7 +115,6 @@ def label_clip(
     Args:
         line: The clip's line in the manifest. `occlusion` is added to it and, if the calibration has errors,
             `calibration_error`.
-        scene: Has `model`, `geom_ids` and `objects`: a `synth.scene.build.Scene` or a simulation.
         qpos: (F, nq) states.
         occlusion: Settings of the summary of occlusion, and the target that the clip must meet.
         stage: The people's area, for the error of the calibration.

@@ -23,11 +23,10 @@ from synth.datasets.config import GenerateConfig, RenderConfig
 from synth.datasets.generate import limit_threads
 from synth.errors import until_success
 from synth.physics.body_state import BodyState, save_state
+from synth.physics.simulation import rebuilt_scene
 from synth.rendering.renderer import Renderer, render_images
 from synth.rendering.sensor import Sensor
-from synth.scene.build import build_scene
 from synth.scene.sampling import count_people
-from synth.scene.spec import SceneSpec
 
 _SHORT, _LONG = 0.24, 2.0
 """Lengths of the test clips, s. The difference gives the cost of a frame, the rest is the fixed cost of a clip."""
@@ -184,7 +183,7 @@ def image_cost(
     few = min(_IMAGES, len(clip), max(2, frames // _PART))
     rig = clip.actual_rig
     start = time.perf_counter()
-    scene = build_scene(SceneSpec.of(clip), rig)
+    scene = rebuilt_scene(clip, state)
     with Renderer(scene.model, scene.geom_ids, rig, config.quality, config.imaging) as renderer:
         renderer.image(state.qpos[0], 0, config.kinds)
         begun, took, sizes = time.perf_counter() - start, [], []

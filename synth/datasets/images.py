@@ -10,12 +10,11 @@ from dmae.data.clip import Clip
 from dmae.data.images import KINDS, Images
 from dmae.data.store import save_clip
 from synth.datasets.config import GenerateConfig, RenderConfig, RgbFormat
-from synth.people.skinning import let_swing
 from synth.physics.body_state import BodyState
+from synth.physics.simulation import rebuilt_scene
 from synth.rendering.opengl import find_backend
 from synth.rendering.renderer import Renderer, render_images
 from synth.rendering.sensor import Sensor
-from synth.scene.build import build_scene
 from synth.scene.spec import SceneSpec
 
 _FOLDER = "images"
@@ -54,22 +53,13 @@ def add_images(
     Labels do not change, except that id images add the numbers of pixels of each person. The clip refers to the new
     images only when all of them are complete. `seen` is called after each view of each frame.
 
-    Raises:
-        ValueError: the scene is of another version.
-        FileNotFoundError: a file of the room does not exist.
+    Raises as `synth.physics.simulation.rebuilt_scene`.
     """
     missing = missing_kinds(clip, options)
     if not missing:
         return clip
     rig = clip.actual_rig
-    spec = SceneSpec.of(clip)
-    scene = build_scene(spec, rig)
-    if scene.model.nq != state.qpos.shape[1]:
-        raise ValueError(
-            f"clip {clip.id!r}: expected states of {scene.model.nq} numbers, found {state.qpos.shape[1]}; has the "
-            f"room {spec.arena} changed?"
-        )
-    let_swing(scene.model, state.qpos, clip.fps)
+    spec, scene = SceneSpec.of(clip), rebuilt_scene(clip, state)
     partial = folder / f".{_FOLDER}"
     shutil.rmtree(partial, ignore_errors=True)
     try:

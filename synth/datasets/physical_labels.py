@@ -29,10 +29,8 @@ from synth.labels.physical_labels import (
     save_physical_labels,
 )
 from synth.labels.surfaces import surface_labels, surface_points
-from synth.people.skinning import let_swing
 from synth.physics.body_state import load_state
-from synth.scene.build import build_scene
-from synth.scene.spec import SceneSpec
+from synth.physics.simulation import rebuilt_scene
 
 
 @check_arguments
@@ -117,17 +115,12 @@ def make_labels(folder: Path, kinds: Sequence[str] = KINDS) -> PhysicalLabels:
     """
     kinds = check_kinds(kinds)
     clip, state = load_clip(folder), load_state(folder)
-    rig = clip.actual_rig
-    spec = SceneSpec.of(clip)
-    scene = build_scene(spec, rig, painted=False)
-    if scene.model.nq != state.qpos.shape[1] or tuple(dict.fromkeys(scene.geom_names)) != state.contact_names:
-        raise ValueError(f"clip {clip.id!r}: its states are of another scene; has the room {spec.arena} changed?")
-    let_swing(scene.model, state.qpos, clip.fps)
+    scene = rebuilt_scene(clip, state, painted=False)
     contacts = forces = surface = None
     if {"contacts", "forces"} & set(kinds):
         contacts, forces = carry(scene, state, clip.fps)
     if "surface" in kinds:
-        points = surface_points(scene, [person.body for person in spec.persons])
-        surface = surface_labels(scene, points, state.qpos, rig, np.arange(len(state.qpos)) / clip.fps)
+        points, seconds = surface_points(scene, list(state.shapes)), np.arange(len(state.qpos)) / clip.fps
+        surface = surface_labels(scene, points, state.qpos, clip.actual_rig, seconds)
     found: dict = {"contacts": contacts, "forces": forces, "surface": surface}
     return PhysicalLabels(**{kind: found[kind] for kind in kinds})

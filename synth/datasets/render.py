@@ -24,13 +24,12 @@ from synth.datasets.forecast import Forecast, bytes_in, image_cost, lacks_images
 from synth.datasets.generate import CONFIG, ImageTally, as_settings, claim, make_clips, with_images
 from synth.datasets.images import add_images, check_images
 from synth.detector.config import DetectorConfig
-from synth.people.skinning import let_swing
 from synth.physics.body_state import BodyState, load_state, save_state
+from synth.physics.simulation import rebuilt_scene
 from synth.rigs.config import NO_RIG
 from synth.rigs.coverage import Stage, stage_of
 from synth.rigs.rig import make_rig
 from synth.rooms.room import arena_file
-from synth.scene.build import build_scene
 from synth.scene.spec import SceneSpec
 
 
@@ -160,16 +159,8 @@ def _relabelled(config: RenderConfig, settings: dict, clip: Clip, state: BodySta
     rig = _new_rig(config, settings, spec)
     dropped = ("occlusion", "calibration_error")
     line = {key: value for key, value in clip.provenance["manifest"].items() if key not in dropped}
-    scene = build_scene(spec, rig, painted=False)
-    let_swing(scene.model, state.qpos, clip.fps)
+    scene, detector = rebuilt_scene(clip, state, rig, painted=False), decode(DetectorConfig, settings["detector"])
     return label_clip(
-        line,
-        spec,
-        scene,
-        state.qpos,
-        rig,
-        detector=decode(DetectorConfig, settings["detector"]),
-        occlusion=OcclusionConfig(),
-        error=config.rig.error,
+        line, spec, scene, state.qpos, rig, detector=detector, occlusion=OcclusionConfig(), error=config.rig.error,
         stage=_stage(settings, spec),
-    )
+    )  # fmt: skip

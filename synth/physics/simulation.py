@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from dmae.data.cameras import CameraRig
-from dmae.data.skeleton import Skeleton
+from dmae.data.clip import Clip
 from synth.errors import FailedSimulation
 from synth.motion.motion import Motion
 from synth.people.body import SKELETON, landmarks
@@ -169,20 +169,16 @@ _SETTLING = 0.25
 
 
 @dataclass(frozen=True)
-class Simulation:
-    """A simulated clip. Labels are read from its states, never from the reference motion."""
+class Simulation(Scene):
+    """A simulated clip: its scene, cameras included, and states, from which labels are read, never from the reference
+    motion."""
 
-    model: mujoco.MjModel  # The scene, cameras included
     fps: float  # Frames per second
     state: BodyState  # State of the bodies in each frame
-    joints: np.ndarray  # (F, P, J, 3) float64 joints, m, world
-    skeleton: Skeleton  # `body25+shelf14`, J = 39
-    # (P, J) greatest distance before a joint at which a ray that meets its own limb counts as seeing it, m
+    joints: np.ndarray  # (F, P, 39, 3) float64 joints of `SKELETON`, m, world
+    # (P, 39) greatest distance before a joint at which a ray that meets its own limb counts as seeing it, m
     depth: np.ndarray
-    bodies: np.ndarray  # (P, J) index of the model's body that each joint moves with
-    # (ngeom,) uint16: 1 + p for visible geoms of person p, 256 + k for those of object k, 0 for none
-    geom_ids: np.ndarray
-    objects: tuple[str, ...]  # Names of the objects
+    bodies: np.ndarray  # (P, 39) index of the model's body that each joint moves with
     quality: dict  # What `assess` returns
 
     @property
@@ -235,17 +231,28 @@ def simulate(
     # Clips are judged at the rate of the plan, so that the same clips are fit for use at any frame rate.
     wanted = np.stack([reference_joints(body, root, rotations) for body, root, rotations in motion], axis=1)
     return Simulation(
-        model=scene.model,
+        **vars(scene),
         fps=spec.fps,
         state=_body_state(spec, scene, states, motions, kept / SUBSTEPS),
         joints=joints,
-        skeleton=SKELETON,
         depth=np.stack([landmarks(body)[2] for body in bodies]),
         bodies=moved_with(scene.model, bodies),
-        geom_ids=scene.geom_ids,
-        objects=scene.objects,
         quality=assess(judged, wanted, overlaps, shifts, PLAN_FPS, plan.beyond),
     )
+
+
+def rebuilt_scene(clip: Clip, state: BodyState, rig: CameraRig | None = None, *, painted: bool = True) -> Scene:
+    """Return the scene of a simulated clip, built again for cameras, by default its own; its cloth swings as before.
+
+    Raises ValueError if the clip has no scene in its provenance, or one in which its states are impossible, and
+    FileNotFoundError if a file of the room does not exist.
+    """
+    spec = SceneSpec.of(clip)
+    scene = build_scene(spec, rig or clip.actual_rig, painted=painted)
+    if scene.model.nq != state.qpos.shape[1] or tuple(dict.fromkeys(scene.geom_names)) != state.contact_names:
+        raise ValueError(f"clip {clip.id!r}: its states are of another scene; has the room {spec.arena} changed?")
+    let_swing(scene.model, state.qpos, clip.fps)
+    return scene
 
 
 def _body_state(

@@ -24,11 +24,10 @@ from dmae.numerics.body import continuous
 from synth.datasets.exporters import exporter
 from synth.datasets.exporters.selection import ClipTask, Selection
 from synth.people.body import PARENTS, SEGMENTS
-from synth.people.skinning import BONE_NAMES, FIRST_NODE, MOST_BONES, Skin, SkinOfPerson, let_swing
+from synth.people.skinning import BONE_NAMES, FIRST_NODE, MOST_BONES, Skin, SkinOfPerson
 from synth.physics.body_state import load_state
+from synth.physics.simulation import rebuilt_scene
 from synth.rendering.sensor import light_of
-from synth.scene.build import build_scene
-from synth.scene.spec import SceneSpec
 
 _DRAWN = 3
 """Geoms of groups below this are drawn; the others only collide."""
@@ -119,9 +118,7 @@ def export_usd(selection: Selection, out: Path) -> dict[str, Counter]:
 
 def _scene(task: ClipTask) -> _SceneInMotion:
     clip, state = task.load(), load_state(task.folder)
-    spec = SceneSpec.of(clip)
-    model = build_scene(spec, clip.rig, painted=False).model
-    let_swing(model, state.qpos, clip.fps)
+    model = rebuilt_scene(clip, state, painted=False).model
     data, qpos = mujoco.MjData(model), state.qpos[:: task.every]
     places, turns = np.empty((len(qpos), model.nbody, 3)), np.empty((len(qpos), model.nbody, 4))
     persons, seconds = Skin(model).persons, np.arange(len(qpos)) * task.every / clip.fps

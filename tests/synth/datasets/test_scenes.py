@@ -13,10 +13,10 @@ from dmae.data.skeleton import BODY25
 from dmae.data.store import load_clip
 from dmae.formats.animation import WORLD_Y_UP
 from synth.datasets.exporters.export import export
-from synth.people.skinning import Skin, let_swing, mesh_triangles
+from synth.people.skinning import Skin, mesh_triangles
 from synth.physics.body_state import load_state
+from synth.physics.simulation import rebuilt_scene
 from synth.rendering.sensor import encode
-from synth.scene.build import build_scene
 from synth.scene.spec import SceneSpec
 
 _GL_FROM_CV = np.diag([1.0, -1.0, -1.0])
@@ -47,10 +47,10 @@ def clip(data):
 @pytest.fixture(scope="module")
 def drawn(data, clip):
     """The triangles (T, 3, 3) of the second person in the last frame, as images show them, for each material."""
-    model = build_scene(SceneSpec.of(clip), clip.rig, painted=False).model
-    let_swing(model, load_state(data / "000000").qpos, clip.fps)
+    states = load_state(data / "000000")
+    model = rebuilt_scene(clip, states, painted=False).model
     state = mujoco.MjData(model)
-    state.qpos[:] = load_state(data / "000000").qpos[-1]
+    state.qpos[:] = states.qpos[-1]
     mujoco.mj_kinematics(model, state)
     skin = Skin(model)
     skin.apply(state, (len(clip) - 1) / clip.fps)

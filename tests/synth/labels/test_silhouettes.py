@@ -13,7 +13,7 @@ from synth.errors import FailedSimulation
 from synth.labels.surfaces import agreement
 from synth.labels.visibility import _limbs, joint_visibility
 from synth.motion.config import MotionConfig
-from synth.people.body import SEGMENTS
+from synth.people.body import SEGMENTS, SKELETON
 from synth.physics.simulation import simulate
 from synth.rendering import opengl
 from synth.rendering.config import ImageQuality
@@ -59,7 +59,7 @@ def labelled(simulation, folder) -> Clip:
     nothing = np.zeros((1, len(RIG), 0, 25))
     return Clip(
         "crowd", simulation.fps, RIG, Detections2D(BODY25, np.stack([nothing] * 2, -1), nothing),
-        truth=Poses3D(simulation.skeleton, simulation.joints), images=images,
+        truth=Poses3D(SKELETON, simulation.joints), images=images,
         occlusion=replace(seen, visible_pixels=visible, amodal_pixels=amodal, objects=simulation.objects),
     )  # fmt: skip
 
@@ -105,7 +105,7 @@ def test_a_visible_joint_lies_under_a_part_of_its_limb(painter, crowds):
         limbs = _limbs(model, simulation.bodies, simulation.bodies.shape)
         persons = range(len(limbs))
         bodies = np.array([[model.body(f"person{p}/{segment}").id for segment in SEGMENTS] for p in persons])
-        on_body = np.array([not name.endswith("top_head") for name in simulation.skeleton.joints])
+        on_body = np.array([not name.endswith("top_head") for name in SKELETON.joints])
         with Renderer(model, simulation.geom_ids, RIG, ImageQuality.draft) as renderer:
             for view in range(len(RIG)):
                 image = renderer.image(simulation.qpos[0], view, ("ids", "parts"))

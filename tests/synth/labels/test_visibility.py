@@ -7,7 +7,7 @@ import pytest
 from dmae.data.cameras import CameraRig
 from dmae.data.labels import Visibility
 from synth.labels.visibility import joint_visibility
-from synth.people.body import Body, body_at
+from synth.people.body import SKELETON, Body, body_at
 from synth.physics.simulation import simulate
 from synth.rigs.config import RigConfig, RingConfig
 from synth.rigs.rig import make_rig
@@ -243,16 +243,16 @@ def test_joints_of_an_upright_person_are_visible_through_their_skin(body):
     towards = np.degrees(np.abs(np.arctan2(rig.centers[:, 1], rig.centers[:, 0])))
     front, back, side = towards < 40, towards > 140, np.abs(towards - 90) < 30
     names = [f"body25.{name}" for name in ("neck", "mid_hip", "l_shoulder", "r_hip", "l_elbow", "r_knee", "l_ankle")]
-    limbs = [simulation.skeleton.joints.index(name) for name in (*names, "shelf14.bottom_head")]
+    limbs = [SKELETON.joints.index(name) for name in (*names, "shelf14.bottom_head")]
     assert (seen[front][:, limbs] == VISIBLE).all()
     assert (seen[back][:, limbs] == VISIBLE).all()
     # Shoulders and all are one with the trunk; what hangs at its side is not.
-    trunk = simulation.skeleton.index("body25.neck", "shelf14.bottom_head")
+    trunk = SKELETON.index("body25.neck", "shelf14.bottom_head")
     assert (seen[side][:, trunk] == VISIBLE).all()
-    face = simulation.skeleton.index("body25.nose", "body25.l_eye", "body25.r_eye")
+    face = SKELETON.index("body25.nose", "body25.l_eye", "body25.r_eye")
     assert (seen[front][:, face] == VISIBLE).all()
     assert (seen[back][:, face] == SELF).all()
-    heels = simulation.skeleton.index("body25.l_heel", "body25.r_heel")
+    heels = SKELETON.index("body25.l_heel", "body25.r_heel")
     assert (seen[back][:, heels] == VISIBLE).all()
 
 

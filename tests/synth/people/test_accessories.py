@@ -14,7 +14,7 @@ from synth.labels.surfaces import NAMES, surface_labels, surface_points
 from synth.labels.visibility import joint_visibility
 from synth.motion.config import MotionConfig
 from synth.people.accessories import Crown
-from synth.people.body import SEGMENTS, SIDES, Body, body_at
+from synth.people.body import SEGMENTS, SIDES, SKELETON, Body, body_at
 from synth.people.clothing import BAGS, BEARDS, HAIRSTYLES, HATS, Bag, Coat, Garment, Hat
 from synth.people.outfit import parts
 from synth.people.skin import paint_skin
@@ -232,5 +232,5 @@ def test_hats_and_bags_hide_joints_as_the_own_body_does(worn):
     assert (occluder[seen == Visibility.HIDDEN_BY_SELF] == 0).all()
     # From the front everything below the brow is seen as before.
     front = np.abs(np.arctan2(rig.centers[:, 1], rig.centers[:, 0])) < np.radians(40)
-    brow = [name.endswith(("top_head", "ear")) for name in simulation.skeleton.joints]
+    brow = [name.endswith(("top_head", "ear")) for name in SKELETON.joints]
     assert not changed[front][:, ~np.array(brow)].any()
