@@ -1,4 +1,4 @@
-"""The Shelf recording in the text format of the 4DAssociation release, and its calibration, JSON."""
+"""The Shelf recording in the text format of the 4DAssociation release; cameras of it and of VoxelPose in JSON."""
 
 from collections.abc import Iterator, Sequence
 from itertools import chain
@@ -13,6 +13,7 @@ from dmae.files.checks import MOST_METRES, child
 from dmae.files.contents import read_text
 from dmae.files.structured import read_json
 from dmae.formats.calibrations import CameraTable, ParsedCamera, calibration_format, camera_tables, make_rig
+from dmae.formats.config import Convention, LengthUnit
 from dmae.formats.registry import reader
 
 FPS = 25.0
@@ -35,18 +36,59 @@ def _camera(entry: CameraTable) -> ParsedCamera:
     return ParsedCamera(entry.camera, entry.intrinsics("K"), np.zeros(5), R, pose[:, 3], entry.size("imgSize"))
 
 
-def _matches(content: object) -> bool:
+def _is_shelf(content: object) -> bool:
+    return bool(_keys(content) & {"RT", "imgSize"})
+
+
+def _keys(content: object) -> set:
     cameras = content.values() if isinstance(content, dict) else ()
-    return any({"RT", "imgSize"} & set(camera) for camera in cameras if isinstance(camera, dict))
+    return {key for camera in cameras if isinstance(camera, dict) for key in camera}
 
 
-@calibration_format("shelf", syntax="json", matches=_matches, files=("*alib*.json", "*alib*/*.json"))
+@calibration_format("shelf", syntax="json", matches=_is_shelf, files=("*alib*.json", "*alib*/*.json"))
 def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
     """JSON cameras with K, RT, imgSize (4DAssociation).
 
     Return the cameras of the file: cam_from_world, m.
     """
     return make_rig(path, map(_camera, camera_tables(path, read_json(path))), size)
+
+
+def _voxelpose_camera(entry: CameraTable) -> ParsedCamera:
+    fx, fy, cx, cy = (entry.numbers(key, 1).item() for key in ("fx", "fy", "cx", "cy"))
+    entry.check_focal("fx", fx)
+    entry.check_focal("fy", fy)
+    (k1, k2, k3), (p1, p2) = entry.numbers("k", 3), entry.numbers("p", 2)
+    R = entry.rotation("R")
+    return ParsedCamera(
+        entry.camera,
+        np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]),
+        np.array([k1, k2, p1, p2, k3]),
+        R,
+        -R @ entry.numbers("T", 3),
+        None,
+    )
+
+
+def _is_voxelpose(content: object) -> bool:
+    return bool(_keys(content) & {"T", "fx", "fy"}) and not _is_shelf(content)
+
+
+@calibration_format(
+    "voxelpose",
+    syntax="json",
+    matches=_is_voxelpose,
+    convention=Convention(unit=LengthUnit.mm),
+    files=("*alib*.json", "*alib*/*.json"),
+)
+def read_voxelpose_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
+    """JSON cameras with R, T, fx (VoxelPose).
+
+    Return the cameras of the file: cam_from_world, mm. `T` is the centre of the camera: x = R (X - T).
+
+    The files contain no image sizes (Shelf 1032 x 776 px, Campus 360 x 288 px).
+    """
+    return make_rig(path, map(_voxelpose_camera, camera_tables(path, read_json(path))), size)
 
 
 @reader("shelf", signs=[["calibration.json", "detection/*.txt"]])
