@@ -17,21 +17,9 @@ Bones = Sequence[tuple[int, int]]
 
 def bone_lengths(xyz: np.ndarray, bones: Bones) -> np.ndarray:
     """Return the length of each of B bones (parent, child) in each frame, (F, P, B) m; NaN where an end is unknown."""
-    return _lengths(np.ascontiguousarray(xyz, np.float64), np.array(bones, np.int64).reshape(-1, 2))
-
-
-@compiled()
-def _lengths(xyz, bones):
-    """Return the lengths (F, P, B) of `bones` (B, 2) in `xyz` (F, P, J, 3)."""
-    lengths = np.empty((xyz.shape[0], xyz.shape[1], len(bones)))
-    for f in range(len(xyz)):
-        for p in range(xyz.shape[1]):
-            for b in range(len(bones)):
-                square = 0.0
-                for k in range(3):
-                    square += (xyz[f, p, bones[b, 1], k] - xyz[f, p, bones[b, 0], k]) ** 2
-                lengths[f, p, b] = np.sqrt(square)
-    return lengths
+    ends = np.array(bones, int).reshape(-1, 2)
+    xyz = xyz.astype(np.float64)
+    return np.linalg.norm(xyz[..., ends[:, 1], :] - xyz[..., ends[:, 0], :], axis=-1)
 
 
 def median_bone_lengths(xyz: np.ndarray, bones: Bones) -> np.ndarray:

@@ -14,28 +14,15 @@ from dmae.numerics.compiled import compiled
 
 def neighbours(observed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the nearest observed frame, itself included, before (or -1) and after (or F) each, for (F, ...) bool."""
-    flat = np.ascontiguousarray(observed).reshape(len(observed), prod(observed.shape[1:]))
-    before, after = _neighbours(flat)
-    return before.reshape(observed.shape), after.reshape(observed.shape)
+    index, frames = _index(observed), len(observed)
+    before = np.maximum.accumulate(np.where(observed, index, -1), 0)
+    after = np.minimum.accumulate(np.where(observed, index, frames)[::-1], 0)[::-1]
+    return before, np.ascontiguousarray(after)
 
 
-@compiled()
-def _neighbours(observed):
-    frames, columns = observed.shape
-    before, after = np.empty((frames, columns), np.int64), np.empty((frames, columns), np.int64)
-    for frame in range(frames):
-        for column in range(columns):
-            if observed[frame, column]:
-                before[frame, column] = frame
-            else:
-                before[frame, column] = before[frame - 1, column] if frame else -1
-    for frame in range(frames - 1, -1, -1):
-        for column in range(columns):
-            if observed[frame, column]:
-                after[frame, column] = frame
-            else:
-                after[frame, column] = after[frame + 1, column] if frame < frames - 1 else frames
-    return before, after
+def _index(observed: np.ndarray) -> np.ndarray:
+    """Return the frame of each row of (F, ...), as an array (F, 1, ...)."""
+    return np.arange(len(observed)).reshape(-1, *(1,) * (observed.ndim - 1))
 
 
 NEVER = 1 << 40
@@ -45,7 +32,7 @@ NEVER = 1 << 40
 def frames_away(observed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the frames since each entry of `observed` (F, ...) was True, and until it is; `NEVER` where it is not."""
     before, after = neighbours(observed)
-    index = np.arange(len(observed)).reshape(-1, *(1,) * (observed.ndim - 1))
+    index = _index(observed)
     return np.where(before < 0, NEVER, index - before), np.where(after == len(observed), NEVER, after - index)
 
 
@@ -174,21 +161,9 @@ def _end_slope(h0, m0, h1, m1):
 
 def take_frames(values: np.ndarray, frame: np.ndarray) -> np.ndarray:
     """Return, for each entry of `frame` (F, ...), the value of that frame in values (F, ..., C), or NaN."""
-    flat = _columns(values)
-    at = np.ascontiguousarray(frame).reshape(len(frame), flat.shape[1])
-    return _take_frames(flat, at).reshape(*frame.shape, values.shape[-1])
-
-
-@compiled()
-def _take_frames(values, frame):
-    """Return the result of `take_frames`, (m, n, C), for values (F, n, C) and frames (m, n)."""
-    taken = np.full((len(frame), values.shape[1], values.shape[2]), np.nan)
-    for i in range(len(frame)):
-        for column in range(values.shape[1]):
-            if 0 <= frame[i, column] < len(values):
-                for k in range(values.shape[2]):
-                    taken[i, column, k] = values[frame[i, column], column, k]
-    return taken
+    inside = (frame >= 0) & (frame < len(values))
+    taken = np.take_along_axis(values, np.where(inside, frame, 0)[..., None], 0)
+    return np.where(inside[..., None], taken, np.nan)
 
 
 def _columns(values: np.ndarray) -> np.ndarray:
