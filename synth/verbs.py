@@ -354,7 +354,7 @@ def contact_sheet(clip: Clip, out: str | Path, *, frames: int = 4, width: int = 
         True
     """
     from dmae.viewing.overlay import LayersConfig, chosen_layers
-    from dmae.viewing.sheet import write_sheet
+    from dmae.viewing.show import write_sheet
 
     write_sheet(clip, Path(out), chosen_layers(clip, LayersConfig()), rows=frames, width=width, rooms=_rooms(clip))
 

@@ -34,6 +34,17 @@ class CameraImages:
     def __len__(self) -> int:
         return len(self.times)
 
+    def part(self, start: int, stop: int) -> "CameraImages":
+        """Return the camera with only some of its images; without a codec, as they are not the whole video."""
+        read = partial(_read_from, self.read, start)
+        return replace(self, times=self.times[start:stop], read=read, codec="")
+
+
+def _read_from(
+    read: Callable[[int, int], Iterator[np.ndarray | None]], first: int, start: int, stop: int
+) -> Iterator[np.ndarray | None]:
+    return read(first + start, first + stop)
+
 
 def find_cameras(path: Path) -> list[CameraImages]:
     """Return the cameras of a folder, each a video or a folder of images, in the order of their names.
@@ -261,18 +272,10 @@ def part_of(recording: Recording, frames: Sequence[int] | None) -> Recording:
     for camera, place in zip(recording.cameras, alignment.frames, strict=True):
         inside = np.flatnonzero((place >= first) & (place < end))
         images = slice(inside[0], inside[-1] + 1) if len(inside) else slice(0, 0)
-        read = partial(_read_from, camera.read, images.start)
-        # Without a codec the video is not linked, but a part of it is written.
-        cameras.append(replace(camera, times=camera.times[images], read=read, codec=""))
+        cameras.append(camera.part(images.start, images.stop))
         placed.append(np.where(place[images] >= 0, place[images] - first, -1))
     alignment = replace(alignment, frames=tuple(placed), count=end - first)
     return replace(recording, cameras=tuple(cameras), alignment=alignment, first=first)
-
-
-def _read_from(
-    read: Callable[[int, int], Iterator[np.ndarray | None]], first: int, start: int, stop: int
-) -> Iterator[np.ndarray | None]:
-    return read(first + start, first + stop)
 
 
 def align(cameras: Sequence[CameraImages], fps: float | None, offsets: Sequence[int] | None) -> Alignment:

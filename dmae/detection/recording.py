@@ -37,7 +37,7 @@ from dmae.detection.pipeline import (
 )
 from dmae.detection.registry import FlatFormat, OutputConfig, PoseDetectorConfig
 from dmae.files.checks import IMAGES, child
-from dmae.files.contents import write_atomic
+from dmae.files.contents import write_atomic, written_whole
 from dmae.files.images import read_upright, upright_size
 from dmae.formats.footage import Fitting, fit_images
 from dmae.formats.openpose import write_detections, write_people
@@ -228,20 +228,13 @@ def _detect_alone(
     cameras: Sequence[CameraImages], config: PoseDetectorConfig, pieces: Path, workers: int
 ) -> dict[str, list[np.ndarray | None]]:
     """Return what `detect_people` does, each image by itself: none tells where people are in the next."""
-
-    def one(camera: CameraImages, number: int) -> CameraImages:
-        read = partial(_read_one, camera.read, number)
-        return replace(camera, name=f"{camera.name}/{number}", times=camera.times[number : number + 1], read=read)
-
-    alone = [one(camera, number) for camera in cameras for number in range(len(camera))]
+    alone = [
+        replace(camera.part(number, number + 1), name=f"{camera.name}/{number}")
+        for camera in cameras
+        for number in range(len(camera))
+    ]
     found = detect_people(alone, replace(config, photographs=True), pieces, workers)
     return {camera.name: [found[f"{camera.name}/{number}"][0] for number in range(len(camera))] for camera in cameras}
-
-
-def _read_one(
-    read: Callable[[int, int], Iterator[np.ndarray | None]], number: int, start: int, stop: int
-) -> Iterator[np.ndarray | None]:
-    return read(number + start, number + stop)
 
 
 _PLAIN_NAMES = {"videos", "video", "images", "pictures", "photos", "photographs", "frames", "sets"}
@@ -300,11 +293,8 @@ def _link(path: Path, to: Path) -> None:
 def _encode(
     camera: CameraImages, frames: np.ndarray, alignment: Alignment, fitting: Fitting, size: tuple[int, int], to: Path
 ) -> None:
-    partial_file = to.with_name(f".{to.name}.partial.mp4")
-    write_video(
-        partial_file, _in_frames(camera, frames, alignment.count, partial(_resized, fitting, size)), alignment.fps
-    )
-    partial_file.replace(to)
+    with written_whole(to) as part:
+        write_video(part, _in_frames(camera, frames, alignment.count, partial(_resized, fitting, size)), alignment.fps)
 
 
 def _in_frames(

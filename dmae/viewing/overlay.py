@@ -1,10 +1,11 @@
 """Draw the data of a clip into its views: detections, poses, truth, and what hides joints."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property, lru_cache
+from itertools import repeat
 
 import cv2
 import numpy as np
@@ -424,3 +425,11 @@ class Overlay:
             words += [(f"{measured} joints measured", INK)] if self.layers.measured else []
             words += [(f"{completed} completed", RED)] if self.layers.completed and completed else []
         return words
+
+
+def images_of(clip: Clip, frames: np.ndarray) -> Iterator[Sequence[np.ndarray | None]]:
+    """Yield the images of all views, frame by frame; None for a view without images."""
+    if clip.images is None or not clip.has_images:
+        return repeat([None] * len(clip.rig), len(frames))
+    images = clip.images.select(frames, clip.rig.names)
+    return zip(*(images.read("rgb", name) for name in clip.rig.names), strict=True)

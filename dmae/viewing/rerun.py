@@ -9,6 +9,7 @@ import rerun as rr
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D, Source, person_name
 from dmae.data.labels import Visibility
+from dmae.files.contents import written_whole
 from dmae.progress import progress
 from dmae.viewing.overlay import (
     COLOURS,
@@ -18,10 +19,10 @@ from dmae.viewing.overlay import (
     Layers,
     Overlay,
     first_joints,
+    images_of,
     occluder_name,
     person_colour,
 )
-from dmae.viewing.sheet import images_of, written_whole
 
 _JPEG_QUALITY = 80
 

@@ -16,7 +16,7 @@ from dmae.reporting.page import CaptionedFigure, Section, write_report
 from dmae.reporting.tables import Table
 from dmae.viewing.config import LayersConfig
 from dmae.viewing.overlay import chosen_layers
-from dmae.viewing.sheet import write_sheet
+from dmae.viewing.show import write_sheet
 from synth.interactions.registry import people as counted
 from synth.planning.config import PlanConfig
 from synth.planning.plan import FIGURES, CameraPlan, Expected, PlannedRig, check_numbers, make_plan

@@ -93,9 +93,9 @@ class HandIn:
         return lambda clip: function(clip, CaptureConfig())
 
     def poses(self, name: str, given: Clip) -> Poses3D:
-        """Return the poses of a clip, made from the data that methods get, with our captured poses.
+        """Return the poses of a clip on the skeleton of our captured poses, made from `given`, the data methods get.
 
-        Raises ValueError, which names clip and hand-in, if the poses do not fit the clip.
+        Raises ValueError, which names clip and hand-in, if they are no poses, or do not fit the clip (`fitting`).
         """
         where = f"{self.name}, clip {name}"
         if self.folder is not None:
@@ -113,7 +113,9 @@ class HandIn:
             except Exception as error:
                 raise ValueError(f"{where}: {type(error).__name__}: {error}") from error
         assert given.poses is not None
-        return check_poses(poses, given.poses, self.task, where)
+        if not isinstance(poses, Poses3D):
+            raise ValueError(f"{where}: expected dmae.Poses3D, found {type(poses).__name__}")
+        return fitting(poses, given.poses, where, tracks=self.task == Task.completion)
 
 
 def hand_ins_of(
@@ -142,17 +144,6 @@ def hand_ins_of(
     for hand_in in found:
         hand_in.check(clips)
     return found
-
-
-def check_poses(poses: Poses3D, given: Poses3D, task: Task, where: str) -> Poses3D:
-    """Return poses that were handed in, converted to the skeleton of the captured poses `given`.
-
-    Raises ValueError, which names them by `where`, if they are not `Poses3D`; differ in length, number of persons or
-    unit; have a skeleton without a conversion; or are not finite.
-    """
-    if not isinstance(poses, Poses3D):
-        raise ValueError(f"{where}: expected dmae.Poses3D, found {type(poses).__name__}")
-    return fitting(poses, given, where, tracks=task == Task.completion)
 
 
 def _file(folder: Path, name: str) -> Path | None:

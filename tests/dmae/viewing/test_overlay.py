@@ -24,7 +24,7 @@ from dmae.viewing.overlay import (
     occlusion_summary,
     person_colour,
 )
-from dmae.viewing.sheet import header, write_sheet
+from dmae.viewing.show import header, write_sheet
 from tests.support.shown_clips import captured_clip, near, occluded_clip
 
 VISIBLE, SELF, PERSON, OBJECT = list(Visibility)[:4]

@@ -17,9 +17,10 @@ import dmae as verbs
 from dmae.data.clip import Clip, Source
 from dmae.data.labels import Visibility
 from dmae.data.store import save_clip, write_manifest
+from dmae.files.contents import written_whole
 from dmae.viewing.config import LayersConfig
 from dmae.viewing.overlay import COLOURS, DETECTED, RED, Layers, Overlay, chosen_layers, person_colour
-from dmae.viewing.sheet import header, write_overlay_video, write_sheet, written_whole
+from dmae.viewing.show import header, write_overlay_video, write_sheet
 from tests.support.commands import dmae, synth
 from tests.support.shown_clips import captured_clip, near, occluded_clip, with_images
 

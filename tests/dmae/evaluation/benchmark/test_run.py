@@ -25,7 +25,7 @@ from dmae.evaluation.benchmark.clips import (
 )
 from dmae.evaluation.benchmark.holes import holes_of_capture
 from dmae.evaluation.benchmark.page import benchmark_tables
-from dmae.evaluation.benchmark.run import HandIn, Task, benchmark, check_poses, check_same, differences
+from dmae.evaluation.benchmark.run import HandIn, Task, benchmark, check_same, differences
 from dmae.evaluation.config import BenchmarkConfig, BenchmarkSize
 from dmae.formats.own import export_npz
 from dmae.reconstruction.config import CaptureConfig
@@ -43,6 +43,10 @@ def scaled(poses: Poses3D, factor: float) -> Poses3D:
     return replace(poses, xyz=poses.xyz * np.float32(factor))
 
 
+def handed_in(poses: Poses3D, task: Task) -> Poses3D:
+    return HandIn("mine", task, own=lambda *_: poses).poses(NAME, replace(full_clip(), poses=CAPTURED))
+
+
 @pytest.mark.parametrize(
     ("poses", "message"),
     [
@@ -56,20 +60,20 @@ def scaled(poses: Poses3D, factor: float) -> Poses3D:
     ],
 )
 def test_what_does_not_fit_is_named(poses, message):
-    with pytest.raises(ValueError, match=f"mine: .*{message}|mine: {message}"):
-        check_poses(poses, CAPTURED, Task.completion, "mine")
+    with pytest.raises(ValueError, match=f"mine, clip {NAME}: .*{message}"):
+        handed_in(poses, Task.completion)
 
 
 def test_poses_on_another_skeleton_are_converted():
-    found = check_poses(convert(CAPTURED, COCO17), CAPTURED, Task.completion, "mine")
+    found = handed_in(convert(CAPTURED, COCO17), Task.completion)
     wrist = BODY25.index("r_wrist")
     np.testing.assert_array_equal(found.xyz[:, :, wrist], CAPTURED.xyz[:, :, wrist])
     assert found.skeleton == BODY25
 
 
 def test_captures_may_have_any_number_of_persons_and_nothing_may_be_handed_in():
-    check_poses(walkers(persons=3), CAPTURED, Task.capture, "mine")
-    check_poses(CAPTURED.without(np.ones(CAPTURED.source.shape, bool)), CAPTURED, Task.completion, "mine")
+    handed_in(walkers(persons=3), Task.capture)
+    handed_in(CAPTURED.without(np.ones(CAPTURED.source.shape, bool)), Task.completion)
 
 
 @pytest.mark.parametrize("kind", ["npz", "clip"])
