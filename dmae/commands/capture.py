@@ -24,14 +24,7 @@ from dmae.data.cameras import camera_label
 from dmae.data.clip import Clip
 from dmae.data.rng import Stream, generator
 from dmae.data.store import load_clip
-from dmae.evaluation.report.findings import (
-    Groups,
-    JointGroup,
-    Reprojection,
-    added,
-    reprojection,
-    residual_tables,
-)
+from dmae.evaluation.report.findings import Groups, JointGroup, Reprojection, added, reprojection, residual_tables
 from dmae.files.mapped import by_frames
 from dmae.formats.config import clip_range
 from dmae.formats.reading import Clips

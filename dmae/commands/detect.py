@@ -132,15 +132,15 @@ def _check_cameras(clip: Clip, folder: Path, least: int) -> None:
 
 
 def _detect_photographs(config: DetectCommand, photos: Path, out: Path) -> None:
-    photographs = find_photographs(photos)
-    files = {each.name: [str(each.path), *each.size, _bytes(each.path)] for each in photographs.cameras}
+    photographs, left_out = find_photographs(photos)
+    files = {each.name: [str(each.path), *each.size, _bytes(each.path)] for each in photographs}
     claim_folder(out / _CLAIM, _settings(config) | {"photos": files}, "detections")
     detections, notes = detect_photographs(
         photographs, config.detector, out / _PIECES, config.output.skeleton, config.workers
     )
     write_photographs(photographs, detections, config.output, out)
     shutil.rmtree(out / _PIECES, ignore_errors=True)
-    for note in (*photographs.notes, *notes):
+    for note in (*left_out, *notes):
         print(note)
     people = int(detections.observed.any(-1).sum())
     found = f"{counted(len(files), 'photograph')}, {counted(people, 'person', 'people')}"

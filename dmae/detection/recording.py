@@ -4,7 +4,7 @@ import json
 import os
 import shutil
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -28,13 +28,7 @@ from dmae.detection.images import (
     part_of,
     read_files,
 )
-from dmae.detection.pipeline import (
-    compare_views,
-    detect_people,
-    in_calibration,
-    make_detector,
-    to_detections,
-)
+from dmae.detection.pipeline import compare_views, detect_people, in_calibration, make_detector, to_detections
 from dmae.detection.registry import FlatFormat, OutputConfig, PoseDetectorConfig
 from dmae.files.checks import IMAGES, child
 from dmae.files.contents import write_atomic, written_whole
@@ -336,14 +330,7 @@ def output_skeleton(skeleton: str | None) -> Skeleton | None:
 
 
 def write_flat(recording: Recording, detections: Detections2D, config: OutputConfig, out: Path) -> None:
-    """Write detections of cameras without a calibration.
-
-    Args:
-        recording: The videos.
-        detections: (F, V, D, J), in pixels of the images.
-        config: Format.
-        out: Folder.
-    """
+    """Write detections (F, V, D, J) of cameras without a calibration, in pixels of their images, to a folder."""
     names = tuple(camera.name for camera in recording.cameras)
     if config.format == FlatFormat.openpose:
         write_detections(detections, names, out)
@@ -405,16 +392,8 @@ _THIN = 400  # Pixels of the longer side of a photograph for each pixel of the w
 _QUALITY = 90
 
 
-@dataclass(frozen=True)
-class Photographs:
-    """Photographs, each of its own size."""
-
-    cameras: tuple[CameraImages, ...]  # N, each with one image
-    notes: tuple[str, ...]  # On files that are left out
-
-
-def find_photographs(path: Path) -> Photographs:
-    """Return the photographs of a folder, or a single one.
+def find_photographs(path: Path) -> tuple[list[CameraImages], list[str]]:
+    """Return the N photographs of a folder, or a single one, each as a camera; and notes on files that are left out.
 
     Raises:
         FileNotFoundError: there are none.
@@ -439,19 +418,23 @@ def find_photographs(path: Path) -> Photographs:
         cameras.append(CameraImages(file.name, file, size, np.zeros(1), None, partial(read_files, [file])))
     if not cameras:
         raise ValueError(f"photos={path}: not one photograph can be read; {damaged[0]}")
-    return Photographs(tuple(cameras), tuple(f"left out: {why}" for why in damaged))
+    return cameras, [f"left out: {why}" for why in damaged]
 
 
 def detect_photographs(
-    photographs: Photographs, config: PoseDetectorConfig, pieces: Path, skeleton: str | None = None, workers: int = 1
-) -> tuple[Detections2D, tuple[str, ...]]:
+    photographs: Sequence[CameraImages],
+    config: PoseDetectorConfig,
+    pieces: Path,
+    skeleton: str | None = None,
+    workers: int = 1,
+) -> tuple[Detections2D, list[str]]:
     """Return the people of N photographs, (1, N, D, J), and notes on them.
 
     Each is searched as `detector.photographs=true` says. For other arguments and errors see `detect_recording`.
     """
     target, own = output_skeleton(skeleton), make_detector(config).skeleton
-    found = detect_people(photographs.cameras, replace(config, photographs=True), pieces, workers)
-    each = [found[camera.name] for camera in photographs.cameras]
+    found = detect_people(photographs, replace(config, photographs=True), pieces, workers)
+    each = [found[photograph.name] for photograph in photographs]
     detections = to_detections(each, [np.zeros(1, int)] * len(each), 1, own)
     unreadable = [name for name, (people,) in found.items() if people is None]
     empty = [name for name, (people,) in found.items() if people is not None and not len(people)]
@@ -460,31 +443,29 @@ def detect_photographs(
         for what, names in (("no people detected in", empty), ("left out, cannot be read:", unreadable))
         if names
     ]
-    return convert_detections(detections, target or own), tuple(notes)
+    return convert_detections(detections, target or own), notes
 
 
-def write_photographs(photographs: Photographs, detections: Detections2D, config: OutputConfig, out: Path) -> None:
-    """Write the people of photographs.
+def write_photographs(
+    photographs: Sequence[CameraImages], detections: Detections2D, config: OutputConfig, out: Path
+) -> None:
+    """Write the people (1, N, D, J) of N photographs, in pixels of these, to a folder.
 
-    Args:
-        photographs: N.
-        detections: (1, N, D, J), in pixels of the photographs.
-        config: Its format, and whether photographs are written with the people drawn over them.
-        out: Folder; in OpenPose's format of a file `<photograph>_keypoints.json` for each, in COCO's of one for all.
+    In OpenPose's format each has a file `<photograph>_keypoints.json`, in COCO's one file is for all. With
+    `config.images` the photographs are written as well, with the people drawn over them.
     """
-    cameras = photographs.cameras
     if config.format == FlatFormat.openpose:
-        for number, camera in enumerate(cameras):
-            write_people(detections, 0, number, child(out, f"{camera.path.stem}_keypoints.json", "photograph"))
+        for number, each in enumerate(photographs):
+            write_people(detections, 0, number, child(out, f"{each.path.stem}_keypoints.json", "photograph"))
     else:
         if config.skeleton is None:
             detections = convert_detections(detections, COCO17)
-        entries = [(0, number, camera.name, camera.size) for number, camera in enumerate(cameras)]
+        entries = [(0, number, each.name, each.size) for number, each in enumerate(photographs)]
         write_atomic(out / KEYPOINTS, json.dumps(coco(detections, entries)))
     if config.images:
         (out / DRAWN).mkdir(exist_ok=True)
-        for number, camera in enumerate(progress(cameras, "drawing", len(cameras))):
-            _draw(camera.path, detections, number, child(out / DRAWN, f"{camera.path.stem}.jpg", "photograph"))
+        for number, each in enumerate(progress(photographs, "drawing", len(photographs))):
+            _draw(each.path, detections, number, child(out / DRAWN, f"{each.path.stem}.jpg", "photograph"))
 
 
 def _draw(path: Path, detections: Detections2D, number: int, to: Path) -> None:

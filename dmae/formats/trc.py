@@ -19,12 +19,7 @@ from dmae.files.checks import MOST_METRES, check_numbers, check_rate
 from dmae.files.contents import read_text, write_atomic, written
 from dmae.files.mapped import frame_blocks
 from dmae.formats.config import METRES, LengthUnit
-from dmae.formats.poses import (
-    PoseFile,
-    person_paths,
-    provenance_people,
-    read_provenance,
-)
+from dmae.formats.poses import PoseFile, person_paths, provenance_people, read_provenance
 from dmae.formats.recordings import csv_rows
 from dmae.formats.registry import pose_reader, pose_writer
 

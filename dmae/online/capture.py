@@ -21,14 +21,7 @@ from dmae.reconstruction.chance import passing_ghosts, resting_ghosts
 from dmae.reconstruction.config import ADAPTIVE, CaptureConfig, SubjectConfig
 from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.noise import DetectionNoise
-from dmae.reconstruction.people import (
-    coincidental,
-    inside_volume,
-    merge,
-    same_person,
-    too_brief,
-    well_measured,
-)
+from dmae.reconstruction.people import coincidental, inside_volume, merge, same_person, too_brief, well_measured
 from dmae.reconstruction.pipeline import check_origin, measure
 from dmae.reconstruction.pruning import LONGEST_JUMP
 from dmae.reconstruction.reassignment import LONGEST_GAP

@@ -86,7 +86,7 @@ def test_photographs_without_people_are_listed(tmp_path: Path, monkeypatch, coun
     for number in range(count):
         Image.new("RGB", (8, 6)).save(tmp_path / f"dark_{number}.png")
     config = PoseDetectorConfig(name="my_brightest:brightest")
-    _, (note,) = detect_photographs(find_photographs(tmp_path), config, tmp_path / "pieces")
+    _, (note,) = detect_photographs(find_photographs(tmp_path)[0], config, tmp_path / "pieces")
     assert note.startswith(f"no people detected in {count} photographs: dark_0.png, ") and note.endswith(text)
 
 
@@ -157,7 +157,7 @@ def test_a_truncated_photograph_is_left_out(tmp_path: Path):
     Image.fromarray(np.random.default_rng(0).integers(0, 255, (80, 80, 3), np.uint8)).save(tmp_path / "a.png")
     whole = (tmp_path / "a.png").read_bytes()
     (tmp_path / "a.png").write_bytes(whole[: len(whole) // 2])
-    (camera,) = find_photographs(tmp_path).cameras
+    (camera,), _ = find_photographs(tmp_path)
     assert list(camera.read(0, 1)) == [None]
 
 
