@@ -303,7 +303,6 @@ def find_floor(poses: Poses3D, fps: float) -> Floor:
 
     Args:
         poses: (F, P, J) measured people; joints without a measurement are left out.
-        fps: 1/s.
     """
     far = by_frames(lambda xyz: ~(np.abs(xyz) < MOST_METRES).all(-1), poses.xyz)
     measured = poses.without(~poses.measured | far)

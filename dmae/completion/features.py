@@ -50,7 +50,6 @@ def bone_length_offsets(base: np.ndarray, xyz: np.ndarray, bones: Bones) -> np.n
     Args:
         base: (F, P, J, 3) m, interpolated where not measured.
         xyz: (F, P, J, 3) m; NaN where not measured.
-        bones: Pairs of parent and joint.
 
     Returns:
         (F, P, J, 2, 3) m: for the bone from the joint's parent, and on average for those to its children. Zero where
@@ -90,7 +89,6 @@ def bone_stretch(xyz: np.ndarray, bones: Bones) -> np.ndarray:
 
     Args:
         xyz: (F, P, J, 3) m; NaN where not measured.
-        bones: Pairs of parent and joint.
     """
     lengths = parent_bone_lengths(xyz, bones)
     return _noise_levels(np.abs(lengths - median_over_frames(lengths)), _BONE_FRAMES)

@@ -30,7 +30,6 @@ def in_pieces(
 
     Args:
         complete: Returns some frames of poses, completed by all of them, with the same persons.
-        fps: Frames per second.
         frames: Those to return.
     """
     if not (np.isfinite(fps) and fps > 0):

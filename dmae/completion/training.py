@@ -511,7 +511,6 @@ def train(
         clips: Clips with truth, in any skeleton that `dmae.data.conversion.convert` can turn into the
             wanted one. From those with `poses` a model learns captured poses: with their gaps and errors, and more
             joints masked.
-        out: Folder.
         validation_clips: Clips to validate and calibrate on; by default some of `clips` are held back.
         extra_clips: Further clips, those that `examples.replay` is a share of.
         since: When `config.max_minutes` began, by `time.monotonic`; by default now.

@@ -57,8 +57,6 @@ def detect_people(
     Raises ValueError if the detector cannot be made, or its results are not people.
 
     Args:
-        cameras: Each with its images.
-        config: The detector.
         pieces: Folder to which each finished piece is written. Pieces that are there are not computed again.
         workers: Processes; -1 for one per core.
 
@@ -89,7 +87,6 @@ def to_detections(
     """Return what was found in V cameras as detections of F frames.
 
     Args:
-        found: What the detector found in each camera.
         frames: For each camera (N,) the frame of each image; -1 for an image that is not used.
         count: F.
         skeleton: J joints.
@@ -285,9 +282,6 @@ def missed_people(poses: Poses3D, rig: CameraRig, detections: Detections2D) -> d
 
     A person that is captured in a frame is missed by a view if at least half of its joints project into the image and
     no detection near the projection is left for it. Each detection counts for one person, also where people overlap.
-
-    Args:
-        poses: The people, captured from the detections.
     """
     torso = poses.skeleton.index(*_TORSO)
     known = np.isfinite(poses.xyz[:, :, torso]).all((-1, -2))
@@ -307,9 +301,6 @@ def parts_of_people(poses: Poses3D, rig: CameraRig, detections: Detections2D) ->
 
     Such a detection is much smaller than a captured person in the same image, lies on the bones of that person, and is
     near no captured person. A real person of that size would be hidden by the larger one, or captured by other cameras.
-
-    Args:
-        poses: The people, captured from the detections.
     """
     parts = np.zeros(detections.xy.shape[:3], bool)
     sizes = _size(detections.xy)

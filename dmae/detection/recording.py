@@ -89,7 +89,6 @@ def open_sets(path: Path, rig: CameraRig, fps: float | None = None, frames: Sequ
     Args:
         path: A folder for each camera, with photographs numbered by set; or a folder for each set, with a photograph of
             each camera. Either are named as in the calibration.
-        rig: The calibration.
         fps: Sets per second, where they were taken at a steady rate, less than one.
         frames: First set and end; by default all.
 
@@ -164,8 +163,6 @@ def detect_recording(
     """Return the detections (F, V, D, J) of a recording in the pixels of its calibration, and notes on them.
 
     Args:
-        recording: As `open_recording` returns it.
-        config: The detector.
         pieces: As for `detect_people`.
         skeleton: Skeleton to convert to; by default the detector's.
         workers: Processes; -1 for one per core.

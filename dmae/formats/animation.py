@@ -95,11 +95,6 @@ def joint_rotations(poses: Poses3D, fps: float, person: int) -> JointRotations:
     move. Joints that are absent in all frames are left out.
 
     Raises NoBody if hips and shoulders of the person, or the root of your own skeleton, are never known.
-
-    Args:
-        poses: Poses in F frames.
-        fps: Frames per second.
-        person: Index of the person.
     """
     skeleton = poses.skeleton
     one = Poses3D(skeleton, *(by_frames(lambda all: all[:, [person]], each) for each in (poses.xyz, poses.source)))

@@ -28,7 +28,6 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
     If a camera has both, the .h5 file is read. A joint without coordinates is absent; an animal without joints also.
 
     Args:
-        path: Folder of the files.
         skeleton: By default one for the names of the joints, see `dmae.formats.skeletons.named_skeleton`.
 
     Raises:

@@ -34,7 +34,6 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
     A missing confidence of a keypoint becomes 1.
 
     Args:
-        path: Folder of the files.
         skeleton: By default the one that the files name, or else one for their keypoints, see
             `dmae.formats.skeletons.named_skeleton`.
 

@@ -334,9 +334,7 @@ def to_clip(found: NumberedDetections, rig: CameraRig, fps: float, path: Path) -
     `provenance["notes"]` contains the number of missing frames and all other notes.
 
     Args:
-        found: The detections.
         rig: The cameras. Cameras without detections are left out.
-        fps: Frames per second.
         path: Path of the recording, for the id of the clip and for messages.
 
     Raises ValueError if cameras do not match, nothing could be read, or numbers in file names are not frame numbers.

@@ -29,7 +29,6 @@ def read_released(path: Path, *, fps: float | None = None) -> Clip:
     the skeleton SHELF14, with NaN where an actor is not annotated.
 
     Args:
-        path: Folder of the files.
         fps: Frames per second; by default 25, the rate of the Shelf recording.
 
     Raises:

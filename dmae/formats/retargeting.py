@@ -213,7 +213,6 @@ def retarget(
     Args:
         poses: (F, P, 25, 3) poses on `body25`, F > 0; gaps are filled, see `fill_body_frame`. Before a person's first
             and after its last known frame the robot stands still.
-        fps: Frames per second.
         model: Of `load_robot`.
         contacts: Hands that touch other people; by default those that the joints show.
     """

@@ -26,7 +26,6 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
     The score of a point is its confidence. Points that people placed have no score; their confidence is 1.
 
     Args:
-        path: Folder of the files.
         skeleton: By default a skeleton for the names of the nodes and the edges, see
             `dmae.formats.skeletons.named_skeleton`.
 

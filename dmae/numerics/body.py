@@ -203,8 +203,6 @@ def interpolate_bodies(
 
     Args:
         xyz: (F, P, J, 3) m, world; NaN where hidden.
-        skeleton: Skeleton of the J joints.
-        fps: Frames per second.
         through: Function that interpolates offsets over time.
         rays: (F, P, J, 2, 3) rays of unmeasured joints, see `Poses3D.rays`. A joint with a ray is moved onto the ray,
             and its unmeasured descendants in the skeleton move with it.

@@ -179,7 +179,6 @@ def body_motion(poses: Poses3D, person: int, body: Body | None = None) -> BodyMo
 
     Args:
         poses: Any poses of a skeleton with hips and shoulders.
-        person: Index of the person.
         body: Its sizes, as of another recording of the person with this skeleton; by default measured from the poses.
 
     Raises:

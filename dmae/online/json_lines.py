@@ -46,8 +46,6 @@ def answer_lines(
         lines: Frames of one recording, in the order of time. Empty lines are skipped.
         capture: Made for these cameras and this skeleton; nothing was pushed to it yet.
         cameras: Names of the V cameras.
-        skeleton: Skeleton of the detections.
-        fps: Frames per second.
     """
     about = {"skeleton": skeleton.name, "joints": skeleton.joints, "cameras": cameras, "fps": fps}
     yield json.dumps(about | {"delay_frames": capture.delay})

@@ -256,7 +256,6 @@ def fit(found: Residuals, prior: DetectionNoise, start: DetectionNoise, skeleton
     Large squares are clipped, and a prior counts as some observations, so that few residuals change little.
 
     Args:
-        found: Residuals.
         prior: What is assumed without residuals.
         start: An earlier estimate, from which this one starts.
         skeleton: Of the detections; left and right joints are of one kind.

@@ -96,7 +96,6 @@ def find_candidates(
     Args:
         network: BlazePose's first network.
         pyramid: The image (H, W, 3) uint8 and its smaller copies.
-        windows: As `windows_of` returns them.
         without: People that are painted over first.
     """
     height, width = pyramid[0].shape[:2]
