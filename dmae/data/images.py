@@ -4,8 +4,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import partial
-from itertools import pairwise
+from functools import cache, partial
 from pathlib import Path
 
 import cv2
@@ -15,7 +14,7 @@ from dmae.data.array_fields import short_repr
 from dmae.data.labels import KINDS as KINDS
 from dmae.files.checks import child
 from dmae.files.contents import cached_until_changed
-from dmae.files.images import kept_open, open_video, read_image, upright_frame
+from dmae.files.images import VideoFrames, kept_open, read_image
 
 RGB_FILES = {"h264": "mp4", "png": "png", "jpeg": "jpg"}
 """Formats of colour images, and the suffixes of their files."""
@@ -63,18 +62,17 @@ class Images:
         return replace(self, views=views, frames=chosen, files=files, borders=borders)
 
     def read(self, kind: str, view: str) -> Iterator[np.ndarray]:
-        """Yield the images of one kind and one view, as `at` returns them, in the order of frames.
-
-        Raises KeyError for another kind or view, FileNotFoundError for a missing frame, and ValueError if a file is
-        damaged, or has more pixels than `dmae.files.images` allows.
-        """
+        """Yield the images of one kind and one view, in the order of frames; images and errors are those of `at`."""
         self._check(kind, view)
-        if kind == "rgb":
-            for convert in self.video(view):
-                yield convert()
-            return
-        for frame in self.frames:
-            yield _read_image(kind, self.path(kind, view, frame))
+        read = self.opened(view) if kind == "rgb" else partial(self.at, kind, view)
+        yield from map(read, range(len(self.frames)))
+
+    def opened(self, view: str) -> Callable[[int], np.ndarray]:
+        """Return a function from an index into `frames` to a colour image, as `at`, which keeps its video open.
+
+        However many views are read in turn, each is then decoded once if its frames are read in their order.
+        """
+        return partial(self._colour, cache(VideoFrames), view)
 
     def at(self, kind: str, view: str, frame: int) -> np.ndarray:
         """Return one image of a kind and view, at an index into `frames`.
@@ -90,15 +88,22 @@ class Images:
             the flow is unknown.
 
         Raises KeyError for another kind or view, IndexError for another frame, FileNotFoundError if it is missing on
-        disk.
+        disk, and ValueError if a file is damaged, or has more pixels than `dmae.files.images` allows.
         """
         self._check(kind, view)
         if not -len(self.frames) <= frame < len(self.frames):
             raise IndexError(f"no frame {frame} of images; there are {len(self.frames)}, from 0")
+        if kind == "rgb":
+            return self._colour(kept_open, view, frame)
+        return _read_image(kind, self.path(kind, view, self.frames[frame]))
+
+    def _colour(self, opened: Callable[[Path], VideoFrames], view: str, frame: int) -> np.ndarray:
         number = self.frames[frame]
-        path = self.path(kind, view, number)
-        image = kept_open(path).read(number) if kind == "rgb" and self.rgb == "h264" else _read_image(kind, path)
-        return self._cut(image, view) if kind == "rgb" else image
+        path = self.path("rgb", view, number)
+        image = opened(path).read(number) if self.rgb == "h264" else read_image(path)
+        left, top = self.borders[self.views.index(view)] if self.borders else (0, 0)
+        height, width = image.shape[:2]
+        return image[top : height - top, left : width - left]
 
     def path(self, kind: str, view: str, frame: int = 0) -> Path:
         """Return the path of an image; `frame` is the number of the frame in the files, as in `frames`."""
@@ -114,36 +119,6 @@ class Images:
         if kind not in self.kinds or view not in self.views:
             there = f"{', '.join(self.kinds)} of the cameras {', '.join(map(repr, self.views))}"
             raise KeyError(f"no {kind} images of view {view!r}; there are {there}")
-
-    def _cut(self, image: np.ndarray, view: str) -> np.ndarray:
-        left, top = self.borders[self.views.index(view)] if self.borders else (0, 0)
-        height, width = image.shape[:2]
-        return image[top : height - top, left : width - left]
-
-    def video(self, view: str) -> Iterator[Callable[[], np.ndarray]]:
-        """Yield a function for each image of `read("rgb", view)`, which converts it: skipping a frame saves that."""
-        # A video is decoded once, in its own order.
-        in_order = bool(self.frames) and all(first < second for first, second in pairwise(self.frames))
-        if self.rgb != "h264" or not in_order:
-            for index in range(len(self.frames)):
-                yield partial(self.at, "rgb", view, index)
-            return
-        import av
-
-        path, wanted, last = self.path("rgb", view), set(self.frames), max(self.frames)
-        found = 0
-        with open_video(path) as container:
-            try:
-                for number, frame in enumerate(container.decode(video=0)):
-                    if number in wanted:
-                        found += 1
-                        yield partial(lambda frame: self._cut(upright_frame(frame), view), frame)
-                    if number == last:
-                        break
-            except (av.FFmpegError, ValueError) as error:
-                raise ValueError(f"{path}: this video is damaged, {error}") from None
-        if found != len(self.frames):
-            raise FileNotFoundError(f"{path}: expected {len(self.frames)} frames, up to {last}; found {found}")
 
 
 @cached_until_changed(64)
@@ -162,8 +137,6 @@ def _numbered(folder: Path, frame: int) -> Path:
 
 
 def _read_image(kind: str, path: Path) -> np.ndarray:
-    if kind == "rgb":
-        return read_image(path)
     # The order of OpenCV's channels is blue, green, red.
     image = read_image(path, _CHANNELS.get(kind, (1,)))
     if kind == "depth":

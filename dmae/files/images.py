@@ -159,18 +159,27 @@ class VideoFrames:
         return len(self._times)
 
     def read(self, number: int) -> np.ndarray:
-        """Return frame `number`, (H, W, 3) uint8; FileNotFoundError if the video has fewer, or is cut short."""
+        """Return frame `number`, (H, W, 3) uint8.
+
+        Raises FileNotFoundError if the video has fewer, or is cut short, and ValueError if it is damaged before.
+        """
+        import av
+
         if number >= len(self._times):
-            raise FileNotFoundError(f"{self._path}: expected a frame {number}, found {len(self._times)} frames")
+            raise FileNotFoundError(f"{self._path}: expected {number + 1} frames or more, found {len(self._times)}")
         wanted = self._times[number]
         start = self._keyframes[bisect_right(self._keyframes, wanted) - 1]
         if self._last is None or not start <= self._last < wanted:
             self._container.seek(start, stream=self._container.streams.video[0])
             self._decoded = self._container.decode(video=0)
-        for frame in self._decoded:
-            self._last = frame.pts
-            if frame.pts == wanted:
-                return upright_frame(frame)
+        try:
+            for frame in self._decoded:
+                self._last = frame.pts
+                if frame.pts == wanted:
+                    return upright_frame(frame)
+        except (av.FFmpegError, ValueError) as error:
+            self._last = None
+            raise ValueError(f"{self._path}: this video is damaged, {error}") from None
         self._last = None
         raise FileNotFoundError(f"{self._path}: frame {number} cannot be decoded; the video is damaged")
 

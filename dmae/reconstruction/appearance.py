@@ -1,7 +1,5 @@
 """Appearance: the colour of people's clothes, measured on the torso."""
 
-from itertools import islice
-
 import cv2
 import numpy as np
 
@@ -24,9 +22,7 @@ def has_appearance(clip: Clip, config: CaptureConfig) -> bool:
 
 
 class TorsoColours:
-    """Median colour of a patch in the middle of each detection's torso.
-
-    Videos are decoded once, in order, up to the last requested frame. Frames must be requested in order.
+    """Median colour of a patch in the middle of each detection's torso. Frames are read fastest in their order.
 
     Raises:
         ValueError: the clip has no colour images.
@@ -41,22 +37,16 @@ class TorsoColours:
         torso = list(skeleton.trunk) if skeleton.defined else joints
         self._boxes = by_frames(lambda xy: _boxes(xy[:, :, :, torso]), clip.detections.xy)
         self._known = by_frames(lambda boxes: np.isfinite(boxes).all((-1, -2)), self._boxes)
-        self._videos = [clip.images.video(name) for name in clip.rig.names]
-        self._next = 0
+        self._views = [clip.images.opened(name) for name in clip.rig.names]
 
     def __call__(self, frame: int) -> np.ndarray:
         """Return the colours (V, D, 3) of the detections of a frame, float32 CIELAB with L from 0 to 100.
 
         NaN where no joint of the torso is detected, or the patch is outside the image.
-
-        Raises ValueError if the frame is before the last requested one.
         """
-        if frame < self._next:
-            raise ValueError(f"frame {frame} was read already, the next is {self._next}: ask for frames in order")
-        skipped, self._next = frame - self._next, frame + 1
         colours = np.full((*self._known.shape[1:], 3), np.nan, np.float32)
-        for view, video in enumerate(self._videos):
-            image = next(islice(video, skipped, None))()
+        for view, read in enumerate(self._views):
+            image = read(frame)
             for detection in np.flatnonzero(self._known[frame, view]):
                 (left, top), (right, bottom) = np.clip(
                     self._boxes[frame, view, detection], 0, image.shape[1::-1]

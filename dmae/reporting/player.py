@@ -183,8 +183,7 @@ def small_videos(clip: Clip) -> tuple[list[str | None], str | None]:
         scale = min(1, greatest / max(width, height))
         width, height = (max(2, round(side * scale / 2) * 2) for side in (width, height))  # as H.264 requires
         try:
-            frames = (convert() for convert in clip.images.video(name))
-            video = _encoded(frames, clip.fps, (width, height), rate)
+            video = _encoded(clip.images.read("rgb", name), clip.fps, (width, height), rate)
             videos.append(base64.b64encode(video).decode())
         except (OSError, KeyError, av.FFmpegError):
             videos.append(None)

@@ -90,7 +90,7 @@ def test_one_frame_of_each_kind(folder):
     with pytest.raises(IndexError, match="no frame 2 of images; there are 2, from 0"):
         some.at("ids", "left", 2)
     longer = Images(images.folder, ("left",), tuple(range(9)))
-    with pytest.raises(FileNotFoundError, match=r"left\.mp4: expected a frame 8, found 6 frames"):
+    with pytest.raises(FileNotFoundError, match=r"left\.mp4: expected 9 frames or more, found 6"):
         longer.at("rgb", "left", 8)
     with pytest.raises(FileNotFoundError, match=r"right\.mp4: no such file"):
         Images(images.folder, ("right",), (0,)).at("rgb", "right", 0)
@@ -130,8 +130,20 @@ def test_missing_frames_are_named(folder):
     with pytest.raises(FileNotFoundError, match=r"000003\.png: no such file"):
         list(images.read("ids", "left"))
     longer = Images(images.folder, ("left",), (0, 9))
-    with pytest.raises(FileNotFoundError, match=r"left\.mp4: expected 2 frames, up to 9; found 1"):
+    with pytest.raises(FileNotFoundError, match=r"left\.mp4: expected 10 frames or more, found 6"):
         list(longer.read("rgb", "left"))
+
+
+def test_a_video_damaged_in_the_middle_is_named(tmp_path):
+    path = tmp_path / "rgb/left.mp4"
+    write_video(path, np.random.default_rng(0).integers(0, 255, (20, 64, 96, 3), np.uint8), 25)
+    data = bytearray(path.read_bytes())
+    data[len(data) // 3 : len(data) // 2] = bytes(len(data) // 2 - len(data) // 3)
+    path.write_bytes(data)
+    images = Images(tmp_path, ("left",), tuple(range(20)), ("rgb",))
+    for read in (lambda: list(images.read("rgb", "left")), lambda: images.at("rgb", "left", 12)):
+        with pytest.raises(ValueError, match=r"left\.mp4: this video is damaged"):
+            read()
 
 
 def test_a_video_without_frames_or_of_odd_size_is_refused(tmp_path):
