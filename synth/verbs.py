@@ -12,7 +12,7 @@ from dmae.command_line.options import Command, Preset
 from dmae.command_line.presets import checked_preset, is_preset
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
-from dmae.data.resources import FUNCTION, read_preset
+from dmae.data.resources import FUNCTION
 from dmae.data.rng import Stream, generator
 from dmae.data.store import clip_folders, load_clip
 from dmae.data.typed import check_arguments, fields_meant
@@ -386,7 +386,7 @@ def show(clip: Clip, out: str | Path, config: ShowConfig | None = None) -> list[
 
 
 def _rooms(clip: Clip) -> list[np.ndarray] | None:
-    from synth.viewing.rooms import draw_rooms
+    from synth.rendering.rooms import draw_rooms
 
     return draw_rooms(clip) if not clip.has_images and "spec" in clip.provenance else None
 
@@ -549,8 +549,7 @@ def realism(
     """
     from synth.recognition.realism import judge, rates
 
-    folders = [Path(each) for each in (path, *extra_data)]
-    return rates(judge(folders, PoseDetectorConfig(name=detector), every, workers))
+    return rates(judge((path, *extra_data), PoseDetectorConfig(name=detector), every, workers))
 
 
 @check_arguments
@@ -588,8 +587,7 @@ def detector_errors(
     """
     from synth.recognition.detector_errors import study
 
-    presets = {Path(name).stem: read_preset(DetectorConfig, "detector", name) for name in simulated}
-    return study([Path(each) for each in (path, *extra_data)], presets, seed, workers)
+    return study((path, *extra_data), simulated, seed, workers)
 
 
 @check_arguments

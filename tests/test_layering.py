@@ -35,7 +35,7 @@ LAYERS = (
     ("synth.physics",),
     ("synth.rendering",),
     ("synth.labels", "synth.detector"),
-    ("synth.datasets", "synth.recognition", "synth.viewing"),
+    ("synth.datasets", "synth.recognition"),
     ("synth.planning",),
     ("dmae.commands",),
     ("dmae.cli",),

@@ -7,9 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from dmae.data.rng import Stream, generator
-from dmae.data.store import MANIFEST
+from dmae.data.store import MANIFEST, clip_folders, load_clip
 from dmae.files.contents import write_atomic
-from dmae.formats.reading import Clips, DataConfig
 from dmae.reporting.tables import print_tables
 from synth.commands.config import CompareBy, CompareCommand
 from synth.datasets import motion_comparison as motion
@@ -28,9 +27,9 @@ def run(config: CompareCommand, out: Path) -> None:
         return
     with detections.speaking_of(f"real={config.real}"):
         real = measure(read_recording(Path(config.real), config.frames))
-    clips = Clips(DataConfig("clip", config.sim))
+    folders = clip_folders(Path(config.sim))
     with detections.speaking_of(f"sim={config.sim}"):
-        sim = replace(measure_all(clips, len(clips), config.workers), name=Path(config.sim).name)
+        sim = replace(measure_all(map(load_clip, folders), len(folders), config.workers), name=Path(config.sim).name)
     rows = detections.compare(real, sim, config.limits)
     print_tables([detections.table(rows)])
     detections.write_page(out / "compare.html", real, sim, rows)

@@ -4,11 +4,9 @@ import io
 from pathlib import Path
 
 from dmae.data.json_values import json_text
-from dmae.data.resources import read_preset
 from dmae.files.contents import write_atomic
 from dmae.reporting.tables import print_tables
 from synth.commands.config import DetectorErrorsCommand
-from synth.detector.config import DetectorConfig
 from synth.recognition.detector_errors import draw_errors, study, tables
 
 _NUMBERS, _FIGURE = "errors.json", "errors.png"
@@ -19,9 +17,7 @@ def default_out(config: DetectorErrorsCommand) -> Path:
 
 
 def run(config: DetectorErrorsCommand, out: Path) -> None:
-    simulated = {Path(name).stem: read_preset(DetectorConfig, "detector", name) for name in config.simulated}
-    folders = [Path(path) for path in (config.data, *config.extra_data)]
-    studied = study(folders, simulated, config.seed, config.workers)
+    studied = study((config.data, *config.extra_data), config.simulated, config.seed, config.workers)
     print_tables(tables(studied))
     write_atomic(out / _NUMBERS, json_text({"detectors": studied}) + "\n")
     draw_errors(studied).savefig(buffer := io.BytesIO(), format="png", dpi=90)

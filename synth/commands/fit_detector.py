@@ -7,9 +7,9 @@ import numpy as np
 
 from dmae.data.clip import Clip
 from dmae.data.json_values import json_text
+from dmae.data.store import clip_folders, load_clip
 from dmae.files.checks import child
 from dmae.files.contents import write_atomic
-from dmae.formats.reading import Clips, DataConfig
 from dmae.reporting.tables import counted, print_tables
 from synth.commands.config import FitDetectorCommand
 from synth.datasets.config import GenerateConfig
@@ -29,8 +29,7 @@ def run(config: FitDetectorCommand, out: Path) -> None:
         raise ValueError("extra_data and held_back need truth=annotated: clips with truth")
     recorded = (Path(config.detections) / "detection").is_dir()
     if known and not recorded and config.clips is None and config.frames is None:
-        folders = config.detections, *config.extra_data
-        clips = [clip for folder in folders for clip in Clips(DataConfig("clip", folder))]
+        clips = _read(config.detections, *config.extra_data)
         if clips and all(clip.truth is not None and clip.occlusion is not None for clip in clips):
             _fit_to_truth(config, clips, out)
             return
@@ -52,7 +51,7 @@ def _fit_to_truth(config: FitDetectorCommand, clips: list[Clip], out: Path) -> N
     fitted = truth_fit.fit_to_truth(clips, config.detector, rounds=config.rounds, **options)
     distances = {"fitted": truth_fit.distances(clips, fitted.config, **options)}
     if config.held_back:
-        others = [clip for folder in config.held_back for clip in Clips(DataConfig("clip", folder))]
+        others = _read(*config.held_back)
         distances["held_back"] = truth_fit.distances(others, fitted.config, **options)
         distances["real"] = truth_fit.real_distances(clips, others, config.workers)
     titles = {
@@ -102,4 +101,9 @@ def _clips(config: FitDetectorCommand, recording: Clip, out: Path) -> list[Clip]
         same = {name: getattr(config, name) for name in
                 ("seed", "workers", "backend", "motion", "interaction", "detector")}  # fmt: skip
         generate(GenerateConfig(out=folder, clips=config.count, scene=scene, rig=rig, **same))
-    return list(Clips(DataConfig("clip", folder)))
+    return _read(folder)
+
+
+def _read(*data: str) -> list[Clip]:
+    """Return the clips of data sets."""
+    return [load_clip(folder) for path in data for folder in clip_folders(Path(path))]

@@ -6,8 +6,8 @@ from pathlib import Path
 import cv2
 
 from dmae.data.json_values import json_text
+from dmae.data.store import clip_folders
 from dmae.files.contents import write_atomic
-from dmae.formats.reading import Clips, DataConfig
 from dmae.reporting.tables import Table, print_tables
 from synth.commands.config import RealismCommand
 from synth.recognition.realism import HEAD, described, draw_sheet, judge, rates, worst
@@ -23,7 +23,7 @@ def default_out(config: RealismCommand) -> Path:
 
 
 def run(config: RealismCommand, out: Path) -> None:
-    folders = [Path(path) for path in (config.data, *config.extra_data)]
+    folders = config.data, *config.extra_data
     judged = judge(folders, config.detector, config.every, config.workers)
     if not judged:
         raise ValueError(f"{config.data}: in no image is a person in plain sight, there is nothing to look at")
@@ -32,7 +32,7 @@ def run(config: RealismCommand, out: Path) -> None:
     numbers: dict = {"detector": config.detector.name, "rows": [asdict(row) for row in rows]}
     if config.real:
         real = photographed(Path(config.real), _REAL_IMAGES)
-        clips = [path for folder in folders for path in Clips(DataConfig("clip", str(folder))).folders]
+        clips = [clip for folder in folders for clip in clip_folders(Path(folder))]
         table = comparison(rendered(clips, config.every), real)
         print_tables([table])
         numbers["silhouettes"] = {"real": config.real, "columns": list(table.header), "rows": table.rows}

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from dmae.commands import show
 from dmae.viewing.config import ShowConfig
-from synth.viewing.rooms import draw_rooms
+from synth.rendering.rooms import draw_rooms
 
 
 def run(config: ShowConfig, out: Path) -> None:

@@ -17,7 +17,7 @@ from scipy.stats import ks_2samp, wasserstein_distance
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25
-from dmae.formats.reading import Clips, DataConfig
+from dmae.data.store import clip_folders, load_clip
 from dmae.progress import progress
 from dmae.reporting.page import CaptionedFigure, Section, write_report
 from dmae.reporting.tables import Table
@@ -102,9 +102,9 @@ def clip_tracks(path: Path, *, captured: bool) -> list[Track]:
 
     Raises FileNotFoundError if there are no clips at the path.
     """
-    clips = Clips(DataConfig("clip", str(path)))
-    named = zip(map(str, clips.folders), clips, strict=True)
-    return tracks_of(progress(named, "reading clips", len(clips)), captured=captured)
+    folders = clip_folders(path)
+    named = ((str(folder), load_clip(folder)) for folder in folders)
+    return tracks_of(progress(named, "reading clips", len(folders)), captured=captured)
 
 
 def tracks_of(clips: Iterable[tuple[str, Clip]], *, captured: bool) -> list[Track]:

@@ -166,32 +166,24 @@ class Skin:
     def __init__(self, model: mujoco.MjModel, normals: bool = True):
         self._model, self._normals, self.persons = model, normals, []
         skinned = model.geom_user[:, 0] == SKINNED if model.nuser_geom else np.zeros(model.ngeom, bool)
-        for number in range(model.nnumeric):
-            name = model.numeric(number).name
-            if not name.endswith("/skin"):
-                continue
-            start, size = model.numeric_adr[number], model.numeric_size[number]
-            numbers = model.numeric_data[start : start + size]
-            segments = model.body(name.replace("/skin", f"/{SEGMENTS[0]}")).id + np.arange(len(SEGMENTS))
+        held = _numbers(model)
+        for name in [key.removesuffix("/skin") for key in held if key.endswith("/skin")]:
+            segments = model.body(f"{name}/{SEGMENTS[0]}").id + np.arange(len(SEGMENTS))
             geoms = np.flatnonzero(skinned & np.isin(model.geom_bodyid, segments))
-            quats, origins, rows = np.split(numbers, [64, 112])
+            quats, origins, rows = np.split(held[f"{name}/skin"], [64, 112])
             bind = np.empty((len(_TABLE), 3, 4))
             _place_bones(quats.reshape(16, 4), origins.reshape(16, 3), _PARENTS, _SEGMENT, _SHARES, _LENGTHWISE, bind)
-            hanging = [model.numeric(each) for each in range(model.nnumeric)]
-            prefix = name.removesuffix("skin") + "drape"
-            drapes = tuple(Drape.unpack(each.data) for each in hanging if each.name.startswith(prefix))
+            drapes = tuple(Drape.unpack(data) for key, data in held.items() if key.startswith(f"{name}/drape"))
             bind = np.concatenate([bind, *(drape.at_rest() for drape in drapes)])
             which, weights, rest = np.split(rows.reshape(-1, _ROW), [MOST_BONES, 2 * MOST_BONES], axis=1)
             hands = None
-            if (number := mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, name.replace("/skin", "/hands"))) >= 0:
-                hands = MovingHands.unpack(model.numeric(number).data)
+            if f"{name}/hands" in held:
+                hands = MovingHands.unpack(held[f"{name}/hands"])
                 bind[_FINGERS[0] : FIRST_NODE, :, 3] = hands.fingers.joints.reshape(-1, 3)
-            swing = np.zeros(3)
-            if (number := mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, name.replace("/skin", "/swing"))) >= 0:
-                swing = model.numeric(number).data.copy()
+            swing = held.get(f"{name}/swing", np.zeros(3)).copy()
             skin = bind, which.astype(np.int32), weights.copy(), rest.copy(), hands, drapes
             swung = swing[1:].reshape(-1, 2), float(swing[0])
-            self.persons.append(SkinOfPerson(name.removesuffix("/skin"), segments, geoms, *skin, *swung))
+            self.persons.append(SkinOfPerson(name, segments, geoms, *skin, *swung))
         self.geoms = np.concatenate([np.empty(0, int), *(person.geoms for person in self.persons)])
         self.meshes = model.geom_dataid[self.geoms]
         # MuJoCo tests rays against boxes of bodies, which leave out geoms without contacts.
@@ -235,14 +227,17 @@ def let_swing(model: mujoco.MjModel, qpos: np.ndarray, fps: float) -> None:
         qpos: (F, nq) states of all frames of the clip.
         fps: Frames per second.
     """
+    held = _numbers(model)
     for person in Skin(model).persons:
-        number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, f"{person.name}/swing")
-        if number < 0:
-            continue
-        hips = model.jnt_qposadr[model.body_jntadr[person.segments[0]]]
-        away = swings(max(drape.length for drape in person.drapes), qpos[:, hips : hips + 2], fps)
-        start, size = model.numeric_adr[number], model.numeric_size[number]
-        model.numeric_data[start : start + size] = [fps, *away.ravel()]
+        if f"{person.name}/swing" in held:
+            hips = model.jnt_qposadr[model.body_jntadr[person.segments[0]]]
+            away = swings(max(drape.length for drape in person.drapes), qpos[:, hips : hips + 2], fps)
+            held[f"{person.name}/swing"][:] = [fps, *away.ravel()]
+
+
+def _numbers(model: mujoco.MjModel) -> dict[str, np.ndarray]:
+    """Return the numbers that a model holds, by name. What is written into them is written into the model."""
+    return {each.name: each.data for each in map(model.numeric, range(model.nnumeric))}
 
 
 def mesh_triangles(model: mujoco.MjModel, geom: int) -> np.ndarray:

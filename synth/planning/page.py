@@ -21,9 +21,9 @@ from synth.interactions.registry import people as counted
 from synth.planning.config import PlanConfig
 from synth.planning.plan import FIGURES, CameraPlan, Expected, PlannedRig, check_numbers, make_plan
 from synth.planning.search import Rehearsal, rehearse
+from synth.rendering.rooms import draw_rooms
 from synth.rigs.config import listed_rig
 from synth.scene.sampling import people_range
-from synth.viewing.rooms import draw_rooms
 
 NUMBERS = "plan.json"
 _HEADER = ("camera", "mount", "x m", "y m", "height m", "pan deg", "tilt deg", "view deg", "size px")

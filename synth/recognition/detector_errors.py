@@ -1,6 +1,6 @@
 """Errors of a detector by the occluder of a joint: observations of clips, tables, and a figure."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -12,8 +12,9 @@ from matplotlib.figure import Figure
 from dmae.data.clip import Clip
 from dmae.data.conversion import convert, convert_detections
 from dmae.data.labels import Visibility
+from dmae.data.resources import read_preset
 from dmae.data.skeleton import BODY25
-from dmae.formats.reading import Clips, DataConfig
+from dmae.data.store import clip_folders, load_clip
 from dmae.parallel import in_parallel
 from dmae.progress import progress
 from dmae.reporting.tables import Table
@@ -282,13 +283,11 @@ def _shortened(group: str) -> str:
 # Compare a detector and simulated detectors with the same truth on the same clips.
 
 
-def study(
-    folders: Sequence[Path], simulated: Mapping[str, DetectorConfig], seed: int = 0, workers: int = 1
-) -> dict[str, dict]:
-    """Return the `numbers` of the clips' own detections, and then of simulated detectors on the same clips, by name of
-    the detector. Raises as `synth.detector_errors`."""
-    paths = [path for folder in folders for path in Clips(DataConfig("clip", str(folder))).folders]
-    tasks = [(path, dict(simulated), seed) for path in paths]
+def study(folders: Sequence[str | Path], simulated: Sequence[str], seed: int = 0, workers: int = 1) -> dict[str, dict]:
+    """Return the `numbers` of the clips' own detections, and then of simulated detectors of these presets on the same
+    clips, by name of the detector. Raises as `synth.detector_errors`."""
+    presets = {Path(name).stem: read_preset(DetectorConfig, "detector", name) for name in simulated}
+    tasks = [(clip, presets, seed) for folder in folders for clip in clip_folders(Path(folder))]
     done = list(progress(in_parallel(_study_clip, tasks, workers), "measuring", len(tasks)))
     names = {next(iter(found)) for found in done}
     if len(names) > 1:
@@ -296,7 +295,7 @@ def study(
     return {name: numbers(pooled([found[name] for found in done])) for name in done[0]}
 
 
-def _study_clip(folder: Path, simulated: Mapping[str, DetectorConfig], seed: int) -> dict[str, DetectorObservations]:
-    clip = Clips(DataConfig("clip", str(folder)))[0]
+def _study_clip(folder: Path, simulated: dict[str, DetectorConfig], seed: int) -> dict[str, DetectorObservations]:
+    clip = load_clip(folder)
     own = f"{clip.provenance.get('detector', 'detections')} (measured)"
     return {own: observe(clip)} | {name: observe(redetect(clip, config, seed)) for name, config in simulated.items()}

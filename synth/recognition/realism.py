@@ -11,9 +11,9 @@ from dmae.data.clip import Clip, Detections2D
 from dmae.data.conversion import convert, convert_detections
 from dmae.data.labels import Visibility
 from dmae.data.skeleton import BODY25
+from dmae.data.store import clip_folders, load_clip
 from dmae.detection.pipeline import make_detector
 from dmae.detection.registry import ImageDetector, PoseDetectorConfig
-from dmae.formats.reading import Clips, DataConfig
 from dmae.numerics.body import body_heading
 from dmae.parallel import in_parallel
 from dmae.progress import progress
@@ -307,11 +307,10 @@ class Rate:
     median: float | None
 
 
-def judge(folders: Sequence[Path], config: PoseDetectorConfig, every: int = 1, workers: int = 1) -> list[Judged]:
+def judge(folders: Sequence[str | Path], config: PoseDetectorConfig, every: int = 1, workers: int = 1) -> list[Judged]:
     """Run a detector on each person in plain sight in the images of clips, every so many frames. Raises as
     `synth.realism`."""
-    paths = [path for folder in folders for path in Clips(DataConfig("clip", str(folder))).folders]
-    tasks = [(path, config, every) for path in paths]
+    tasks = [(clip, config, every) for folder in folders for clip in clip_folders(Path(folder))]
     done = in_parallel(_judge_clip, tasks, workers)
     return [one for some in progress(done, "looking at people", len(tasks)) for one in some]
 
@@ -356,7 +355,7 @@ def _order(value: str) -> tuple:
 
 
 def _judge_clip(folder: Path, config: PoseDetectorConfig, every: int) -> list[Judged]:
-    clip = Clips(DataConfig("clip", str(folder)))[0]
+    clip = load_clip(folder)
     seen = sightings(clip)
     detector = make_detector(replace(config, windows=[1.0], search_every=1))
     return [Judged(folder, crop, _groups(clip, seen, crop)) for crop in crops(clip, seen, detector, every)]
@@ -437,7 +436,7 @@ def draw_sheet(judged: Sequence[Judged], columns: int = 6) -> np.ndarray:
     """Return an image (H, W, 3) uint8 RGB with one tile per person: true joints in green, detected joints in red."""
     tiles = {}
     for folder in dict.fromkeys(each.clip for each in judged):
-        clip = Clips(DataConfig("clip", str(folder)))[0]
+        clip = load_clip(folder)
         seen = sightings(clip)
         assert clip.images is not None
         for each in judged:

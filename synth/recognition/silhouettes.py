@@ -12,11 +12,11 @@ import cv2
 import numpy as np
 
 from dmae.data.rng import Stream, generator
+from dmae.data.store import load_clip
 from dmae.detection.detectors.blazepose import PeopleDetector
 from dmae.detection.detectors.landmarks import Network, pyramid_of
 from dmae.detection.images import cameras_of, find_cameras
 from dmae.detection.registry import PoseDetectorConfig
-from dmae.formats.reading import Clips, DataConfig
 from dmae.progress import progress
 from dmae.reporting.tables import Table
 
@@ -91,7 +91,7 @@ def rendered(folders: Sequence[Path], every: int) -> list[list[dict[str, float]]
     """Return the statistics of the people in clips with colour images, a list for each camera of a clip."""
     found = []
     for folder in progress(folders, "silhouettes", len(folders)):
-        clip = Clips(DataConfig("clip", str(folder)))[0]
+        clip = load_clip(folder)
         assert clip.images is not None
         cameras = cameras_of(clip.images, clip.rig.size)
         for camera in cameras:

@@ -112,7 +112,9 @@ class SceneSpec:
 
     @classmethod
     def of(cls, clip: Clip) -> "SceneSpec":
-        """Return the spec in the provenance of a simulated clip; raises as `from_json`."""
+        """Return the spec in the provenance of a simulated clip; ValueError if it has none, or a wrong one."""
+        if "spec" not in clip.provenance:
+            raise ValueError(f"clip {clip.id!r} has no scene in its provenance")
         return cls.from_json(json.dumps(clip.provenance["spec"]))
 
     def __post_init__(self):

@@ -103,7 +103,7 @@ def test_joints_that_the_skeleton_lacks_are_no_misses(clip):
 
 def test_simulated_detectors_beside_the_measured_one(clip, tmp_path):
     save_clip(clip, tmp_path)
-    found = study([tmp_path], {name: read_preset(DetectorConfig, "detector", name) for name in ("clean", "terrible")})
+    found = study([tmp_path], ["clean", "terrible"])
     assert list(found) == ["detections (measured)", "clean", "terrible"]
     errors = {
         name: {row["group"]: row for row in each["joints"] if row["heading"] == "cause"} for name, each in found.items()

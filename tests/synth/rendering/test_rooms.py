@@ -4,8 +4,8 @@ from dmae.viewing.config import LayersConfig
 from dmae.viewing.overlay import Overlay, chosen_layers
 from synth.datasets.clip import generate_clip
 from synth.datasets.config import GenerateConfig
+from synth.rendering.rooms import draw_rooms
 from synth.scene.config import SceneConfig
-from synth.viewing.rooms import draw_rooms
 
 
 def test_the_room_is_drawn_from_the_clip_s_provenance():

@@ -22,11 +22,8 @@ def draw_rooms(clip: Clip) -> list[np.ndarray]:
         ValueError: the clip's provenance has no scene, or one of another version.
         FileNotFoundError: a file of the room does not exist.
     """
-    if "spec" not in clip.provenance:
-        raise ValueError(f"clip {clip.id!r} has no scene in its provenance")
     rig = clip.actual_rig
-    spec = SceneSpec.of(clip)
-    scene = build_scene(replace(spec, persons=()), rig)
+    scene = build_scene(replace(SceneSpec.of(clip), persons=()), rig)
     data = mujoco.MjData(scene.model)
     mujoco.mj_forward(scene.model, data)
     painter = RayPainter(scene.model, scene.geom_ids, rig, _BLOCK)

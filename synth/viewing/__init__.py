@@ -1,1 +1,0 @@
-"""Images of the rooms of simulated clips. `dmae.viewing` draws the people."""
