@@ -178,15 +178,16 @@ def pool_gaps(runs: list[list[dict]]) -> list[dict]:
     order=6,
     columns=(
         Column("MPJPE", "mm", lambda score: score["all"], order=5),
-        Column("measured", "mm", lambda score: score["measured" if score["denoised"] is None else "denoised"], order=6),
+        Column("measured", "mm", lambda score: score["measured"], order=6),
     ),
 )
 def _mpjpe(comparison: Comparison) -> dict[str, float]:
-    """MPJPE of all joints, and of measured, denoised and completed ones, mm."""
-    kinds = [kind for kind in Source if kind != Source.ABSENT]
+    """MPJPE of all joints, of those that cameras measured, denoised or not, and of completed ones, mm."""
     matched, truth = comparison.matched, comparison.truth.xyz
-    return {"all": mpjpe(matched, truth)} | {
-        kind.name.lower(): mpjpe(matched, truth, comparison.source == kind) for kind in kinds
+    return {
+        "all": mpjpe(matched, truth),
+        "measured": mpjpe(matched, truth, take_matched(comparison.pred.measured, comparison.matches, False)),
+        "completed": mpjpe(matched, truth, comparison.source == Source.COMPLETED),
     }
 
 

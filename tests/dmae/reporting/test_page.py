@@ -33,7 +33,7 @@ def scores(errors):
         "pcp": 90.0,
         "pck": {"recall": 99.0, "precision": 50.0},
         "shares": {"absent": 1.0, "measured": 90.0, "denoised": 0.0, "completed": 9.0},
-        "mpjpe": {"all": 40.0, "measured": 30.0, "denoised": None, "completed": 80.0},
+        "mpjpe": {"all": 40.0, "measured": 30.0, "completed": 80.0},
         "hidden": {"recall": 80.0, "mpjpe": 80.0},
         "identity_switches": 0.0,
         "gaps": gaps,
