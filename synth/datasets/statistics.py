@@ -26,6 +26,7 @@ from dmae.progress import progress
 from dmae.reporting.tables import counted, markdown_table
 from synth.datasets.config import SplitBy
 from synth.datasets.splits import identities
+from synth.labels.forces import owners
 from synth.physics.body_state import FILE as STATE
 from synth.physics.body_state import BodyState, load_state
 from synth.rooms.config import room_choices
@@ -42,9 +43,8 @@ class ClipContacts(NamedTuple):
 
 def clip_contacts(state: BodyState) -> ClipContacts:
     """Return the contacts between people, counted in the body states of a clip."""
-    owner = [name.partition("/")[0] if name.startswith("person") else "" for name in state.contact_names]
-    one, other = np.array([*owner, ""])[state.contact_between].T
-    between = (one != "") & (other != "") & (one != other)
+    one, other = owners(state.contact_names)[state.contact_between].T
+    between = (one >= 0) & (other >= 0) & (one != other)
     greatest = np.zeros(len(state.qpos))
     np.maximum.at(greatest, state.contact_frame[between], np.linalg.norm(state.contact_force[between], axis=1))
     touching = np.zeros(len(state.qpos), bool)

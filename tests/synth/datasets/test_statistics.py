@@ -173,7 +173,7 @@ def state(contacts: list[tuple[int, int, int, float]]) -> BodyState:
         action_names=("hug",),
         contact_frame=frame.astype(np.int32),
         contact_between=np.stack([one, other], 1).astype(np.int16),
-        contact_names=("person0/l_hand", "person0/chest", "person1/chest", "box"),
+        contact_names=("person0/l_hand", "person0/chest", "person1/chest", "personal_box"),
         contact_point=np.zeros((len(frame), 3), np.float32),
         contact_force=np.stack([0 * force, force, 0 * force], 1).astype(np.float32),
         contact_depth=np.zeros(len(frame), np.float32),
