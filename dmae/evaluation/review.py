@@ -47,8 +47,12 @@ def save_decisions(folder: Path, poses: Poses3D, decisions: Sequence[Decision]) 
     """
     for decision in decisions:
         _index(poses, decision)
-    content = {"format": FORMAT, "poses": checksum(poses), "decisions": [asdict(each) for each in decisions]}
-    write_atomic(Path(folder) / DECISIONS, json.dumps(content, indent=1) + "\n")
+    write_atomic(Path(folder) / DECISIONS, json.dumps(decisions_content(checksum(poses), decisions), indent=1) + "\n")
+
+
+def decisions_content(poses: str, decisions: Sequence[Decision]) -> dict:
+    """Return the content of the file of decisions on poses with this checksum."""
+    return {"format": FORMAT, "poses": poses, "decisions": [asdict(each) for each in decisions]}
 
 
 def load_decisions(folder: Path, poses: Poses3D | None) -> tuple[Decision, ...]:

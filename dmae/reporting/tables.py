@@ -25,7 +25,7 @@ class Choices:
     name: str  # Name of the file
     options: Sequence[str]  # Values that a reader can choose for a row. Rows without a choice are left out of the file.
     rows: Sequence[dict]  # The file's entry for each row of the table. The page adds the chosen value as `verdict`.
-    file: dict  # Other content of the file, next to its list of `decisions`
+    file: dict  # Content of the file. Chosen values are added to its list `decisions`.
 
 
 @dataclass(frozen=True)

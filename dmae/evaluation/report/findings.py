@@ -476,6 +476,7 @@ class Findings:
     # The joints that are most likely to be off, by signs that need no truth
     doubts: list[Doubt] = field(default_factory=list)
     poses_checksum: str = ""  # Checksum of the poses. Decisions on the poses refer to it.
+    decisions: Sequence[Decision] = ()  # Earlier decisions on the poses
     # Height of the floor and direction of the vertical, estimated from the people; None without people
     floor: Floor | None = None
 
@@ -485,8 +486,8 @@ class Findings:
         return sum(self.sources[source] for source in sources) / total if total else None
 
 
-def examine(clip: Clip) -> Findings:
-    """Return the findings of the report in a clip, captured or not."""
+def examine(clip: Clip, decisions: Sequence[Decision] = ()) -> Findings:
+    """Return the findings of the report in a clip, captured or not. Joints with a decision are not doubtful."""
     state = state_of(clip)
     facts: dict[str, Any] = {
         "id": clip.id,
@@ -523,8 +524,9 @@ def examine(clip: Clip) -> Findings:
         residuals_completed=reprojected.completed,
         moments=worst_moments(clip, joints, reprojected),
         error=mean_known(error, (1, 2)) if facts["has_truth"] else None,
-        doubts=rank_doubts(clip)[:_DOUBTS],
+        doubts=rank_doubts(clip, decisions)[:_DOUBTS],
         poses_checksum=checksum(clip.poses),
+        decisions=decisions,
         floor=find_floor(clip.poses, clip.fps),
     )
 

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import replace
+from itertools import repeat
 from pathlib import Path
 
 import numpy as np
@@ -24,9 +25,10 @@ from dmae.evaluation.report.findings import (
     examine,
     residual_tables,
 )
-from dmae.evaluation.review import DECISIONS, FORMAT, ReviewVerdict
+from dmae.evaluation.review import DECISIONS, ReviewVerdict, decisions_content, load_decisions
 from dmae.evaluation.scores import read_scores
 from dmae.formats.poses import SOURCE_WORDS
+from dmae.formats.reading import Clips
 from dmae.metrics.angles import SHOWN_BY, leg_angles
 from dmae.metrics.score_tables import score_tables
 from dmae.numerics.filling import STRANGERS, are_stills
@@ -66,7 +68,9 @@ def write_clips_report(
     Without clips the page has scores only. `about`: paragraphs under the title. Returns the findings of each clip.
     """
     findings, named = [], Counter()
-    for found in map(examine, progress(clips or (), "reporting")):
+    folders = clips.folders if isinstance(clips, Clips) else repeat(None)
+    for clip, folder in zip(progress(clips or (), "reporting"), folders, strict=False):
+        found = examine(clip, load_decisions(folder, clip.poses) if folder else ())
         # Clips of several data sets can have one id, by which tables open them in the player.
         named[found.id] += 1
         same = named[found.id]
@@ -324,9 +328,10 @@ def doubts_section(findings: Sequence[Findings], played: dict[str, range]) -> li
             places.append(Moment(found.id, doubt.worst, doubt.person) if inside else None)
             choices.append({"person": doubt.person, "joint": doubt.joint, "first": doubt.first, "last": doubt.last})
         header = ("entry", "person", "joint", "frame", "doubt mm", "largest sign", "source", "cameras")
-        file = {"format": FORMAT, "poses": found.poses_checksum}
+        file = decisions_content(found.poses_checksum, found.decisions)
         decisions = Choices(DECISIONS, [*ReviewVerdict], choices, file)
-        caption = f"Doubtful joints of {found.id}"
+        kept = f"; the file keeps {counted(len(found.decisions), 'earlier decision')}" if found.decisions else ""
+        caption = f"Doubtful joints of {found.id}{kept}"
         tables.append(Table(caption, header, rows, bars=(4,), moments=places, choices=decisions))
     words = (
         "The joints that are most likely wrong, by signs that need no truth: stated error, bones that change their "

@@ -17,7 +17,8 @@ function decidable(table) {
   };
   table.addEventListener("change", label);
   button.addEventListener("click", () => {
-    const content = {...JSON.parse(table.dataset.file), decisions: decisionsOf(table)};
+    const content = JSON.parse(table.dataset.file);
+    content.decisions.push(...decisionsOf(table));
     const link = document.createElement("a");
     link.href = URL.createObjectURL(new Blob([JSON.stringify(content, null, 1), "\n"], {type: "application/json"}));
     link.download = table.dataset.name;

@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 
 from dmae.data.cameras import CameraRig
+from dmae.data.store import load_clip, save_clip
 from dmae.evaluation.report.findings import rank_doubts
 from dmae.evaluation.report.page import write_clips_report
-from dmae.evaluation.review import DECISIONS, load_decisions
+from dmae.evaluation.review import DECISIONS, load_decisions, save_decisions
+from dmae.formats.config import DataConfig
+from dmae.formats.reading import Clips
 from tests.support.browser import opened
 from tests.support.reported_clips import completed_clip, grey_of, with_images
 
@@ -310,3 +313,17 @@ def test_decisions_on_doubtful_joints_are_saved_as_commands_read_them(browser, t
         download.value.save_as(tmp_path / DECISIONS)
     ranking = rank_doubts(clip)
     assert load_decisions(tmp_path, clip.poses) == (ranking[0].decision("blank"), ranking[3].decision("hand_back"))
+
+
+def test_a_later_page_keeps_earlier_decisions(browser, tmp_path):
+    save_clip(completed_clip(), tmp_path / "clip")
+    clip = load_clip(tmp_path / "clip")
+    first, second, *_ = rank_doubts(clip)
+    save_decisions(tmp_path / "clip", clip.poses, [first.decision("blank")])
+    write_clips_report(tmp_path / "report.html", Clips(DataConfig(path=str(tmp_path / "clip"))))
+    with opened(browser, tmp_path / "report.html") as page:
+        page.locator("select.verdict").nth(0).select_option("accept")
+        with page.expect_download() as download:
+            page.locator("button.save").click()
+        download.value.save_as(tmp_path / "clip" / DECISIONS)
+    assert load_decisions(tmp_path / "clip", clip.poses) == (first.decision("blank"), second.decision("accept"))
