@@ -155,7 +155,10 @@ def test_generate_answers_a_mistyped_option():
 def test_a_configuration_with_a_value_of_another_type_is_refused(clip, tmp_path: Path):
     with pytest.raises(ValueError, match=r"CaptureConfig\.th_p: expected a number, found 'a'"):
         dmae.capture(clip, dmae.CaptureConfig(th_p="a"))
-    with pytest.raises(ValueError, match=r"TrainConfig\.learning: expected the fields .*'steps'\], found \['step'\]"):
+    with pytest.raises(
+        ValueError,
+        match=r"TrainConfig\.learning: expected the fields .*'steps'\], found \['step'\]; did you mean steps\?",
+    ):
         dmae.train([clip], tmp_path, dmae.TrainConfig(learning={"step": 2}))
 
 

@@ -297,7 +297,8 @@ def like(options: Group, key: str) -> str:
     while group and not any(each.startswith(f"{group}.") for each in keys):
         group = group.rpartition(".")[0]
     prefix = f"{group}." if group else ""
-    inside, rest = [each for each in keys if each.startswith(prefix)], key.removeprefix(prefix)
+    inside = [each for each in keys if each.startswith(prefix)]
+    rest = key.removeprefix(prefix) if group else key.rpartition(".")[2]
     similarities = [
         max(_similarity(rest, each.removeprefix(prefix)), _similarity(rest, each.rpartition(".")[2])) for each in inside
     ]

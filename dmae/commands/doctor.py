@@ -35,7 +35,7 @@ _SIDES_FRAMES = 600  # Frames, from the first on, in which exchanged sides are l
 
 def run(config: DoctorCommand, out: Path) -> None:
     """Print how the cameras fit and what to correct; exits with status 1 if there is anything."""
-    faulty = 0
+    faulty, fitted = 0, False
     for clip, _, to in each_clip(config.data, out, "examining"):
         offsets = (
             None
@@ -54,6 +54,9 @@ def run(config: DoctorCommand, out: Path) -> None:
             for name, picture in zip(clip.rig.names, arrows, strict=True):
                 write_atomic(child(to, f"arrows_{name}.png", "camera"), picture)
         faulty += bool(diagnosis.findings)
+        fitted |= bool(diagnosis.pairs)
+    if fitted:
+        print(_COLUMNS)
     print(out)
     if faulty:
         sys.exit(1)
@@ -72,8 +75,6 @@ def _print(clip: Clip, diagnosis: Diagnosis, has_options: bool) -> None:
         print_tables([Table(f"{clip.id}: pairs of cameras, worst first", header, [rows[row] for row in worst_first])])
     if diagnosis.cameras:
         print_tables([_cameras(clip, diagnosis)])
-    if rows:
-        print(_COLUMNS)
     if diagnosis.floor is not None:
         print(f"{clip.id}: {diagnosis.floor.describe()}")
     for number, finding in enumerate(diagnosis.findings, 1):

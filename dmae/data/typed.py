@@ -132,7 +132,10 @@ def _taken(kind: Any, value: Any, name: str) -> Any:
         names = {each.name for each in fields(kind)}
         needed = {f.name for f in fields(kind) if f.default is MISSING and f.default_factory is MISSING}
         if not needed <= set(value) <= names:
-            raise WrongTypeError(f"{name}: expected the fields {sorted(names)}, found {sorted(value)}")
+            wrong = sorted(value.keys() - names, key=str)
+            near = nearest(str(wrong[0]), names) if wrong else None
+            meant = f"; did you mean {near}?" if near else ""
+            raise WrongTypeError(f"{name}: expected the fields {sorted(names)}, found {sorted(value, key=str)}{meant}")
         hints = type_hints(made)
         return made(**{field: decode(hints[field], item, f"{name}.{field}") for field, item in value.items()})
     return value

@@ -16,6 +16,8 @@ from synth.rooms.room import compile_mjcf
 
 _TALLEST = 2.0
 """Height of the people's area, m."""
+_PERSON, _LEAST_PX = 1.7, 10.0
+"""Height of a person, m, and the least height of the nearest one in an image, px."""
 _SECTORS, _RINGS, _LEVELS = 16, 3, 5
 _GREATEST_CONDITION = 1e3
 """Greatest condition number of the system for the point where the cameras' axes meet. Above it the axes count as
@@ -87,13 +89,21 @@ def find_faults(rig: CameraRig, stage: Stage) -> dict[int, str]:
 
 
 def check_rig(rig: CameraRig, source: str, stage: Stage, origin: Sequence[float] | None = None) -> None:
-    """Check that every camera is at a possible place and sees some of the people's area.
+    """Check that every camera is at a possible place, sees some of the people's area, and is near enough.
 
     `origin` is `rig.origin`, m, for cameras that are given in another world.
 
     Raises FailedSimulation if a camera is under the floor, inside an object of the room, or sees no people; the message
-    names the camera and the object, and the point where the cameras' axes meet.
+    names the camera and the object, and the point where the cameras' axes meet. Raises ValueError if people are a few
+    pixels tall, as where lengths are not in metres.
     """
+    reach = np.linalg.norm(area(stage).reshape(-1, 3) - rig.centers[:, None], axis=-1).min(1)
+    for name, size, away in zip(rig.names, _PERSON * rig.K[:, 1, 1], reach, strict=True):
+        if size < _LEAST_PX * away:
+            raise ValueError(
+                f"{source}: in camera {name!r} people are at most {size / away:.1f} px tall; move it nearer, or raise its focal "
+                "length; lengths of rigs are in metres, and rig.unit=cm states another unit of a calibration file"
+            )
     faults = find_faults(rig, stage)
     if not faults:
         return

@@ -52,6 +52,7 @@ def folder(tmp_path_factory):
         ("synth generate scene=ofice", "scene=ofice: no such choice; did you mean office?"),
         ("synth generate rig.count=4", "rig.count: no such option; there are rig.name, rig.path, rig.size"),
         ("synth generate scene.views=4", "elsewhere there is rig.ring.views"),
+        ("dmae pretrain scene.seconds=2", "scene.seconds: no such option; did you mean seconds?"),
         ("synth generate rig.views=4", "did you mean one of rig.ring.views, rig.dome.views, rig.random.views?"),
         ("synth generate rig.ring.height=1,2", "a list is written as rig.ring.height=[a,b]"),
         ("dmae capture -m data=shelf,opnpose", "data=opnpose: neither a folder nor a format; did you mean openpose?"),

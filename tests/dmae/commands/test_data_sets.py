@@ -188,6 +188,15 @@ def test_clips_are_of_one_content_of_another_calibration(tmp_path):
         command.run(config, tmp_path / "captured")
 
 
+def test_doctor_explains_its_columns_once(tmp_path, capsys):
+    for name in ("a", "b"):
+        save_clip(strollers(frames=30, persons=2, views=3, name=name), tmp_path / "set" / name)
+    write_manifest(tmp_path / "set", [{"id": "a", "status": "ok"}, {"id": "b", "status": "ok"}])
+    doctor.run(DoctorCommand(DataConfig(path=str(tmp_path / "set"))), tmp_path / "out")
+    said = capsys.readouterr().out
+    assert (said.count("pairs of cameras"), said.count("agreeing: share of people")) == (2, 1)
+
+
 def test_doctor_names_the_way_to_an_option_where_a_clip_has_none(tmp_path):
     clip = strollers(frames=60, persons=2, views=3, name="a")
     save_clip(replace(clip, rig=Convention(up=UpDirection.y).written_rig(clip.rig)), tmp_path / "a")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from synth.errors import FailedSimulation
-from synth.rigs.config import CameraConfig, RigConfig
+from synth.rigs.config import CameraConfig, RigConfig, RingConfig
 from synth.rigs.coverage import Stage, area, check_outside, check_rig, find_faults, meeting_point, views_of_cells
 from synth.rigs.rig import make_rig
 from tests.support.rigs import points_in_area, preset
@@ -35,6 +35,15 @@ def test_covered_cells_are_in_the_images(name):
     points = points_in_area(1.9)
     seen = rig.inside(rig.project(points)[0])[0].sum(0)
     assert seen.min() >= views_of_cells(rig, Stage(1.9)).min()
+
+
+def test_a_rig_in_centimetres_is_refused():
+    ring = RigConfig(ring=RingConfig(radius=[300, 400], height=[100, 270]))
+    with pytest.raises(ValueError, match=r"people are at most \d\.\d px tall.*in metres, and rig\.unit=cm"):
+        make_rig(ring, rng=np.random.default_rng(0))
+    listed = CameraConfig("left", [320, 240], focal=220, position=[320, 20, 220], target=[0, 0, 1])
+    with pytest.raises(ValueError, match=r"in camera 'left' people are at most 1\.0 px tall"):
+        make_rig(RigConfig(cameras=[listed]), rng=np.random.default_rng(0))
 
 
 @pytest.mark.parametrize(
