@@ -149,7 +149,7 @@ def _detect_photographs(config: DetectCommand, photos: Path, out: Path) -> None:
 
 def _claim(config: DetectCommand, recording: Recording, out: Path) -> None:
     """Write what the detections depend on, or refuse a folder that holds detections of other videos or settings."""
-    files = {each.name: [str(each.path), len(each), *each.size, _bytes(each.path)] for each in recording.cameras}
+    files = {each.name: [str(each.path), *each.size, _bytes(each.path)] for each in recording.cameras}
     rig = recording.rig and {name: np.asarray(value).tolist() for name, value in asdict(recording.rig).items()}
     names = recording.rig.names if recording.rig else [each.name for each in recording.cameras]
     offsets = offsets_of_all("offsets", config.offsets, names)

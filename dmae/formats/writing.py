@@ -12,7 +12,7 @@ from dmae.data.skeleton import Skeleton, encode, get_skeleton
 from dmae.files.checks import child
 from dmae.files.contents import check_vacant, write_atomic
 from dmae.formats.config import LengthUnit
-from dmae.formats.poses import provenance_table, write_provenance
+from dmae.formats.poses import provenance_people, provenance_table, write_provenance
 from dmae.formats.registry import PoseWriter, pose_writer, recording_writer
 
 _SUFFIXES = {"coco": ".json", "g1": ".csv", "movement": ".nc"}
@@ -124,14 +124,19 @@ def write_poses(
         raise ValueError(f"robot={robot}: format={writer.name} is not of a robot; leave it out")
     if writer.folder:
         _check_folder(path, clip)
+    names = person_names(clip, poses.xyz.shape[1])
+    if writer.table and (earlier := provenance_people(path)) not in ([], names):
+        raise ValueError(
+            f"{provenance_table(path)}: of an earlier export with other people, {', '.join(earlier)}; this one writes "
+            f"{', '.join(names)}. Remove the earlier files, give the same people=, or choose another out"
+        )
     if poses is clip.poses:
         # Some writers project the poses that the clip contains.
         clip = replace(clip, poses=kept)
     files = writer.function(written, clip, path, **options) or [path]
     if writer.table:
         captured = kept if writer.fused else convert(kept, kept.skeleton.parts[0])
-        people = person_names(clip, captured.xyz.shape[1])
-        write_provenance(path, captured, clip.fps, clip.provenance.get("first_frame", 0), people)
+        write_provenance(path, captured, clip.fps, clip.provenance.get("first_frame", 0), names)
         files = [*files, provenance_table(path)]
     return Written(written, tuple(files))
 

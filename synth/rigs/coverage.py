@@ -101,8 +101,8 @@ def check_rig(rig: CameraRig, source: str, stage: Stage, origin: Sequence[float]
     for name, size, away in zip(rig.names, _PERSON * rig.K[:, 1, 1], reach, strict=True):
         if size < _LEAST_PX * away:
             raise ValueError(
-                f"{source}: in camera {name!r} people are at most {size / away:.1f} px tall; move it nearer, or raise its focal "
-                "length; lengths of rigs are in metres, and rig.unit=cm states another unit of a calibration file"
+                f"{source}: in camera {name!r} people are at most {size / away:.1f} px tall; move it nearer, or raise "
+                "its focal length; lengths of rigs are in metres, and rig.unit=cm states another unit of a file"
             )
     faults = find_faults(rig, stage)
     if not faults:

@@ -237,6 +237,8 @@ def test_another_detector_rate_offset_or_calibration_is_refused_in_the_same_fold
     assert done.returncode == 1 and said in done.stderr
     done = dmae(tmp_path, "detect", *arguments[:3], "fps=50", "offsets=[0,1,0]", *arguments[4:])
     assert done.returncode == 1 and f"{said}fps, offsets." in done.stderr
+    done = dmae(tmp_path, "detect", *arguments, "frames=[0,10]")
+    assert done.returncode == 1 and f"{said}frames. Choose another" in done.stderr
     done = dmae(tmp_path, "detect", *arguments, f"offsets=[{session.rig.names[1]}:1]")
     assert done.returncode == 1 and f"{said}offsets." in done.stderr
     assert "dmae capture data=found data.offsets=[<camera>:<frames later than here>] uses" in done.stderr

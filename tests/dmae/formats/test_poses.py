@@ -57,6 +57,18 @@ def test_files_of_other_people_of_an_earlier_export_are_refused(before: int, now
     write_poses(captured(now), tmp_path / "take.trc", "trc")
 
 
+def test_a_table_with_other_names_is_not_replaced(tmp_path: Path):
+    clip, path = captured(1), tmp_path / "walk.trc"
+    dmae.export(clip, path, people=["P1:anna"])
+    before = path.with_suffix(".provenance.csv").read_bytes()
+    with pytest.raises(
+        ValueError, match=r"with other people, anna; this one writes P1\. Remove .* give the same people="
+    ):
+        dmae.export(clip, path.with_suffix(".c3d"))
+    assert path.with_suffix(".provenance.csv").read_bytes() == before
+    dmae.export(clip, path.with_suffix(".c3d"), people=["P1:anna"])
+
+
 @pytest.mark.parametrize("format", ["trc", "npz", "movement"])
 def test_people_are_chosen_and_named(format: str, tmp_path: Path):
     clip, path = captured(3), tmp_path / f"walk.{'nc' if format == 'movement' else format}"
