@@ -5,9 +5,11 @@ import shutil
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+
+import numpy as np
 
 from dmae.command_line import interruption
 from dmae.commands.config import CaptureCommand, CompleteCommand
@@ -18,12 +20,14 @@ from dmae.data.store import CHECKSUMS, MANIFEST, clip_folders, read_manifest, sa
 from dmae.evaluation.review import DECISIONS
 from dmae.files.checksums import begin_data_set, checksum, clip_checksum, end_data_set, find_damage, write_checksums
 from dmae.files.contents import whole_folder
+from dmae.files.mapped import by_frames
 from dmae.formats.reading import Clips, DataConfig
 from dmae.parallel import in_parallel, process_count
 from dmae.progress import duration, progress
 from dmae.reconstruction.sides import exchanged_detections
 from dmae.reporting.tables import counted
 
+_OUTSIDE = 0.1  # Share of detected joints outside an image above which its size is doubted
 _FEW_EXCHANGES = 0.02  # Share of frames with exchanged sides below which a camera is not named
 SETTINGS = "settings.json"
 """In the folder of a data set that `dmae` made: what its clips depend on."""
@@ -193,6 +197,30 @@ def describe_sides(clip: Clip, poses: Poses3D) -> list[str]:
         for name, count in zip(clip.rig.names, counts, strict=True)
         if count >= least
     ]
+
+
+def describe_units(clip: Clip, th_p: float) -> list[str]:
+    """Say which cameras seem to have an image size of height and width, and whether confidences seem to be percents."""
+    rigs = clip.rig, replace(clip.rig, size=clip.rig.size[:, ::-1])
+
+    def counted_by_view(xy: np.ndarray, score: np.ndarray) -> np.ndarray:
+        inside = [rig.inside(xy).sum((2, 3)) for rig in rigs]
+        return np.stack([np.isfinite(score).sum((2, 3)), (score > 1).sum((2, 3)), *inside], -1)
+
+    counts = by_frames(counted_by_view, clip.detections.xy, clip.detections.score).sum(0)
+    notes = []
+    for name, (width, height), (known, _, inside, turned) in zip(clip.rig.names, clip.rig.size, counts, strict=True):
+        if known - inside > _OUTSIDE * known and known - turned < _OUTSIDE * (known - inside):
+            notes.append(
+                f"{camera_label(name)}: {1 - inside / known:.0%} of its detected joints are outside its image of "
+                f"{width} x {height} px, which one of {height} x {width} px would hold: sizes are width, height"
+            )
+    if counts[:, 1].sum() > counts[:, 0].sum() / 2:
+        notes.append(
+            f"most confidences are above 1, as percents are: capture.th_p={th_p:g}, for confidences up to 1, leaves "
+            "out hardly any joint"
+        )
+    return notes
 
 
 def describe_joints(poses: Poses3D) -> str:

@@ -65,18 +65,29 @@ def rewritten(folder, name: str, change) -> str:
         (lambda joints, _: np.where(joints[:, 2:] > 0, joints * (1, 1, 0) + (0, 0, -1), 0), "confidence 0, which is"),
         (lambda joints, camera: joints * (1, 1, camera != "cam0"), "no detections of cam0: the files hold no people"),
         (lambda joints, _: joints * (1, 1, 0) + (0, 0, 2 * (joints[0, 2] > -1)), "confidences say nothing"),
+        (lambda joints, _: joints * (1, 1, 100), "most confidences are above 1, as percents are: capture.th_p=0.2"),
         (lambda joints, _: joints / (960, 960, 1), "expected pixels"),
         (lambda joints, _: joints / (500, 500, 1), "expected pixels"),
         (lambda joints, camera: joints * ((0.5, 0.5, 1) if camera == "cam2" else 1), "cam2: 0% of 410 detected joints"),
         (lambda joints, _: joints[:, :2], "expected x, y, confidence of each joint (1 if the detector states none)"),
     ],
-    ids=["0", "-1", "0 in one camera", "2", "shares", "metres", "half in one camera", "no confidences"],
+    ids=["0", "-1", "0 in one camera", "2", "percent", "shares", "metres", "half in one camera", "no confidences"],
 )
 def test_other_units_and_confidences_are_named(folder, change, line, request):
     name = rewritten(folder, re.sub(r"\W", "", request.node.callspec.id), change)
     done = run_command(folder, "dmae", "capture", "data=openpose", f"data.path={name}", "data.fps=25", f"out=of_{name}")
     assert line in done.stdout + done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_image_sizes_of_height_and_width_are_named(folder):
+    clip = dmae.load(folder / "clip")
+    dmae.save(replace(clip, rig=replace(clip.rig, size=clip.rig.size[:, ::-1])), folder / "turned")
+    turned, right = (
+        run_command(folder, "dmae", "capture", f"data={each}", f"out={each}_3d") for each in ("turned", "clip")
+    )
+    assert re.search(r"cam1: \d+% of its detected joints are outside its image of 600 x 960 px", turned.stdout), turned
+    assert "outside its image" not in right.stdout
 
 
 def test_a_camera_that_is_not_chosen_needs_no_calibration(folder):

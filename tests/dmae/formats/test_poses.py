@@ -61,9 +61,7 @@ def test_a_table_with_other_names_is_not_replaced(tmp_path: Path):
     clip, path = captured(1), tmp_path / "walk.trc"
     dmae.export(clip, path, people=["P1:anna"])
     before = path.with_suffix(".provenance.csv").read_bytes()
-    with pytest.raises(
-        ValueError, match=r"with other people, anna; this one writes P1\. Remove .* give the same people="
-    ):
+    with pytest.raises(ValueError, match=r"with other people, anna; this one writes P1\. .* give the same people="):
         dmae.export(clip, path.with_suffix(".c3d"))
     assert path.with_suffix(".provenance.csv").read_bytes() == before
     dmae.export(clip, path.with_suffix(".c3d"), people=["P1:anna"])
