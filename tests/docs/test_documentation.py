@@ -126,6 +126,18 @@ def test_command_lines_of_a_page_name_options_that_exist(page: Path):
                 assert known_key or not equals, f"{page.name}: {line}: {key}"
 
 
+def test_no_two_commands_of_pages_fill_one_folder():
+    """A folder with clips of other options is refused, so who follows two pages would be stopped in the second."""
+    pages = [ROOT / "README.md", *(ROOT / "docs/how-to").glob("*.md"), *(ROOT / "docs/tutorials").glob("*.md")]
+    lines = (each for page in pages for each in page.read_text().replace("\\\n", "").splitlines())
+    made: dict[str, set[str]] = {}
+    for line in lines:
+        command = re.sub(r"\s+#.*| workers=\S+| first=.*", "", line.strip())
+        if match := re.match(r"(?:synth generate|dmae detect) .*\bout=(\S+)", command):
+            made.setdefault(match[1], set()).add(" ".join(sorted(command.split())))
+    assert [commands for commands in made.values() if len(commands) > 1] == []
+
+
 @pytest.mark.parametrize("page", PAGES, **ids)
 def test_equations_of_a_page_are_understood(page: Path):
     """What the converter does not know it leaves with its backslash."""
