@@ -31,8 +31,8 @@ _EXCHANGED, _EXCHANGED_S = 0.1, 0.3
 """Share of the time in which a view shows left and right of a person exchanged, and s for which it does so at once."""
 _SWING = 1.5, 4.0  # m/s; how fast the two joints of a pair move relative to each other, in the trunk and in limbs
 _MOST_OF_A_PAIR, _RARE = 4.0, 1.0
-"""Logarithms of the ratio of likelihoods that a person is tracked with the sides of the frame before, and with others:
-the most that a pair of joints says, as it may be wrong, and what is known without joints."""
+"""Logarithms of the ratio of likelihoods that a person is tracked with the sides of the frame before and with the other
+ones: the most that a pair of joints says, as it may be wrong; and what is known without joints."""
 _LIMBS = (
     ("shoulder", "elbow", "wrist", "little_finger", "index_finger", "thumb"),
     ("hip", "knee", "ankle", "heel", "big_toe", "small_toe"),
@@ -46,7 +46,7 @@ class Sides:
 
     pairs: np.ndarray  # (n, 2) indices of left joints and of their partners on the right
     groups: np.ndarray  # (G, n) True for the pairs that are exchanged together: the whole body, and its limbs
-    trunk: np.ndarray  # (n,) True for the pairs where limbs begin; nobody swings them past each other
+    trunk: np.ndarray  # (n,) True for the pairs of head and trunk, which nobody swings past each other
 
     @classmethod
     def of(cls, skeleton: Skeleton) -> "Sides":
@@ -140,25 +140,28 @@ def correct_sides(
     evidence: Evidence, assigned: np.ndarray, expected: np.ndarray, sides: Sides, ahead_s: float = 0.0
 ) -> Evidence:
     """Return the evidence with left and right exchanged where `find_exchanged` says so."""
-    return _exchanged(evidence, *find_exchanged(evidence, assigned, expected, sides, ahead_s), sides)
+    wrong, detection = find_exchanged(evidence, assigned, expected, sides, ahead_s)
+    return _exchanged(evidence, wrong, np.stack([detection, detection], -1), sides)
 
 
-def _exchanged(evidence: Evidence, wrong: np.ndarray, detection: np.ndarray, sides: Sides) -> Evidence:
-    """Return the evidence with left and right exchanged in the `wrong` pairs of detections, both (F, P, V, n)."""
+def _exchanged(evidence: Evidence, wrong: np.ndarray, detections: np.ndarray, sides: Sides) -> Evidence:
+    """Return the evidence with left and right exchanged in `wrong` (F, P, V, n) pairs.
+
+    `detections` (F, P, V, n, 2) are those that show the left and the right joint.
+    """
     if not wrong.any():
         return evidence
     frame, _, view, pair = np.nonzero(wrong)
-    places = (frame, view, detection[wrong])
-    left, right = sides.pairs[pair].T
+    left, right = ((frame, view, detections[wrong][:, side], sides.pairs[pair, side]) for side in (0, 1))
     xy, confidence = evidence.xy.copy(), evidence.confidence.copy()
     for array in (xy, confidence):
-        array[*places, left], array[*places, right] = array[*places, right], array[*places, left]
+        array[left], array[right] = array[right], array[left]
     return replace(evidence, xy=xy, confidence=confidence)
 
 
 def side_votes(evidence: Evidence, assigned: np.ndarray, xyz: np.ndarray, sides: Sides) -> np.ndarray:
-    """Return (F, P) logarithms of the ratio of likelihoods of what views show: if people have their sides exchanged,
-    and if they have them as tracked.
+    """Return (F, P) logarithms of the ratio of two likelihoods of what views show: if people's sides are exchanged,
+    and if they are as tracked.
 
     Args:
         evidence: Detections.
@@ -210,8 +213,10 @@ def turn(evidence: Evidence, assigned: np.ndarray, turned: np.ndarray, sides: Si
     """Return the evidence with left and right exchanged in all detections of people `turned` (F, P)."""
     if not turned.any():
         return evidence
-    detection = assigned[..., sides.pairs].max(-1)
-    return _exchanged(evidence, turned[..., None, None] & (detection != NONE), detection, sides)
+    detections = assigned[..., sides.pairs]
+    detections = np.where(detections == NONE, detections[..., ::-1], detections)
+    wrong = turned[..., None, None] & (detections != NONE).all(-1)
+    return _exchanged(evidence, wrong, detections, sides)
 
 
 def exchanged_detections(clip: Clip, poses: Poses3D) -> np.ndarray:
@@ -319,8 +324,8 @@ def judge_sides(distance, exchanged, pairs, groups, sigma):
 
 @compiled()
 def compare_sides(xyz, pairs, weight, swing, last, when, start, fps, deviation):
-    """Return (F, P) logarithms of the ratio of likelihoods that people are tracked with the sides that they had when
-    they were seen before, and with others; infinite where no pair is known.
+    """Return (F, P) logarithms of the ratio of two likelihoods of tracked joints: if people have the sides that they
+    had when they were seen last, and if they have the other ones. Infinite where no pair is known.
 
     Args:
         xyz: (F, P, J, 3) m; NaN where absent.
@@ -357,8 +362,8 @@ def most_likely(votes, kept):
     """Return (F, P) True where the most likely sequence of sides has them exchanged.
 
     Args:
-        votes: (F, P) logarithms of the ratio of likelihoods of exchanged and right sides.
-        kept: (F, P) those of keeping the sides of the frame before, and of changing them.
+        votes: (F, P) as for `find_turned`.
+        kept: (F, P) as `compare_sides` returns them.
     """
     frames, persons = votes.shape
     exchanged, changed = np.zeros((frames, persons), np.bool_), np.zeros((frames, 2), np.bool_)

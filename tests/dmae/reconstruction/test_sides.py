@@ -8,8 +8,9 @@ import pytest
 from dmae.data.clip import Clip
 from dmae.data.skeleton import BODY25
 from dmae.reconstruction.config import CaptureConfig
+from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.pipeline import capture
-from dmae.reconstruction.sides import Sides, exchanged_detections
+from dmae.reconstruction.sides import Sides, exchanged_detections, turn
 from tests.support.detected_people import detected_clip, errors, walk
 from tests.support.stressed_clips import strollers
 
@@ -122,3 +123,17 @@ def test_sides_stay_where_legs_change_places_between_two_frames():
     nearest = np.nanmean(away, axis=(0, 3)).argmin(1)
     assert sorted(nearest) == [0, 1, 2]
     assert np.nanmax(away[:, np.arange(3), nearest]) < 0.1
+
+
+def test_people_whom_a_view_shows_in_two_parts_are_turned_as_a_whole():
+    """The left hip is in another detection than the right one; each has the other's place afterwards."""
+    evidence = Evidence.of(one_walker(), 0.0, CaptureConfig(), slice(0, 1))
+    left, right = BODY25.index("l_hip", "r_hip")
+    parts = np.concatenate([evidence.xy, np.full_like(evidence.xy, np.nan)], 2)
+    parts[0, 0, 1, left], parts[0, 0, 0, left] = parts[0, 0, 0, left], np.nan
+    confidence = np.where(np.isnan(parts[..., 0]), np.nan, 0.9)
+    assigned = np.zeros((1, 1, 4, 25), int)
+    assigned[0, 0, 0, left] = 1
+    turned = turn(replace(evidence, xy=parts, confidence=confidence), assigned, np.ones((1, 1), bool), Sides.of(BODY25))
+    np.testing.assert_array_equal(turned.xy[0, 0, 1, left], evidence.xy[0, 0, 0, right])
+    np.testing.assert_array_equal(turned.xy[0, 0, 0, right], evidence.xy[0, 0, 0, left])
