@@ -34,10 +34,10 @@ def held_offsets(base: np.ndarray, observed: np.ndarray, parents: np.ndarray, he
         (F, P, J, 4, 3) m, world: last and next in the body, last and next in the world. Zero where the joint is
         observed, and for a side on which it never is.
     """
-    angle = heading[..., None]
+    angle, edges = heading[..., None], neighbours(observed)
 
     def held(values: np.ndarray) -> list[np.ndarray]:
-        offsets = (take_frames(values, edge) - values for edge in neighbours(observed))
+        offsets = (take_frames(values, edge) - values for edge in edges)
         return [np.where(observed[..., None], 0, np.nan_to_num(offset)) for offset in offsets]
 
     in_body = held(rotate_z(base - base[:, :, parents], -angle))

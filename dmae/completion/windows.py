@@ -18,7 +18,7 @@ from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import Skeleton
 from dmae.numerics.body import body_heading, parents_first, rotate_z
 from dmae.numerics.filling import present
-from dmae.numerics.paths import frames_away, linear
+from dmae.numerics.paths import connect, frames_away
 
 
 def in_window(xyz: np.ndarray, origin: np.ndarray, heading: np.ndarray) -> np.ndarray:
@@ -204,19 +204,14 @@ def _place_and_heading(xyz: np.ndarray, skeleton: Skeleton, rest: np.ndarray) ->
     """Return origin (F, P, 3) and heading (F, P) of bodies (F, P, J, 3) with gaps; unknown hips are placed by the rest
     pose."""
     known_heading = body_heading(xyz, skeleton)
-    direction = _interpolate(np.stack([np.sin(known_heading), np.cos(known_heading)], -1))
+    direction = connect(np.stack([np.sin(known_heading), np.cos(known_heading)], -1))
     heading = np.arctan2(direction[..., 0], direction[..., 1])
     implied = xyz - rotate_z(np.broadcast_to(rest, xyz.shape), heading[..., None])
     known = ~np.isnan(implied).any(-1)
     mean = np.where(known[..., None], implied, 0).sum(2) / np.maximum(known.sum(2), 1)[..., None]
     measured = mid_hip(xyz, skeleton)
     origin = np.where(np.isnan(measured), np.where(known.any(2)[..., None], mean, np.nan), measured)
-    return _interpolate(origin), heading
-
-
-def _interpolate(values: np.ndarray) -> np.ndarray:
-    """Return (F, P, C) with gaps filled by straight lines, held at both ends; 0 where there is no sample."""
-    return np.nan_to_num(linear(values))
+    return connect(origin), heading
 
 
 def _fill_from_rest_pose(

@@ -88,8 +88,7 @@ def smooth_heading(xyz: np.ndarray, skeleton: Skeleton, frames: float) -> np.nda
     frame, the heading is 0. The standard deviation of the smoothing weights is in frames.
     """
     hips, shoulders = (_heading_of_pair(xyz, skeleton, joint) for joint in ("l_hip", "l_shoulder"))
-    twist = np.angle(np.exp(1j * (hips - shoulders)))
-    twist = np.nan_to_num(linear(twist[..., None])[..., 0])
+    twist = connect(np.angle(np.exp(1j * (hips - shoulders)))[..., None])[..., 0]
     heading = np.where(np.isnan(shoulders), hips - twist / 2, shoulders + twist / 2)
     # Interpolate unit vectors instead of angles, because angles can be interpolated in two directions.
     direction = linear(np.stack([np.cos(heading), np.sin(heading)], -1))

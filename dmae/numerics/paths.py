@@ -60,35 +60,17 @@ def hold(values: np.ndarray) -> np.ndarray:
 
 def linear(values: np.ndarray) -> np.ndarray:
     """Return values with each gap filled by a straight line. The first and last sample fill the frames outside them."""
-    flat = _columns(values)
-    return _linear(flat, *neighbours(~np.isnan(flat).any(-1)), np.nan).reshape(values.shape)
+    values = np.asarray(values, np.float64)
+    before, after = neighbours(~np.isnan(values).any(-1))
+    start, end = np.where(before < 0, after, before), np.where(after == len(values), before, after)
+    weight = (_index(start) - start) / np.maximum(end - start, 1)
+    first = take_frames(values, start)
+    return first + weight[..., None] * (take_frames(values, end) - first)
 
 
 def connect(values: np.ndarray) -> np.ndarray:
     """Return the same as `linear`, but 0 instead of NaN where there is no sample in any frame."""
-    flat = _columns(values)
-    return _linear(flat, *neighbours(~np.isnan(flat).any(-1)), 0.0).reshape(values.shape)
-
-
-@compiled()
-def _linear(values, before, after, unknown):
-    """Return values (F, n, C) with lines between samples at frames `before`, `after` (F, n); `unknown` without any."""
-    frames, columns, components = values.shape
-    filled = np.full(values.shape, unknown)
-    for frame in range(frames):
-        for column in range(columns):
-            start, end = before[frame, column], after[frame, column]
-            if start < 0:
-                start = end
-            elif end == frames:
-                end = start
-            if start == frames:
-                continue
-            weight = (frame - start) / (end - start) if end > start else 0.0
-            for k in range(components):
-                first = values[start, column, k]
-                filled[frame, column, k] = first + weight * (values[end, column, k] - first)
-    return filled
+    return np.nan_to_num(linear(values))
 
 
 def pchip(values: np.ndarray) -> np.ndarray:
@@ -99,7 +81,7 @@ def pchip(values: np.ndarray) -> np.ndarray:
 
 @compiled()
 def _pchip(values, before, after):
-    """Return values (F, n, C) with monotone cubics in gaps; `before` and `after` as in `_linear`."""
+    """Return values (F, n, C) with monotone cubics in gaps; `before` and `after` (F, n) as of `neighbours`."""
     frames, columns, components = values.shape
     filled = np.full(values.shape, np.nan)
     for frame in range(frames):
@@ -161,9 +143,12 @@ def _end_slope(h0, m0, h1, m1):
 
 def take_frames(values: np.ndarray, frame: np.ndarray) -> np.ndarray:
     """Return, for each entry of `frame` (F, ...), the value of that frame in values (F, ..., C), or NaN."""
-    inside = (frame >= 0) & (frame < len(values))
-    taken = np.take_along_axis(values, np.where(inside, frame, 0)[..., None], 0)
-    return np.where(inside[..., None], taken, np.nan)
+    flat = _columns(values)
+    at = frame.reshape(len(frame), flat.shape[1])
+    inside = (at >= 0) & (at < len(flat))
+    taken = flat[np.where(inside, at, 0), np.arange(flat.shape[1])]
+    taken[~inside] = np.nan
+    return taken.reshape(*frame.shape, values.shape[-1])
 
 
 def _columns(values: np.ndarray) -> np.ndarray:
