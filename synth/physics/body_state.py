@@ -9,7 +9,7 @@ import numpy as np
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
-from dmae.data.array_fields import short_repr
+from dmae.data.array_fields import set_array, short_repr
 from dmae.data.typed import decode
 from dmae.files.contents import write_atomic
 from synth.people.body import SEGMENTS, Body, landmarks, segment_origins
@@ -48,22 +48,18 @@ class BodyState:
     __repr__ = short_repr
 
     def __post_init__(self):
-        frames, persons, contacts = len(self.qpos), len(self.shapes), len(self.contact_frame)
-        shapes = {
-            "qpos": (frames, *self.qpos.shape[1:2]),
-            "root": (frames, persons, 3),
-            "rotations": (frames, persons, _JOINTS, 4),
-            "forces": (frames, persons, 1 + _JOINTS, 3),
-            "actions": (frames, persons),
-            "contact_frame": (contacts,),
-            "contact_between": (contacts, 2),
-            "contact_point": (contacts, 3),
-            "contact_force": (contacts, 3),
-            "contact_depth": (contacts,),
-        }
-        for name, shape in shapes.items():
-            if getattr(self, name).shape != shape:
-                raise ValueError(f"body state: expected {name} of shape {shape}, found {getattr(self, name).shape}")
+        set_array(self, "qpos", np.float64, ("F", "nq"))
+        people = len(self.qpos), len(self.shapes)
+        set_array(self, "root", np.float32, (*people, 3))
+        set_array(self, "rotations", np.float32, (*people, _JOINTS, 4))
+        set_array(self, "forces", np.float32, (*people, 1 + _JOINTS, 3))
+        set_array(self, "actions", np.int16, people)
+        set_array(self, "contact_frame", np.int32, ("C",))
+        contacts = len(self.contact_frame)
+        set_array(self, "contact_between", np.int16, (contacts, 2))
+        set_array(self, "contact_point", np.float32, (contacts, 3))
+        set_array(self, "contact_force", np.float32, (contacts, 3))
+        set_array(self, "contact_depth", np.float32, (contacts,))
 
 
 def save_state(state: BodyState, folder: Path) -> None:

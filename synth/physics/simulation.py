@@ -140,8 +140,7 @@ class StatesAt:
     def contacts(self) -> tuple[np.ndarray, ...]:
         """Return frame (C,), geoms (C, 2), point (C, 3), force of the first on the second (C, 3) and depth (C,)."""
         frames = np.repeat(np.arange(len(self._contacts)), [len(found[0]) for found in self._contacts])
-        parts = [np.concatenate(part) for part in zip(*self._contacts, strict=True)]
-        return frames.astype(np.int32), parts[0], *(part.astype(np.float32) for part in parts[1:])
+        return frames, *(np.concatenate(part) for part in zip(*self._contacts, strict=True))
 
     def _between(self, after: np.ndarray, share: float) -> np.ndarray:
         if share > 1 - AT_ONCE:
@@ -261,7 +260,7 @@ def _body_state(
     """Return the recorded states; `planned` (F,) are the times of the recorded frames, in frames of the plan."""
     joints, names = find_joints(scene.model, len(spec.persons)), scene.geom_names
     contact_names = tuple(dict.fromkeys(names))
-    frame, geoms, *contact = states.contacts()
+    frame, geoms, point, force, depth = states.contacts()
     doing, taking_part = [], len(spec.persons) - spec.interaction.bystanders
     for person, motion in enumerate(motions):
         together = spec.interaction.together and person < taking_part
@@ -272,18 +271,18 @@ def _body_state(
     action_names = tuple(dict.fromkeys(name for each in doing for name in each))
     return BodyState(
         qpos=states.qpos,
-        root=joints.root(states.qpos).astype(np.float32),
-        rotations=joints.quats(states.qpos).astype(np.float32),
+        root=joints.root(states.qpos),
+        rotations=joints.quats(states.qpos),
         forces=states.forces,
         shapes=tuple(person.body for person in spec.persons),
-        actions=np.array([[action_names.index(name) for name in each] for each in doing], np.int16).T,
+        actions=np.array([[action_names.index(name) for name in each] for each in doing]).T,
         action_names=action_names,
         contact_frame=frame,
-        contact_between=np.array([contact_names.index(name) for name in names], np.int16)[geoms],
+        contact_between=np.array([contact_names.index(name) for name in names])[geoms],
         contact_names=contact_names,
-        contact_point=contact[0],
-        contact_force=contact[1],
-        contact_depth=contact[2],
+        contact_point=point,
+        contact_force=force,
+        contact_depth=depth,
     )
 
 
