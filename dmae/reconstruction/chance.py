@@ -63,6 +63,9 @@ def passing_ghosts(measured: np.ndarray, surprises: np.ndarray, frames: int, mos
 
 _SAMPLED = 3, 24  # Numbers of frames, least and greatest, in which it is examined whether a figure moves
 _AT_REST = 4.0  # Sigmas; half of the joints of a figure that rests stay within this
+_LONE, _PASSING = 2, 0.1
+"""A view shows a figure passing if so few of its frames, this one included, show it there: a tracker that hops between
+ghosts at rest meets each again. Share of frames in which two views show that of somebody who stands, then walks."""
 _GESTURE = 3.0  # Sigmas; a joint moves if half of its detections are farther than this from their mean
 _SLOW, _EVEN = 0.4, 0.7
 """m; somebody who moves slowly is within this of the middle of the way. Largest scatter around an even motion, relative
@@ -150,13 +153,16 @@ def _at_rest(
     scatter2 = (noise.usual_m * rig.focal / np.maximum(depth, 0.1)) ** 2 - noise.calibration_px**2
     sigma = np.hypot(np.sqrt(np.maximum(scatter2, 0)), noise.jitter_px)
     means, moved, gestures = np.full(found.shape[1:], np.nan), 0, np.zeros(found.shape[2], int)
+    passing = np.zeros(len(frames), int)  # number of views
     for view in range(views):
-        shown = found[own[:, view].sum(-1) >= 3, view]
+        seen = np.flatnonzero(own[:, view].sum(-1) >= 3)
+        shown = found[seen, view]
         if len(shown) < _SAMPLED[0] / 2:
             continue
         apart = np.linalg.norm(shown[:, None] - shown, axis=-1)
         near = median_over_frames(np.moveaxis(apart, -1, 0)) < _AT_REST * sigma[view]
         same = near[near.sum(1).argmax()]
+        passing[seen[near.sum(1) <= _LONE]] += 1
         if 2 * same.sum() < len(same):
             moved += 1
             continue
@@ -164,7 +170,8 @@ def _at_rest(
         away = median_over_frames(np.linalg.norm(shown[same] - means[view], axis=-1))
         gestures += away > _GESTURE * sigma[view]
     resting = (~np.isnan(means[..., 0])).any(-1).sum()
-    if moved >= 2 or resting < 2 or (gestures >= 2).sum() >= 2 or _moves_slowly(rig, frames, found, xyz, middle):
+    walks = moved >= 2 or (passing >= 2).sum() >= max(2, _PASSING * len(frames))
+    if walks or resting < 2 or (gestures >= 2).sum() >= 2 or _moves_slowly(rig, frames, found, xyz, middle):
         return None
     return means
 

@@ -34,6 +34,18 @@ def test_ghosts_are_no_people(ghosts, fixed, frames, seed):
     assert np.nanmedian(off) < 0.03
 
 
+def test_somebody_who_stands_for_long_and_walks_on_is_no_ghost():
+    """Joints are detected 4 cm beside their places in each view, so that views agree no better than those of ghosts."""
+    way, rng = walk((0, 0), (2.0, 0.4)), np.random.default_rng(4)
+    people = np.concatenate([np.repeat(way[:1], 44, 0), way[:48:3]])[:, None]
+    clip = haunted_clip(3, 60, True, 4, people).select(views=[0, 2, 4])
+    xy = clip.detections.xy.copy()
+    xy[:, :, 0] += 0.04 * clip.rig.focal[:, None, None] / 5 * rng.normal(size=(3, 25, 2))
+    xy[:, :, 0] += rng.normal(0, 4, xy[:, :, 0].shape)
+    poses = capture(replace(clip, detections=replace(clip.detections, xy=xy)), CaptureConfig())
+    assert poses.xyz.shape[1] == 1 and np.nanmedian(errors(poses, people)) < 0.1
+
+
 @pytest.mark.parametrize(("ghosts", "hidden"), [(0, 3), (5, 2), (20, 0)])
 def test_people_who_stand_still_among_resting_ghosts_are_people(ghosts, hidden):
     """They stand like mannequins; the first cameras see neither of them."""
