@@ -6,7 +6,10 @@ below; `python docs/tools/pages.py` writes it.
 
 import html
 import json
+import re
 from pathlib import Path
+
+import tutorials
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "docs/results"
@@ -88,6 +91,59 @@ def pcp_table(name: str, methods: list[str] | None = None) -> str:
             cells.append(f"{mean:.1f}" if count == max(views) else f"{mean:.1f} ({worst:.1f})")
         rows.append([METHODS[method], *cells])
     return _table(header, rows)
+
+
+def front_table() -> str:
+    """Return a table of a few methods on Shelf with intervals: table 2 of the paper, with one capture for all rows."""
+    names = {
+        "measured": "measured joints only",
+        "linear": "straight lines (`linear`)",
+        "gaussian_process": "a Gaussian process over similar poses (`gaussian_process`)",
+        "dmae_denoise": "**that, corrected by our network: `dmae complete` by default** (`dmae_denoise`)",
+        "the paper's network, without fine-tuning": "the paper's network, trained on simulated people",
+        "the paper's network, final": "the paper's network, tuned on annotations of other parts of this recording",
+    }
+    columns = ("views_5", "views_4", "views_3", "worst_3")
+    rows = [[words, *(cell("table_2", name, column) for column in columns)] for name, words in names.items()]
+    return _table(["method", "5 cameras", "4 cameras", "3 cameras", "worst 3"], rows)
+
+
+def cell(name: str, row: str, column: str, interval: bool = True) -> str:
+    """Return a cell of a row measured here, of a table of the paper."""
+    (found,) = (each for each in load(name)["table"]["rows"] if each["name"] == row and each["origin"] != "published")
+    score = found["cells"][column]
+    text = f"{score['value']:.1f}"
+    return text if score["low"] is None or not interval else f"{text} ({score['low']:.1f} to {score['high']:.1f})"
+
+
+def pcp(name: str, method: str, views: int, interval: bool = False) -> str:
+    """Return the mean PCP of a method with some cameras, and its 95 % interval if wanted."""
+    found = _results(name)[method, views]
+    low, high = found["intervals"]["pcp"]
+    return f"{found['mean']['pcp']:.1f}" + (f" ({low:.1f} to {high:.1f})" if interval else "")
+
+
+def held_table(*rows: tuple[str, str, int, str]) -> str:
+    """Return a table of the shares of completed joints in their stated 90 % regions, %, with their numbers.
+
+    A row is a results file, a method, a number of cameras, and what people read.
+    """
+    cells, head = [], []
+    for name, method, views, words in rows:
+        gaps = _results(name)[method, views]["mean"]["gaps"]
+        head = [f"{gap['frames']} frames" for gap in gaps]
+        cells.append([words, *(f"{gap['held']:.0f} % of {gap['stated']}" for gap in gaps)])
+    return _table(["joints in their 90 % regions", *head], cells)
+
+
+def dated(name: str) -> str:
+    """Return the date on which a results file was measured."""
+    return load(name)["date"]
+
+
+def told(name: str, pattern: str) -> str:
+    """Return what a tutorial printed where a regular expression has its group."""
+    return re.search(pattern, tutorials.executed(name)["printed"])[1]
 
 
 def gaps_table(name: str, methods: list[str] | None = None) -> str:
@@ -256,7 +312,8 @@ def types(*names: str) -> str:
 _FUNCTIONS = {
     each.__name__: each
     for each in (
-        value, values_table, memory_table, printed, pcp_table, gaps_table, kept_table, origin, realism_table,
+        value, values_table, memory_table, printed, pcp_table, front_table, cell, pcp, held_table, dated, told,
+        gaps_table, kept_table, origin, realism_table,
         errors_table, reliability_table, distances_table, contacts_table, motion_table, paper_table, benchmark_table,
         protocols, stress_table, functions, types,
     )
