@@ -1,7 +1,8 @@
-"""JSON as readable text, and nested values."""
+"""JSON as readable text, its numbers, and nested values."""
 
 import json
 import re
+from math import isfinite
 from typing import Any
 
 
@@ -13,6 +14,11 @@ def json_text(value) -> str:
         lambda found: "[" + re.sub(r"\s+", " ", found[1]) + "]",
         text,
     )
+
+
+def rounded(value: float | None, digits: int) -> float | None:
+    """Return a rounded number; None, null in JSON, for one that is not known or not finite."""
+    return None if value is None or not isfinite(value) else round(float(value), digits)
 
 
 def flat(values: dict, prefix: str = "") -> dict[str, Any]:

@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from dmae.data.json_values import rounded
+
 BLOCK = 1.0
 """s; length of a block of time."""
 _LEVEL = 0.95  # Probability of intervals
@@ -81,7 +83,7 @@ class Score:
 
     def json(self, digits: int) -> dict[str, float | None]:
         """Return `value`, and `low` and `high` of the interval, rounded; None where they are unknown."""
-        numbers = (None if np.isnan(each) else round(float(each), digits) for each in (self.value, *self.interval))
+        numbers = (rounded(each, digits) for each in (self.value, *self.interval))
         return dict(zip(("value", "low", "high"), numbers, strict=True))
 
     def __sub__(self, other: "Score") -> "Score":

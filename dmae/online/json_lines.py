@@ -26,6 +26,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from dmae.data.clip import Detections2D, Source
+from dmae.data.json_values import rounded
 from dmae.data.skeleton import Skeleton
 from dmae.files.checks import MOST_PIXELS, MOST_SCORE, check_numbers, numbers_of
 from dmae.online.capture import OnlineCapture
@@ -101,7 +102,7 @@ def frame_line(frame: FinishedFrame, missing: list[str]) -> str:
             "id": int(person),
             "xyz": [None if np.isnan(joint[0]) else joint.round(4).tolist() for joint in xyz.astype(np.float64)],
             "source": [_NAMES[kind] for kind in source],
-            "error_mm": [None if np.isnan(value) else round(float(value), 1) for value in errors],
+            "error_mm": [rounded(value, 1) for value in errors],
         }
         for person, xyz, source, errors in zip(frame.people, poses.xyz[0], poses.source[0], error, strict=True)
     ]

@@ -3,10 +3,8 @@
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from dmae.data.clip import Clip
-from dmae.data.json_values import json_text
+from dmae.data.json_values import json_text, rounded
 from dmae.data.store import clip_folders, load_clip
 from dmae.files.checks import child
 from dmae.files.contents import write_atomic
@@ -64,13 +62,10 @@ def _fit_to_truth(config: FitDetectorCommand, clips: list[Clip], out: Path) -> N
     what = f"{sum(map(len, clips))} frames of {counted(len(clips), 'clip')} with truth"
     _write(config, fitted, what, out)
 
-    def known(value: float | None) -> float | None:
-        return None if value is None or not np.isfinite(value) else round(float(value), 5)
-
     written = {
         name: [
-            {"what": row.what, "real": known(row.real), "simulated": known(row.sim), "distance": known(row.distance),
-             "allowed": known(row.allowed), "exceeded": row.exceeded}
+            {"what": row.what, "real": rounded(row.real, 5), "simulated": rounded(row.sim, 5),
+             "distance": rounded(row.distance, 5), "allowed": rounded(row.allowed, 5), "exceeded": row.exceeded}
             for row in rows
         ]
         for name, rows in distances.items()

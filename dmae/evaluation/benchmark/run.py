@@ -15,6 +15,7 @@ import pandas as pd
 
 from dmae.completion.methods import completion_method, find_method
 from dmae.data.clip import Clip, Poses3D
+from dmae.data.json_values import rounded
 from dmae.evaluation.benchmark.clips import clip_of, find_definition, given_clip, make_clips
 from dmae.evaluation.benchmark.holes import (
     ANGLE_AXES,
@@ -244,7 +245,7 @@ def _mean_error(table: pd.DataFrame, value: str = "mm", count: str = "holes") ->
 
 def _ratios(table: pd.DataFrame, *by: str, value: str, count: str = "holes", scale=1, digits: int = 2) -> dict:
     found = ratios(table, *by, value=value, count=count, scale=scale)
-    return {key: _rounded(each, digits) for key, each in found.items()}
+    return {key: rounded(each, digits) for key, each in found.items()}
 
 
 def _total(cells: dict[str, dict], key: str) -> float:
@@ -253,11 +254,7 @@ def _total(cells: dict[str, dict], key: str) -> float:
 
 def _ratio(cells: dict[str, dict], value: str, count: str, scale: float = 1) -> float | None:
     total = _total(cells, count)
-    return _rounded(scale * _total(cells, value) / total) if total else None
-
-
-def _rounded(value: float, digits: int = 2) -> float | None:
-    return None if np.isnan(value) else round(float(value), digits)
+    return rounded(scale * _total(cells, value) / total, 2) if total else None
 
 
 def check_same(earlier: dict, benchmark: str, size: str) -> None:

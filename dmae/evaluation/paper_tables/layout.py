@@ -6,8 +6,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from importlib.resources import files
 
-import numpy as np
-
+from dmae.data.json_values import rounded
 from dmae.evaluation.config import NUMBERS, TableConfig, TableSize
 from dmae.metrics.table import Score
 from dmae.reporting.tables import Table, markdown_table
@@ -166,8 +165,7 @@ def _published(row: dict, columns: Sequence[TableColumn], reference: MeasuredRow
 def _cell(cell: Score | float | None) -> dict[str, float | None]:
     if isinstance(cell, Score):
         return cell.json(3)
-    value = None if cell is None or np.isnan(cell) else round(float(cell), 3)
-    return {"value": value, "low": None, "high": None}
+    return {"value": rounded(cell, 3), "low": None, "high": None}
 
 
 def terminal_tables(table: dict) -> list[Table]:

@@ -22,6 +22,7 @@ from dmae.completion.config import SMOOTHING
 from dmae.completion.methods import find_method
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.conversion import convert
+from dmae.data.json_values import rounded
 from dmae.data.resources import read_preset
 from dmae.evaluation.config import PAPER, STRESSED, StressConfig, StressSize
 from dmae.evaluation.corruption.corrupt import corrupt, people_of
@@ -583,8 +584,7 @@ def _point(runs: list[dict]) -> dict[str, Score | float]:
 
 def _json(point: dict[str, Score | float]) -> dict:
     return {
-        name: [_number(value) for value in (each.value, *each.interval)] if isinstance(each, Score) else _number(each)
-        for name, each in point.items()
+        name: [*each.json(1).values()] if isinstance(each, Score) else rounded(each, 1) for name, each in point.items()
     }
 
 
@@ -619,7 +619,7 @@ def _breaks(levels: np.ndarray, points: list[dict]) -> dict:
             continue
         found = breaking_point(levels, margin, margin < 0)
         low, high = np.quantile(found[1:], [0.025, 0.975], method="inverted_cdf") if certain else (np.nan, np.nan)
-        breaks[figure] = [_number(each, 2) for each in (found[0], low, high)]
+        breaks[figure] = [rounded(each, 2) for each in (found[0], low, high)]
     return breaks
 
 
@@ -633,8 +633,3 @@ def _best(scores: dict[str, Score]) -> dict:
     if any(np.isnan(each.interval[0]) for each in differences.values()):
         return {"best": best, "level_with": None}
     return {"best": best, "level_with": [name for name, each in differences.items() if not each.excludes_zero]}
-
-
-def _number(value: float, digits: int = 1) -> float | None:
-    """Return a rounded number; None for one that is not finite."""
-    return round(float(value), digits) if np.isfinite(value) else None
