@@ -16,9 +16,9 @@ from dmae.commands.config import CaptureCommand, CompleteCommand
 from dmae.data.cameras import camera_label
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.resume import claim_folder
-from dmae.data.store import CHECKSUMS, MANIFEST, clip_folders, read_manifest, save_clip, write_manifest
+from dmae.data.store import CHECKSUMS, MANIFEST, clip_folders, save_clip
 from dmae.evaluation.review import DECISIONS
-from dmae.files.checksums import begin_data_set, checksum, clip_checksum, end_data_set, find_damage, write_checksums
+from dmae.files.checksums import begin_data_set, checksum, find_damage, seal, write_checksums
 from dmae.files.contents import whole_folder
 from dmae.files.mapped import by_frames
 from dmae.formats.reading import Clips, DataConfig
@@ -81,7 +81,7 @@ class ClipSet:
     """
 
     def __init__(self, out: Path, settings: dict | None):
-        self.out, self.lines, self.alone, self.whole = Path(out), {}, settings is None, set()
+        self.out, self.alone, self.whole = Path(out), settings is None, set()
         """`whole`: names of the clips that are done."""
         if settings is None:
             if (self.out / MANIFEST).is_file():
@@ -97,7 +97,7 @@ class ClipSet:
 
     def __enter__(self) -> "ClipSet":
         if not self.alone:
-            begin_data_set(self.out)
+            self.before = begin_data_set(self.out)
         return self
 
     def fill(
@@ -136,21 +136,16 @@ class ClipSet:
             save_clip(clip, partial)
             write_checksums(partial)
         self.whole.add(name)
-        self.lines[name] = {"id": name, "status": "ok"}
         if interruption.running:
             interruption.running.check()
 
     def __exit__(self, *_) -> None:
         if self.alone:
             return
-        # Another machine may have written clips, and the manifest, meanwhile.
-        whole = {path.parent.name for path in self.out.glob(f"[!.]*/{CHECKSUMS}")}
-        earlier = {line["id"]: line for line in read_manifest(self.out)} if (self.out / MANIFEST).is_file() else {}
-        lines = {name: {"id": name, "status": "ok"} for name in whole} | earlier | self.lines
-        lines = {name: line for name, line in lines.items() if name in whole}
-        if lines:
-            write_manifest(self.out, list(lines.values()))
-            end_data_set(self.out, (SETTINGS,), {name: clip_checksum(self.out / name) for name in lines})
+        # A command that was killed, or another machine, may have written clips that no manifest lists yet.
+        whole = [{"id": path.parent.name, "status": "ok"} for path in self.out.glob(f"[!.]*/{CHECKSUMS}")]
+        if whole or (self.out / MANIFEST).is_file():
+            seal(self.out, whole, (SETTINGS,), self.before)
         else:
             (self.out / SETTINGS).unlink(missing_ok=True)
             with suppress(OSError):

@@ -2,12 +2,15 @@
 
 import hashlib
 import json
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import contextmanager
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import NamedTuple
 
-from dmae.data.store import CHECKSUMS, MANIFEST, clip_folders
+from filelock import FileLock
+
+from dmae.data.store import CHECKSUMS, MANIFEST, clip_folders, read_manifest, write_manifest
 from dmae.files.contents import write_atomic
 from dmae.files.structured import read_json
 
@@ -68,23 +71,46 @@ def number_of(folder: Path) -> str | None:
 
 
 def begin_data_set(path: Path) -> dict[str, Checksum | None]:
-    """Return the checksums of the clips of a data set, by name, and remove them while it is written to."""
+    """Return the checksums of the clips of a data set, by name, and remove them until `seal`, as it is written to."""
+    with _locked(path):
+        return _take_checksums(path)
+
+
+def seal(path: Path, made: Iterable[dict], own: Iterable[str], before: dict[str, Checksum | None]) -> None:
+    """Write the manifest and `checksums.json` of a data set, with the clips that other commands have noted meanwhile.
+
+    Args:
+        made: Manifest lines of the clips that were made or kept; they replace earlier ones.
+        own: Files of the data set besides its manifest, where they exist.
+        before: Checksums from `begin_data_set`, which the clips that others made keep.
+    """
+    path, made = Path(path), list(made)
+    with _locked(path):
+        lines = {line["id"]: line for line in read_manifest(path)} if (path / MANIFEST).is_file() else {}
+        lines |= {line["id"]: line for line in made}
+        write_manifest(path, list(lines.values()))
+        clips = before | _take_checksums(path) | {line["id"]: clip_checksum(path / line["id"]) for line in made}
+        files = {name: checksum(path / name) for name in (MANIFEST, *own) if (path / name).is_file()}
+        write_checksums(path, files | {f"{name}/{CHECKSUMS}": entry for name, entry in clips.items() if entry})
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    """Keep other commands, which may be filling the same folder, from its manifest and checksums."""
+    with FileLock(Path(path) / ".manifest.lock") as lock:
+        try:
+            yield
+        finally:
+            Path(lock.lock_file).unlink(missing_ok=True)
+
+
+def _take_checksums(path: Path) -> dict[str, Checksum | None]:
     try:
         files = read_checksums(path) or {}
     except ValueError:
         files = {}
     (Path(path) / CHECKSUMS).unlink(missing_ok=True)
     return {clip: entry for name, entry in files.items() if (clip := _clip(name))}
-
-
-def end_data_set(path: Path, own: Iterable[str], clips: dict[str, Checksum | None]) -> None:
-    """Write `checksums.json` of a data set: of its manifest, existing own files, and its clips' `checksums.json`.
-
-    `clips` are checksums by name, see `clip_checksum`; None for clips without one.
-    """
-    path = Path(path)
-    files = {name: checksum(path / name) for name in (MANIFEST, *own) if (path / name).is_file()}
-    write_checksums(path, files | {f"{name}/{CHECKSUMS}": entry for name, entry in clips.items() if entry})
 
 
 def clip_checksum(folder: Path) -> Checksum | None:

@@ -12,13 +12,11 @@ from dataclasses import asdict
 from enum import Enum
 from pathlib import Path
 
-from filelock import FileLock
-
 from dmae.data.images import KINDS
 from dmae.data.json_values import flat
 from dmae.data.resume import claim_folder
-from dmae.data.store import MANIFEST, load_clip, read_manifest, save_clip, write_atomic, write_manifest
-from dmae.files.checksums import Checksum, begin_data_set, clip_checksum, end_data_set, find_damage, write_checksums
+from dmae.data.store import MANIFEST, load_clip, read_manifest, save_clip, write_atomic
+from dmae.files.checksums import Checksum, begin_data_set, clip_checksum, find_damage, seal, write_checksums
 from dmae.files.contents import whole_folder
 from dmae.files.structured import read_json
 from dmae.parallel import in_parallel, running_on
@@ -104,25 +102,8 @@ def make_clips(
             for leftover in (out / f".{name}.partial", out / name / ".images"):
                 shutil.rmtree(leftover, ignore_errors=True)
         tally.end()
-        seal(out, made, checksums)
+        seal(out, made, (CONFIG,), checksums)
     return read_manifest(out)
-
-
-def seal(out: Path, made: list[dict], checksums: dict[str, Checksum | None]) -> None:
-    """Write the manifest and the checksums of a data set, with the clips that other machines have noted meanwhile.
-
-    Args:
-        made: Manifest lines of the clips that were made or kept.
-        checksums: Checksums of clips from before, from `begin_data_set`.
-    """
-    lock = out / ".manifest.lock"
-    with FileLock(lock):
-        lines = {line["id"]: line for line in read_manifest(out)} if (out / MANIFEST).is_file() else {}
-        lines |= {line["id"]: line for line in made}
-        write_manifest(out, list(lines.values()))
-        sums = checksums | begin_data_set(out) | {line["id"]: clip_checksum(out / line["id"]) for line in made}
-        end_data_set(out, (CONFIG,), sums)
-        lock.unlink(missing_ok=True)
 
 
 def limit_threads(workers: int) -> None:

@@ -5,15 +5,15 @@ from pathlib import Path
 
 import numpy as np
 
-from dmae.data.store import MANIFEST, clip_folders, load_clip
+from dmae.data.store import MANIFEST, clip_folders, load_clip, read_manifest
 from dmae.data.typed import check_arguments
 from dmae.files.checksums import (
     begin_data_set,
     checksum,
     clip_checksum,
-    end_data_set,
     find_damage,
     read_checksums,
+    seal,
     write_checksums,
 )
 from dmae.parallel import check_workers, in_parallel
@@ -77,12 +77,11 @@ def label(data: str | Path, labels: Sequence[str] = KINDS, *, workers: int = 1) 
     try:
         tasks = ((folder, kinds) for folder in folders)
         done = in_parallel(_label, tasks, workers)
-        for folder, added in zip(folders, progress(done, "labelling clips", len(folders)), strict=True):
-            made += added
-            checksums[folder.name] = clip_checksum(folder)
+        made += sum(progress(done, "labelling clips", len(folders)))
     finally:
         if sealed:
-            end_data_set(data_set, (CONFIG,), checksums)
+            names = {folder.name for folder in folders}
+            seal(data_set, [line for line in read_manifest(data_set) if line["id"] in names], (CONFIG,), checksums)
     return made
 
 

@@ -9,7 +9,7 @@ import pytest
 from dmae.commands import report, review
 from dmae.commands.config import ReportCommand, ReviewCommand
 from dmae.data.store import CHECKSUMS, save_clip, write_manifest
-from dmae.files.checksums import clip_checksum, end_data_set, refuse_damaged, write_checksums
+from dmae.files.checksums import refuse_damaged, seal, write_checksums
 from synth.commands import config as options
 from synth.commands import detector_errors, realism, split, stats
 from synth.commands import verify as verify_command
@@ -81,9 +81,8 @@ def test_training_and_completion_refuse_a_changed_clip(made):
 def test_what_commands_write_beside_the_clips_by_default_is_no_damage(part, tmp_path):
     data = tmp_path / "data"
     save_clip(strollers(frames=4, persons=1, views=2, name="a"), data / "a")
-    write_manifest(data, [{"id": "a", "status": "ok"}])
     write_checksums(data / "a")
-    end_data_set(data, (), {"a": clip_checksum(data / "a")})
+    seal(data, [{"id": "a", "status": "ok"}], (), {})
     path = str(data / part)
     for place in (
         verify_command.default_out(options.VerifyCommand(path)),

@@ -5,6 +5,7 @@ import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
+from threading import Thread
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from dmae.data.store import load_clip, read_manifest, save_clip, write_manifest
 from dmae.evaluation import evaluate as evaluation
 from dmae.evaluation.config import EvaluateConfig
 from dmae.evaluation.review import Decision, ReviewVerdict, save_decisions
+from dmae.files import checksums
 from dmae.files.checksums import find_data_set_damage
 from dmae.formats.calibrations import write_calibration
 from dmae.formats.config import Convention, DataConfig, UpDirection
@@ -159,6 +161,28 @@ def test_what_is_whole_is_a_data_set_even_after_an_error(tmp_path):
         pass
     assert not (tmp_path / "none").exists()
     assert finished(None, tmp_path / "none") == "nothing was written; the same command continues"
+
+
+def test_commands_that_end_together_list_the_clips_of_both(tmp_path, monkeypatch):
+    one, other = ClipSet(tmp_path, {"command": "dmae x"}), ClipSet(tmp_path, {"command": "dmae x"})
+    writing = checksums.write_manifest
+
+    def while_the_other_ends(path, lines):
+        """The other writes its clip, and leaves, after this one has looked which clips there are."""
+        monkeypatch.setattr(checksums, "write_manifest", writing)
+        other.write(full_clip(), "b")
+        ending.start()
+        ending.join(0.5)
+        writing(path, lines)
+
+    monkeypatch.setattr(checksums, "write_manifest", while_the_other_ends)
+    with one:
+        other.__enter__()
+        one.write(full_clip(), "a")
+        ending = Thread(target=other.__exit__, args=(None, None, None))
+    ending.join()
+    assert [line["id"] for line in read_manifest(tmp_path)] == ["a", "b"]
+    assert find_data_set_damage(tmp_path, ["a", "b"]) == []
 
 
 @pytest.fixture(scope="module")

@@ -12,12 +12,12 @@ from dmae.data.images import KINDS
 from dmae.data.labels import Visibility
 from dmae.data.resources import resource_folder
 from dmae.data.store import CHECKSUMS, load_clip, read_manifest
-from dmae.files.checksums import begin_data_set
+from dmae.files.checksums import begin_data_set, seal
 from synth.datasets import clip as module
 from synth.datasets import generate as dataset
 from synth.datasets.clip import attempt_seed, generate_clip
 from synth.datasets.config import GenerateConfig
-from synth.datasets.generate import CONFIG, generate, seal
+from synth.datasets.generate import CONFIG, generate
 from synth.datasets.verify import verify
 from synth.detector.config import DetectorConfig
 from synth.detector.errors_of_joints import Misses
@@ -366,6 +366,6 @@ def test_a_machine_that_ends_keeps_what_others_have_noted_meanwhile(config):
     first = generate(replace(config, clips=1))
     before = begin_data_set(out)
     generate(replace(config, first=1, clips=1))
-    seal(out, first, before)
+    seal(out, first, (CONFIG,), before)
     assert [line["id"] for line in read_manifest(out)] == ["000000", "000001"]
     assert verify(out).problems == []
