@@ -4,6 +4,7 @@ from pathlib import Path
 
 from dmae.commands.config import ConvertCommand
 from dmae.commands.data_sets import ClipSet, check_apart, each_clip, settings_of
+from dmae.data.clip import Clip
 from dmae.formats.reading import Clips
 from dmae.formats.writing import write_recording
 from dmae.reporting.tables import counted
@@ -11,21 +12,31 @@ from dmae.reporting.tables import counted
 
 def run(config: ConvertCommand, out: Path) -> None:
     check_apart(out, Path(config.data.path))
-    own = config.format == "clip"
-    several = own and Clips(config.data).data_set
-    with ClipSet(out, settings_of("dmae convert", config, Path(config.data.path)) if several else None) as made:
-        for clip, name, folder in each_clip(config.data, out, "converting"):
-            lacking = None
-            if own:
-                made.write(clip, name)
-            else:
-                lacking = write_recording(clip, folder, config.format)
-            size = f"{counted(len(clip), 'frame')}, {counted(len(clip.rig), 'camera')}"
-            print(f"{folder}: {size}, {clip.detections.skeleton.name}")
-            for note in clip.provenance.get("notes", ()):
-                print(f"  {note}")
+    if config.format != "clip":
+        for clip, _, folder in each_clip(config.data, out, "converting"):
+            lacking = write_recording(clip, folder, config.format)
+            _print(clip, folder)
             if lacking:
                 print(f"  read it with {lacking}, which its files do not state")
+        return
+    clips = Clips(config.data)
+    settings = settings_of("dmae convert", config, Path(config.data.path)) if clips.data_set else None
+    names, tasks = [folder.name for folder in clips.folders], ((clips, number) for number in range(len(clips)))
+    with ClipSet(out, settings) as made:
+        for name, clip, _ in made.fill(_read, names, tasks, 1, "converting"):
+            if clip is not None:
+                _print(clip, out if made.alone else out / name)
+
+
+def _read(clips: Clips, number: int) -> tuple[Clip, list[str]]:
+    return clips[number], []
+
+
+def _print(clip: Clip, folder: Path) -> None:
+    size = f"{counted(len(clip), 'frame')}, {counted(len(clip.rig), 'camera')}"
+    print(f"{folder}: {size}, {clip.detections.skeleton.name}")
+    for note in clip.provenance.get("notes", ()):
+        print(f"  {note}")
 
 
 def interrupted(config: ConvertCommand, out: Path) -> str:

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -69,6 +70,11 @@ def check_apart(out: Path, data: Path) -> None:
         )
 
 
+BAD_CLIP = (ValueError, FileNotFoundError)
+"""Errors of a clip that cannot be read, or not be processed with these options. Others end the run: they are faults of
+ours, as TypeError, or concern all clips, as KeyError an option and OSError a full disk."""
+
+
 class ClipSet:
     """Where a command writes: one clip; or a data set of clip folders, with `settings.json`, manifest and checksums.
 
@@ -76,13 +82,18 @@ class ClipSet:
     command continues an interrupted run, and several machines can fill one folder with `first=` and `clips=`. Manifest
     and checksums are written on leaving, after errors as well: what is whole is a data set.
 
+    A clip of a data set that cannot be made is `failed` in the manifest, with the reason, and the others are made; on
+    leaving, ValueError is raised if all failed. Only `BAD_CLIP` counts as failure: any other error ends the run.
+
     Clips depend on settings (`settings_of`); None for a single clip. Raises ValueError if the folder holds clips of
     other settings or of another command, or a data set where a single clip is to be written.
     """
 
     def __init__(self, out: Path, settings: dict | None):
-        self.out, self.alone, self.whole = Path(out), settings is None, set()
-        """`whole`: names of the clips that are done."""
+        self.out, self.alone = Path(out), settings is None
+        self.names: Sequence[str] = ()  # Of the clips to make
+        self.whole: set[str] = set()  # Names of the clips that are done
+        self.failed: dict[str, str] = {}  # Reasons, by name
         if settings is None:
             if (self.out / MANIFEST).is_file():
                 raise ValueError(f"out={out}: expected a folder for one clip, found a data set; choose another folder")
@@ -91,8 +102,16 @@ class ClipSet:
             raise ValueError(f"out={out}: expected a folder for a data set, found a clip; choose another folder")
         if not (self.out / SETTINGS).is_file() and any(self.out.glob("*/clip.json")):
             raise ValueError(f"out={out}: holds clips of another command; choose another folder")
-        claim_folder(self.out / SETTINGS, settings, "clips")
         sealed = sorted(path.parent for path in self.out.glob(f"[!.]*/{CHECKSUMS}"))
+        try:
+            claim_folder(self.out / SETTINGS, settings, "clips")
+        except ValueError:
+            if sealed or not (self.out / MANIFEST).is_file():
+                raise
+            # All clips failed, which other settings may mend.
+            for name in (SETTINGS, MANIFEST):
+                (self.out / name).unlink()
+            claim_folder(self.out / SETTINGS, settings, "clips")
         self.whole = {folder.name for folder in sealed if not find_damage(folder)}
 
     def __enter__(self) -> "ClipSet":
@@ -110,20 +129,38 @@ class ClipSet:
     ) -> Iterator[tuple[str, Clip | None, list[str]]]:
         """Make and write the clips that are not done yet, and yield each name, in order, with the clip and notes on it.
 
-        `tasks`: arguments of `make` for each name. For a clip that was done before, None is yielded.
+        `tasks`: arguments of `make` for each name. For a clip that was done before, None is yielded; for one that
+        fails, nothing.
         """
-        before = self.whole.intersection(names)
-        if before:
-            print(f"{self.out}: {len(before)} of {len(names)} clips are done already")
-        left = (task for name, task in zip(names, tasks, strict=True) if name not in before)
-        made = in_parallel(make, left, workers)
+        left = self.left(names)
+        todo = (task for name, task in zip(names, tasks, strict=True) if name in left)
+        made = in_parallel(make if self.alone else partial(_attempt, make), todo, workers)
         for name in progress(names, doing):
-            if name in before:
+            if name not in left:
                 yield name, None, []
                 continue
-            clip, notes = next(made)
+            result = next(made)
+            if isinstance(result, Exception):
+                self.fail(name, result)
+                continue
+            clip, notes = result
             self.write(clip, name)
             yield name, clip, notes
+
+    def left(self, names: Sequence[str]) -> list[str]:
+        """Return those of the clips to make that are not done yet, and say how many are."""
+        self.names = names
+        if done := self.whole.intersection(names):
+            print(f"{self.out}: {len(done)} of {len(names)} clips are done already")
+        return [name for name in names if name not in done]
+
+    def fail(self, name: str, error: Exception) -> None:
+        """Note that a clip failed, and why; of a single clip, raise it."""
+        if self.alone:
+            raise error
+        shutil.rmtree(self.out / name, ignore_errors=True)
+        self.failed[name] = str(error)
+        print(f"{name}: failed: {error}")
 
     def write(self, clip: Clip, name: str) -> None:
         """Write a clip."""
@@ -139,17 +176,31 @@ class ClipSet:
         if interruption.running:
             interruption.running.check()
 
-    def __exit__(self, *_) -> None:
+    def __exit__(self, kind, *_) -> None:
         if self.alone:
             return
         # A command that was killed, or another machine, may have written clips that no manifest lists yet.
         whole = [{"id": path.parent.name, "status": "ok"} for path in self.out.glob(f"[!.]*/{CHECKSUMS}")]
-        if whole or (self.out / MANIFEST).is_file():
-            seal(self.out, whole, (SETTINGS,), self.before)
+        failed = [{"id": name, "status": "failed", "reason": reason} for name, reason in self.failed.items()]
+        if whole or failed or (self.out / MANIFEST).is_file():
+            seal(self.out, [*failed, *whole], (SETTINGS,), self.before)
         else:
             (self.out / SETTINGS).unlink(missing_ok=True)
             with suppress(OSError):
                 self.out.rmdir()
+        if not failed or kind is not None:
+            return
+        if not self.whole.intersection(self.names):
+            reason = failed[0]["reason"]
+            raise ValueError(f"{self.out}: all {len(failed)} clips failed, the first because of this: {reason}")
+        print(f"{self.out}: {len(failed)} of {len(self.names)} clips failed; {MANIFEST} says why")
+
+
+def _attempt(make: Callable[..., tuple[Clip, list[str]]], *task) -> tuple[Clip, list[str]] | Exception:
+    try:
+        return make(*task)
+    except BAD_CLIP as error:
+        return error
 
 
 def settings_of(command: str, config, data: Path) -> dict:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from dmae.commands.config import DetectCommand
-from dmae.commands.data_sets import ClipSet, check_apart, finished, settings_of
+from dmae.commands.data_sets import BAD_CLIP, ClipSet, check_apart, finished, settings_of
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.resume import claim_folder
 from dmae.data.skeleton import encode, option_skeleton
@@ -114,15 +114,20 @@ def _detect_clips(config: DetectCommand, data: Path, out: Path, least: int) -> N
         _check_cameras(load_clip(folders[0]), folders[0], least)
         claim_folder(out / _CLAIM, _settings(config) | {"clip": settings["data"]}, "detections")
     with made:
-        for folder in folders:
-            if folder.name in made.whole:
-                continue
-            pieces, clip = out / (_PIECES if made.alone else f".{folder.name}.{_PIECES}"), load_clip(folder)
-            _check_cameras(clip, folder, least)
-            detected = detect_clip(clip, config.detector, pieces, config.output.skeleton, config.workers)
-            made.write(detected, folder.name)
+        for name in made.left([folder.name for folder in folders]):
+            folder, pieces = data / name, out / f".{name}.{_PIECES}"
+            if made.alone:
+                folder, pieces = data, out / _PIECES
+            try:
+                clip = load_clip(folder)
+                _check_cameras(clip, folder, least)
+                detected = detect_clip(clip, config.detector, pieces, config.output.skeleton, config.workers)
+            except BAD_CLIP as error:
+                made.fail(name, error)
+            else:
+                made.write(detected, name)
+                _print(detected.id, detected.detections)
             shutil.rmtree(pieces, ignore_errors=True)
-            _print(detected.id, detected.detections)
     print(out)
 
 

@@ -297,6 +297,66 @@ def test_several_machines_fill_one_folder(folder, captured):
     assert contents(folder / "parts") == contents(folder / "whole")
 
 
+def spoil(clip: Path) -> bytes:
+    """Cut the arrays of a clip, and return what they were."""
+    arrays = clip / "arrays.safetensors"
+    before = arrays.read_bytes()
+    arrays.write_bytes(before[:100])
+    return before
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_clip_that_fails_is_noted_and_the_others_are_made(folder, tmp_path, workers):
+    shutil.copytree(folder / "data", tmp_path / "data")
+    arrays = spoil(tmp_path / "data/b")
+    done = run(tmp_path, "out", f"workers={workers}")
+    assert done.returncode == 0, done.stderr
+    ok, failed, last = read_manifest(tmp_path / "out")
+    assert (ok, last) == ({"id": "a", "status": "ok"}, {"id": "c", "status": "ok"})
+    assert (failed["id"], failed["status"]) == ("b", "failed") and "b/arrays.safetensors" in failed["reason"]
+    assert f"b: failed: {failed['reason']}" in done.stdout and "1 of 3 clips failed" in done.stdout
+    assert find_data_set_damage(tmp_path / "out", "ac") == []
+    # The same command tries it again.
+    (tmp_path / "data/b/arrays.safetensors").write_bytes(arrays)
+    assert run(tmp_path, "out").returncode == 0
+    assert contents(tmp_path / "out") == contents(folder / "whole")
+
+
+def test_a_run_in_which_every_clip_fails_ends_with_an_error(folder, tmp_path):
+    shutil.copytree(folder / "data", tmp_path / "data")
+    done = run(tmp_path, "out", "draw=[9]")
+    assert done.returncode == 1
+    assert "out: all 3 clips failed, the first because of this: draw=[9]: expected numbers from 2 to 3" in done.stderr
+    assert [line["status"] for line in read_manifest(tmp_path / "out")] == ["failed"] * 3
+    # Its options bind nobody.
+    assert run(tmp_path, "out").returncode == 0
+    assert contents(tmp_path / "out") == contents(folder / "whole")
+
+
+def test_errors_of_ours_end_the_run(folder, tmp_path, monkeypatch):
+    shutil.copytree(folder / "data", tmp_path / "data")
+
+    def wrong(*_):
+        raise TypeError("unsupported operand")
+
+    monkeypatch.setattr(command, "capture", wrong)
+    with pytest.raises(TypeError, match="unsupported operand"):
+        command.run(CaptureCommand(DataConfig(path=str(tmp_path / "data"))), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_conversions_and_detections_go_on_after_a_clip_that_fails(folder, tmp_path, monkeypatch, capsys):
+    shutil.copytree(folder / "data", tmp_path / "data")
+    spoil(tmp_path / "data/b")
+    convert.run(ConvertCommand(DataConfig(path=str(tmp_path / "data"))), tmp_path / "converted")
+    monkeypatch.setattr(detect, "detect_clip", lambda clip, *_: clip)
+    detect.run(DetectCommand(clip=str(tmp_path / "data")), tmp_path / "detected")
+    assert capsys.readouterr().out.count("b: failed: ") == 2
+    for out in ("converted", "detected"):
+        assert [line["status"] for line in read_manifest(tmp_path / out)] == ["ok", "failed", "ok"]
+        assert load_clip(tmp_path / out / "c") == load_clip(tmp_path / "data/c")
+
+
 @pytest.mark.parametrize(
     ("option", "said"),
     [("first=3", "expected the number of a clip, from 0 to 2"), ("clips=4", "expected from 1 to 3")],
