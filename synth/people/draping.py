@@ -284,6 +284,117 @@ def swings(length: float, hips: np.ndarray, fps: float) -> np.ndarray:
 
 
 @compiled()
+def _drape(quats, places, rings, loose, tight, ways, origins, swing, closed, bones):
+    """Fill `bones` (R * NODES, 3, 4) with the rotations and places of nodes, see the module.
+
+    Args:
+        quats, places: (6, 4) and (6, 3) m of the segments `_OWN` in the world.
+        rings, loose, tight, ways, origins: As in `Drape`.
+        swing: (2,) displacement of the hem, m.
+        closed: Whether the last node of a ring is beside its first.
+    """
+    rows = len(rings)
+    frames, legs = _follow(quats, places, rings, origins)
+    own, along, marks = np.empty((2, 3)), np.empty((2, 3)), np.empty((NODES, 2))
+    nodes, outs, spans = np.empty((rows, NODES, 3)), np.empty(len(ways)), np.empty(len(ways))
+    for row in range(rows):
+        free, frame, middle = _freedom(frames, row), frames[row], (legs[row, 0] + legs[row, 1]) / 2
+        for k in range(2):
+            middle[k] += free * max(0.0, rings[row, 1] / rings[rows - 1, 1]) * swing[k]
+        above, below = legs[max(row - 1, 0)], legs[min(row + 1, rows - 1)]
+        for side in range(2):
+            for k in range(3):
+                own[side, k], along[side, k] = 0, 0
+                for j in range(3):
+                    own[side, k] += frame[j, k] * (legs[row, side, j] - middle[j])
+                    along[side, k] += frame[j, k] * (below[side, j] - above[side, j])
+        spans[:] = 0
+        if rings[row, 3] > 0:
+            _span(own, along, rings[row, 3], free, rings[0, 2], ways, spans)
+        _outline(loose[row], tight[row], spans, free, outs)
+        _spread(outs, ways, closed, marks)
+        _put(marks, own, frame, middle, nodes[row])
+    _orient(nodes, closed, bones)
+
+
+@compiled()
+def _follow(quats, places, rings, origins):
+    """Return the orientations (R, 3, 3) of rings, and their points (R, 2, 3) of the left and the right leg, m, both
+    mixed from the segments by the weights of the rings."""
+    matrices, weights, mean = np.empty((6, 3, 3)), np.empty(6), np.empty(4)
+    frames, legs = np.empty((len(rings), 3, 3)), np.zeros((len(rings), 2, 3))
+    for i in range(6):
+        _matrix(quats[i], matrices[i])
+    for row, ring in enumerate(rings):
+        weights[0], weights[1] = ring[4], ring[5]
+        weights[2] = weights[3] = ring[6]
+        weights[4] = weights[5] = ring[7]
+        mean[:] = 0
+        for i in range(6):
+            if weights[i] <= 0:
+                continue
+            dot = 0.0
+            for k in range(4):
+                dot += quats[i, k] * quats[0, k]
+            sign = -1.0 if dot < 0 else 1.0
+            part = weights[i] if i < 2 else weights[i] / 2
+            for k in range(4):
+                mean[k] += sign * part * quats[i, k]
+            for side in range(2):
+                if i >= 2 and (i % 2) != side:
+                    continue
+                away = (ring[0], ring[2] if side == 0 else -ring[2], ring[1])
+                for k in range(3):
+                    moved = places[i, k]
+                    for j in range(3):
+                        moved += matrices[i, k, j] * (away[j] - origins[i, j])
+                    legs[row, side, k] += weights[i] * moved
+        mean /= np.sqrt((mean**2).sum()) + 1e-12
+        _matrix(mean, frames[row])
+    return frames, legs
+
+
+@compiled()
+def _matrix(q, out):
+    w, x, y, z = q[0], q[1], q[2], q[3]
+    out[0, 0], out[0, 1], out[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
+    out[1, 0], out[1, 1], out[1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
+    out[2, 0], out[2, 1], out[2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+
+
+@compiled()
+def _freedom(frames, row):
+    """Return how freely a ring hangs: 0 where cloth lies on level legs, as the hips of who sits, 1 on upright ones."""
+    steep = min(abs(frames[row, 2, 2]), abs(frames[min(row + 1, len(frames) - 1), 2, 2]))
+    free = min(1.0, max(0.0, (steep - _TIGHT) / (_LOOSE - _TIGHT)))
+    return free * free * (3 - 2 * free)
+
+
+@compiled()
+def _span(own, along, radius, free, half, ways, spans):
+    """Set `spans` (M,) to the distances that legs need in directions (M, 2), m.
+
+    Args:
+        own, along: (2, 3) places of the legs, m, and their directions, in the frame of the ring.
+        radius: Of a leg, m.
+        free: See `_freedom`.
+        half: Half the distance between the hip joints, m.
+    """
+    discs = np.empty((6, 2))
+    for side in range(2):
+        # The plane of the ring cuts an oblique leg in an ellipse.
+        flat = np.sqrt(along[side, 0] ** 2 + along[side, 1] ** 2)
+        steep = max(_LEAST, abs(along[side, 2]) / (np.sqrt(flat**2 + along[side, 2] ** 2) + 1e-12))
+        for number in range(3):
+            for k in range(2):
+                way = along[side, k] / (flat + 1e-12) * (number - 1)
+                discs[3 * side + number, k] = own[side, k] + way * radius * (1 / steep - 1)
+    # Rings have no corners sharper than their nodes can follow.
+    wide = max(radius + _CLOSE + free * (_MARGIN - _CLOSE), free * _ROUND * half)
+    _hull(discs, wide, ways, spans)
+
+
+@compiled()
 def _hull(discs, radius, ways, out):
     """Set `out` (M,) to how far rays from the origin go within the convex hull of discs in a plane, m.
 
@@ -311,6 +422,29 @@ def _hull(discs, radius, ways, out):
 
 
 @compiled()
+def _outline(loose, tight, spans, free, outs):
+    """Set `outs` (M,) to the distances of cloth from the middle of its ring, m: outside of what legs need, and as long
+    as at rest where that leaves room.
+
+    Args:
+        loose, tight: (M,) distances in hanging freely, and next to the body, m.
+        spans: (M,) distances that legs need, m, 0 where they do not push.
+        free: See `_freedom`.
+    """
+    base = np.empty(len(outs))
+    for way in range(len(outs)):
+        base[way] = tight[way] + free * (loose[way] - tight[way])
+    smaller, length = 1.0, base.sum()
+    for _ in range(3):
+        for way in range(len(outs)):
+            outs[way] = smaller * base[way]
+            if spans[way] > 0:
+                apart = outs[way] - spans[way]
+                outs[way] = 0.5 * (outs[way] + spans[way] + np.sqrt(apart**2 + (free * _SMOOTH) ** 2))
+        smaller = max(_NARROWEST, smaller * min(1.0, length / outs.sum()))
+
+
+@compiled()
 def _spread(outs, ways, closed, marks):
     """Set `marks` (K, 2) to points at even distances along a line around the origin, given by distances (M,) in
     directions (M, 2)."""
@@ -335,118 +469,36 @@ def _spread(outs, ways, closed, marks):
 
 
 @compiled()
-def _matrix(q, out):
-    w, x, y, z = q[0], q[1], q[2], q[3]
-    out[0, 0], out[0, 1], out[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
-    out[1, 0], out[1, 1], out[1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
-    out[2, 0], out[2, 1], out[2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+def _put(marks, own, frame, middle, nodes):
+    """Set the nodes (NODES, 3) of a ring, m, from their places (NODES, 2) in its plane, tilted as the legs are apart
+    along its axis."""
+    aside, ahead, along_axis = (own[0] - own[1]) / 2
+    for node in range(NODES):
+        x, y = marks[node]
+        share = (x * aside + y * ahead) / (aside**2 + ahead**2 + 1e-4)
+        tilt = along_axis * min(_TILT, max(-_TILT, share))
+        for k in range(3):
+            nodes[node, k] = middle[k] + x * frame[k, 0] + y * frame[k, 1] + tilt * frame[k, 2]
 
 
 @compiled()
-def _drape(quats, places, rings, loose, tight, ways, origins, swing, closed, bones):
-    """Fill `bones` (R * NODES, 3, 4) with the rotations and places of nodes, see the module.
-
-    Args:
-        quats, places: (6, 4) and (6, 3) m of the segments `_OWN` in the world.
-        rings, loose, tight, ways, origins: As in `Drape`.
-        swing: (2,) displacement of the hem, m.
-        closed: Whether the last node of a ring is beside its first.
-    """
-    rows, nodes = len(rings), NODES
-    matrices = np.empty((6, 3, 3))
-    for i in range(6):
-        _matrix(quats[i], matrices[i])
-    frames, mean, legs = np.empty((rows, 3, 3)), np.empty(4), np.zeros((rows, 2, 3))
-    base, spans, outs = np.empty(len(ways)), np.empty(len(ways)), np.empty(len(ways))
-    place, marks = np.empty((rows, nodes, 3)), np.empty((nodes, 2))
-    weights, own, along, discs = np.empty(6), np.empty((2, 3)), np.empty((2, 3)), np.empty((6, 2))
-    for row in range(rows):
-        ring = rings[row]
-        weights[0], weights[1] = ring[4], ring[5]
-        weights[2] = weights[3] = ring[6]
-        weights[4] = weights[5] = ring[7]
-        mean[:] = 0
-        for i in range(6):
-            if weights[i] <= 0:
-                continue
-            sign, dot = 1.0, 0.0
-            for k in range(4):
-                dot += quats[i, k] * quats[0, k]
-            if dot < 0:
-                sign = -1.0
-            part = weights[i] if i < 2 else weights[i] / 2
-            for k in range(4):
-                mean[k] += sign * part * quats[i, k]
-            for side in range(2):
-                if i >= 2 and (i % 2) != side:
-                    continue
-                away = (ring[0], ring[2] if side == 0 else -ring[2], ring[1])
-                for k in range(3):
-                    moved = places[i, k]
-                    for j in range(3):
-                        moved += matrices[i, k, j] * (away[j] - origins[i, j])
-                    legs[row, side, k] += weights[i] * moved
-        mean /= np.sqrt((mean**2).sum()) + 1e-12
-        _matrix(mean, frames[row])
-    for row in range(rows):
-        frame, middle = frames[row], (legs[row, 0] + legs[row, 1]) / 2
-        # On a seat, cloth lies on the hips where thighs are level.
-        steep = min(abs(frame[2, 2]), abs(frames[min(row + 1, rows - 1), 2, 2]))
-        free = min(1.0, max(0.0, (steep - _TIGHT) / (_LOOSE - _TIGHT)))
-        free = free * free * (3 - 2 * free)
-        for k in range(2):
-            middle[k] += free * max(0.0, rings[row, 1] / rings[rows - 1, 1]) * swing[k]
-        above, below = legs[max(row - 1, 0)], legs[min(row + 1, rows - 1)]
-        for side in range(2):
-            for k in range(3):
-                own[side, k], along[side, k] = 0, 0
-                for j in range(3):
-                    own[side, k] += frame[j, k] * (legs[row, side, j] - middle[j])
-                    along[side, k] += frame[j, k] * (below[side, j] - above[side, j])
-        radius, pushed = rings[row, 3], rings[row, 3] > 0
-        if pushed:
-            for side in range(2):
-                # The plane of the ring cuts an oblique leg in an ellipse.
-                flat = np.sqrt(along[side, 0] ** 2 + along[side, 1] ** 2)
-                steep = max(_LEAST, abs(along[side, 2]) / (np.sqrt(flat**2 + along[side, 2] ** 2) + 1e-12))
-                for number in range(3):
-                    for k in range(2):
-                        way = along[side, k] / (flat + 1e-12) * (number - 1)
-                        discs[3 * side + number, k] = own[side, k] + way * radius * (1 / steep - 1)
-            # Rings have no corners sharper than their nodes can follow.
-            wide = max(radius + _CLOSE + free * (_MARGIN - _CLOSE), free * _ROUND * rings[0, 2])
-            _hull(discs, wide, ways, spans)
-        for way in range(len(ways)):
-            base[way] = tight[row, way] + free * (loose[row, way] - tight[row, way])
-        smaller, length = 1.0, base.sum()
-        for _ in range(3):
-            for way in range(len(ways)):
-                outs[way] = smaller * base[way]
-                if pushed:
-                    apart = outs[way] - spans[way]
-                    outs[way] = 0.5 * (outs[way] + spans[way] + np.sqrt(apart**2 + (free * _SMOOTH) ** 2))
-            smaller = max(_NARROWEST, smaller * min(1.0, length / outs.sum()))
-        _spread(outs, ways, closed, marks)
-        for node in range(nodes):
-            x, y = marks[node]
-            aside, ahead, along_axis = (own[0] - own[1]) / 2
-            share = (x * aside + y * ahead) / (aside**2 + ahead**2 + 1e-4)
-            tilt = along_axis * min(_TILT, max(-_TILT, share))
-            for k in range(3):
-                place[row, node, k] = middle[k] + x * frame[k, 0] + y * frame[k, 1] + tilt * frame[k, 2]
+def _orient(nodes, closed, bones):
+    """Fill `bones` (R * NODES, 3, 4) with the places of nodes (R, NODES, 3), m, and rotations: outwards, along the ring
+    and upwards."""
+    rows = len(nodes)
     for row in range(rows):
         above, below = max(row - 1, 0), min(row + 1, rows - 1)
-        for node in range(nodes):
+        for node in range(NODES):
             before, after = node - 1, node + 1
             if closed:
-                before, after = before % nodes, after % nodes
+                before, after = before % NODES, after % NODES
             else:
-                before, after = max(before, 0), min(after, nodes - 1)
-            bone = bones[row * nodes + node]
-            across, down = place[row, after] - place[row, before], place[below, node] - place[above, node]
+                before, after = max(before, 0), min(after, NODES - 1)
+            bone = bones[row * NODES + node]
+            across, down = nodes[row, after] - nodes[row, before], nodes[below, node] - nodes[above, node]
             across = across / (np.sqrt((across**2).sum()) + 1e-12)
             out = np.cross(down, across)
             out = out / (np.sqrt((out**2).sum()) + 1e-12)
             up = np.cross(out, across)
             for k in range(3):
-                bone[k, 0], bone[k, 1], bone[k, 2], bone[k, 3] = out[k], across[k], up[k], place[row, node, k]
+                bone[k, 0], bone[k, 1], bone[k, 2], bone[k, 3] = out[k], across[k], up[k], nodes[row, node, k]
