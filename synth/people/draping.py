@@ -7,6 +7,7 @@ follow as skin follows segments (`synth.people.skinning`). Where the nodes are i
   its orientation the mean of theirs. Around the waist, pelvis and spine take part instead.
 - Cloth spans both legs: a node is at least as far out as the convex hull of two discs, the sections of the legs.
 - Where the hull pushes nodes out, the other nodes of the ring come in, so that its length stays.
+- Between rings, legs that are bent or far apart push cloth outwards.
 - Where legs are level, as on a seat, cloth lies on them instead of standing off.
 - Elsewhere cloth swings: the middles of rings are displaced as `swings` says, more towards the hem.
 """
@@ -38,18 +39,23 @@ _GRAVITY, _FRICTION, _WIDEST = 9.81, 0.3, 0.35
 a hem relative to the length of the cloth."""
 _SIDES = 32
 """Number of sides of the polygon that stands for the hull of legs."""
+_BELOW = 0.4
+"""Length of legs below the hem that cloth keeps clear of, in thighs or shins."""
 _LEAST = 0.4
 """Least cosine of the angle between a leg and the axis of a ring with which its section is found."""
 _NARROWEST, _TILT = 0.5, 1.2
 """Least width of the free part of a ring relative to rest, and greatest share of the legs' distance along the axis of a
 ring that its nodes follow."""
 
+_ROUNDS, _REACH = 2, 3
+"""Number of times that nodes are moved out of legs, and of rings above and below from whose pieces of legs."""
+
 
 class Drape(NamedTuple):
     """A tube of R rings with `NODES` nodes each, at even distances along the ring."""
 
-    # (R, 8) of each ring: x and z of the legs' points in T-pose, and half their distance, m; radius of a leg there, m,
-    # 0 if it does not push; weights of pelvis, spine, thighs and shins
+    # (R + 1, 8) of each ring, and of legs where they go on below the hem: x and z of the legs' points in T-pose, and
+    # half their distance, m; radius of a leg there, m, 0 if it does not push; weights of pelvis, spine, thighs, shins
     rings: np.ndarray
     # loose, tight: (R, M) distance from the middle of the ring in hanging freely, and next to the body, m
     loose: np.ndarray
@@ -60,7 +66,7 @@ class Drape(NamedTuple):
     @property
     def nodes(self) -> int:
         """Number of nodes."""
-        return len(self.rings) * NODES
+        return len(self.loose) * NODES
 
     @property
     def closed(self) -> bool:
@@ -70,7 +76,7 @@ class Drape(NamedTuple):
     @property
     def length(self) -> float:
         """Length below the hip joints, m."""
-        return float(-self.rings[-1, 1])
+        return float(-self.rings[-2, 1])
 
     def bones(self, quats: np.ndarray, places: np.ndarray, swing: np.ndarray) -> np.ndarray:
         """Return (R * NODES, 3, 4) rotations and places of the nodes, ring by ring, m.
@@ -98,7 +104,7 @@ class Drape(NamedTuple):
     def unpack(cls, numbers: np.ndarray) -> "Drape":
         """Return the tube from the numbers of `pack`."""
         rows, ways = numbers[:2].astype(int).tolist()
-        shapes = (rows, 8), (rows, ways), (rows, ways), (ways, 2), (len(_OWN), 3)
+        shapes = (rows + 1, 8), (rows, ways), (rows, ways), (ways, 2), (len(_OWN), 3)
         ends = np.cumsum([np.prod(shape) for shape in shapes])
         parts = np.split(numbers[2:], ends[:-1])
         return cls(*(part.reshape(shape).copy() for part, shape in zip(parts, shapes, strict=True)))
@@ -114,7 +120,16 @@ class Tube(NamedTuple):
     share: np.ndarray  # (N,) place along the legs: below 0 above the hips, 1 at the knees, 2 at the ankles
 
 
-def skirt(body: Body, bare: BareBody, waist: float, hem: float, ease: float, flare: float, gap: float = 0.0) -> Drape:
+def skirt(
+    body: Body,
+    bare: BareBody,
+    waist: float,
+    hem: float,
+    ease: float,
+    flare: float,
+    gap: float = 0.0,
+    under: float = 0.0,
+) -> Drape:
     """Return a skirt, or a coat below the waist.
 
     Args:
@@ -125,11 +140,12 @@ def skirt(body: Body, bare: BareBody, waist: float, hem: float, ease: float, fla
         ease: Distance from the hips, m.
         flare: Further distance at the hem per length below the hips.
         gap: Half the angle that is open in front, rad.
+        under: Thickness of what legs wear below it, m.
     """
     size, origins = body.stature, segment_origins(body, np.zeros((1, 3)), np.tile(np.eye(3), (1, 16, 1, 1)))[0]
     thigh, shin = -body.offsets[[SEGMENTS.index("l_shin"), SEGMENTS.index("l_foot")], 2]
     shares = np.array([0, 0.16, 0.32, 0.54, 0.77, 1.0, 1.3])
-    shares = np.append(shares[shares < hem - 0.1], hem)
+    shares = np.append(shares[shares < hem - 0.1], (hem, min(hem + _BELOW, 2)))
     heights = np.concatenate([(waist, waist / 2), -np.interp(shares, (0, 1, 2), (0, thigh, thigh + shin))])
     turns = np.linspace(gap, 2 * np.pi - gap, _WAYS, endpoint=gap > 0)
     ways = np.stack([np.cos(turns), np.sin(turns)], -1)
@@ -149,6 +165,7 @@ def skirt(body: Body, bare: BareBody, waist: float, hem: float, ease: float, fla
             rings[row, 0] = middle * np.interp(share, (0, 0.3), (1, 0))
         if share > -0.1:
             ahead, radius = _leg(bare, max(share, 0.16))
+            radius += under
             rings[row, 0] += ahead * np.interp(share, (0, 0.3), (0, 1))
             # At the hem, calves may be wider above.
             rings[row, 3] = radius = max(radius, rings[row - 1, 3] if share > 1.3 else 0)
@@ -159,7 +176,7 @@ def skirt(body: Body, bare: BareBody, waist: float, hem: float, ease: float, fla
     below = np.maximum(-heights, 0)[:, None]
     widest = np.maximum.accumulate(tight, axis=0)
     loose = widest + ease * np.interp(heights, (0, waist), (1, 0.2))[:, None] + flare * below
-    return Drape(rings, loose, tight, ways, origins[list(_OWN)])
+    return Drape(rings, loose[:-1], tight[:-1], ways, origins[list(_OWN)])
 
 
 def _around_trunk(bare: BareBody, height: float, size: float, ways: np.ndarray) -> tuple[float, np.ndarray]:
@@ -193,7 +210,7 @@ def tube(drape: Drape, columns: int, step: float, folds: float) -> Tube:
         step: Length of a triangle downwards, m.
         folds: Height of folds at the hem, m.
     """
-    rows, closed = len(drape.rings), drape.closed
+    rows, closed = len(drape.loose), drape.closed
     placed = drape.at_rest()[:, :, 3].reshape(rows, NODES, 3)
     heights, at = placed[:, 0, 2], np.arange(NODES)
     count = max(rows, round((heights[0] - heights[-1]) / step))
@@ -293,12 +310,12 @@ def _drape(quats, places, rings, loose, tight, ways, origins, swing, closed, bon
         swing: (2,) displacement of the hem, m.
         closed: Whether the last node of a ring is beside its first.
     """
-    rows = len(rings)
+    rows = len(loose)
     frames, legs = _follow(quats, places, rings, origins)
     own, along, marks = np.empty((2, 3)), np.empty((2, 3)), np.empty((NODES, 2))
     nodes, outs, spans = np.empty((rows, NODES, 3)), np.empty(len(ways)), np.empty(len(ways))
     for row in range(rows):
-        free, frame, middle = _freedom(frames, row), frames[row], (legs[row, 0] + legs[row, 1]) / 2
+        free, frame, middle = _freedom(frames[:rows], row), frames[row], (legs[row, 0] + legs[row, 1]) / 2
         for k in range(2):
             middle[k] += free * max(0.0, rings[row, 1] / rings[rows - 1, 1]) * swing[k]
         above, below = legs[max(row - 1, 0)], legs[min(row + 1, rows - 1)]
@@ -314,13 +331,14 @@ def _drape(quats, places, rings, loose, tight, ways, origins, swing, closed, bon
         _outline(loose[row], tight[row], spans, free, outs)
         _spread(outs, ways, closed, marks)
         _put(marks, own, frame, middle, nodes[row])
+    _clear(nodes, legs, rings, closed)
     _orient(nodes, closed, bones)
 
 
 @compiled()
 def _follow(quats, places, rings, origins):
-    """Return the orientations (R, 3, 3) of rings, and their points (R, 2, 3) of the left and the right leg, m, both
-    mixed from the segments by the weights of the rings."""
+    """Return the orientations (R + 1, 3, 3) of rings, and their points (R + 1, 2, 3) of the left and the right leg, m,
+    both mixed from the segments by the weights of the rings."""
     matrices, weights, mean = np.empty((6, 3, 3)), np.empty(6), np.empty(4)
     frames, legs = np.empty((len(rings), 3, 3)), np.zeros((len(rings), 2, 3))
     for i in range(6):
@@ -482,23 +500,110 @@ def _put(marks, own, frame, middle, nodes):
 
 
 @compiled()
+def _clear(nodes, legs, rings, closed):
+    """Move nodes (R, NODES, 3) outwards where they, or cloth half way between them, are in a leg, m.
+
+    Rings go around the sections of legs by their planes; between rings, bent legs are elsewhere.
+
+    Args:
+        nodes: m.
+        legs: (R + 1, 2, 3) points of the legs, m.
+        rings: As in `Drape`.
+        closed: As in `_drape`.
+    """
+    # Around the hips cloth touches legs at rest.
+    rows, radii = len(nodes), rings[:, 3] + np.where(rings[:, 6] + rings[:, 7] < 1, 0.0, _CLOSE)
+    outward, lifts, point, normal = np.empty((rows, NODES, 3)), np.empty((rows, NODES)), np.empty(3), np.empty(3)
+    for _ in range(_ROUNDS):
+        for row in range(rows):
+            for node in range(NODES):
+                _axes(nodes, row, node, closed, outward[row, node], point)
+        lifts[:] = 0
+        for row in range(rows):
+            for node in range(NODES):
+                for place in range(4):
+                    low, after = min(row + place // 2, rows - 1), node + place % 2
+                    after = after % NODES if closed else min(after, NODES - 1)
+                    corners = ((row, node), (low, node), (row, after), (low, after))
+                    point[:], normal[:] = 0, 0
+                    for one, other in corners:
+                        for k in range(3):
+                            point[k] += nodes[one, other, k] / 4
+                            normal[k] += outward[one, other, k] / 4
+                    lift = 0.0
+                    for piece in range(max(row - _REACH, 0), min(low + _REACH, rows)):
+                        if radii[piece] > 0:
+                            for side in range(2):
+                                way = _way_out(point, normal, legs[piece : piece + 2, side], radii[piece : piece + 2])
+                                lift = max(lift, way)
+                    for one, other in corners:
+                        lifts[one, other] = max(lifts[one, other], lift)
+        for row in range(rows):
+            for node in range(NODES if radii[row] > 0 else 0):
+                for k in range(3):
+                    nodes[row, node, k] += lifts[row, node] * outward[row, node, k]
+
+
+@compiled()
+def _way_out(point, outward, leg, radii):
+    """Return how far a point (3,) in the outer half of a piece of a leg moves until it is outside, m; 0 elsewhere.
+
+    Args:
+        point: m.
+        outward: (3,) direction in which it moves.
+        leg, radii: (2, 3) and (2,) ends of the piece and its radii there, m.
+    """
+    along, square = 0.0, 1e-12
+    for k in range(3):
+        along += (point[k] - leg[0, k]) * (leg[1, k] - leg[0, k])
+        square += (leg[1, k] - leg[0, k]) ** 2
+    share = min(1.0, max(0.0, along / square))
+    radius, facing, away, length = radii[0] + share * (radii[1] - radii[0]), 0.0, 0.0, 1e-12
+    for k in range(3):
+        apart = point[k] - leg[0, k] - share * (leg[1, k] - leg[0, k])
+        facing += apart * outward[k]
+        away += apart**2
+        length += outward[k] ** 2
+    if away >= radius**2 or facing <= 0:
+        return 0.0
+    facing /= np.sqrt(length)
+    return np.sqrt(facing**2 + radius**2 - away) - facing
+
+
+@compiled()
+def _axes(nodes, row, node, closed, outward, across):
+    """Set two unit vectors (3,) at a node: outwards, and along its ring."""
+    above, below = max(row - 1, 0), min(row + 1, len(nodes) - 1)
+    before, after = node - 1, node + 1
+    if closed:
+        before, after = before % NODES, after % NODES
+    else:
+        before, after = max(before, 0), min(after, NODES - 1)
+    length, square = 0.0, 0.0
+    for k in range(3):
+        across[k] = nodes[row, after, k] - nodes[row, before, k]
+        length += across[k] ** 2
+    for k in range(3):
+        across[k] /= np.sqrt(length) + 1e-12
+    for k in range(3):
+        m, n = (k + 1) % 3, (k + 2) % 3
+        down_m, down_n = nodes[below, node, m] - nodes[above, node, m], nodes[below, node, n] - nodes[above, node, n]
+        outward[k] = down_m * across[n] - down_n * across[m]
+        square += outward[k] ** 2
+    for k in range(3):
+        outward[k] /= np.sqrt(square) + 1e-12
+
+
+@compiled()
 def _orient(nodes, closed, bones):
     """Fill `bones` (R * NODES, 3, 4) with the places of nodes (R, NODES, 3), m, and rotations: outwards, along the ring
     and upwards."""
-    rows = len(nodes)
-    for row in range(rows):
-        above, below = max(row - 1, 0), min(row + 1, rows - 1)
+    out, across = np.empty(3), np.empty(3)
+    for row in range(len(nodes)):
         for node in range(NODES):
-            before, after = node - 1, node + 1
-            if closed:
-                before, after = before % NODES, after % NODES
-            else:
-                before, after = max(before, 0), min(after, NODES - 1)
             bone = bones[row * NODES + node]
-            across, down = nodes[row, after] - nodes[row, before], nodes[below, node] - nodes[above, node]
-            across = across / (np.sqrt((across**2).sum()) + 1e-12)
-            out = np.cross(down, across)
-            out = out / (np.sqrt((out**2).sum()) + 1e-12)
-            up = np.cross(out, across)
+            _axes(nodes, row, node, closed, out, across)
             for k in range(3):
-                bone[k, 0], bone[k, 1], bone[k, 2], bone[k, 3] = out[k], across[k], up[k], nodes[row, node, k]
+                m, n = (k + 1) % 3, (k + 2) % 3
+                up = out[m] * across[n] - out[n] * across[m]
+                bone[k, 0], bone[k, 1], bone[k, 2], bone[k, 3] = out[k], across[k], up, nodes[row, node, k]

@@ -114,7 +114,12 @@ def drapes(body: Body, looks: PersonLooks) -> list[tuple[str, Drape]]:
         found.append(("bottom", skirt(body, bare, _WAIST * size, hem, ease * size, flare)))
     if looks.coat and looks.coat.cloth.long:
         waist, hem, ease, flare = _COAT
-        found.append(("coat", skirt(body, bare, waist * size, hem, ease * size, flare, _GAP * looks.coat.open)))
+        found.append(
+            (
+                "coat",
+                skirt(body, bare, waist * size, hem, ease * size, flare, _GAP * looks.coat.open, _UNDERNEATH * size),
+            )
+        )
     return found
 
 
@@ -386,6 +391,8 @@ _SKIRTS = {False: (1.02, 0.010, 0.10), True: (1.7, 0.012, 0.10)}
 _COAT, _GAP = (0.05, 0.94, 0.014, 0.11), 0.42
 """Height of a long coat's waist above the hip joints, its end along the legs, its ease, fractions of stature, and its
 flare; and half the angle that an open one leaves free in front, rad."""
+_UNDERNEATH = 0.010
+"""Thickness of trousers below a long coat, fraction of stature."""
 _COLUMNS, _ROW = 44, 0.04
 """Number of vertices around hanging cloth, and distance between them downwards, m."""
 
@@ -622,6 +629,9 @@ def _texture(sheet: _Sheet, owner: np.ndarray, material: str, bare: BareBody, bo
             ahead, along, up = np.moveaxis(_on_limb(corners[own], first, 1, bare), -1, 0)
             of_arm = [sign * (0.25 - _turns(ahead, up) / _around_trunk(body)), bare.origins[first, 2] - sign * along]
             uv[own] += share * (np.stack(of_arm, -1) - uv[own])
+            if material == "coat":
+                # A repeat higher, where neither belt nor pockets are sewn on.
+                uv[own & (arms.mean(1) > 0.5), :, 1] += _TILE
         else:
             first = SEGMENTS.index(f"{side}_thigh")
             own &= np.isin(owner, range(first, first + len(_LEG)))

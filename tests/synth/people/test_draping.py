@@ -12,6 +12,7 @@ from synth.people.body import SEGMENTS, Body, body_at
 from synth.people.clothing import WARDROBE, Coat, Garment, dressed, sample_looks
 from synth.people.draping import NODES, swings
 from synth.people.mjcf import add_person
+from synth.people.outfit import parts
 from synth.people.skinning import FIRST_NODE, Skin, let_swing, mesh_triangles
 from synth.rooms.rays import cast_rays
 from synth.scene.build import build_scene
@@ -29,6 +30,7 @@ POSES = {
     "crouching": (-115, 135, -100, 130),
     "running": (-50, 80, 25, 50),
 }
+WIDE = {"running": POSES["running"], "lunging": (-75, 75, 30, 25), "kicking": (-85, 15, 5, 0)}
 
 
 def skirted(long: bool):
@@ -64,6 +66,24 @@ def names_met(model, data, point, ways) -> list[str]:
     return [model.geom(geom).name.split("/", 1)[1] if geom >= 0 else "" for geom in geoms]
 
 
+def is_leg(name: str) -> bool:
+    return "/skin" in name and ("thigh" in name or "shin" in name)
+
+
+def enter(start, ways, triangles, outer) -> np.ndarray:
+    """(R,) whether the first of triangles (T, 3, 3) that rays meet within 0.1 m is an outer one (Moller-Trumbore)."""
+    met = np.zeros(len(start), bool)
+    one, two = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    for ray, (point, way) in enumerate(zip(start, ways, strict=True)):
+        p, away = np.cross(way, two), point - triangles[:, 0]
+        q, size = np.cross(away, one), (one * p).sum(1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            u, v, far = (away * p).sum(1) / size, q @ way / size, (two * q).sum(1) / size
+        far = np.where((u >= 0) & (v >= 0) & (u + v <= 1) & (far > 0) & (far < 0.1), far, np.inf)
+        met[ray] = np.isfinite(far).any() and outer[far.argmin()]
+    return met
+
+
 SHOWN = {(False, "crouching"), (True, "swinging"), (True, "seated"), (True, "crouching"), (True, "running")}
 """Skirts, whether long, and poses in which cameras at the height of a leg look into the open hem."""
 
@@ -91,6 +111,22 @@ def test_no_leg_comes_through_a_skirt(body, long, pose):
     assert not skin
 
 
+@pytest.mark.parametrize("pose", WIDE)
+@pytest.mark.parametrize("long", [False, True])
+@pytest.mark.parametrize("body", [WOMAN, STOUT, GIRL], ids=["woman", "stout", "girl"])
+def test_no_leg_is_outside_of_a_skirt_in_wide_steps(body, long, pose):
+    """Rays from the skin of legs inwards do not enter the skirt from outside before they leave the leg."""
+    rest = cloth(*posed(body, skirted(long), POSES["standing"]), "bottom")
+    outer = (np.cross(rest[:, 1] - rest[:, 0], rest[:, 2] - rest[:, 0]) * rest.mean(1))[:, :2].sum(1) > 0
+    model, data = posed(body, skirted(long), WIDE[pose])
+    names = [model.geom(geom).name for geom in range(model.ngeom)]
+    legs = np.concatenate([cloth(model, data, name.split("/", 1)[1]) for name in names if is_leg(name)])
+    across = np.cross(legs[:, 1] - legs[:, 0], legs[:, 2] - legs[:, 0])
+    area = np.linalg.norm(across, axis=1) / 2
+    sheet, start, inwards = cloth(model, data, "bottom"), legs.mean(1), -across / (2 * area[:, None])
+    assert 0 <= area[enter(start, inwards, sheet, outer)].sum() < 2e-4
+
+
 @pytest.mark.parametrize("pose", POSES)
 @pytest.mark.parametrize("long", [False, True])
 @pytest.mark.parametrize("body", [WOMAN, STOUT, GIRL], ids=["woman", "stout", "girl"])
@@ -98,9 +134,9 @@ def test_the_rings_of_a_skirt_are_around_both_legs(body, long, pose):
     model, data = posed(body, skirted(long), POSES[pose])
     (person,) = Skin(model).persons
     (drape,) = person.drapes
-    rings = person.bones(data, 0.0)[FIRST_NODE:, :, 3].reshape(len(drape.rings), -1, 3)
+    rings = person.bones(data, 0.0)[FIRST_NODE:, :, 3].reshape(len(drape.loose), -1, 3)
     thigh, shin = -body.offsets[[SEGMENTS.index("l_shin"), SEGMENTS.index("l_foot")], 2]
-    for ring, height in zip(rings, drape.rings[:, 1], strict=True):
+    for ring, height in zip(rings, drape.rings[:-1, 1], strict=True):
         if height > -0.25 * thigh or abs(height + thigh) < 0.15 * thigh:
             continue  # Around hips and knees, the axes of skinned legs are not their bones
         for side in "lr":
@@ -146,6 +182,20 @@ def test_nothing_comes_through_a_closed_coat(body, long, pose):
     assert names.count("coat") >= 0.995 * len(names), set(names)
 
 
+def test_belts_and_pockets_of_coats_are_not_on_their_sleeves():
+    looks = replace(sample_looks(0.0, rng=np.random.default_rng(1)), coat=Coat(Garment(True, "plain", GREY), open=True))
+    coat = [part for part in parts(Body(), looks) if part.material == "coat"]
+    # A texture has 1.5 m of height, and begins at the hip joints.
+    sleeves, trunk = (
+        np.concatenate([part.uv[..., 1].ravel() for part in coat if part.segment.endswith("forearm") == arm])
+        * 1.5
+        % 1.5
+        for arm in (True, False)
+    )
+    assert trunk.min() < 0.05
+    assert 0.15 < sleeves.min() < sleeves.max() < 0.9
+
+
 def test_cloth_at_rest_is_where_it_was_built():
     model, data = posed(WOMAN, skirted(True), POSES["standing"])
     (person,) = Skin(model).persons
@@ -179,7 +229,7 @@ def test_cloth_swings_where_legs_are_upright(pose):
     where = data.xquat[person.segments], data.xpos[person.segments]
     rest, away = (drape.bones(*where, np.array(swing)).reshape(-1, NODES, 3, 4) for swing in ((0, 0), (0.0, 0.15)))
     moved = (away - rest)[..., 3].mean(1)
-    thighs = drape.rings[:, 1] > -0.4 * drape.length
+    thighs = drape.rings[:-1, 1] > -0.4 * drape.length
     assert np.abs(moved[thighs]).max() < 0.08
     if pose == "standing":
         assert moved[-1, 1] == pytest.approx(0.15, abs=0.03)
