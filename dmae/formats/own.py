@@ -4,6 +4,7 @@
 definition of your own skeleton as JSON. A person is absent from a frame if all its joints are absent.
 """
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.lib.format import header_data_from_array_1_0, write_array_header_1_0
 
 from dmae.data.array_fields import UNSET
-from dmae.data.clip import Clip, Poses3D, Source
+from dmae.data.clip import Clip, Poses3D, Source, person_name, person_names
 from dmae.data.store import load_clip, save_clip
 from dmae.files.arrays import read_arrays
 from dmae.files.checks import check_rate
@@ -28,7 +29,7 @@ from dmae.formats.skeletons import named_skeleton, read_skeleton_text, skeleton_
 @pose_writer("npz", fused=True)
 def write_npz_poses(poses: Poses3D, clip: Clip, path: Path) -> None:
     """A NumPy archive with joints, their sources, covariances and names."""
-    export_npz(poses, clip.fps, path)
+    export_npz(poses, clip.fps, path, person_names(clip, poses.xyz.shape[1]))
 
 
 @pose_reader("npz", file="*.npz")
@@ -37,8 +38,9 @@ def read_npz_poses(path: Path) -> PoseFile:
     return PoseFile(*read_npz(path))
 
 
-def export_npz(poses: Poses3D, fps: float, path: Path) -> None:
-    """Write poses as an archive of the arrays that the docstring of this module lists."""
+def export_npz(poses: Poses3D, fps: float, path: Path, people: Sequence[str] | None = None) -> None:
+    """Write poses as an archive of the arrays that `docs/reference/files.md` lists; people are P1, P2, ... by default."""
+    people = people or [person_name(person) for person in range(poses.xyz.shape[1])]
     arrays = {
         "joints": poses.xyz,
         "source": poses.source,
@@ -46,6 +48,7 @@ def export_npz(poses: Poses3D, fps: float, path: Path) -> None:
         "cov": poses.cov,
         "views": poses.views,
         "joint_names": np.array(poses.skeleton.joints),
+        "person_names": np.array(people, str),
         "skeleton": np.array(skeleton_text(poses.skeleton)),
         "fps": np.array(fps, np.float64),
     }

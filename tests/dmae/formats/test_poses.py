@@ -87,6 +87,8 @@ def test_files_and_tables_have_the_names_of_people(tmp_path: Path):
     rows = (tmp_path / "walk.provenance.csv").read_text().splitlines()[1:]
     assert [*dict.fromkeys(row.split(",")[0] for row in rows)] == ["anna", "ben"]
     assert "anna:LShoulder" in c3d(str(path.with_suffix(".c3d")))["parameters"]["POINT"]["LABELS"]["value"]
+    dmae.export(clip, path.with_suffix(".npz"), people=["P3:anna", "P1:ben"])
+    assert np.load(path.with_suffix(".npz"))["person_names"].tolist() == ["anna", "ben"]
     assert b'"anna: body"' in path.with_suffix(".glb").read_bytes()
     one = read_poses(tmp_path / "walk_ben.trc").poses
     np.testing.assert_array_equal(one.source[:, 0], clip.poses.source[:, 0])
