@@ -2,9 +2,10 @@
 
 import json
 from dataclasses import asdict
+from itertools import compress
 from pathlib import Path
 
-from dmae.calibration.config import describe_shortness
+from dmae.calibration.config import RefineConfig, describe_shortness
 from dmae.calibration.refinement import Refined, refine
 from dmae.commands.config import CalibrateCommand
 from dmae.files.contents import write_atomic
@@ -46,15 +47,16 @@ def run(config: CalibrateCommand, out: Path) -> None:
         "floor": refined.floor and asdict(refined.floor),
     }
     write_atomic(facts_file, json.dumps(facts, indent=1) + "\n")
-    _print(refined)
+    _print(refined, config.refine)
     short = describe_shortness(len(clip) / clip.fps)
     if short and any(change.refined for change in refined.changes):
         print(short)
     print(out)
 
 
-def _print(refined: Refined) -> None:
-    header = ("camera", "moved cm", "turned deg", "focal %", "k1", "late frames", "px before", "px after")
+def _print(refined: Refined, config: RefineConfig) -> None:
+    header = ("camera", "moved cm", "turned deg", "focal %", "k1 now", "late frames", "px before", "px after")
+    asked = (True, True, True, config.focal, config.distortion, config.offsets or config.drift, True, True)
     rows = []
     for each in refined.changes:
         error = ("", "") if each.error_cm is None else (f" +- {each.error_cm:.1f}", f" +- {each.error_deg:.2f}")
@@ -70,7 +72,8 @@ def _print(refined: Refined) -> None:
                 "-" if each.residual_after is None else f"{each.residual_after:.1f}",
             )
         )
-    print_tables([Table("what changed; reprojection errors are medians", header, rows)])
+    shown = [tuple(compress(row, asked)) for row in (header, *rows)]
+    print_tables([Table("what changed; reprojection errors are medians", shown[0], shown[1:])])
     if refined.floor is not None:
         known = refined.floor.up is not None and refined.floor.height_m is not None
         how = "; before" if known else " only roughly, by the mean direction of people who stand. Before"

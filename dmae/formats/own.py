@@ -39,7 +39,7 @@ def read_npz_poses(path: Path) -> PoseFile:
 
 
 def export_npz(poses: Poses3D, fps: float, path: Path, people: Sequence[str] | None = None) -> None:
-    """Write poses as an archive of the arrays that `docs/reference/files.md` lists; people are P1, P2, ... by default."""
+    """Write poses as an archive of the arrays that `docs/reference/files.md` lists; people are by default P1, ..."""
     people = people or [person_name(person) for person in range(poses.xyz.shape[1])]
     arrays = {
         "joints": poses.xyz,

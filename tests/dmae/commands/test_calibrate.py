@@ -31,7 +31,9 @@ def test_the_command_writes_cameras_and_what_changed(tmp_path, capsys):
         DataConfig(path=str(tmp_path / "clip")), RefineConfig(cameras=[clip.rig.names[1]], bodies=40)
     )
     command.run(config, tmp_path / "rig.toml")
-    assert "what changed" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "what changed" in said
+    assert "moved cm" in said and not any(each in said for each in ("focal", "k1", "late"))  # They were not asked for
     found = read_calibration(tmp_path / "rig.toml")
     assert found.names == clip.rig.names
     off = np.linalg.norm(found.centers - clip.rig.centers, axis=-1)
