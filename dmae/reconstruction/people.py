@@ -23,7 +23,9 @@ from dmae.reconstruction.tracking import Tracks
 
 _DUPLICATE_DISTANCE = 0.15  # m; two tracks with a smaller median distance between their joints belong to one person
 _REENTRY_DISTANCE, _WALKING_SPEED = 0.5, 1.5  # m and m/s: largest distance of a re-entry from the place of exit
-_BUILD_DIFFERENCE = 0.15  # Relative difference of bone lengths above which two tracks belong to different people
+_BUILD_DIFFERENCE, _BRIEF_S, _BRIEF_DIFFERENCE = 0.15, 1.0, 0.2
+"""Relative difference of bone lengths above which two tracks belong to different people; s for which a track has to be
+seen for that; and the difference for briefer ones, whose lengths are less certain."""
 
 
 def steps_to_people(
@@ -101,9 +103,10 @@ def same_person(
                 median_over_frames(xyz[last, a, :, :2]) - median_over_frames(xyz[first, b, :, :2])
             )
             reach = _REENTRY_DISTANCE + _WALKING_SPEED * (first - last) / fps
+            brief = present[:, [a, b]].sum(0).min() < _BRIEF_S * fps
             # Lengths that share no bone do not differ.
             differ = median_over_frames(np.abs(lengths[a] - lengths[b]) / np.maximum(lengths[a], lengths[b]))
-            if distance < reach and not differ >= _BUILD_DIFFERENCE:
+            if distance < reach and not differ >= (_BRIEF_DIFFERENCE if brief else _BUILD_DIFFERENCE):
                 reentries.append((distance, a, b))
     differs = appearance_differs() if appearance_differs and reentries else np.zeros((len(label), len(label)), bool)
     for _, a, b in sorted(reentries):

@@ -31,6 +31,14 @@ def test_duplicates_and_re_entries_are_one_person():
     assert same_person(xyz, BODY25, FPS, reentry_s=2.0).tolist() == [0, 0, 2, 2, 4, 5]
 
 
+@pytest.mark.parametrize(("seen_s", "people"), [(0.6, [0, 0]), (1.2, [0, 1])])
+def test_lengths_of_brief_tracks_say_less(seen_s, people):
+    """Two cameras measure somebody for a moment, with bones 18 % too short."""
+    xyz, seen = np.concatenate([standing(frames=100), standing(frames=100, scale=0.82)], 1), round(seen_s * FPS)
+    xyz[40:, 0], xyz[:50, 1], xyz[50 + seen :, 1] = np.nan, np.nan, np.nan
+    assert same_person(xyz, BODY25, FPS, reentry_s=2.0).tolist() == people
+
+
 def test_a_person_too_far_from_the_exit_is_another():
     xyz = standing(frames=60, persons=2)
     xyz[20:, 0], xyz[:25, 1] = np.nan, np.nan
