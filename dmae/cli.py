@@ -28,7 +28,7 @@ from dmae.nearest import choices
 _HELP = ("-h", "--help")
 DMAE = Program(
     "dmae",
-    "Capture people with several cameras, complete the joints that no camera measured, and score the result.",
+    "Capture people with several cameras, complete the joints on which fewer than two agree, and score the result.",
     COMMANDS,
     {"data": presets_of(reader, "name")},
 )

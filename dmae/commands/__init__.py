@@ -36,7 +36,7 @@ COMMANDS = {
         {"data": REQUIRED, "capture": "default"},
     ),
     "complete": Command(
-        "Fill what no camera measured, marked as such",
+        "Fill joints on which fewer than two cameras agree, marked as such",
         "dmae.commands.config:CompleteCommand",
         (
             "dmae complete clip=runs/captured out=runs/completed",

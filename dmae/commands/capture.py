@@ -14,6 +14,7 @@ from dmae.commands.data_sets import (
     ClipSet,
     check_apart,
     describe_joints,
+    describe_people,
     describe_sides,
     describe_units,
     finished,
@@ -75,13 +76,15 @@ def run(config: CaptureCommand, out: Path, told: Collection[str] = ()) -> None:
             assert poses is not None
             size = f"{counted(len(captured), 'frame')}, {counted(poses.xyz.shape[1], 'person', 'people')}"
             print(f"{captured.id}: {size}, {describe_joints(poses)}")
+            errors = reprojection(captured)
             if are_stills(captured.fps):
                 print(f"{captured.id}: {captured.fps:g} frames/s: stills, in which nobody is followed: {STRANGERS}")
+            elif poses.source.any():
+                print(f"{captured.id}: {describe_people(poses)}; {errors.describe_unused()}")
             if made.alone:
                 print(f"{captured.id}: {captured.provenance['noise']['found']}")
                 print(f"{captured.id}: {_world(captured, config.level)}")
             persons += poses.xyz.shape[1]
-            errors = reprojection(captured)
             measured, completed = added(measured, errors.measured), added(completed, errors.completed)
             _print_doubts(captured, config.capture, poses.xyz.shape[1], errors)
     # A person 0 of one clip is not the person 0 of another, so there is no table by person for several clips.

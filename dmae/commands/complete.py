@@ -1,4 +1,4 @@
-"""`dmae complete`: fill what no camera measured, with trained weights."""
+"""`dmae complete`: fill joints on which fewer than two cameras agree, with trained weights."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -6,7 +6,15 @@ from pathlib import Path
 from typing import Any
 
 from dmae.commands.config import CompleteCommand
-from dmae.commands.data_sets import ClipSet, check_apart, describe_joints, finished, forecast, settings_of
+from dmae.commands.data_sets import (
+    ClipSet,
+    check_apart,
+    describe_joints,
+    describe_people,
+    finished,
+    forecast,
+    settings_of,
+)
 from dmae.completion.complete import completers, keep_smoothed
 from dmae.completion.weights import weights_folder
 from dmae.data.clip import Clip, Source
@@ -14,6 +22,7 @@ from dmae.data.skeleton import Skeleton
 from dmae.data.store import clip_folders, load_clip
 from dmae.evaluation.review import ReviewVerdict, decided, load_decisions
 from dmae.files.checksums import checksum, refuse_damaged
+from dmae.numerics.filling import are_stills, keep_rejected
 from dmae.online.completion import complete_online
 from dmae.reporting.tables import counted
 
@@ -40,6 +49,8 @@ def run(config: CompleteCommand, out: Path) -> None:
                 print(f"{completed.id}: {note}")
             assert completed.poses is not None
             print(f"{completed.id}: {describe_joints(completed.poses)}")
+            if completed.poses.source.any() and not are_stills(completed.fps):
+                print(f"{completed.id}: {describe_people(completed.poses)}")
     print(out)
 
 
@@ -77,6 +88,7 @@ def _complete(config: CompleteCommand, folder: Path, frames: int | None = None) 
         poses = completer(given, clip.fps)
     poses = keep_smoothed(poses, given)
     if poses.skeleton == given.skeleton:
+        poses = keep_rejected(poses, clip.poses)
         if decisions:
             poses = poses.taking(accepted, given).without(blanked)
         if replaced := int((given.measured & (poses.source == Source.COMPLETED)).sum()):

@@ -133,8 +133,8 @@ class CaptureCommand(PartConfig):
     data: DataConfig = field(default_factory=DataConfig)
     capture: CaptureConfig = field(default_factory=CaptureConfig)
     fill: str = field(default="none", metadata={"choices": _FILLS})
-    """How joints that no camera measured are filled, or module:function of your own; they are marked completed in
-    `source`."""
+    """How joints on which fewer than two cameras agree are filled, or module:function of your own; they are marked
+    completed in `source`."""
     smooth: float = 0.0
     """s; light smoothing after that (0.1 suits people; 0: none). What it moves is marked denoised."""
     level: bool = False
@@ -160,7 +160,7 @@ class CaptureCommand(PartConfig):
 
 @dataclass(frozen=True)
 class CompleteCommand(ProcessesConfig):
-    """Fill what no camera measured, marked as such."""
+    """Fill joints on which fewer than two cameras agree, marked as such."""
 
     clip: str = field(default=REQUIRED, metadata={"reads": "clips"})
     """Folder of a captured clip, or of a data set of them."""
@@ -249,7 +249,7 @@ class LiveCommand(Configuration):
     """Skeleton of the detections."""
     capture: CaptureConfig = field(default_factory=CaptureConfig)
     complete: bool = False
-    """Also complete the joints that no camera measured; this adds to the delay."""
+    """Also complete the joints on which fewer than two cameras agree; this adds to the delay."""
     weights: str | None = field(default=None, metadata={"reads": "model", "words": ("paper",)})
     """Folder that `dmae train` wrote, or `paper`; by default the weights that come with the package."""
     look_ahead: float | None = None

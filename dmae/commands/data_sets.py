@@ -15,7 +15,7 @@ import numpy as np
 from dmae.command_line import interruption
 from dmae.commands.config import CaptureCommand, CompleteCommand
 from dmae.data.cameras import camera_label
-from dmae.data.clip import Clip, Poses3D, Source
+from dmae.data.clip import Clip, Poses3D, Source, person_name
 from dmae.data.resume import claim_folder
 from dmae.data.store import CHECKSUMS, MANIFEST, clip_folders, save_clip
 from dmae.evaluation.review import DECISIONS
@@ -270,10 +270,10 @@ def describe_units(clip: Clip, th_p: float) -> list[str]:
 
 
 def describe_joints(poses: Poses3D) -> str:
-    """How much of the joints was measured and completed, and how many joints are NaN because a person is not there.
+    """How much of the joints was measured and completed, and how many joints are NaN because a person is not captured.
 
-    Joints that were measured and then smoothed count as measured. A person with no known joint in a frame is not there;
-    shares of joints are of the other person-frames.
+    Joints that were measured and then smoothed count as measured. Shares of joints are of the person-frames with a
+    known joint.
     """
     present = (poses.source != Source.ABSENT).any(-1)
     if not present.any():
@@ -283,11 +283,20 @@ def describe_joints(poses: Poses3D) -> str:
     measured, smoothed = 1 - completed - absent, (known == Source.DENOISED).mean()
     some = f"{smoothed:.1%} of all " if (known == Source.MEASURED).any() else ""
     moved = f" ({some}smoothed)" if smoothed else ""
-    shares = f"joints {measured:.1%} measured{moved}, {completed:.1%} completed, {absent:.1%} absent"
+    rejected = poses.rejected[present].mean()
+    replaced = f" ({rejected:.1%} rejected and replaced, {completed - rejected:.1%} not measured)" if rejected else ""
+    shares = f"joints {measured:.1%} measured{moved}, {completed:.1%} completed{replaced}, {absent:.1%} absent"
     away = int((~present).sum())
     if not away:
         return shares
     return (
         f"{shares}; not counting {away} of {present.size} person-frames ({away / present.size:.1%}) in which the "
-        f"person is not present: with them {(poses.source == Source.ABSENT).mean():.1%} of all joints are NaN"
+        f"person is not captured: with them {(poses.source == Source.ABSENT).mean():.1%} of all joints are NaN"
     )
+
+
+def describe_people(poses: Poses3D) -> str:
+    """In which share of the frames each person is captured."""
+    shares = (poses.source != Source.ABSENT).any(-1).mean(0)
+    listed = ", ".join(f"{person_name(person)} {share:.1%}" for person, share in enumerate(shares))
+    return f"captured in {listed} of {counted(len(poses.xyz), 'frame')}"

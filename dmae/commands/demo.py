@@ -53,7 +53,7 @@ def run(config: DemoCommand, out: Path) -> None:
         max_minutes=None if small else 1.0,
     )  # fmt: skip
     run_step(train, learn, out / "model", since=time.monotonic())
-    say("complete what no camera measured, with the weights of the package", 6, steps)
+    say("complete joints on which fewer than two cameras agree, with the weights of the package", 6, steps)
     with logged(out):
         run_step(complete, CompleteCommand(clip=str(out / "captured")), out / "completed")
     say("score these weights (dmae) beside those trained now (model)", 7, steps)
@@ -91,8 +91,8 @@ def what_to_look_at(scores: dict, trained: str, duration: str) -> list[str]:
     errors = {name: "unknown" if mm is None else f"{mm:.0f}\N{NO-BREAK SPACE}mm" for name, mm in means.items()}
     return [
         "What to look at: press Play. Discs are joints that cameras measured; diamonds with a red outline are joints "
-        "that no two cameras agree on, completed by the weights that come with the package; thin lines are the truth. "
-        "Next gap leads to the next diamond, Worst frame to the largest error.",
+        "on which fewer than two cameras agree, completed by the weights that come with the package; thin lines are "
+        "the truth. Next gap leads to the next diamond, Worst frame to the largest error.",
         f"Mean error of the unmeasured joints that all three fill: {errors['dmae']} with these weights, "
         f"{errors[trained]} with the network that this demo trained for {duration}, {errors['linear']} with straight "
         "lines, which leave many joints out. The last tables compare them.",

@@ -11,11 +11,11 @@ from dmae.data.store import load_clip
 from dmae.evaluation.report.findings import OFF, Doubt, check_ranking, rank_doubts
 from dmae.evaluation.review import DECISIONS, Decision, ReviewVerdict, load_decisions, save_decisions
 from dmae.files.contents import write_atomic
-from dmae.formats.poses import SOURCE_WORDS
+from dmae.formats.poses import source_word
 from dmae.reporting.tables import counted
 
 _SHOWN = 20
-_COLUMNS = ("entry", "person", "joint", "first", "last", "worst", "doubt_mm", "reason", "source", "views")
+_COLUMNS = ("entry", "person", "joint", "first", "last", "worst", "doubt_mm", "reason", "source", "detected", "views")
 
 
 def default_out(config: ReviewCommand) -> Path:
@@ -70,6 +70,7 @@ def _table(ranking: Sequence[Doubt]) -> str:
     for entry, doubt in enumerate(ranking, 1):
         writer.writerow(
             (entry, person_name(doubt.person), doubt.joint, doubt.first, doubt.last, doubt.worst,
-             f"{1000 * doubt.doubt:.0f}", doubt.reason, SOURCE_WORDS[doubt.source], doubt.views)
+             f"{1000 * doubt.doubt:.0f}", doubt.reason, source_word(doubt.source, doubt.views), doubt.detected,
+             doubt.views)
         )  # fmt: skip
     return text.getvalue()

@@ -1,1 +1,1 @@
-"""What was not seen: joints that no camera measured, completed."""
+"""What was not seen: joints on which fewer than two cameras agree, completed."""

@@ -30,7 +30,7 @@ from dmae.data.typed import check_arguments
 from dmae.files.contents import cached_until_changed
 from dmae.metrics.position import GAPS
 from dmae.numerics.body import bone_lengths, rotate_z
-from dmae.numerics.filling import are_stills, present, resample
+from dmae.numerics.filling import are_stills, keep_rejected, present, resample
 from dmae.numerics.paths import gap_lengths
 from dmae.parallel import one_thread
 
@@ -190,7 +190,7 @@ def _check_metres(poses: Poses3D) -> None:
 
 @dataclass(frozen=True)
 class Completer:
-    """A trained model, ready to fill in joints that no camera measured.
+    """A trained model, ready to fill in joints on which fewer than two cameras agree.
 
     A callable of poses (F, P, J) and their frames per second that returns poses of the same shape:
 
@@ -208,7 +208,7 @@ class Completer:
       (`dmae.completion.features.correction_weight`); their covariances are then upper bounds. With `reject` such joints
       that the frames around contradict (`dmae.completion.fillings`), and joints whose stated error is greater than that
       of completed ones in short gaps, if the gap stays short without them, are dropped first, and completed like
-      others.
+      others; they keep their number of views (`Poses3D.rejected`).
     - Joints that are already `COMPLETED` are completed again, unseen by the model; joints that are not finite are
       absent.
     - Poses at another rate than the model's are resampled, and the corrections are resampled back. At less than one
@@ -242,7 +242,8 @@ class Completer:
     @check_arguments
     def __call__(self, poses: Poses3D, fps: float, frames: slice = slice(None)) -> Poses3D:
         _check_metres(poses)
-        return in_pieces(self._whole, poses, fps, frames)
+        done = in_pieces(self._whole, poses, fps, frames)
+        return keep_rejected(done, poses.select(frames)) if done.skeleton == poses.skeleton else done
 
     def _whole(self, poses: Poses3D, fps: float, frames: slice) -> Poses3D:
         with one_thread():

@@ -16,7 +16,7 @@ from dmae.completion.methods import completion_method
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import Skeleton
 from dmae.numerics.compiled import compiled
-from dmae.numerics.filling import fill_body_frame, fill_world, take_estimate, without_infinite
+from dmae.numerics.filling import fill_body_frame, fill_world, keep_rejected, take_estimate, without_infinite
 from dmae.numerics.paths import cubic_between, hold, linear, neighbours, pchip
 
 
@@ -135,7 +135,7 @@ def fill_reject_pchip(poses: Poses3D, fps: float) -> Poses3D:
 
     What was rejected and filled again is `COMPLETED`.
     """
-    return fill_pchip_body(reject(poses, fps), fps)
+    return keep_rejected(fill_pchip_body(reject(poses, fps), fps), poses)
 
 
 # A Kalman smoother of each joint's path through the world: fills and denoises, with covariances.

@@ -15,7 +15,7 @@ from dmae.completion.fillings import reject
 from dmae.completion.methods import completion_method
 from dmae.data.clip import Poses3D
 from dmae.numerics.body import Bodies, interpolate_bodies
-from dmae.numerics.filling import take_estimate, without_infinite
+from dmae.numerics.filling import keep_rejected, take_estimate, without_infinite
 from dmae.numerics.paths import gap_lengths, pchip, runs
 
 SHORT_GAP = 0.2
@@ -281,4 +281,4 @@ def fill_reject_gaussian_process(poses: Poses3D, fps: float) -> Poses3D:
 
     What was rejected and filled again is `COMPLETED`.
     """
-    return fill_gaussian_process(reject(poses, fps), fps)
+    return keep_rejected(fill_gaussian_process(reject(poses, fps), fps), poses)

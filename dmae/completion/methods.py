@@ -1,6 +1,7 @@
-"""The completion methods by name: how joints that no camera measured are filled. Listing them imports none.
+"""The completion methods by name: how joints on which fewer than two cameras agree are filled.
 
-A method is a function under the decorator `completion_method`, in any file of this folder; one file adds one.
+Listing them imports none. A method is a function under the decorator `completion_method`, in any file of this folder;
+one file adds one.
 """
 
 from __future__ import annotations
@@ -18,12 +19,12 @@ if TYPE_CHECKING:
 
 Fill = Callable[["Poses3D", float], "Poses3D"]
 """Takes poses and their frames per second; returns poses of the same shape, in which what was filled is `COMPLETED` and
-used no views."""
+used no views, or those that measured what it rejected."""
 
 
 @dataclass(frozen=True)
 class CompletionMethod(Entry):
-    """How joints that no camera measured are filled."""
+    """How joints on which fewer than two cameras agree are filled."""
 
     # Whether the function takes a folder of weights (None: those in the package) and returns a function that fills
     # poses. Other functions fill poses themselves.

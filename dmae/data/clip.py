@@ -17,14 +17,14 @@ from dmae.files.mapped import by_frames, frame_blocks
 
 
 class Source(IntEnum):
-    """Source of a 3D joint. A joint that no camera measured is never `MEASURED`."""
+    """Source of a 3D joint. A joint on which fewer than two cameras agree is never `MEASURED`."""
 
     ABSENT = 0
     MEASURED = 1
     DENOISED = 2
     """Measured, then moved by a model or a filter."""
     COMPLETED = 3
-    """Not measured: interpolated, or predicted by a model."""
+    """Interpolated, or predicted by a model: fewer than two cameras agree, or what they measured was rejected."""
 
 
 def person_name(person: int) -> str:
@@ -94,7 +94,8 @@ class Poses3D:
         xyz: (F, P, J, 3) m, world; NaN where absent.
         source: (F, P, J) `Source`; by default measured where `xyz` is known.
         cov: (F, P, J, 3, 3) covariance, m^2; NaN where unknown.
-        views: (F, P, J) number of views used; 0 where none or unknown.
+        views: (F, P, J) number of views that measured the joint; 0 where none or unknown. A completed joint has views
+            where what they measured was rejected.
         rays: (F, P, J, 2, 3) the ray on which one camera saw the joint: the centre of the camera, m, world, and a unit
             direction. If several cameras saw the joint, it is the camera with the largest confidence. NaN where no
             camera saw the joint, or where this is unknown. A joint that only one camera saw is absent, but is on that
@@ -138,6 +139,11 @@ class Poses3D:
     def measured(self) -> np.ndarray:
         """(F, P, J) True where cameras measured the joint, denoised or not."""
         return (self.source == Source.MEASURED) | (self.source == Source.DENOISED)
+
+    @property
+    def rejected(self) -> np.ndarray:
+        """(F, P, J) True where a joint is completed although cameras measured it: the measurement was rejected."""
+        return (self.source == Source.COMPLETED) & (self.views > 0)
 
     def without(self, dropped: np.ndarray) -> "Poses3D":
         """Return the poses with all joints made absent for which `dropped` (F, P, J) is True."""

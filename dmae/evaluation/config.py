@@ -54,8 +54,9 @@ class EvaluateConfig(PartConfig):
     data: DataConfig = field(default_factory=DataConfig)
     capture: CaptureConfig = field(default_factory=CaptureConfig)
     methods: list[str] | None = field(default=None, metadata={"choices": completion_method})
-    """How joints that no camera measured are filled: completion methods, module:function of your own, or folders that
-    `dmae train` wrote; by default measured, linear, gaussian_process and, if weights know the body, dmae_denoise."""
+    """How joints on which fewer than two cameras agree are filled: completion methods, module:function of your own, or
+    folders that `dmae train` wrote; by default measured, linear, gaussian_process and, if weights know the body,
+    dmae_denoise."""
     poses: str | None = field(default=None, metadata={"reads": "path"})
     """Poses made elsewhere, which are scored in place of `methods`: a file, or a folder with one for each clip."""
     weights: str | None = field(default=None, metadata={"reads": "model", "words": ("paper",)})

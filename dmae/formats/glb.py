@@ -1,7 +1,7 @@
 """GLB, the binary file of glTF 2.0: animated skeletons that Blender, game engines and browsers open.
 
 Each person is a skin with a T-pose that faces z, y up, and a simple body; your own skeletons have a mesh of bones. A
-red octahedron marks each joint that no camera measured in the frame. A person that is absent has scale 0. This module
+red octahedron marks each joint that is not measured in the frame. A person that is absent has scale 0. This module
 assembles the file itself, because no known library writes animated skins.
 """
 

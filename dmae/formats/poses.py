@@ -100,6 +100,15 @@ SOURCE_WORDS = {
     Source.COMPLETED: "completed",
 }
 """How the table of provenance calls the source of a joint."""
+REJECTED = "completed (rejected)"
+"""The same for a joint that cameras measured, if the measurement was rejected and the joint completed."""
+
+
+def source_word(source: Source, views: int) -> str:
+    """Return how the table of provenance calls the source of a joint that so many views measured."""
+    return REJECTED if source == Source.COMPLETED and views else SOURCE_WORDS[source]
+
+
 _NOT_ITS = "delete it if it is not its"
 
 
@@ -117,8 +126,9 @@ def write_provenance(path: Path, poses: Poses3D, fps: float, first: int, people:
     # In blocks of frames, as a long recording does not fit into memory.
     source = empty((*poses.source.shape[:2], len(skeleton)), np.dtype(np.uint8))
     for part in frame_blocks(poses.cov):
-        source[part] = convert(poses.select(part), skeleton).source
-    names = [SOURCE_WORDS[kind] for kind in Source]
+        some = convert(poses.select(part), skeleton)
+        source[part] = np.where(some.rejected, len(Source), some.source)
+    names = [*(SOURCE_WORDS[kind] for kind in Source), REJECTED]
 
     def rows() -> Iterator[str]:
         yield "person,joint,first_frame,last_frame,first_s,last_s,source"
@@ -154,7 +164,7 @@ def read_provenance(path: Path, joints: Sequence[str], frames: int) -> np.ndarra
         else:
             return None
     source, first = np.full((frames, len(joints)), -1), None
-    kinds = {word: kind for kind, word in SOURCE_WORDS.items()}
+    kinds = {word: kind for kind, word in SOURCE_WORDS.items()} | {REJECTED: Source.COMPLETED}
     place = {joint: number for number, joint in enumerate(joints)}
     for number, line in enumerate(read_text(table).splitlines()[1:], 2):
         cells = line.split(",")

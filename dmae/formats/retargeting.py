@@ -70,8 +70,8 @@ class RobotMotion:
 
     joints: tuple[str, ...]  # Names of the n motors, in the order of the model
     qpos: np.ndarray  # (F, P, 7 + n) base position, m, base quaternion, w first, and angles, rad; never NaN
-    # (F, P, n) weakest `Source` of the joints that determine an angle. Where it is absent or completed, nobody measured
-    # it, as the wrists: a person's hands are not measured, and wrists only place palms.
+    # (F, P, n) weakest `Source` of the joints that determine an angle. Where it is absent or completed, it is not
+    # measured, as the wrists: a person's hands are not measured, and wrists only place palms.
     source: np.ndarray
     standing: np.ndarray  # (F, P, 2) True where the left and the right foot stand flat
     touching: np.ndarray  # (F, P, 2) True where the left and the right hand touch another person

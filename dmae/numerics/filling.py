@@ -149,6 +149,15 @@ def take_estimate(poses: Poses3D, fps: float, estimate: np.ndarray) -> Poses3D:
     )
 
 
+def keep_rejected(filled: Poses3D, given: Poses3D) -> Poses3D:
+    """Return filled poses in which completed joints keep the views that measured them: their measurement was rejected.
+
+    `given` are the poses before anything was rejected.
+    """
+    rejected = (filled.source == Source.COMPLETED) & (given.source != Source.ABSENT)
+    return replace(filled, views=np.where(rejected, given.views, filled.views))
+
+
 def resample(poses: Poses3D, fps: float, to_fps: float) -> Poses3D:
     """Return the same motion at another frame rate, by linear interpolation between neighbouring frames.
 

@@ -9,7 +9,7 @@ from dmae.data.cameras import camera_label
 from dmae.data.clip import Clip, Poses3D, Source
 
 COMPLETED = "#e5262a"
-"""Colour of completed joints, which no camera measured: red, as in the paper's figures."""
+"""Colour of completed joints, on which fewer than two cameras agree: red, as in the paper's figures."""
 PERSONS = ("#2f8fe8", "#f6b12f", "#46c47c", "#b07be8", "#27cbd8", "#f08cc0", "#b9b93c", "#8d9bac")
 """Colours of persons, in the order of their indices. Further persons start again at the first colour."""
 _COLUMNS = 4
@@ -50,7 +50,7 @@ def views_figure(clip: Clip, frame: int | None = None) -> Figure:
         spare.axis("off")
     handles = [
         Line2D([], [], color=PERSONS[0], marker="o", label="measured (a colour for each person)"),
-        Line2D([], [], color=COMPLETED, marker="o", label="completed: no camera measured it"),
+        Line2D([], [], color=COMPLETED, marker="o", label="completed: fewer than two cameras agree, or rejected"),
     ]
     if len(axes) > views + 2:
         axes[-1].legend(handles=handles, loc="center", frameon=False)

@@ -42,7 +42,8 @@ def capture(
     Args:
         clip: V views, at least 2.
         config: Thresholds and steps, or the name of a preset of `dmae capture`, as `paper`.
-        fill: How joints that no camera measured are filled: a completion method of `dmae capture`, or `none`.
+        fill: How joints on which fewer than two cameras agree are filled: a completion method of `dmae capture`, or
+            `none`.
         smooth: Length of a light smoothing after that, s; 0 for none.
 
     Returns:
@@ -84,7 +85,7 @@ def complete(
     online: bool = False,
     delay: float = 0.28,
 ) -> Poses3D:
-    """Predict the joints that no camera measured, and mark them `Source.COMPLETED`.
+    """Predict the joints on which fewer than two cameras agree, and mark them `Source.COMPLETED`.
 
     Args:
         poses: Captured poses (F, P, J).

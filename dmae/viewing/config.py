@@ -15,7 +15,7 @@ class LayersConfig(Configuration):
     measured: bool = True
     """Measured joints, discs in the colour of their person."""
     completed: bool = True
-    """Completed joints, red squares: no camera measured them."""
+    """Completed joints, red squares: fewer than two cameras agree on them, or they were rejected."""
     truth: bool | None = None
     """True joints: white rings if there are poses, otherwise in the colours of their occluders; by default if there are
     no poses."""

@@ -31,7 +31,7 @@ def _rgb(text: str) -> RGB:
 
 
 RED = _rgb(COMPLETED)
-"""Colour of completed joints, which no camera measured."""
+"""Colour of completed joints, on which fewer than two cameras agree."""
 
 
 def person_colour(person: int) -> RGB:
@@ -242,7 +242,7 @@ def drawn_poses(pixels: np.ndarray, source: np.ndarray, bones: list[tuple[int, i
         completed = source[person] == Source.COMPLETED
         known = np.isfinite(joints).all(-1) & np.where(completed, layers.completed, True)
         for bone in map(list, bones):
-            # A bone is red if no camera measured one of its ends, as in the paper's figures.
+            # A bone is red if one of its ends is completed, as in the paper's figures.
             red = completed[bone].any()
             if known[bone].all() and (red or layers.measured):
                 (above if red else drawn).lines.append((joints[bone], RED if red else person_colour(person), True))

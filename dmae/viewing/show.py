@@ -195,7 +195,7 @@ def _legend(overlay: Overlay) -> list[list[Item]]:
     if layers.measured:
         items += [(person_name(p), (Mark.DISC, person_colour(p))) for p in range(source.shape[1]) if there[:, p].any()]
     if layers.completed and completed:
-        items += [("completed: no camera measured it", (Mark.SQUARE, RED))]
+        items += [("completed: fewer than two cameras agree, or rejected", (Mark.SQUARE, RED))]
     shares = f"joints of people who are present: {measured:.0%} measured, {completed:.0%} completed"
     return [items, [(f"{shares}, {max(0.0, 1 - measured - completed):.0%} absent", None)]]
 

@@ -156,6 +156,12 @@ class Reprojection:
     completed: Groups  # The same for completed joints
     worst: np.ndarray  # (F, P) largest error of a measured joint of each person in any camera; NaN where there is none
     where: np.ndarray  # (F, P, 2) indices of its camera and joint
+    detections: int  # Number of detections in all cameras
+    unused: int  # Number of those that fit no captured person
+
+    def describe_unused(self) -> str:
+        """Say how many detections fit no captured person."""
+        return f"{self.unused:,} of {self.detections:,} detections fit no captured person"
 
 
 def reprojection(clip: Clip) -> Reprojection:
@@ -164,6 +170,7 @@ def reprojection(clip: Clip) -> Reprojection:
     poses = convert(clip.poses, clip.detections.skeleton)
     poses = poses.without(np.isinf(poses.xyz).any(-1))
     frames, persons, joints = poses.source.shape
+    detections = unused = 0
     measured: Groups = {}
     completed: Groups = {}
     worst, where = np.full((frames, persons), np.nan), np.zeros((frames, persons, 2), int)
@@ -182,7 +189,9 @@ def reprojection(clip: Clip) -> Reprojection:
 
     for start in in_steps(range(0, frames if persons else 0, _CHUNK)):
         part = slice(start, start + _CHUNK)
-        error = reprojection_errors(clip.select(frames=part), poses.select(part))
+        error, used = reprojection_errors(clip.select(frames=part), poses.select(part))
+        there = np.isfinite(clip.detections.score[part]).any(-1)
+        detections, unused = detections + int(there.sum()), unused + int((there & ~used).sum())
         source = np.broadcast_to(poses.source[part][:, None], error.shape)
         is_completed = source == Source.COMPLETED
         measured = added(measured, groups(np.where(is_completed, np.nan, error), source))
@@ -191,22 +200,26 @@ def reprojection(clip: Clip) -> Reprojection:
         largest = np.where(np.isnan(flat), -1, flat).argmax(-1)
         worst[part] = np.take_along_axis(flat, largest[..., None], -1)[..., 0]
         where[part] = np.stack(np.divmod(largest, joints), -1)
-    return Reprojection(measured, completed, worst, where)
+    return Reprojection(measured, completed, worst, where, detections, unused)
 
 
-def reprojection_errors(clip: Clip, poses: Poses3D) -> np.ndarray:
-    """Return the distances (F, V, P, J) between reprojected joints and the matched detection, px."""
+def reprojection_errors(clip: Clip, poses: Poses3D) -> tuple[np.ndarray, np.ndarray]:
+    """Return the distances (F, V, P, J) between reprojected joints and the matched detection, px; and (F, V, D) True
+    for matched detections."""
     pixels, depth = clip.rig.project(poses.xyz)
     errors, scale = np.full(pixels.shape[:-1], np.nan), scale_of(poses)
+    used = np.zeros(clip.detections.score.shape[:-1], bool)
     for view in range(len(clip.rig)):
         known = np.isfinite(pixels[:, view]).all(-1)
         if not known.any():
             continue
         gate = scale * GATE_M * clip.rig.K[view, 0, 0] / np.median(depth[:, view][known])
         found = clip.detections.xy[:, view]
-        matched = take_matched(found, match(found, pixels[:, view], gate))
-        errors[:, view] = np.linalg.norm(matched - pixels[:, view], axis=-1)
-    return errors
+        matches = match(found, pixels[:, view], gate)
+        errors[:, view] = np.linalg.norm(take_matched(found, matches) - pixels[:, view], axis=-1)
+        frame, person = np.nonzero(matches >= 0)
+        used[frame, view, matches[frame, person]] = True
+    return errors, used
 
 
 def residual_tables(measured: Groups, completed: Groups, names: Sequence[str]) -> list[Table]:
@@ -239,8 +252,9 @@ _REACH = 0.04  # s before and after a frame, between which a joint is interpolat
 STATED, UNSTATED, BONE, JUMP, RESIDUAL = "stated error", "no stated error", "bone length", "jump", "reprojection"
 
 
-def signs(clip: Clip) -> dict[str, np.ndarray]:
-    """Return the signs of each joint by name, (F, P, J) m; 0 where a sign does not apply.
+def signs(clip: Clip) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Return the signs of each joint by name, (F, P, J) m, 0 where a sign does not apply; and the number of cameras
+    that detect the joint (F, P, J).
 
     - stated error: the square root of the trace of its covariance.
     - no stated error: 0.2 m for people if the covariance is not known; less for smaller bodies.
@@ -255,13 +269,15 @@ def signs(clip: Clip) -> dict[str, np.ndarray]:
     stated = np.sqrt(np.trace(poses.cov.astype(np.float64), axis1=-2, axis2=-1))
     # Person 0 of one still is not person 0 of the next.
     nothing = np.zeros(poses.source.shape) if are_stills(clip.fps) else None
-    return {
+    residual, detected = _residual(clip)
+    found = {
         STATED: np.nan_to_num(stated),
         UNSTATED: np.where(np.isnan(stated), _UNKNOWN * scale_of(poses), 0),
         BONE: _bone_deviation(poses) if nothing is None else nothing,
         JUMP: _jump(poses, clip.fps) if nothing is None else nothing,
-        RESIDUAL: _residual(clip),
+        RESIDUAL: residual,
     }
+    return found, detected
 
 
 def _bone_deviation(poses: Poses3D) -> np.ndarray:
@@ -284,22 +300,25 @@ def _jump(poses: Poses3D, fps: float) -> np.ndarray:
     return maximum_filter1d(found, 4 * step + 1, axis=0, mode="constant")
 
 
-def _residual(clip: Clip) -> np.ndarray:
+def _residual(clip: Clip) -> tuple[np.ndarray, np.ndarray]:
+    """Return the distance of joints from their detections (F, P, J), m, and the number of cameras with a detection."""
     assert clip.poses is not None
     skeleton = clip.detections.skeleton
     poses = convert(clip.poses, skeleton)
-    found = np.zeros(clip.poses.source.shape)
+    found, detected = np.zeros(clip.poses.source.shape), np.zeros(clip.poses.source.shape, int)
     for start in range(0, len(clip), _FRAMES):
         part = slice(start, start + _FRAMES)
         some = poses.select(part)
         _, depth = clip.rig.project(some.xyz)
-        metres = reprojection_errors(clip.select(frames=part), some) * depth / clip.rig.K[:, 0, 0, None, None]
+        metres = reprojection_errors(clip.select(frames=part), some)[0] * depth / clip.rig.K[:, 0, 0, None, None]
+        cameras = np.isfinite(metres).sum(1)
         # Joints without any detection have residual 0.
         median = np.nan_to_num(median_over_frames(np.moveaxis(metres, 1, 0)))
         for index, joint in enumerate(clip.poses.skeleton.joints):
             if joint in skeleton.joints:
                 found[part, :, index] = median[..., skeleton.joints.index(joint)]
-    return found
+                detected[part, :, index] = cameras[..., skeleton.joints.index(joint)]
+    return found, detected
 
 
 # The ranking of joints that may be off
@@ -320,7 +339,8 @@ class Doubt:
     doubt: float
     reason: str  # The largest sign in the worst frame, with its size
     source: Source  # `Source` of the joint in the worst frame
-    views: int  # Number of cameras that measured it there
+    detected: int  # Number of cameras that detect it there
+    views: int  # Number of those that agreed: the joint was measured from them
 
     def decision(self, verdict: ReviewVerdict | str) -> Decision:
         """Return a decision on this joint in these frames."""
@@ -334,7 +354,7 @@ def rank_doubts(clip: Clip, decisions: Sequence[Decision] = ()) -> list[Doubt]:
     """
     if clip.poses is None:
         raise ValueError(f"clip {clip.id!r} has no poses to review; run dmae capture on it first")
-    poses, found = clip.poses, signs(clip)
+    poses, (found, detected) = clip.poses, signs(clip)
     total = np.sqrt(sum(sign**2 for sign in found.values()))
     open_ = (poses.source != Source.ABSENT) & ~decided(poses, decisions, *ReviewVerdict)
     length = max(1, round(_SECONDS * clip.fps))
@@ -357,6 +377,7 @@ def rank_doubts(clip: Clip, decisions: Sequence[Decision] = ()) -> list[Doubt]:
                     doubt=float(sizes.mean()),
                     reason=f"{reason} {1000 * found[reason][worst, person, joint]:.0f} mm",
                     source=Source(poses.source[worst, person, joint]),
+                    detected=int(detected[worst, person, joint]),
                     views=int(poses.views[worst, person, joint]),
                 )
             )
@@ -459,6 +480,10 @@ class Findings:
     people: int = 0  # Number of captured people
     # Number of joints of each `Source`, over the captured people in the frames in which they are present
     sources: dict[Source, int] = field(default_factory=dict)
+    rejected: int = 0  # Number of completed joints that cameras measured, see `Poses3D.rejected`
+    captured: Sequence[int] = ()  # (P,) numbers of frames in which each captured person is known
+    detections: int = 0  # Number of detections in all cameras
+    unused: int = 0  # Number of those that fit no captured person
     has_truth: bool = False  # Whether the clip is compared with a truth
     has_images: bool = False  # Whether the clip refers to images
     # "all", "measured" and "completed" joints with their errors, mm
@@ -516,6 +541,10 @@ def examine(clip: Clip, decisions: Sequence[Decision] = ()) -> Findings:
         **facts,
         people=int(there.any(0).sum()),
         sources={kind: int((clip.poses.source[there] == kind).sum()) for kind in Source},
+        rejected=int(clip.poses.rejected.sum()),
+        captured=there.sum(0).tolist(),
+        detections=reprojected.detections,
+        unused=reprojected.unused,
         against_truth=against_truth,
         breakdowns=breakdowns(clip, joints),
         regions=counts_in_regions(joints),

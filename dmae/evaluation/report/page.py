@@ -27,7 +27,7 @@ from dmae.evaluation.report.findings import (
 )
 from dmae.evaluation.review import DECISIONS, ReviewVerdict, decisions_content, load_decisions
 from dmae.evaluation.scores import read_scores
-from dmae.formats.poses import SOURCE_WORDS
+from dmae.formats.poses import source_word
 from dmae.formats.reading import Clips
 from dmae.metrics.angles import SHOWN_BY, leg_angles
 from dmae.metrics.score_tables import score_tables
@@ -81,6 +81,7 @@ def write_clips_report(
     ranges = {findings[index].id: range(cut.start, cut.stop) for index, cut in cuts.items()}
     sections = [
         *clips_section(findings, ranges),
+        *people_section(findings),
         *moments_section(findings, ranges),
         *(angles_section(clips[0], cuts[0]) if clips is not None and len(findings) == 1 and cuts else []),
         *doubts_section(findings, ranges),
@@ -179,19 +180,29 @@ def _sources(findings: Sequence[Findings]) -> list[str]:
     total = sum(counts.values())
     if not total:
         return []
-    denoised = counts[Source.DENOISED]
+    denoised, rejected = counts[Source.DENOISED], sum(each.rejected for each in findings)
     measured = counts[Source.MEASURED] + denoised
     some = "" if denoised == measured else f"{share(denoised, total)} "
     then = f" ({some}smoothed or denoised afterwards)" if denoised else ""
-    said = [f"Of {total:,} joints of captured people, cameras measured {share(measured, total)}{then}."]
+    said = [
+        f"Of {total:,} joints of captured people, in the frames in which they are captured, cameras measured "
+        f"{share(measured, total)}{then}."
+    ]
     if not counts[Source.COMPLETED]:
         said.append("No joint is completed.")
-    for source, words in (
-        (Source.COMPLETED, "are completed: no two cameras measured them"),
-        (Source.ABSENT, "are absent: neither measured nor completed"),
+    for count, words in (
+        (counts[Source.COMPLETED] - rejected, "are completed: not measured, as fewer than two cameras agree on them"),
+        (
+            rejected,
+            "are rejected and replaced: measured, but contradicted by the frames around, or with a large stated error",
+        ),
+        (counts[Source.ABSENT], "are absent: neither measured nor completed"),
     ):
-        if counts[source]:
-            said.append(f"{share(counts[source], total).capitalize()} {words}.")
+        if count:
+            said.append(f"{share(count, total).capitalize()} {words}.")
+    unused, detections = sum(each.unused for each in findings), sum(each.detections for each in findings)
+    if unused:
+        said.append(f"{unused:,} of {detections:,} detections fit no captured person.")
     return said
 
 
@@ -294,6 +305,22 @@ def clips_section(findings: Sequence[Findings], played: Collection[str]) -> list
     return [Section("Clips", held, [Table(caption, header, rows, bars=(7, 8), moments=moments)])]
 
 
+def people_section(findings: Sequence[Findings]) -> list[Section]:
+    """Return in how many frames each person of a single clip is captured; nothing for stills, or if always all are."""
+    (found,) = findings if len(findings) == 1 else (None,)
+    if found is None or are_stills(found.fps) or min(found.captured, default=found.frames) == found.frames:
+        return []
+    rows = [
+        (person_name(person), f"{count:,}", number_text(100 * count / found.frames))
+        for person, count in enumerate(found.captured)
+    ]
+    words = (
+        "A person is captured in a frame where at least one joint is known. In the other frames the person was away, "
+        "or was there and not found: joints of those frames count nowhere on this page."
+    )
+    return [Section("People", words, [Table("Frames in which each is captured", ("person", "frames", "%"), rows)])]
+
+
 def moments_section(findings: Sequence[Findings], played: dict[str, range]) -> list[Section]:
     """Return the worst moments of the clips in the player; `played` are their frames in it."""
     shown = [(each, moment) for each in findings if each.id in played for moment in each.moments]
@@ -320,14 +347,15 @@ def doubts_section(findings: Sequence[Findings], played: dict[str, range]) -> li
     for found in (each for each in findings if each.id in played and each.doubts):
         rows, places, choices = [], [], []
         for entry, doubt in enumerate(found.doubts, 1):
-            size, source = f"{1000 * doubt.doubt:.0f}", SOURCE_WORDS[doubt.source]
+            size, source = f"{1000 * doubt.doubt:.0f}", source_word(doubt.source, doubt.views)
             person = person_name(doubt.person)
-            cells = (entry, person, doubt.joint, doubt.worst, size, doubt.reason, source, doubt.views)
+            cameras = f"{doubt.detected} / {doubt.views}"
+            cells = (entry, person, doubt.joint, doubt.worst, size, doubt.reason, source, cameras)
             rows.append(tuple(map(str, cells)))
             inside = doubt.worst in played[found.id]
             places.append(Moment(found.id, doubt.worst, doubt.person) if inside else None)
             choices.append({"person": doubt.person, "joint": doubt.joint, "first": doubt.first, "last": doubt.last})
-        header = ("entry", "person", "joint", "frame", "doubt mm", "largest sign", "source", "cameras")
+        header = ("entry", "person", "joint", "frame", "doubt mm", "largest sign", "source", "detect / agree")
         file = decisions_content(found.poses_checksum, found.decisions)
         decisions = Choices(DECISIONS, [*ReviewVerdict], choices, file)
         kept = f"; the file keeps {counted(len(found.decisions), 'earlier decision')}" if found.decisions else ""
@@ -335,7 +363,8 @@ def doubts_section(findings: Sequence[Findings], played: dict[str, range]) -> li
         tables.append(Table(caption, header, rows, bars=(4,), moments=places, choices=decisions))
     words = (
         "The joints that are most likely wrong, by signs that need no truth: stated error, bones that change their "
-        "length, jumps, distance from detections. Choose one to see it in the player, and decide: accept, blank, or "
+        "length, jumps, distance from detections. The last column is the number of cameras that detect the joint, and "
+        "of those that agree on it. Choose one to see it in the player, and decide: accept, blank, or "
         "hand back to completion. Put the saved file into the folder of the clip: dmae export and dmae complete "
         "follow it."
     )
@@ -405,8 +434,8 @@ def angles_section(clip: Clip, frames: slice) -> list[Section]:
         figures.append(CaptionedFigure(f"{person_name(person)}, with one standard deviation on both sides.", figure))
     words = (
         "Flexion of hips and knees and dorsiflexion of ankles, as in the joint angles for OpenSim (format=mot). There "
-        "is no line where joints do not determine an angle; where it is underlaid in red, no camera measured one of "
-        "the joints that show it."
+        "is no line where joints do not determine an angle; where it is underlaid in red, one of the joints that show "
+        "it is completed."
     )
     return [Section("Joint angles", words, figures=figures)] if figures else []
 

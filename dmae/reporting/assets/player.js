@@ -367,7 +367,7 @@ async function player() {
       for (let person = 0; person < Math.min(clip.poses.persons, 12); person++) {
         shape(`<circle cx="8" cy="8" r="5" fill="${colourOf(person)}"/>`, `P${person + 1}`);
       }
-      shape(`<path d="M8 2 14 8 8 14 2 8z" fill="${own}" stroke="var(--red)" stroke-width="2.2"/>`, "completed: no camera measured it");
+      shape(`<path d="M8 2 14 8 8 14 2 8z" fill="${own}" stroke="var(--red)" stroke-width="2.2"/>`, "completed: fewer than two cameras agree, or rejected");
     }
     if (clip.truth) shape('<path d="M1 8H15" stroke="currentColor" stroke-width="1.4"/>', "truth");
     shape('<circle cx="8" cy="8" r="4" fill="none" stroke="currentColor" stroke-width="1.3"/>', "detected");

@@ -13,7 +13,7 @@ import pytest
 from dmae.commands import capture as command
 from dmae.commands import complete, convert, detect, doctor, train
 from dmae.commands.config import CaptureCommand, CompleteCommand, ConvertCommand, DetectCommand, DoctorCommand
-from dmae.commands.data_sets import SETTINGS, ClipSet, describe_joints, finished, forecast
+from dmae.commands.data_sets import SETTINGS, ClipSet, describe_joints, describe_people, finished, forecast
 from dmae.data.clip import Poses3D, Source
 from dmae.data.conversion import convert as convert_poses
 from dmae.data.skeleton import BODY25, SHELF14
@@ -49,10 +49,17 @@ def test_absent_joints_and_absent_people_are_counted_separately():
     joints = 21 * 25
     assert said == (
         f"joints {1 - 15 / joints:.1%} measured, {10 / joints:.1%} completed, {5 / joints:.1%} absent; not counting 3 "
-        f"of 24 person-frames (12.5%) in which the person is not present: with them {(3 * 25 + 5) / 600:.1%} of all "
+        f"of 24 person-frames (12.5%) in which the person is not captured: with them {(3 * 25 + 5) / 600:.1%} of all "
         "joints are NaN"
     )
     assert "person-frames" not in describe_joints(walkers())
+    assert describe_people(with_absences()) == "captured in P1 100.0%, P2 75.0% of 12 frames"
+    views = np.zeros((12, 2, 25), int)
+    views[6, 0, :4] = 2
+    said = describe_joints(replace(with_absences(), views=views))
+    assert (
+        f"{10 / joints:.1%} completed ({4 / joints:.1%} rejected and replaced, {6 / joints:.1%} not measured)" in said
+    )
     # No share is told twice.
     smoothed = np.full((12, 2, 25), Source.DENOISED)
     assert describe_joints(Poses3D(BODY25, walkers().xyz, smoothed)).startswith("joints 100.0% measured (smoothed), ")

@@ -360,7 +360,8 @@ def test_contradicted_joints_are_rejected_on_request():
     done = replace(untrained(), reject=True)(poses, FPS)
     assert np.argwhere(done.source == Source.COMPLETED).tolist() == [[30, 0, 6]]
     assert np.linalg.norm(done.xyz[30, 0, 6] - truth.xyz[30, 0, 6]) < 0.2
-    assert done.views[30, 0, 6] == 0
+    np.testing.assert_array_equal(np.argwhere(done.rejected), [[30, 0, 6]])
+    assert done.views[30, 0, 6] == 2
     np.testing.assert_array_equal(untrained()(poses, FPS).xyz, xyz)
 
 

@@ -108,6 +108,10 @@ def test_how_joints_are_known_is_listed_in_a_table_beside_it(tmp_path):
     assert (tmp_path / "walk.provenance.csv").read_text() == table
     found, _ = read_trc(tmp_path / "walk.trc", BODY25)
     assert found.source[3, 0, 4] == Source.COMPLETED and found.source[4, 0, 7] == Source.DENOISED
+    # A joint that was measured, and rejected, is told apart from one on which fewer than two cameras agree.
+    export(replace(holed(), views=np.full(holed().source.shape, 2)), tmp_path / "walk.trc")
+    assert "3,3,0.120000,0.120000,completed (rejected)" in (tmp_path / "walk.provenance.csv").read_text()
+    assert read_trc(tmp_path / "walk.trc", BODY25)[0].source[3, 0, 4] == Source.COMPLETED
     (tmp_path / "walk.provenance.csv").unlink()
     found, _ = read_trc(tmp_path / "walk.trc")
     assert set(np.unique(found.source)) == {Source.ABSENT, Source.MEASURED}

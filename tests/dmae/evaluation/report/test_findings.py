@@ -20,7 +20,7 @@ from dmae.evaluation.report.findings import (
     examine,
     peaks,
 )
-from dmae.evaluation.report.page import share, summary
+from dmae.evaluation.report.page import people_section, share, summary
 from dmae.numerics.paths import runs
 from tests.support.clips import walkers
 from tests.support.reported_clips import ERROR_M, completed_clip
@@ -124,6 +124,19 @@ def test_the_worst_moments_are_where_it_errs(found):
     assert error.what in ("r_elbow, completed", "r_wrist, completed")
 
 
+def test_people_who_are_not_captured_and_their_detections_are_counted(clip):
+    gone = np.zeros(clip.poses.source.shape, bool)
+    gone[:6, 1] = True
+    found = examine(replace(clip, poses=clip.poses.without(gone)))
+    assert list(found.captured) == [30, 24]
+    lost = np.isfinite(clip.detections.score[:6]).any(-1).sum() / 2
+    assert found.unused - examine(clip).unused == lost > 0
+    (section,) = people_section([found])
+    assert section.tables[0].rows == [("P1", "30", "100.0"), ("P2", "24", "80.0")]
+    assert f"{found.unused:,} of {found.detections:,} detections fit no captured person" in " ".join(summary([found]))
+    assert not people_section([examine(clip)])
+
+
 def test_a_person_that_is_missed_is_a_moment(clip):
     gone = np.zeros(clip.poses.source.shape, bool)
     gone[5:10, 0] = True
@@ -152,6 +165,12 @@ def test_the_summary_is_true_of_each_state(clip, found):
     assert "(measured joints 0\N{NO-BREAK SPACE}mm, completed joints 100\N{NO-BREAK SPACE}mm)" in " ".join(
         summary([found])
     )
+    # What was measured and rejected is not called unmeasured.
+    views = clip.poses.views.copy()
+    views[10:15, 1] = 2
+    said = " ".join(summary([examine(replace(clip, poses=replace(clip.poses, views=views)))]))
+    assert "0.7\N{NO-BREAK SPACE}% are completed: not measured, as fewer than two cameras agree on them." in said
+    assert "0.7\N{NO-BREAK SPACE}% are rejected and replaced: measured, but contradicted" in said
     # No share is told twice.
     for smoothed, then in (
         (slice(None), "100.0\N{NO-BREAK SPACE}% ("),

@@ -193,6 +193,16 @@ def test_a_phone_in_light_and_dark_needs_no_sideways_scrolling(browser, path, da
         assert page.evaluate(background) == colours["light" if dark else "dark"]
 
 
+def test_the_images_of_upright_phones_leave_the_buttons_in_the_window(browser, clip, tmp_path):
+    upright = replace(clip, rig=replace(clip.rig, size=clip.rig.size[:, ::-1]), images=None)
+    write_clips_report(tmp_path / "report.html", [upright])
+    with opened(browser, tmp_path / "report.html") as page:
+        top, bottom = page.evaluate(
+            "[byId('player').getBoundingClientRect().top, byId('play').getBoundingClientRect().bottom]"
+        )
+        assert bottom - top < page.viewport_size["height"]
+
+
 def test_paper_shows_the_player_without_controls(browser, path):
     with opened(browser, path) as page:
         page.emulate_media(media="print")

@@ -56,6 +56,7 @@ def test_people_and_sources_have_the_names_of_files(tmp_path):
     text = (tmp_path / "report.html").read_text()
     rows = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in text.split("Doubtful joints of")[1].split("<tr")[2:6]]
     assert all(row[1] in ("P1", "P2") and row[6] in SOURCE_WORDS.values() for row in rows)
+    assert all(re.fullmatch(r"[1-4] / [04]", row[7]) for row in rows)
 
 
 def test_images_that_are_gone_are_said_to_be(tmp_path):
