@@ -162,7 +162,7 @@ def _capture(config: CaptureCommand, clips: Clips, frames: int | None = None) ->
     if config.fill != "none":
         poses = find_method(config.fill).load()(poses, clip.fps)
     notes = describe_units(clip, config.capture.th_p)
-    notes += [f"{note}, put right by the other cameras" for note in describe_sides(clip, measured)]
+    notes += describe_sides(clip, measured, "put right by the other cameras")
     seeing = np.any(by_frames(lambda score: np.isfinite(score).any((2, 3)), clip.detections.score), 0)
     if seeing.any() and not seeing.all():
         blind = ", ".join(name for name, sees in zip(clip.rig.names, seeing, strict=True) if not sees)

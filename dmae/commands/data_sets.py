@@ -232,17 +232,27 @@ def finished(config, out: Path) -> str:
     return f"{done}; the same command continues"
 
 
-def describe_sides(clip: Clip, poses: Poses3D) -> list[str]:
-    """Say in which cameras the detector exchanged left and right, by poses captured from the clip."""
+def describe_sides(clip: Clip, poses: Poses3D, corrected: str) -> list[str]:
+    """Say in which cameras the detector exchanged left and right, by poses captured from the clip, and that this is
+    `corrected`; and which cameras disagree without a majority."""
     if poses.skeleton != clip.detections.skeleton:
         return []
-    counts = exchanged_detections(clip, poses).sum(0)
+    exchanged, disagreeing = exchanged_detections(clip, poses)
     least = max(_FEW_EXCHANGES * len(clip), 2)
-    return [
-        f"{camera_label(name)}: its detections have left and right exchanged in {count} of {len(clip)} frames"
-        for name, count in zip(clip.rig.names, counts, strict=True)
+    notes = [
+        f"{camera_label(name)}: its detections have left and right exchanged in {count} of {len(clip)} frames, "
+        f"{corrected}"
+        for name, count in zip(clip.rig.names, exchanged.sum(0), strict=True)
         if count >= least
     ]
+    frames, often = disagreeing.any(1).sum(), disagreeing.sum(0) >= least
+    if often.any():
+        names = ", ".join(name for name, here in zip(clip.rig.names, often, strict=True) if here)
+        notes.append(
+            f"cameras {names} disagree on left and right of a person in {frames} of {len(clip)} frames in which no "
+            "majority decides, as two cameras show it: sides can be wrong there"
+        )
+    return notes
 
 
 def describe_units(clip: Clip, th_p: float) -> list[str]:

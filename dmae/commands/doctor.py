@@ -95,8 +95,8 @@ def _print_sides(clip: Clip) -> None:
     some = clip.select(frames=slice(0, _SIDES_FRAMES))
     if len(some.rig) < 2 or not len(some):
         return
-    for note in describe_sides(some, capture(some, CaptureConfig())):
-        print(f"{clip.id}: {note}; dmae capture corrects them")
+    for note in describe_sides(some, capture(some, CaptureConfig()), "which dmae capture corrects"):
+        print(f"{clip.id}: {note}")
 
 
 def _cameras(clip: Clip, diagnosis: Diagnosis) -> Table:

@@ -219,21 +219,26 @@ def turn(evidence: Evidence, assigned: np.ndarray, turned: np.ndarray, sides: Si
     return _exchanged(evidence, wrong, detections, sides)
 
 
-def exchanged_detections(clip: Clip, poses: Poses3D) -> np.ndarray:
-    """Return (F, V) True where a camera shows a person of the poses with left and right exchanged.
+def exchanged_detections(clip: Clip, poses: Poses3D) -> tuple[np.ndarray, np.ndarray]:
+    """Find the cameras that show a person of the poses with left and right exchanged.
 
     Args:
         clip: F frames of V cameras, of the skeleton of the poses.
         poses: As captured from the clip: the detection of a person is the one nearest to it.
+
+    Returns:
+        exchanged: (F, V) True where most cameras that show the person contradict this one.
+        disagreeing: (F, V) True where a camera shows a person with exchanged sides to half of the cameras, as always
+            if two show it. Which half is right is not known: a pose of two cameras can have the sides of the wrong one.
     """
-    found = np.zeros((len(clip), len(clip.rig)), bool)
+    found = np.zeros((2, len(clip), len(clip.rig)), bool)
     if len(Sides.of(clip.detections.skeleton).pairs) and poses.xyz.size:
         for part in in_steps(evidence_blocks(clip, poses.xyz.shape[1])):
-            found[part] = _exchanged_detections(clip, part, poses.xyz[part])
-    return found
+            found[:, part] = _exchanged_detections(clip, part, poses.xyz[part])
+    return found[0], found[1]
 
 
-def _exchanged_detections(clip: Clip, part: slice, xyz: np.ndarray) -> np.ndarray:
+def _exchanged_detections(clip: Clip, part: slice, xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     config, sides = CaptureConfig(), Sides.of(clip.detections.skeleton)
     evidence = Evidence.of(clip, config.th_p, config, part)
     xyz, mirrored = xyz.astype(np.float64), xyz[:, :, list(clip.detections.skeleton.mirror)]
@@ -243,7 +248,9 @@ def _exchanged_detections(clip: Clip, part: slice, xyz: np.ndarray) -> np.ndarra
     assigned = np.repeat(found[..., None], xyz.shape[2], -1)
     wrong, _ = find_exchanged(evidence, assigned, xyz, sides)
     # A pair of ears or eyes alone is weak evidence, as they are close to each other.
-    return (wrong.sum(-1) >= 2).any(1)
+    exchanged, showing = wrong.sum(-1) >= 2, found != NONE
+    decided = (2 * exchanged.sum(2) < showing.sum(2))[..., None]
+    return (exchanged & decided).any(1), (showing & ~decided & exchanged.any(2, keepdims=True)).any(1)
 
 
 @compiled()

@@ -103,8 +103,8 @@ def test_where_all_cameras_exchange_nothing_is_touched():
 
 def test_the_camera_and_its_frames_are_named():
     clip = exchanged(one_walker(), slice(30, 60), [1])
-    found = exchanged_detections(clip, capture(clip, CaptureConfig()))
-    assert found.shape == (100, 4)
+    found, disagreeing = exchanged_detections(clip, capture(clip, CaptureConfig()))
+    assert found.shape == disagreeing.shape == (100, 4) and not disagreeing.any()
     assert found[30:60, 1].mean() > 0.9
     found[30:60, 1] = False
     assert found.mean() < 0.01
@@ -112,7 +112,14 @@ def test_the_camera_and_its_frames_are_named():
 
 def test_no_people_no_exchange():
     clip = detected_clip(np.full((5, 1, 25, 3), np.nan))
-    assert not exchanged_detections(clip, capture(clip, CaptureConfig())).any()
+    assert not np.any(exchanged_detections(clip, capture(clip, CaptureConfig())))
+
+
+def test_of_two_cameras_that_disagree_neither_is_accused():
+    clip = exchanged(one_walker(), slice(30, 60), [1]).select(views=[0, 1])
+    found, disagreeing = exchanged_detections(clip, capture(clip, CaptureConfig()))
+    assert not found.any()
+    assert disagreeing[30:60].mean() > 0.9 and disagreeing[:25].mean() < 0.05 and disagreeing[65:].mean() < 0.05
 
 
 def test_sides_stay_where_legs_change_places_between_two_frames():
