@@ -275,7 +275,8 @@ def _with_calibration(clip: Clip, config: DataConfig, calibration: Path) -> Clip
 def shift_views(clip: Clip, offsets: list[int] | None) -> Clip:
     """Return the clip with the detections of each camera moved later by `offsets` (V,) frames, absent where unknown.
 
-    Images cannot be moved, so they are removed. Raises ValueError if there is not one offset per camera.
+    Images cannot be moved, so they are removed, and so are poses, which were captured before; a note says it. Raises
+    ValueError if there is not one offset per camera.
     """
     if offsets is None or not any(offsets):
         return clip
@@ -297,12 +298,17 @@ def shift_views(clip: Clip, offsets: list[int] | None) -> Clip:
         arrays = {name: getattr(labels, name) for name in NOT_DETECTED}
         known = {name: array for name, array in arrays.items() if array is not None}
         labels = DetectionLabels(**{name: shifted(array, NOT_DETECTED[name]) for name, array in known.items()})
+    provenance = clip.provenance | {"offsets": list(offsets)}
+    if clip.poses is not None:
+        note = "poses are left out: they were captured with other offsets between cameras"
+        provenance["notes"] = [*clip.provenance.get("notes", ()), note]
     return replace(
         clip,
         detections=Detections2D(found.skeleton, shifted(found.xy, np.nan), shifted(found.score, np.nan)),
         detection_labels=labels,
+        poses=None,
         images=None,
-        provenance=clip.provenance | {"offsets": list(offsets)},
+        provenance=provenance,
     )
 
 

@@ -283,11 +283,18 @@ def test_cameras_that_started_late_are_moved_and_blind_where_they_were_not_on(tm
     np.testing.assert_array_equal(found.detection_labels.error[2:, 1], clip.detection_labels.error[:-2, 1])
     assert (found.detection_labels.error[:2, 1] == JointError.ABSENT).all()
     assert found.provenance["offsets"] == [0, 2, -3, 40]
+    assert "notes" not in found.provenance
     assert len(found) == len(clip)
     with pytest.raises(
         ValueError, match=r"data\.offsets=\[1\]: expected a number of frames for each camera.*cam0, cam1"
     ):
         read("clip", tmp_path, offsets=[1])
+    # Poses were captured before, from views at other times.
+    save_clip(replace(clip, poses=clip.truth), tmp_path / "captured")
+    late = read("clip", tmp_path / "captured", offsets=[0, 1, 0, 0])
+    assert late.poses is None
+    assert late.provenance["notes"] == ["poses are left out: they were captured with other offsets between cameras"]
+    assert read("clip", tmp_path / "captured", offsets=[0, 0, 0, 0]).poses == clip.truth
 
 
 def test_cameras_are_chosen_by_name_or_number(tmp_path):
