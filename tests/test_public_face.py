@@ -531,6 +531,11 @@ def test_one_text_is_taken_for_a_list_of_it(clip, tmp_path: Path):
         synth.detector_errors(tmp_path, simulated="clea")
 
 
+def test_formats_that_would_not_be_written_are_refused(clip):
+    with pytest.raises(ValueError, match=r"^export=\.\.\.: formats are written to a folder; give out=\.\.\., or leave"):
+        dmae.run(clip, export=["trk"])
+
+
 def test_compare_says_of_which_set_a_clip_is(clip):
     few = clip.select(views=[0, 1])
     with pytest.raises(ValueError, match=r"^real: clip '000000': errors are measured against the other views"):

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from dmae.calibration.config import RefineConfig
-from dmae.completion.config import DELAY, SMOOTHING
+from dmae.completion.config import DELAY, SMOOTHING, check_delay
 from dmae.completion.methods import completion_method
 from dmae.data.resources import resource_folder
 from dmae.data.typed import REQUIRED, Configuration
@@ -190,8 +190,7 @@ class CompleteCommand(ProcessesConfig):
 
     def __post_init__(self):
         super().__post_init__()
-        if self.delay != DELAY and not self.online:
-            raise ValueError(f"delay={self.delay:g}: whole clips have no delay; add online=true, or leave delay out")
+        check_delay(self.delay, self.online)
 
 
 @dataclass(frozen=True)

@@ -299,3 +299,9 @@ DELAY = 0.28
 """s; half a window of the default model."""
 SMOOTHING = 0.1
 """s; light smoothing that suits people."""
+
+
+def check_delay(delay: float, online: bool) -> None:
+    """Raise ValueError if a delay is given for completion that is not online."""
+    if delay != DELAY and not online:
+        raise ValueError(f"delay={delay:g}: whole clips have no delay; add online=true, or leave delay out")

@@ -12,7 +12,7 @@ import numpy as np
 
 from dmae.calibration.config import RefineConfig
 from dmae.commands.config import PretrainCommand
-from dmae.completion.config import TrainConfig
+from dmae.completion.config import DELAY, SMOOTHING, TrainConfig, check_delay
 from dmae.data.array_fields import as_numbers
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D
@@ -81,9 +81,9 @@ def complete(
     weights: str | Path | None = None,
     denoise: bool | None = None,
     reject: bool = True,
-    smooth: float = 0.1,
+    smooth: float = SMOOTHING,
     online: bool = False,
-    delay: float = 0.28,
+    delay: float = DELAY,
 ) -> Poses3D:
     """Predict the joints on which fewer than two cameras agree, and mark them `Source.COMPLETED`.
 
@@ -105,7 +105,8 @@ def complete(
 
     Raises:
         FileNotFoundError: the weights do not exist, or there are none for this skeleton.
-        ValueError: the skeletons have no joint in common, fps is not positive, or `smooth` is negative.
+        ValueError: the skeletons have no joint in common, fps is not positive, `smooth` is negative, or `delay` is
+            given without `online`.
 
     Examples:
         >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
@@ -120,6 +121,7 @@ def complete(
     from dmae.completion.complete import keep_smoothed
     from dmae.online.completion import complete_online
 
+    check_delay(delay, online)
     completer_for = completer(poses.skeleton, weights=weights, denoise=denoise, reject=reject, smooth=smooth)
     done = complete_online(completer_for, poses, fps, delay) if online else completer_for(poses, fps)
     return keep_smoothed(done, poses)
@@ -132,7 +134,7 @@ def completer(
     weights: str | Path | None = None,
     denoise: bool | None = None,
     reject: bool = True,
-    smooth: float = 0.1,
+    smooth: float = SMOOTHING,
 ) -> Completer:
     """Load a model once, to complete many clips with it, or the frames of `OnlineCapture`.
 
@@ -349,7 +351,7 @@ def run(
     fps: float | None = None,
     offsets: Sequence[int | str] | None = None,
     frames: Sequence[int] | None = None,
-    export: Sequence[str] = ("trc",),
+    export: Sequence[str] | None = None,
     workers: int = 1,
     out: str | Path | None = None,
 ) -> Clip:
@@ -363,7 +365,7 @@ def run(
         detector, fps, offsets, frames, workers: As for `detect`.
         capture: How people are reconstructed, or the name of a preset of `dmae capture`, as `paper`.
         weights: As for `complete`.
-        export: Formats of the poses that are written to `out`.
+        export: Formats of the poses that are written to `out`; by default TRC.
         out: Folder of what `dmae run` writes: clips of each step, a report, poses in each format. None: nothing is
             written. The same call continues one that was interrupted.
 
@@ -372,7 +374,8 @@ def run(
 
     Raises:
         FileNotFoundError: there are no videos, or no such weights.
-        ValueError: as in `detect`; there are fewer than two cameras; `out` is given for a clip or cameras in memory.
+        ValueError: as in `detect`; there are fewer than two cameras; `out` is given for a clip or cameras in memory, or
+            `export` without `out`.
 
     Examples:
         >>> clip = next(synth.generate(seconds=0.1, clips=1, persons=[1, 1], out="walks"))
@@ -384,6 +387,8 @@ def run(
     from dmae.commands import run as command
     from dmae.commands.config import RunCommand
 
+    if out is None and export is not None:
+        raise ValueError("export=...: formats are written to a folder; give out=..., or leave export out")
     if out is not None and isinstance(source, Clip):
         raise ValueError("out=...: save the clip first with dmae.save, and give its folder as the source")
     if out is not None and isinstance(calibration, CameraRig):
@@ -406,7 +411,7 @@ def run(
         fps=fps,
         offsets=None if offsets is None else list(offsets),
         frames=None if frames is None else list(frames),
-        export=list(export),
+        export=["trc"] if export is None else list(export),
         workers=workers,
     )
     command.run(config, Path(out))

@@ -9,6 +9,7 @@ from threading import Event
 import numpy as np
 import pytest
 
+import dmae
 from dmae.commands import complete as command
 from dmae.commands.config import CompleteCommand
 from dmae.completion.complete import CLASSES, Completer
@@ -197,3 +198,5 @@ def test_the_command_completes_as_online_would(tmp_path):
 def test_a_delay_of_whole_clips_is_refused():
     with pytest.raises(ValueError, match=r"delay=0\.2: whole clips have no delay; add online=true"):
         CompleteCommand("clip", delay=0.2)
+    with pytest.raises(ValueError, match=r"delay=-5: whole clips have no delay"):
+        dmae.complete(circling(5), FPS, delay=-5)
