@@ -58,14 +58,18 @@ def filled_trials(
     methods: Methods,
     to_skeleton: Callable[[Poses3D, Skeleton], Poses3D] = convert,
     shown: bool = True,
+    first: int = 0,
+    handed_in: Path | None = None,
 ) -> Iterator[tuple[Trial, dict[str, Poses3D]]]:
     """Yield every trial with the poses that each method fills (`filled_by`), on the skeleton of the truth.
 
-    `to_skeleton` converts filled poses. The fields `data`, `methods` and `weights` of the configuration are not used.
+    `to_skeleton` converts filled poses. `first`: number of the first clip in its data set, from which synthetic gaps
+    are drawn. `handed_in`: path of poses that were made elsewhere. The fields `data`, `methods`, `poses` and `weights`
+    of the configuration are not used.
     """
-    trials = _trials(clips, config)
+    trials = (trial for n, clip in enumerate(clips, first) for trial in _trials(clip, n, config, handed_in))
     if shown:
-        captured = config.input == Input.captured_poses and not config.poses
+        captured = config.input == Input.captured_poses and not handed_in
         total = len(clips) * (len(camera_subsets(clips[0], config.views)) if captured else 1)
         trials = progress(trials, "evaluating", total)
     for trial in trials:
@@ -94,31 +98,17 @@ def filled_by(
     return smooth_by_noise(filled, noisiness(given), fps, smooth)
 
 
-def _trials(clips: Sequence[Clip], config: EvaluateConfig) -> Iterator[Trial]:
-    # A plain list of clips is not part of a larger data set.
-    numbers = getattr(clips, "numbers", range(len(clips)))
-    for number, clip, path in zip(numbers, clips, _handed_in(clips, config), strict=True):
-        if config.input != Input.captured_poses:
-            yield _synthetic_trial(clip, number, config, path)
-        elif path:
-            truth = compared_truth(clip, config.skeleton)
-            filled = read_prediction(path, clip, truth)
-            # Joints that the poses mark as completed count as hidden.
-            given = filled.without(filled.source == Source.COMPLETED)
-            yield Trial(clip, [*range(len(clip.rig))], given, truth, scored_actors(clip), filled=filled)
-        else:
-            yield from _captured_trials(clip, config)
-
-
-def _handed_in(clips: Sequence[Clip], config: EvaluateConfig) -> list[Path | None]:
-    """Return the path of the poses of each clip that were made elsewhere; None if methods fill poses."""
-    if not config.poses:
-        return [None] * len(clips)
-    assert isinstance(clips, Clips)
-    if clips.total == 1:
-        return [*predictions_of(Path(config.poses), [clips[0].id]).values()]
-    found = predictions_of(Path(config.poses), clips.names)
-    return [found[folder.name] for folder in clips.folders]
+def _trials(clip: Clip, number: int, config: EvaluateConfig, path: Path | None) -> Iterator[Trial]:
+    if config.input != Input.captured_poses:
+        yield _synthetic_trial(clip, number, config, path)
+    elif path:
+        truth = compared_truth(clip, config.skeleton)
+        filled = read_prediction(path, clip, truth)
+        # Joints that the poses mark as completed count as hidden.
+        given = filled.without(filled.source == Source.COMPLETED)
+        yield Trial(clip, [*range(len(clip.rig))], given, truth, scored_actors(clip), filled=filled)
+    else:
+        yield from _captured_trials(clip, config)
 
 
 def _synthetic_trial(clip: Clip, number: int, config: EvaluateConfig, path: Path | None) -> Trial:
@@ -178,7 +168,7 @@ def evaluate(config: EvaluateConfig) -> dict:
     clips = _clips(config)
     tasks = ((config, clips.part(range(n, n + 1)), len(clips) == 1) for n in clips.numbers)
     with running_on(config.backend):
-        done = in_parallel(_score_clip, tasks, config.workers)
+        done = in_parallel(_read_and_score, tasks, config.workers)
         scored = list(done if len(clips) == 1 else progress(done, "evaluating", len(clips)))
     runs: dict[tuple[str, int], list[dict]] = {}
     for clip in scored:
@@ -206,17 +196,29 @@ class _ScoredClip(NamedTuple):
     runs: list[tuple[str, dict]]  # Method and scores of each run
 
 
-def _score_clip(config: EvaluateConfig, clips: Sequence[Clip], shown: bool) -> _ScoredClip:
-    """Score the methods on the one clip, with each subset of cameras."""
-    runs, facts = [], {}
-    methods = {} if config.poses else load_methods(scored_methods(config, clips[0]), config.weights)
+def _read_and_score(config: EvaluateConfig, clips: Clips, shown: bool) -> _ScoredClip:
+    """Score the methods on the one clip."""
+    return _score_clip(config, clips, clips[0], shown)
+
+
+def _score_clip(config: EvaluateConfig, clips: Clips, clip: Clip, shown: bool) -> _ScoredClip:
+    """Score the methods on the one clip of `clips`, or on a piece of it, with each subset of cameras."""
+    handed_in, methods = None, {}
+    if not config.poses:
+        methods = load_methods(scored_methods(config, clip), config.weights)
+    elif clips.total == 1:
+        handed_in = predictions_of(Path(config.poses), [clip.id])[clip.id]
+    else:
+        handed_in = predictions_of(Path(config.poses), clips.names)[clips.folders[0].name]
+    runs = []
     truth = angles = None
-    for trial, filled in filled_trials(clips, config, methods, shown=shown):
-        facts = facts or scored_clip(trial.clip)
+    for trial, filled in filled_trials(
+        [clip], config, methods, shown=shown, first=clips.numbers[0], handed_in=handed_in
+    ):
         if config.angles and trial.truth is not truth:
             truth, angles = trial.truth, leg_angles(trial.truth)[0]
         runs += runs_of(trial, filled, angles).items()
-    return _ScoredClip(trial.clip.id, facts, trial.truth.skeleton.name, runs)
+    return _ScoredClip(clip.id, scored_clip(clip), trial.truth.skeleton.name, runs)
 
 
 def runs_of(trial: Trial, filled: dict[str, Poses3D], angles: np.ndarray | None = None) -> dict[str, dict]:
@@ -257,9 +259,8 @@ def forecast(config: EvaluateConfig) -> str:
         clip = clips[index]
         # Poses made elsewhere cover whole clips.
         piece = clip if config.poses else clip.select(frames=range(min(_TRIED, len(clip))))
-        one = clips.part(range(clips.numbers[index], clips.numbers[index] + 1)) if config.poses else [piece]
         start = time.perf_counter()
-        _score_clip(config, one, False)
+        _score_clip(config, clips[index : index + 1], piece, False)
         seconds += time.perf_counter() - start
         frames += len(piece)
         lengths.append(len(clip))

@@ -5,13 +5,14 @@ import numpy as np
 import pytest
 
 from dmae.commands import evaluate as command
-from dmae.data.clip import Detections2D, Poses3D
+from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.skeleton import BODY25
 from dmae.data.store import save_clip, write_manifest
 from dmae.evaluation.config import EvaluateConfig
 from dmae.evaluation.evaluate import evaluate
 from dmae.evaluation.scores import figure_score, run_table
-from dmae.formats.reading import DataConfig
+from dmae.formats.own import export_npz
+from dmae.formats.reading import Clips, DataConfig
 from tests.support.animals import dog_clip
 from tests.support.scored_clips import by_method, config, seen
 from tests.support.untrained_methods import UNTRAINED
@@ -20,6 +21,26 @@ from tests.support.untrained_methods import UNTRAINED
 def of_poses(poses):
     """A method without the frame rate."""
     return poses
+
+
+@pytest.mark.parametrize(
+    "options", [{"methods": ["measured"], "views": [4, 3]}, {"methods": None}, {"poses": "poses.npz"}]
+)
+def test_a_clip_is_read_once(tmp_path, monkeypatch, options):
+    """Reading takes longer than scoring where a folder holds a file for each frame."""
+    save_clip(seen(), tmp_path / "clip")
+    export_npz(seen().truth, seen().fps, tmp_path / "poses.npz")
+    monkeypatch.chdir(tmp_path)
+    reads, read = [], Clips.__getitem__
+
+    def counted(clips, index):
+        found = read(clips, index)
+        reads.extend([found] if isinstance(found, Clip) else [])
+        return found
+
+    monkeypatch.setattr(Clips, "__getitem__", counted)
+    evaluate(config(tmp_path / "clip", **options))
+    assert len(reads) == 1
 
 
 class TestEvaluate:
