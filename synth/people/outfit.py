@@ -393,7 +393,7 @@ _COAT, _GAP = (0.05, 0.94, 0.014, 0.11), 0.42
 flare; and half the angle that an open one leaves free in front, rad."""
 _UNDERNEATH = 0.010
 """Thickness of trousers below a long coat, fraction of stature."""
-_COLUMNS, _ROW = 44, 0.04
+_COLUMNS, _ROW = 36, 0.04
 """Number of vertices around hanging cloth, and distance between them downwards, m."""
 
 
