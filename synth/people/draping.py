@@ -212,43 +212,61 @@ def tube(drape: Drape, columns: int, step: float, folds: float) -> Tube:
     """
     rows, closed = len(drape.loose), drape.closed
     placed = drape.at_rest()[:, :, 3].reshape(rows, NODES, 3)
-    heights, at = placed[:, 0, 2], np.arange(NODES)
+    heights = placed[:, 0, 2]
     count = max(rows, round((heights[0] - heights[-1]) / step))
     levels = np.linspace(heights[0], heights[-1], count + 1)
-    if closed:
-        column = np.arange(columns) / columns * NODES
-        rings = CubicSpline(
-            np.append(at, NODES), np.concatenate([placed, placed[:, :1]], axis=1), axis=1, bc_type="periodic"
-        )(column)
-    else:
-        column = np.linspace(0, NODES - 1, columns)
-        rings = CubicSpline(at, placed, axis=1)(column)
-    points = PchipInterpolator(-heights, rings)(-levels)
-    # Folds stand outwards.
-    along = np.gradient(np.concatenate([points[:, -1:], points, points[:, :1]], axis=1) if closed else points, axis=1)
-    along = along[:, 1:-1] if closed else along
-    outward = np.stack([along[..., 1], -along[..., 0], np.zeros(along.shape[:2])], -1)
-    outward /= np.linalg.norm(outward, axis=-1, keepdims=True)
+    column = np.arange(columns) / columns * NODES if closed else np.linspace(0, NODES - 1, columns)
+    points, outward = _between_nodes(placed, column, levels, closed)
     turn = 2 * np.pi * column / NODES
     depth = np.clip(-levels / max(-heights[-1], 1e-9), 0, 1)[:, None]
     waves = (1.5 + np.sin(9 * turn + 0.8 * np.sin(2 * turn + 1)) + 0.5 * np.sin(14 * turn + 2)) / 2
     points += (folds * depth**1.5 * waves)[..., None] * outward
-    row = np.interp(-levels, -heights, np.arange(rows))
-    low_row, low_column = (
-        np.minimum(row.astype(int), rows - 2),
-        np.minimum(column.astype(int), NODES - 1 if closed else NODES - 2),
-    )
+    nodes, weights = _followed(np.interp(-levels, -heights, np.arange(rows)), column, rows, closed)
+    scale = -drape.origins[4, 2]
+    share = np.where(levels > 0, levels / -max(levels[0], 1e-9), -levels / scale)
+    # The inner side follows the outer one in the same order.
+    sides = [(points + side * _THICK * outward).reshape(-1, 3) for side in (1, -1)]
+    faces = _faces(len(levels), columns, closed)
+    of_both = [np.concatenate([each, each]) for each in (nodes, weights, np.repeat(share, columns))]
+    return Tube(np.concatenate(sides), faces, *of_both)
+
+
+def _between_nodes(
+    placed: np.ndarray, column: np.ndarray, levels: np.ndarray, closed: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return points (L, C, 3), m, of smooth cloth through nodes (R, NODES, 3) at places (C,) along rings, 1 a node, and
+    heights (L,), m, and its level outward unit normals (L, C, 3)."""
+    heights, at = placed[:, 0, 2], np.arange(NODES)
+    if closed:
+        around = np.concatenate([placed, placed[:, :1]], axis=1)
+        rings = CubicSpline(np.append(at, NODES), around, axis=1, bc_type="periodic")(column)
+    else:
+        rings = CubicSpline(at, placed, axis=1)(column)
+    points = PchipInterpolator(-heights, rings)(-levels)
+    along = np.gradient(np.concatenate([points[:, -1:], points, points[:, :1]], axis=1) if closed else points, axis=1)
+    along = along[:, 1:-1] if closed else along
+    outward = np.stack([along[..., 1], -along[..., 0], np.zeros(along.shape[:2])], -1)
+    return points, outward / np.linalg.norm(outward, axis=-1, keepdims=True)
+
+
+def _followed(row: np.ndarray, column: np.ndarray, rows: int, closed: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Return the nodes (L * C, 4) around points at places (L,) and (C,) between rings and along them, and their weights
+    (L * C, 4), largest first."""
+    low_row = np.minimum(row.astype(int), rows - 2)
+    low_column = np.minimum(column.astype(int), NODES - 1 if closed else NODES - 2)
     down, aside = (row - low_row)[:, None], column - low_column
     first = low_row[:, None] * NODES + low_column
     beside = low_row[:, None] * NODES + (low_column + 1) % NODES
-    which = np.stack([first, beside, first + NODES, beside + NODES], -1)
+    which = np.stack([first, beside, first + NODES, beside + NODES], -1).reshape(-1, 4)
     weights = np.stack([(1 - down) * (1 - aside), (1 - down) * aside, down * (1 - aside), down * aside], -1)
-    which, weights = which.reshape(-1, 4), weights.reshape(-1, 4)
+    weights = weights.reshape(-1, 4)
     order = np.argsort(-weights, axis=1, kind="stable")
-    which, weights = (np.tile(np.take_along_axis(each, order, 1), (2, 1)) for each in (which, weights))
-    # The inner side follows the outer one in the same order.
-    sides = [points + _THICK * outward, points - _THICK * outward]
-    index = np.arange(points[..., 0].size).reshape(points.shape[:2])
+    return np.take_along_axis(which, order, 1), np.take_along_axis(weights, order, 1)
+
+
+def _faces(rows: int, columns: int, closed: bool) -> np.ndarray:
+    """Return the triangles (T, 3) of the outer side of a grid of points, of the inner one, and of the edges between."""
+    index = np.arange(rows * columns).reshape(rows, columns)
     # Nobody sees the inner side above.
     inner = (index + index.size)[len(index) // 6 :]
     outer, faces = index[-len(inner) :], []
@@ -261,12 +279,7 @@ def tube(drape: Drape, columns: int, step: float, folds: float) -> Tube:
         a, b, c, d = grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]
         both = np.concatenate([np.stack([a, d, c], -1).reshape(-1, 3), np.stack([a, c, b], -1).reshape(-1, 3)])
         faces.append(both[:, ::way])
-    scale = -drape.origins[4, 2]
-    share = np.where(levels > 0, levels / -max(levels[0], 1e-9), -levels / scale)
-    return Tube(
-        np.concatenate([side.reshape(-1, 3) for side in sides]), np.concatenate(faces), which, weights,
-        np.tile(np.repeat(share, len(turn)), 2),
-    )  # fmt: skip
+    return np.concatenate(faces)
 
 
 # How cloth swings
