@@ -54,7 +54,7 @@ def rest_pose(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
     return np.where(known[..., None], upright, 0).sum(0) / known.sum(0)[:, None]
 
 
-_LONGEST_GAP = 1000  # Frames since and until a measurement, at most
+_MOST_GAP_FRAMES = 1000  # Since and until a measurement
 
 
 class Windows(NamedTuple):
@@ -176,7 +176,7 @@ def make_rows(
     return Rows(
         base=lay_out(base),
         observed=observed,
-        gap=np.minimum(lay_out(gap), _LONGEST_GAP).astype(np.float32),
+        gap=np.minimum(lay_out(gap), _MOST_GAP_FRAMES).astype(np.float32),
         ray=lay_out(ray),
         candidate_offset=lay_out(offset).astype(np.float32),
         noise_level=lay_out(noise).astype(np.float32),

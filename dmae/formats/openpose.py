@@ -105,7 +105,7 @@ def write_detections(
     sources: np.ndarray | None = None,
     covariances: np.ndarray | None = None,
 ) -> None:
-    """Write `<camera>/<camera>_<frame number>_keypoints.json`, to 0.001 px, of V cameras, with frames from `first`.
+    """Write `<camera>/<camera>_<frame number>_keypoints.json`, to 0.0001 px, of V cameras, with frames from `first`.
 
     Args:
         sources: (F, D, J) `Source` of the joints if `detections` are reprojected poses, with the same D persons in

@@ -21,8 +21,8 @@ from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.noise import DetectionNoise
 from dmae.reconstruction.tracking import Tracks
 
-_DUPLICATE_DISTANCE = 0.15  # m; two tracks with a smaller median distance between their joints belong to one person
-_REENTRY_DISTANCE, _WALKING_SPEED = 0.5, 1.5  # m and m/s: largest distance of a re-entry from the place of exit
+_DUPLICATE_TRACK_DISTANCE = 0.15  # m; two tracks with a smaller median distance of their joints are one person
+_DISTANCE_FROM_EXIT, _WALKING_SPEED = 0.5, 1.5  # m and m/s: largest distance of a re-entry from the place of exit
 _BUILD_DIFFERENCE, _BRIEF_S, _BRIEF_DIFFERENCE = 0.15, 1.0, 0.2
 """Relative difference of bone lengths above which two tracks belong to different people; s for which a track has to be
 seen for that; and the difference for briefer ones, whose lengths are less certain."""
@@ -95,14 +95,14 @@ def same_person(
         if both.any():
             if a < b:
                 apart = np.linalg.norm(xyz[both, a] - xyz[both, b], axis=-1)
-                if median_over_frames(apart.ravel()) < _DUPLICATE_DISTANCE:
+                if median_over_frames(apart.ravel()) < _DUPLICATE_TRACK_DISTANCE:
                     _join(label, a, b)
         elif 0 < first - last <= reentry_s * fps:
             # Use the horizontal distance: the last visible joints may be feet, and the first ones a head.
             distance = np.linalg.norm(
                 median_over_frames(xyz[last, a, :, :2]) - median_over_frames(xyz[first, b, :, :2])
             )
-            reach = _REENTRY_DISTANCE + _WALKING_SPEED * (first - last) / fps
+            reach = _DISTANCE_FROM_EXIT + _WALKING_SPEED * (first - last) / fps
             brief = present[:, [a, b]].sum(0).min() < _BRIEF_S * fps
             # Lengths that share no bone do not differ.
             differ = median_over_frames(np.abs(lengths[a] - lengths[b]) / np.maximum(lengths[a], lengths[b]))

@@ -174,8 +174,8 @@ MIN_JOINTS = 3
 """Fewest joints of a measured person, and of a detection that is compared."""
 _LONGEST_BONE = 0.8
 """m; no person has a longer bone. In your own skeletons, bones may have the length of the body."""
-_DUPLICATE_DISTANCE = 0.2  # m; a new person at a smaller median distance from a tracked one is a duplicate of it
-_REENTRY_DISTANCE, _WALKING_SPEED = 0.3, 1.5  # m and m/s: largest distance of a re-entry from the predicted place
+_DUPLICATE_NEWCOMER_DISTANCE = 0.2  # m; a new person at a smaller median distance from a tracked one duplicates it
+_DISTANCE_FROM_PREDICTED, _WALKING_SPEED = 0.3, 1.5  # m and m/s: largest distance of a re-entry from its prediction
 _MIXED_S = 0.2  # s; time after which a track ends whose views show different people
 _ITERATIONS = 2  # Number of steps of refinement; points for assignment need not be exact
 
@@ -445,8 +445,8 @@ def _reenter(new: np.ndarray, state: TrackState, unmeasured: np.ndarray) -> tupl
     offset = np.linalg.norm(new[:, None] - state.xyz[None], axis=-1)
     distance = median_known(offset[..., None])[..., 0]
     distance = np.where(np.isnan(distance), np.inf, distance)
-    duplicate = np.any(distance[:, ~unmeasured] < _DUPLICATE_DISTANCE, -1)
-    reachable = distance < _REENTRY_DISTANCE + _WALKING_SPEED * state.unseen
+    duplicate = np.any(distance[:, ~unmeasured] < _DUPLICATE_NEWCOMER_DISTANCE, -1)
+    reachable = distance < _DISTANCE_FROM_PREDICTED + _WALKING_SPEED * state.unseen
     allowed = unmeasured & ~duplicate[:, None] & reachable
     track = np.full(len(new), NONE)
     for g, t in zip(*linear_sum_assignment(np.where(allowed, distance, 1e6)), strict=True):
