@@ -4,8 +4,10 @@ from pathlib import Path
 
 from dmae.command_line.outputs import check_out
 from dmae.commands.config import ExportCommand
+from dmae.data.clip import person_names
 from dmae.data.store import load_clip
 from dmae.evaluation.review import with_decisions
+from dmae.formats.poses import describe_filled
 from dmae.formats.registry import pose_writer
 from dmae.formats.writing import export_path, format_of, write_poses
 from dmae.reporting.tables import counted
@@ -35,6 +37,9 @@ def run(config: ExportCommand, out: Path) -> None:
     frames, persons = written.poses.xyz.shape[:2]
     size = f"{counted(frames, 'frame')}, {counted(persons, 'person', 'people')}"
     named = config.skeleton if config.skeleton in writer.rigs else written.poses.skeleton.name
+    people = [name.rpartition(":")[2] for name in config.people] or person_names(clip, persons)
+    for said in describe_filled(written.poses, people, writer.fills) if writer.fills else ():
+        print(said)
     print(f"{', '.join(map(str, written.files))}: {size}, {named}")
     if kept is not clip and kept.poses is not None and clip.poses is not None:
         left_out = int((kept.poses.source != clip.poses.source).sum())

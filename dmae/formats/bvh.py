@@ -28,7 +28,7 @@ _END_LENGTH = 0.05  # m; length of the bone after the last joint of a limb. The 
 _ORDER, _RIG_ORDER = "ZXY", "ZYX"  # Order of the rotation channels, of our skeletons and of other programs
 
 
-@pose_writer("bvh", table=True, rigs=["soma", "lafan1"])
+@pose_writer("bvh", table=True, fills="all", rigs=["soma", "lafan1"])
 def write_bvh(
     poses: Poses3D, clip: Clip, path: Path, *, unit: LengthUnit = LengthUnit.m, rig: str | None = None
 ) -> list[Path]:

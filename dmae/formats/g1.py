@@ -27,7 +27,7 @@ from dmae.formats.retargeting import RobotMotion, load_robot, retarget
 from dmae.numerics.body import continuous
 
 
-@pose_writer("g1", skeleton="body25", table=True)
+@pose_writer("g1", skeleton="body25", table=True, fills="all")
 def write_g1(
     poses: Poses3D, clip: Clip, path: Path, *, unit: LengthUnit = LengthUnit.m, robot: str | None = None
 ) -> list[Path]:
@@ -92,7 +92,7 @@ def episodes(motion: RobotMotion, task: str) -> list[Episode]:
     return [Episode(task, motion.joints, motion.qpos[:, p], flags[:, p], measured[:, p]) for p in people]
 
 
-@pose_writer("lerobot", folder=True, skeleton="body25")
+@pose_writer("lerobot", folder=True, skeleton="body25", fills="all")
 def write_lerobot(poses: Poses3D, clip: Clip, path: Path, *, robot: str | None = None) -> None:
     """LeRobot v3 data set of Unitree G1 robots: an episode for each person.
 

@@ -5,7 +5,8 @@
 
 Every cell holds a number: OpenSim 4.6 silently stops reading a motion at its first `NaN`. Where the joints do not
 determine an angle, the file has a straight line between the frames in which they do, and the angle of a body at rest if
-there is no such frame. A line above `endheader` says so.
+there is no such frame. A line above `endheader` says so. Before the first and after the last frame in which a person is
+known there are no rows; times count from the first frame of the clip, as in the files of all people.
 """
 
 from collections.abc import Iterator
@@ -18,7 +19,7 @@ import numpy as np
 from dmae.data.clip import Clip, Poses3D, person_names
 from dmae.files.contents import write_atomic, written
 from dmae.formats.animation import Y_UP, with_bodies
-from dmae.formats.poses import SOURCE_WORDS, person_paths
+from dmae.formats.poses import SOURCE_WORDS, person_paths, stay
 from dmae.formats.registry import pose_writer
 from dmae.numerics.kinematics import ANGLES, BodyMotion, body_motion, defining_joints, estimated_angles
 
@@ -26,7 +27,7 @@ _PLACES = ("pelvis_tx", "pelvis_ty", "pelvis_tz")
 _PELVIS = 3  # Number of angles of the pelvis, which come before its place
 
 
-@pose_writer("mot", table=True)
+@pose_writer("mot", table=True, fills="stay")
 def write_mot(poses: Poses3D, clip: Clip, path: Path) -> list[Path]:
     """OpenSim's joint angles, a file for each person, with the standard deviation of each angle in a second file."""
     people = person_names(clip, poses.xyz.shape[1])
@@ -47,22 +48,25 @@ def write_mot(poses: Poses3D, clip: Clip, path: Path) -> list[Path]:
             np.concatenate([turned[:, :_PELVIS], at, turned[:, _PELVIS:]], 1)
             for turned, at in ((estimates, place), (spread, place_sd), (known, somewhere))
         )
-        spread = np.where(known, spread, np.nan)
+        first, last = stay(poses, person)
+        rows = slice(first, last + 1)
+        estimates, known, source = estimates[rows], known[rows], poses.source[rows, person]
+        spread = np.where(known, spread[rows], np.nan)
         values = np.empty_like(estimates)
         for column, name in enumerate(names):
             turn = None if name in _PLACES else 360
             values[:, column] = _without_gaps(estimates[:, column], known[:, column], turn)
-        times = np.arange(len(values)) / clip.fps
+        times = np.arange(first, last + 1) / clip.fps
         header = [people[person], "version=1", f"nRows={len(values)}", f"nColumns={1 + len(names)}",
                   "inDegrees=yes",
                   f"Angles that the joints do not determine are filled here, and empty in {table.name}.",
                   "endheader", "\t".join(["time", *names])]  # fmt: skip
-        rows = (
+        lines = (
             "\t".join(f"{value:.6f}" for value in (time, *row))
             for time, row in zip(times, values.tolist(), strict=True)
         )
-        write_atomic(file, written(chain(header, rows)))
-        write_atomic(table, written(_quality(motion, poses.source[:, person], poses, names, times, values, spread)))
+        write_atomic(file, written(chain(header, lines)))
+        write_atomic(table, written(_quality(motion, source, poses, names, times, values, spread)))
         files += [file, table]
     return files
 

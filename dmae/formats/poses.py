@@ -212,6 +212,28 @@ def person_paths(path: Path, people: Sequence[str]) -> list[Path]:
     return paths
 
 
+def stay(poses: Poses3D, person: int) -> tuple[int, int]:
+    """Return the first and the last frame in which a person is known; IndexError if there is none."""
+    known = np.flatnonzero((poses.source[:, person] != Source.ABSENT).any(-1)).tolist()
+    return known[0], known[-1]
+
+
+def describe_filled(poses: Poses3D, people: Sequence[str], fills: str) -> list[str]:
+    """Say of each person how much an exported file holds that is not known; `fills` as in `PoseWriter`."""
+    said, count = [], len(poses.xyz)
+    for person, name in enumerate(people):
+        known = poses.source[:, person] != Source.ABSENT
+        if not known.any():
+            continue
+        first, last = stay(poses, person) if fills == "stay" else (0, count - 1)
+        rows = known[first : last + 1]
+        if not rows[:, known.any(0)].all() or len(rows) < count:
+            there, filled = rows.any(-1).sum(), 1 - rows[:, known.any(0)].mean()
+            then = f"; {filled:.1%} of its joints are absent there, and filled" if filled else ""
+            said.append(f"{name}: frames {first} to {last} of {count}, captured in {there} of them{then}")
+    return said
+
+
 _STEP_M = 1e-4
 
 

@@ -52,6 +52,9 @@ class PoseWriter(Entry):
     folder: bool = False  # The writer writes a folder, not a file
     skeleton: str | None = None  # Name of the only skeleton that the format supports; None if it supports any
     table: bool = False  # The format cannot say how each joint is known, so `<name>.provenance.csv` says it
+    # The format cannot say that a joint is absent, so joints are filled: in the frames of the person's "stay", from the
+    # first to the last in which it is known, or in "all" frames of the clip, where the format states no times
+    fills: str = ""
     rigs: list[str] = field(default_factory=list)  # Names of skeletons of other programs that the format has besides
     # If the skeleton is fused from several, all joints are written by default. Otherwise only the joints of the first
     # skeleton are written.

@@ -9,6 +9,7 @@ import pytest
 
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import BODY25, SKELETONS
+from dmae.formats.poses import describe_filled
 from dmae.formats.writing import write_poses
 from dmae.numerics.kinematics import ANGLES
 from tests.dmae.formats.test_animation import simulated
@@ -72,6 +73,27 @@ def test_an_angle_that_joints_do_not_determine_is_in_the_motion_alone_and_what_w
     assert [row["knee_angle_r_source"] for row in quality[11:16]] == ["measured", *["completed"] * 3, "measured"]
     assert quality[6]["ankle_angle_l_sd"] == "" and quality[6]["ankle_angle_l_source"] == "absent"
     assert float(quality[13]["knee_angle_r_sd"]) > 1.5 * float(quality[11]["knee_angle_r_sd"])
+
+
+def test_nothing_is_written_before_and_after_a_person_is_there(tmp_path):
+    """A person seen in 16 of 180 frames had 164 rows of one pose, as if it had been there and stood still."""
+    poses, _ = simulated(BODY25)
+    whole, _ = export(poses, tmp_path / "a.mot")
+    away = np.ones(poses.source.shape, bool)
+    away[8:21] = False
+    away[12:14] = True
+    found, quality = export(poses.without(away), tmp_path / "a.mot")
+    np.testing.assert_allclose(found["time"], whole["time"][8:21])
+    assert [float(row["time"]) for row in quality] == pytest.approx(found["time"].tolist())
+    assert "nRows=13" in (tmp_path / "a.mot").read_text()
+    assert [number for number, row in enumerate(quality) if row["pelvis_tx_source"] == "absent"] == [4, 5]
+    np.testing.assert_allclose(found["pelvis_ty"][[0, -1]], whole["pelvis_ty"][[8, 20]], atol=0.01)
+    (said,) = describe_filled(poses.without(away), ["P1"], "stay")
+    assert said == (
+        f"P1: frames 8 to 20 of {len(away)}, captured in 11 of them; 15.4% of its joints are absent there, and filled"
+    )
+    assert "captured in 11 of them" in describe_filled(poses.without(away), ["P1"], "all")[0]
+    assert not describe_filled(poses, ["P1"], "all")
 
 
 @pytest.mark.parametrize("lean", [-8, 0, 12])
