@@ -44,11 +44,11 @@ figure = Figure(figsize=(7, 3), layout="constrained")
 axes = figure.subplots()
 for name, poses in ("true", dmae.to_skeleton(clip.truth, "body25")), ("completed", full):
     dmae.export(clip, out / f"{name}.mot", poses=poses)  # also writes <name>.angles.csv
-    angles, cycles = pd.read_csv(out / f"{name}.angles.csv"), []
+    angles, cycles = pd.read_csv(out / f"{name}.angles.csv", index_col="time"), []
     for side in "rl":
         strikes = heel_strikes(poses, clip.fps, side)
         knee = angles[f"knee_angle_{side}"].interpolate()
-        cycles += [np.interp(np.linspace(*ends, 101), knee.index, knee) for ends in pairwise(strikes)]
+        cycles += [np.interp(np.linspace(*ends, 101) / clip.fps, knee.index, knee) for ends in pairwise(strikes)]
         print(f"{name}, {side}: heel strikes at {', '.join(f'{strike / clip.fps:.2f}' for strike in strikes)} s")
     mean, sd = np.mean(cycles, 0), np.std(cycles, 0)
     print(f"{name}: {len(cycles)} cycles, knees bend by up to {mean.max():.0f} degrees, at {mean.argmax()} %")
