@@ -7,7 +7,7 @@ from dmae.commands.config import ExportCommand
 from dmae.data.clip import person_names
 from dmae.data.store import load_clip
 from dmae.evaluation.review import with_decisions
-from dmae.formats.poses import describe_filled
+from dmae.formats.poses import REGIONS, describe_filled, states_completed
 from dmae.formats.registry import pose_writer
 from dmae.formats.writing import export_path, format_of, write_poses
 from dmae.reporting.tables import counted
@@ -40,6 +40,8 @@ def run(config: ExportCommand, out: Path) -> None:
     people = [name.rpartition(":")[2] for name in config.people] or person_names(clip, persons)
     for said in describe_filled(written.poses, people, writer.fills) if writer.fills else ():
         print(said)
+    if writer.errors and states_completed(written.poses):
+        print(REGIONS)
     print(f"{', '.join(map(str, written.files))}: {size}, {named}")
     if kept is not clip and kept.poses is not None and clip.poses is not None:
         left_out = int((kept.poses.source != clip.poses.source).sum())

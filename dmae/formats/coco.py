@@ -301,7 +301,7 @@ def _numbers(place: str, found, each: int) -> np.ndarray:
     return array
 
 
-@pose_writer("coco")
+@pose_writer("coco", errors=True)
 def write_coco_poses(poses: Poses3D, clip: Clip, path: Path) -> None:
     """COCO keypoints of poses as the cameras see them, with the images and masks of the clip, if it has them.
 

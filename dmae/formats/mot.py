@@ -27,7 +27,7 @@ _PLACES = ("pelvis_tx", "pelvis_ty", "pelvis_tz")
 _PELVIS = 3  # Number of angles of the pelvis, which come before its place
 
 
-@pose_writer("mot", table=True, fills="stay")
+@pose_writer("mot", table=True, errors=True, fills="stay")
 def write_mot(poses: Poses3D, clip: Clip, path: Path) -> list[Path]:
     """OpenSim's joint angles, a file for each person, with the standard deviation of each angle in a second file."""
     people = person_names(clip, poses.xyz.shape[1])

@@ -77,7 +77,7 @@ def read_movement_poses(path: Path) -> PoseFile:
     return PoseFile(poses, rate)
 
 
-@pose_writer("movement")
+@pose_writer("movement", errors=True)
 def write_movement(poses: Poses3D, clip: Clip, path: Path) -> None:
     """A netCDF file of movement: positions, sources and standard errors of all joints.
 

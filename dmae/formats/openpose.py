@@ -155,7 +155,7 @@ def reproject(poses: Poses3D, rig: CameraRig) -> Detections2D:
     )
 
 
-@pose_writer("openpose", folder=True)
+@pose_writer("openpose", folder=True, errors=True)
 def write_openpose_poses(poses: Poses3D, clip: Clip, path: Path) -> None:
     """OpenPose's JSON of poses as the cameras see them, with a Pose2Sim calibration."""
     first = clip.provenance.get("first_frame", 0)

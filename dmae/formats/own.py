@@ -26,7 +26,7 @@ from dmae.formats.registry import pose_reader, pose_writer, reader, recording_wr
 from dmae.formats.skeletons import named_skeleton, read_skeleton_text, skeleton_text
 
 
-@pose_writer("npz", fused=True)
+@pose_writer("npz", fused=True, errors=True)
 def write_npz_poses(poses: Poses3D, clip: Clip, path: Path) -> None:
     """A NumPy archive with joints, their sources, covariances and names."""
     export_npz(poses, clip.fps, path, person_names(clip, poses.xyz.shape[1]))

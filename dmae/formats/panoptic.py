@@ -297,7 +297,7 @@ def _covariances(cov: np.ndarray) -> dict[str, list]:
     return {"joint_covariance": [None if np.isnan(value) else float(f"{value:.6g}") for value in entries.ravel()]}
 
 
-@pose_writer("panoptic", folder=True, skeleton="panoptic19")
+@pose_writer("panoptic", folder=True, errors=True, skeleton="panoptic19")
 def write_panoptic(poses: Poses3D, clip: Clip, path: Path) -> None:
     """A folder of CMU Panoptic's poses and calibration, always on its skeleton."""
     write_calibration(clip.rig, child(path, f"calibration_{clip.id}.json", "clip"), "panoptic")

@@ -52,6 +52,7 @@ class PoseWriter(Entry):
     folder: bool = False  # The writer writes a folder, not a file
     skeleton: str | None = None  # Name of the only skeleton that the format supports; None if it supports any
     table: bool = False  # The format cannot say how each joint is known, so `<name>.provenance.csv` says it
+    errors: bool = False  # The format states the errors of joints, or of angles
     # The format cannot say that a joint is absent, so joints are filled: in the frames of the person's "stay", from the
     # first to the last in which it is known, or in "all" frames of the clip, where the format states no times
     fills: str = ""

@@ -203,7 +203,7 @@ def _person_files(path: Path) -> list[Path]:
     return [numbered[number] for number in sorted(numbered)]
 
 
-@pose_writer("trc", table=True)
+@pose_writer("trc", table=True, errors=True)
 def write_trc_poses(poses: Poses3D, clip: Clip, path: Path, *, unit: LengthUnit = LengthUnit.m) -> list[Path]:
     """OpenSim's markers, a file for each person, with the covariances of joints in further files."""
     people = person_names(clip, poses.xyz.shape[1])

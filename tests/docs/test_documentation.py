@@ -18,6 +18,8 @@ import reference  # noqa: E402
 import results  # noqa: E402
 import tutorials  # noqa: E402
 
+from dmae.formats.poses import REGIONS  # noqa: E402
+
 PAGES = sorted(path for path in DOCS.rglob("*.md"))
 FRONT = [ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
 ids = {"ids": lambda path: path.stem if isinstance(path, Path) else str(path)}
@@ -30,6 +32,12 @@ def test_readme_is_a_front_door():
 def test_pages_are_as_they_are_made():
     assert "<!-- results:" in (ROOT / "README.md").read_text()
     assert not pages.stale(), "run python docs/tools/pages.py"
+
+
+def test_the_warning_about_stated_regions_has_the_figures_of_the_page():
+    page = (DOCS / "explanation/uncertainty.md").read_text()
+    held = [int(share) for share in re.findall(r"(\d+) % of \d+ \|", page)]
+    assert len(held) == 8 and f"held {min(held)} to {max(held)} %" in REGIONS
 
 
 def test_a_figure_that_was_typed_over_is_found():

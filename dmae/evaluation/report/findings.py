@@ -21,7 +21,7 @@ from dmae.data.labels import Visibility
 from dmae.data.skeleton import Skeleton
 from dmae.evaluation.review import Decision, ReviewVerdict, checksum, decided
 from dmae.files.mapped import in_steps
-from dmae.formats.poses import SOURCE_WORDS
+from dmae.formats.poses import SOURCE_WORDS, states_completed
 from dmae.metrics.comparison import Comparison, gap_frames, match, take_matched
 from dmae.metrics.position import GAPS, squared_deviations
 from dmae.numerics.body import bone_lengths
@@ -492,6 +492,7 @@ class Findings:
     breakdowns: Groups = field(default_factory=dict)
     # Counts of joints in regions of stated probability, see `counts_in_regions`
     regions: dict[str, np.ndarray] = field(default_factory=dict)
+    states_completed: bool = False  # Whether completed joints state a covariance
     truth_error: float | None = None  # Median error that the truth states of its joints, mm; None where it states none
     # Measured joints by camera, person and joint, with their reprojection errors, px
     residuals: Groups = field(default_factory=dict)
@@ -548,6 +549,7 @@ def examine(clip: Clip, decisions: Sequence[Decision] = ()) -> Findings:
         against_truth=against_truth,
         breakdowns=breakdowns(clip, joints),
         regions=counts_in_regions(joints),
+        states_completed=states_completed(clip.poses),
         truth_error=truth_error,
         residuals=reprojected.measured,
         residuals_completed=reprojected.completed,

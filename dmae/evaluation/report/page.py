@@ -27,7 +27,7 @@ from dmae.evaluation.report.findings import (
 )
 from dmae.evaluation.review import DECISIONS, ReviewVerdict, decisions_content, load_decisions
 from dmae.evaluation.scores import read_scores
-from dmae.formats.poses import source_word
+from dmae.formats.poses import REGIONS, source_word
 from dmae.formats.reading import Clips
 from dmae.metrics.angles import SHOWN_BY, leg_angles
 from dmae.metrics.score_tables import score_tables
@@ -234,6 +234,8 @@ def _errors(findings: Sequence[Findings]) -> list[str]:
     if within:
         sentence = f"{' and '.join(within)} lie within their stated 90\N{NO-BREAK SPACE}% regions{_widened(findings)}."
         said.append(sentence[0].upper() + sentence[1:])
+    elif any(each.states_completed for each in findings):
+        said.append(f"{REGIONS[0].upper()}{REGIONS[1:]}.")
     residual = added(*(each.residuals for each in findings)).get("all", {}).get("all")
     if residual is not None and residual.mean is not None:
         said.append(

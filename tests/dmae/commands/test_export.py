@@ -24,6 +24,7 @@ from dmae.formats.calibrations import read_calibration
 from dmae.formats.labelled_images import joint_labels
 from dmae.formats.openpose import CALIBRATION
 from dmae.formats.own import read_npz
+from dmae.formats.poses import REGIONS
 from dmae.formats.reading import Clips, DataConfig
 from dmae.formats.registry import pose_writer
 from dmae.formats.trc import read_trc
@@ -285,6 +286,17 @@ def test_all_files_that_are_written_are_announced_and_no_others(captured, tmp_pa
     export_command.run(ExportCommand(str(tmp_path / "clip"), format), folder / "walk")
     announced = capsys.readouterr().out.splitlines()[-1].rsplit(": ", 1)[0].split(", ")
     assert {Path(each) for each in announced} == set(folder.iterdir())
+
+
+@pytest.mark.parametrize(("format", "states"), [("npz", True), ("bvh", False)])
+def test_exports_of_errors_of_completed_joints_say_that_they_are_too_small(captured, tmp_path, capsys, format, states):
+    cov = np.broadcast_to(1e-4 * np.eye(3), (*captured.poses.xyz.shape, 3))
+    clip = replace(captured, poses=replace(captured.poses, cov=cov))
+    for completed in (True, False):
+        kept = clip.poses if completed else clip.poses.without(clip.poses.source == Source.COMPLETED)
+        save_clip(replace(clip, poses=kept), tmp_path / f"clip{completed}")
+        export_command.run(ExportCommand(str(tmp_path / f"clip{completed}"), format), tmp_path / f"walk{completed}")
+        assert (REGIONS in capsys.readouterr().out) == (states and completed)
 
 
 def test_files_of_one_clip_have_one_time_base(captured, tmp_path):

@@ -21,6 +21,7 @@ from dmae.evaluation.report.findings import (
     peaks,
 )
 from dmae.evaluation.report.page import people_section, share, summary
+from dmae.formats.poses import REGIONS
 from dmae.numerics.paths import runs
 from tests.support.clips import walkers
 from tests.support.reported_clips import ERROR_M, completed_clip
@@ -80,6 +81,13 @@ def test_without_truth_counts_remain_and_no_error_is_stated(clip):
     assert {name: each.joints for name, each in found.breakdowns[BY_MEASURING].items()} == {"none": 20, "4": 1480}
     assert all(each.mean is None for each in found.breakdowns[BY_GAP].values())
     assert "no error is stated" in " ".join(summary([found]))
+
+
+def test_without_truth_stated_regions_are_said_to_be_too_small(clip):
+    alone = replace(clip, truth=None, occlusion=None, detection_labels=None)
+    assert REGIONS[1:] in " ".join(summary([examine(alone)]))
+    unknown = replace(alone, poses=replace(alone.poses, cov=np.full_like(alone.poses.cov, np.nan)))
+    assert REGIONS[1:] not in " ".join(summary([examine(unknown)]))
 
 
 def test_right_uncertainty_is_found_as_stated(clip):
