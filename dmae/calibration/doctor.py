@@ -406,10 +406,11 @@ def undetermined(hypothesis: Hypothesis, found: Examination | None) -> tuple[str
         return ()
     names = [camera_label(hypothesis.rig.names[view]) for view in found.suspects]
     if len(names) == 1:
-        what = f"{names[0]} seems to differ from its calibration; this recording does not make that certain"
+        why = "it would fit better with another one, but not clearly"
     else:
-        what = f"{' or '.join(names)} seems to differ from its calibration; this recording does not determine which"
-    return (f"{what}; record for longer, with more cameras, or people in more places",)
+        why = "one of them would fit better with another one, and the recording does not show which"
+    question = f"whether {' or '.join(names)} differs from its calibration: {why}"
+    return (f"{question}; record for longer, with more cameras, or people in more places",)
 
 
 def lens_matters(before: Hypothesis, after: Hypothesis) -> bool:

@@ -13,9 +13,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from dmae.calibration.bundle_adjustment import ROTATION, Calibration, Observations, Q, adjust
-from dmae.calibration.doctor import Diagnosis, Finding, PairFit, _confirmed, _remedy, diagnose, examined
+from dmae.calibration.doctor import Diagnosis, Finding, PairFit, _confirmed, _remedy, diagnose, examined, undetermined
 from dmae.calibration.epipolar import Hypothesis, pairs_to_compare
-from dmae.calibration.examination import BODIES, CameraDifference, Kind, _fit, _start
+from dmae.calibration.examination import BODIES, CameraDifference, Examination, Kind, _fit, _start
 from dmae.calibration.faults import Correction, Fault, rescale
 from dmae.calibration.matching import match_tracks
 from dmae.cli import DMAE, compose
@@ -180,6 +180,16 @@ def test_what_cannot_be_decided_is_reported_as_unknown():
     alone = diagnose(seen(clip, np.full_like(xy, np.nan), np.full(xy.shape[:-1], np.nan)))
     assert alone.findings == ()
     assert "nothing can be compared: no two cameras detect people in the same frame" in alone.unknown
+
+
+@pytest.mark.parametrize("suspects", [(1,), (0, 1)])
+def test_a_suspicion_is_a_question_not_a_verdict(suspects):
+    """Beside "nothing found wrong", an exact calibration was said to seem wrong."""
+    campus = sound("campus")
+    tried = (CameraDifference(1, Kind.focal, np.full(Q, 0.2), 1.0, np.ones(4), np.ones(4)),)
+    (said,) = undetermined(Hypothesis.of(campus, Convention()), Examination((), suspects, tried, None, {}))
+    names = " or ".join(f"camera {campus.rig.names[view]}" for view in suspects)
+    assert said.startswith(f"whether {names} differs from its calibration: ") and "seems" not in said
 
 
 def test_the_command_prints_and_writes_findings_and_exits_by_them(tmp_path, capsys, monkeypatch):
