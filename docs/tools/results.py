@@ -110,10 +110,27 @@ def front_table() -> str:
 
 def cell(name: str, row: str, column: str, interval: bool = True) -> str:
     """Return a cell of a row measured here, of a table of the paper."""
-    (found,) = (each for each in load(name)["table"]["rows"] if each["name"] == row and each["origin"] != "published")
-    score = found["cells"][column]
+    score = _row(name, row, published=False)["cells"][column]
     text = f"{score['value']:.1f}"
     return text if score["low"] is None or not interval else f"{text} ({score['low']:.1f} to {score['high']:.1f})"
+
+
+def published(name: str, row: str, column: str) -> str:
+    """Return a published cell of a table of the paper."""
+    return f"{_row(name, row, published=True)['cells'][column]['value']:.1f}"
+
+
+def _row(name: str, row: str, published: bool) -> dict:
+    rows = load(name)["table"]["rows"]
+    (found,) = (each for each in rows if each["name"] == row and (each["origin"] == "published") == published)
+    return found
+
+
+def near(detector: str, group: str) -> str:
+    """Return the percentage of a detector's joints, hidden or visible as `group`, within 5 % of the height."""
+    rows = load("detector_errors")["detectors"][detector]["joints"]
+    (found,) = (row["near"] for row in rows if (row["heading"], row["group"]) == ("cause", group))
+    return f"{100 * found:.1f}"
 
 
 def pcp(name: str, method: str, views: int, interval: bool = False) -> str:
@@ -139,6 +156,14 @@ def held_table(*rows: tuple[str, str, int, str]) -> str:
 def dated(name: str) -> str:
     """Return the date on which a results file was measured."""
     return load(name)["date"]
+
+
+def uncompared() -> str:
+    """Return the numbers of completed joints in captured poses' longest gaps, and of those that methods share."""
+    tables = load("completion_gains")["tables"]
+    completed = tables["regions"]["rows"][2][-1].rpartition(" ")[2]
+    (compared,) = (row[2] for row in tables["captured"]["rows"] if row[:2] == ["41 or more", "all"])
+    return f"{int(completed) - int(compared)} of {completed} ({100 - 100 * int(compared) / int(completed):.0f} %)"
 
 
 def told(name: str, pattern: str) -> str:
@@ -170,10 +195,12 @@ def benchmark_table(name: str, table: str, methods: list[str] | None = None) -> 
     return f"{found.caption}:\n\n{_table(list(found.header), [list(row) for row in found.rows])}"
 
 
-def kept_table(name: str, table: str) -> str:
-    """Return a table that a results file contains as text: columns and rows."""
+def kept_table(name: str, table: str, without: str | None = None) -> str:
+    """Return a table that a results file contains as text: columns, all but one that says nothing, and rows."""
     kept = load(name)["tables"][table]
-    return _table(kept["columns"], kept["rows"])
+    shown = [index for index, column in enumerate(kept["columns"]) if column != without]
+    header, *rows = ([row[index] for index in shown] for row in (kept["columns"], *kept["rows"]))
+    return _table(header, rows)
 
 
 def contacts_table(name: str) -> str:
@@ -312,10 +339,10 @@ def types(*names: str) -> str:
 _FUNCTIONS = {
     each.__name__: each
     for each in (
-        value, values_table, memory_table, printed, pcp_table, front_table, cell, pcp, held_table, dated, told,
-        gaps_table, kept_table, origin, realism_table,
-        errors_table, reliability_table, distances_table, contacts_table, motion_table, paper_table, benchmark_table,
-        protocols, stress_table, functions, types,
+        value, values_table, memory_table, printed, pcp_table, front_table, cell, published, near, pcp, held_table,
+        dated, told, uncompared, gaps_table, kept_table, origin, realism_table, errors_table, reliability_table,
+        distances_table, contacts_table, motion_table, paper_table, benchmark_table, protocols, stress_table,
+        functions, types,
     )
 }  # fmt: skip
 
