@@ -36,7 +36,7 @@ COMMANDS = {
         {"data": REQUIRED, "capture": "default"},
     ),
     "complete": Command(
-        "Fill joints on which fewer than two cameras agree, marked as such",
+        "Fill joints on which fewer than two cameras agree, marked as such; smooth the others",
         "dmae.commands.config:CompleteCommand",
         (
             "dmae complete clip=runs/captured out=runs/completed",

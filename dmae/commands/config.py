@@ -86,13 +86,6 @@ class RunCommand(FilmedConfig):
     out: str = "runs/run"
     """Folder: `detected`, `captured` and `completed` clips, `report.html`, and `poses` in each format."""
 
-    def __post_init__(self):
-        super().__post_init__()
-        if (self.videos or self.photos) and self.calibration is None:
-            raise ValueError(
-                "expected calibration=<file>: without it people are found in 2D only; use dmae detect for that"
-            )
-
 
 @dataclass(frozen=True)
 class DetectCommand(FilmedConfig):
@@ -160,7 +153,11 @@ class CaptureCommand(PartConfig):
 
 @dataclass(frozen=True)
 class CompleteCommand(ProcessesConfig):
-    """Fill joints on which fewer than two cameras agree, marked as such."""
+    """Fill joints on which fewer than two cameras agree, marked as such; smooth the others.
+
+    By default all joints are smoothed, those that fewer than three views measured are corrected, and those that
+    neighbouring frames contradict are replaced. `reject=false denoise=false smooth=0` changes no measured joint.
+    """
 
     clip: str = field(default=REQUIRED, metadata={"reads": "clips"})
     """Folder of a captured clip, or of a data set of them."""

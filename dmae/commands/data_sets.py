@@ -165,6 +165,8 @@ class ClipSet:
     def write(self, clip: Clip, name: str) -> None:
         """Write a clip."""
         if self.alone:
+            if (self.out / "clip.json").is_file():
+                print(f"{self.out}: the clip that was there is replaced")
             save_clip(clip, self.out)
             return
         folder = self.out / name

@@ -15,6 +15,10 @@ _DETECTED, _CAPTURED, _COMPLETED = "detected", "captured", "completed"
 
 
 def run(config: RunCommand, out: Path) -> None:
+    if (config.videos or config.photos) and config.calibration is None:
+        raise ValueError(
+            "expected calibration=<file>: without it people are found in 2D only; use dmae detect for that"
+        )
     for name in config.export:
         pose_writer.find(name)
     folders = {name: out / name for name in (_DETECTED, _CAPTURED, _COMPLETED)}

@@ -85,7 +85,9 @@ def complete(
     online: bool = False,
     delay: float = DELAY,
 ) -> Poses3D:
-    """Predict the joints on which fewer than two cameras agree, and mark them `Source.COMPLETED`.
+    """Predict the joints on which fewer than two cameras agree, and mark them `Source.COMPLETED`; smooth the others.
+
+    `denoise=False, reject=False, smooth=0` changes no measured joint.
 
     Args:
         poses: Captured poses (F, P, J).

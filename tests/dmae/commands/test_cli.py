@@ -167,6 +167,8 @@ def test_a_recording_is_converted_and_captured_and_exported(folder):
         (["export", "clip=one"], "out=..."),
         (["capture", "data=openpose", "data.path=openpose", "out=bad"], "data.fps=..."),
         (["capture", "data=panoptic", "data.path=openpose/cam0", "out=bad"], "data.detections=..."),
+        (["run", "videos=nosuch", "out=bad"], "videos=nosuch: no such file"),
+        (["run", "videos=one", "out=bad"], "expected calibration=<file>"),
         (["capture", "data=pose2sim", "data.path=pose2sim", "out=bad"], "there are trials trial"),
         (["convert", "data=one", "data.fps=25", "out=bad"], "leave out data.fps"),
     ],
@@ -188,6 +190,12 @@ def test_reprojection_errors_are_printed_after_every_capture(folder):
     assert float(row[2]) < 10
     # People of different clips are different people.
     assert "By person" not in dmae(folder, "capture", "data=set", "out=tables_of_set").stdout
+
+
+def test_a_clip_that_is_replaced_is_named(folder):
+    said = "replaced: the clip that was there is replaced"
+    assert said not in dmae(folder, "capture", "data=one", "out=replaced").stdout
+    assert said in dmae(folder, "capture", "data=one", "out=replaced").stdout
 
 
 def test_a_capture_of_no_person_says_why_and_its_exit_status_tells(folder):
