@@ -10,6 +10,7 @@ import re
 from pathlib import Path
 
 import tutorials
+from scipy.stats import binomtest
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "docs/results"
@@ -164,6 +165,13 @@ def uncompared() -> str:
     completed = tables["regions"]["rows"][2][-1].rpartition(" ")[2]
     (compared,) = (row[2] for row in tables["captured"]["rows"] if row[:2] == ["41 or more", "all"])
     return f"{int(completed) - int(compared)} of {completed} ({100 - 100 * int(compared) / int(completed):.0f} %)"
+
+
+def found_between(heading: str, group: str) -> str:
+    """Return Wilson's 95 % interval of the share of people found in rendered images, as if all were independent."""
+    (row,) = (each for each in load("realism")["rows"] if (each["heading"], each["group"]) == (heading, group))
+    interval = binomtest(round(row["found"] * row["people"]), row["people"]).proportion_ci(method="wilson")
+    return f"{100 * interval.low:.0f} to {100 * interval.high:.0f}"
 
 
 def told(name: str, pattern: str) -> str:
@@ -339,10 +347,10 @@ def types(*names: str) -> str:
 _FUNCTIONS = {
     each.__name__: each
     for each in (
-        value, values_table, memory_table, printed, pcp_table, front_table, cell, published, near, pcp, held_table,
-        dated, told, uncompared, gaps_table, kept_table, origin, realism_table, errors_table, reliability_table,
-        distances_table, contacts_table, motion_table, paper_table, benchmark_table, protocols, stress_table,
-        functions, types,
+        value, values_table, memory_table, printed, pcp_table, front_table, cell, published, near, pcp,
+        held_table, dated, told, uncompared, found_between, gaps_table, kept_table, origin, realism_table,
+        errors_table, reliability_table, distances_table, contacts_table, motion_table, paper_table,
+        benchmark_table, protocols, stress_table, functions, types,
     )
 }  # fmt: skip
 
