@@ -69,6 +69,8 @@ class MeasuredRow:
     note: str = ""  # What readers have to know about it
     missing: str = ""  # Why it was not measured; then it has no cells
     protocol: str = ""  # Its protocol, if it is not the one of the table
+    against: str = ""  # Name of the row that it is compared with, if it is not the one of the table
+    paper: str = ""  # Its publication, as published rows name it, if it is a re-implemented system
 
 
 def paper_table(
@@ -99,14 +101,17 @@ def paper_table(
     Returns:
         JSON-able. `number`, `title`, `recording`, `protocol`, `frames`, `against`, `footnotes`, `columns`; `rows`:
         `name`, `origin`, `protocol`, `source`, `note`, `cells` (`value`, `low`, `high` by column, None for unknown
-        values) and `differences` from the row `against`, in the same form, in leading columns; and `pairs`: `name`,
-        `against` and `differences` in all columns.
+        values) and `differences` from the row `against`, its own or the table's, in the same form, in leading columns;
+        and `pairs`: `name`, `against` and `differences` in all columns.
     """
     by_name = {row.name: row for row in rows}
     reference = by_name[against]
     made = [_published(row, columns, reference, comparable) for row in published_rows(config.number)]
     rules = "joints within 0.2 m" if config.number in _JOINT_TABLES else config.protocol
-    made += [_measured(row, columns, reference, rules) for row in rows]
+    for row in rows:
+        made.append(_measured(row, columns, by_name[row.against or against], rules))
+        if row.paper and comparable:
+            made[-1]["note"] += below_publication(made[-1]["cells"], row.paper, columns, config.number)
     compared = [
         {"name": name, "against": other, "differences": _differences(by_name[name], by_name[other], columns)}
         for name, other in pairs
@@ -133,9 +138,22 @@ def _measured(row: MeasuredRow, columns: Sequence[TableColumn], reference: Measu
         "protocol": row.protocol or rules,
         "source": "",
         "note": row.missing or row.note,
+        "against": row.against,
         "cells": {column.key: _cell(row.cells.get(column.key)) for column in columns},
         "differences": {} if row is reference else _differences(row, reference, [c for c in columns if c.lead]),
     }
+
+
+def below_publication(cells: dict[str, dict], paper: str, columns: Sequence[TableColumn], number: int) -> str:
+    """Return a note on the leading columns in which a row is below its publication; empty if in none."""
+    published = [row["values"] for row in published_rows(number) if row["name"].endswith(f"({paper})")]
+    below = []
+    for column in columns:
+        greatest = max((values[column.key] for values in published if column.key in values), default=None)
+        value = cells[column.key]["value"]
+        if column.lead and greatest is not None and value is not None and value < greatest:
+            below.append(f"{greatest:.1f} {column.unit} ({column.heading.partition(' (')[0]})")
+    return f"; below its publication, which has {', '.join(below)}" if below else ""
 
 
 def _differences(row: MeasuredRow, other: MeasuredRow, columns: Sequence[TableColumn]) -> dict[str, dict]:
@@ -207,6 +225,8 @@ def _grid(table: dict, notes: dict[str, int] | None = None) -> tuple[list[str], 
         unknown = "-" if row["origin"] == Origin.published else Origin.missing
         cells = [_cell_text(row["cells"][column["key"]], unknown) for column in columns]
         differences = [_difference(row["differences"].get(column["key"])) for column in leading]
+        if row.get("against"):
+            differences = [f"{text} (from {row['against']})" if text else "" for text in differences]
         rows.append([name, row["origin"], row["protocol"], *cells, *differences])
     return header, rows
 

@@ -3,7 +3,7 @@
 import pytest
 
 from dmae.evaluation.config import NUMBERS
-from dmae.evaluation.paper_tables.layout import published_rows
+from dmae.evaluation.paper_tables.layout import TableColumn, below_publication, published_rows
 from dmae.metrics.registry import protocol
 
 ROWS = [row for number in NUMBERS for row in published_rows(number)]
@@ -57,6 +57,17 @@ def test_the_paper_is_in_every_table_and_its_successors_in_the_first():
         assert any(row["name"].startswith("D-MAE") for row in published_rows(number))
     names = " ".join(row["name"] for row in published_rows(1))
     assert all(name in names for name in ("4DAssociation", "JCSAT", "MMDM", "Faster-VoxelPose"))
+
+
+def test_a_system_below_its_publication_says_so():
+    columns = [
+        TableColumn("views_5", "5 cameras (9 frames)", lead=True),
+        TableColumn("views_3", "3 cameras", lead=True),
+    ]
+    cells = {"views_5": {"value": 98.0}, "views_3": {"value": 95.0}}
+    noted = below_publication(cells, "Lin and Lee 2021", columns, 2)
+    assert noted == "; below its publication, which has 95.1 % (3 cameras)"
+    assert not below_publication(cells, "Tu et al. 2020", columns, 2)
 
 
 def test_what_is_quoted_at_second_hand_says_so():

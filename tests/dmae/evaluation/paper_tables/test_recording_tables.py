@@ -90,7 +90,12 @@ def test_published_systems_have_rows_from_the_same_detections(folder, no_network
     assert cells["average"]["value"] == pytest.approx(
         (cells["actor_1"]["value"] + cells["actor_2"]["value"]) / 2, abs=2e-3
     )
-    assert cells["average"]["value"] != rows[1]["measured"]["cells"]["average"]["value"]
+    raw = rows[1]["measured"]["cells"]["average"]["value"]
+    assert cells["average"]["value"] != raw
+    # A capture is compared with a capture, not with completed poses.
+    assert rows[1]["mvpose"]["against"] == "measured"
+    difference = rows[1]["mvpose"]["differences"]["average"]["value"]
+    assert difference == pytest.approx(cells["average"]["value"] - raw, abs=2e-3)
     by_cameras = rows[2]["mvpose"]["cells"]
     assert by_cameras["views_3"] == cells["average"]
     assert by_cameras["views_3_actor_1"] == cells["actor_1"]
