@@ -91,7 +91,7 @@ def _preset(command: Command, group: str, name: str | Path) -> Preset:
 
 
 def _configured(command: str, config: Any, given: dict[str, Any]) -> Any:
-    """Return a configuration, by default that of a command, with changes. Presets are given by their names; cameras
+    """Return a configuration, by default a command's, with changes. Presets are given by their names; cameras
     also by themselves, or by their file."""
     given = {name: value for name, value in given.items() if value is not None}
     rig = given.get("rig")

@@ -148,7 +148,7 @@ class ClipSet:
             yield name, clip, notes
 
     def left(self, names: Sequence[str]) -> list[str]:
-        """Return those of the clips to make that are not done yet, and say how many are."""
+        """Return the names, of the clips to make, that are not done yet, and say how many are done."""
         self.names = names
         if done := self.whole.intersection(names):
             print(f"{self.out}: {len(done)} of {len(names)} clips are done already")

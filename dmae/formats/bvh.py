@@ -2,7 +2,7 @@
 
 Skeletons of other programs, SOMA and LAFAN1, have the names and axes that their readers expect. Both are in cm. A
 person of SOMA stands in a T-pose that faces z if all rotations are zero, with a `Root` on the floor. In LAFAN1, the x
-axis of each joint runs along its bone, so zero rotations are no pose of a person; the axes are those of the tables of
+axis of each joint runs along its bone, so zero rotations are no pose of a person; the axes are from the tables of
 General Motion Retargeting (GMR, MIT licence). Joints that we do not capture, such as fingers, have usual places and do
 not turn.
 """

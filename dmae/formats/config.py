@@ -128,7 +128,7 @@ class DataConfig(Configuration):
 
 
 def clip_range(total: int, first: int, clips: int | None) -> range:
-    """Return the numbers of those of `total` clips that `first=` and `clips=` name; ValueError if there are none."""
+    """Return the numbers that `first=` and `clips=` choose from `total` clips; ValueError if there are none."""
     if not 0 <= first < max(total, 1):
         raise ValueError(f"first={first}: expected the number of a clip, from 0 to {total - 1}")
     if clips is not None and not 1 <= clips <= total - first:

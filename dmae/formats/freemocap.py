@@ -33,7 +33,7 @@ def read_freemocap(
 ) -> NumberedDetections:
     """A FreeMoCap recording: <name>_camera_calibration.toml and output_data/raw_data/*2dData*_pixelXY.npy.
 
-    Lengths in its calibration are in mm, and its world axes are those of the first camera, y down, unless `unit` and
+    Lengths in its calibration are in mm, and its world has the axes of the first camera, y down, unless `unit` and
     `up` are given. The synchronised videos give the rate. The array of points (cameras, frames, points, 2 or 3)
     contains the cameras of the calibration in the same order: x, y in px and, in some files, a depth, which is not
     read. Files have no confidence; it is 1. The first J points are the J joints of the skeleton.

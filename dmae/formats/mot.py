@@ -1,7 +1,7 @@
 """MOT, OpenSim's text format for joint angles, by our own inverse kinematics (`dmae.numerics.kinematics`).
 
-`docs/reference/files.md` lists the columns, in the axes and with the times of our TRC, and those of
-`<name>.angles.csv`.
+`docs/reference/files.md` lists the columns, and the columns of `<name>.angles.csv`. Axes and times are as in our
+TRC.
 
 Every cell holds a number: OpenSim 4.6 silently stops reading a motion at its first `NaN`. Where the joints do not
 determine an angle, the file has a straight line between the frames in which they do, and the angle of a body at rest if

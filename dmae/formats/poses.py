@@ -153,7 +153,7 @@ def read_provenance(path: Path, joints: Sequence[str], frames: int) -> np.ndarra
     """
     table, person = provenance_table(path), None
     if table.is_file():
-        # A single file is one person, even if its name ends as those of several do: squat_P2.
+        # A single file is one person, even if its name ends like one of several: squat_P2.
         person = next(iter(provenance_people(path)), None)
     else:
         splits = [(path.stem[:at], path.stem[at + 1 :]) for at, letter in enumerate(path.stem) if letter == "_"]

@@ -181,7 +181,7 @@ def named_skeleton(
         lacking = [joint for joint in skeleton.joints if plain(joint) not in known]
         if lacking:
             raise ValueError(
-                f"{path}: its joints are not those of {skeleton.name}: it lacks {', '.join(lacking)}, and has "
+                f"{path}: expected the joints of {skeleton.name}: it lacks {', '.join(lacking)}, and has "
                 f"{', '.join(names)}"
             )
         index = [known.index(plain(joint)) for joint in skeleton.joints]

@@ -81,8 +81,8 @@ def write_poses(
 ) -> Written:
     """Write the captured or completed poses of a clip, or its truth if it has no poses; options as in `dmae.export`.
 
-    `path` is completed by `export_path`. By default the skeleton is that of the poses; if it is fused from several, the
-    first of them, unless the format writes all of them.
+    `path` is completed by `export_path`. By default the poses keep their skeleton; of a fused one, the first part is
+    written, unless the format writes all parts.
 
     Raises:
         ValueError: the clip has neither poses nor truth, or nobody in them for a format of people; the format is

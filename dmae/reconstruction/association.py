@@ -82,7 +82,7 @@ def find_groups(candidates: Candidates, config: AssociationConfig, exchange: boo
     """Identity matching: group detections of one person, at most one from each view.
 
     The Hungarian algorithm proposes pairs for every two views. Groups are then joined along these pairs, best support
-    first: the evidence for the pair plus, in each other view, that of the detection which fits both. The evidence is
+    first: the evidence for the pair and, in each other view, for the detection that fits both. The evidence is
     what an affinity exceeds `min_affinity` by: strangers reach that, so two pairs at the threshold do not outweigh a
     good one. Two groups are joined only if their members agree on average, and no two by less than half of that, so
     that a decision for two views is consistent with all others.
@@ -320,7 +320,7 @@ def find_partners(candidates, rays, shown, half_distance, colour_weight, least, 
 def _most(i, first, last, rays, weights, base_x, base_y, base_z, half_distance, by_rays, most):
     """Write an upper bound of `near - by_rays * total`, the sums of `agreement`, of detection i and `first` to `last`.
 
-    Only the rays (3, J, n) of the first joints are compared; those of the others are assumed to meet. `by_rays` is the
+    Only the rays (3, J, n) of the first joints are compared; the others are assumed to meet. `by_rays` is the
     least affinity of interest, `weights` (J, n) are roots of confidences, `most` (n,) is written from its beginning.
     """
     zero, one = np.float32(0), np.float32(1)
@@ -466,7 +466,7 @@ def pair_evidence(candidates, half_distance, colour_weight, least):
 def exchange_members(members, view, evidence, least):
     """Move detections between groups while that increases the evidence of all groups together.
 
-    The evidence of a group is that of its pairs, less `least` for each member but one. A detection thus belongs to a
+    The evidence of a group sums over its pairs, less `least` for each member but one. A detection thus belongs to a
     group if all joints that it shares with the members, counted together, have at least this affinity: views that show
     different parts of a person have few joints in common with each other. Groups that were joined early, along the best
     pairs, may have taken what another group needs more. A detection moves to another group, from which the one of the

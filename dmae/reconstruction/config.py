@@ -107,8 +107,8 @@ class TrackingConfig(Configuration):
     """Shortest time for which a person is measured with `birth_joints`, s; shorter tracks are false positives."""
     max_by_chance: float | None = 0.1
     """Largest expected number of people that ghosts alone would form: in a frame, with the support of a new person; and
-    in the recording, with that of a whole track. A track that exceeds it in frames for `coasting_s` ends. null accepts
-    all."""
+    in the recording, with the support of a whole track. A track that exceeds it in frames for `coasting_s` ends. null
+    accepts all."""
 
     def births(self, joints: int) -> int:
         """Return `birth_joints`; of skeletons with so few joints that this is nearly all, two thirds of them."""

@@ -125,7 +125,7 @@ def _suggestions_without_pairs(clip: Clip, config: CaptureConfig, enough: np.nda
             f"{', '.join(detecting) or 'none'}",
         )
     return (
-        "cameras detect people in different frames: are the frame numbers of their files those of one clock? "
+        "cameras detect people in different frames: do their files number frames by one clock? "
         "data.offsets shifts them",
     )
 

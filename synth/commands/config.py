@@ -151,8 +151,8 @@ class CompareBy(Enum):
 
 @dataclass(frozen=True)
 class CompareCommand(ProcessesConfig):
-    """Compare simulated clips with recordings: the detections of a recording with those of its simulation, or the
-    motion of recorded people with that of generated people."""
+    """Compare simulated clips with recordings: detections of a recording and of its simulation, or the motion of
+    recorded and of generated people."""
 
     by: CompareBy = CompareBy.detections
     """What is compared."""

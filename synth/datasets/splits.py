@@ -190,7 +190,7 @@ def identities(folder: Path, by: SplitBy) -> set[str]:
     persons = spec["persons"]
     if by is SplitBy.person:
         return {_digest(json.dumps(person["body"], sort_keys=True).encode()) for person in persons}
-    # A stem may contain dots: any extension stands for that of the file.
+    # A stem may contain dots: any extension stands in for the real one.
     named = (lambda take: subject(Path(f"{take}.take"))) if by is SplitBy.subject else str
     return {
         named(person["motion"][: cut.start()].rsplit(_READING_SEPARATOR, 1)[0])

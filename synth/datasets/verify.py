@@ -408,7 +408,7 @@ def _check_line(clip: Clip, line: dict, config: dict | None) -> Iterator[str]:
     if {"seed", "attempts"} <= line.keys() and line["seed"] != (
         seed := attempt_seed(config["seed"], line["attempts"] - 1)
     ):
-        yield f"seed: {line['seed']}, and attempt {line['attempts']} with that of {CONFIG} has {seed}"
+        yield f"seed: {line['seed']}, but attempt {line['attempts']} with the seed of {CONFIG} has {seed}"
 
 
 _OF_A_CLIP: dict[str, Callable[[Clip], Iterable[str]]] = {

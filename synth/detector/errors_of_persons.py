@@ -23,7 +23,7 @@ class Timing(Configuration):
     """Frames: the images of each view are shifted in time by a constant, drawn uniformly from minus to plus this
     value."""
     rolling_shutter: float = 0.0
-    """s; from the exposure of an image's first row to that of its last."""
+    """s; between the exposures of the first and the last row of an image."""
 
     def __post_init__(self):
         super().__post_init__()

@@ -45,7 +45,7 @@ def course(base: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         for ends, inner, outer in ((time < edge, edge, edge + 1), (time >= len(time) - edge, -edge - 1, -edge - 2)):
             rate = (way[outer] - way[inner]) * (1 if inner > 0 else -1)
             way[ends] = way[inner] + (time[ends] - time[inner])[:, None] * rate
-    # One frame has no direction but that of the hips.
+    # In one frame, only the hips show a direction.
     step = np.gradient(way, axis=0) if len(base) > 1 else 0 * way + base.rotations[:, 0, :2, 0]
     return way, np.cumsum(np.linalg.norm(step, axis=1)), np.unwrap(np.arctan2(step[:, 1], step[:, 0]))
 

@@ -83,6 +83,6 @@ def people(count: tuple[int, int]) -> str:
 
 
 def interaction_choices() -> dict[str, str]:
-    """Return each interaction's line of help by name, that of none included."""
+    """Return a line of help for each interaction by name, and for none."""
     help = {name: f"{each.help} For {people(each.persons)}." for name, each in interaction.items()}
     return {NO_INTERACTION: "Each person follows an independent motion."} | help

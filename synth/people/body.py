@@ -65,7 +65,7 @@ _SECTIONS = (1.57, 1.39, 1.26, 1.19, 1.11, 1.04, 1.01, 1.0)
 _PUBERTY = (9.0, 16.0)
 """Ages between which the builds of women and men diverge, years."""
 CHILD_FIGURE = 0.5
-"""Build of children, as `Body.figure`: shoulders half way between those of men and of women."""
+"""Build of children, as `Body.figure`: shoulders half way between men's and women's."""
 _HEAD_LOSS = 0.0114
 """Yearly decrease of the head's share of the mass until `_HEAD_LOST` (Jensen, Journal of Biomechanics 19, 1986)."""
 _HEAD_LOST = 15.0

@@ -34,7 +34,7 @@ _THUMBS = {
     "clasp": (10, 14, 16),
 }
 _SPREADS = {"relaxed": 0.3, "open": 0.4, "grip": 0.2, "fist": 0.2, "point": 0.3, "clasp": 0.2}
-"""Angles of the other fingers from the middle one, relative to those of the assets, which are wide."""
+"""Angles of the other fingers from the middle one, relative to the assets, whose fingers are spread wide."""
 
 
 def _shapes(thumbs: dict[str, tuple[int, int, int]]) -> dict[str, np.ndarray]:

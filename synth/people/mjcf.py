@@ -58,8 +58,8 @@ def capsules(body: Body, hands: tuple[str, str] | None = None) -> tuple[np.ndarr
 
     Args:
         body: Proportions.
-        hands: Shapes of the left and the right hand, of `synth.people.clothing.HANDS`; a fist is shorter. They are
-            those of the whole clip.
+        hands: Shapes of the left and the right hand, of `synth.people.clothing.HANDS`; a fist is shorter. They
+            hold for the whole clip.
 
     Returns:
         segments: (C,) index into `SEGMENTS`.

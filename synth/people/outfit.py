@@ -33,7 +33,7 @@ _TALL = {"top": 3, "bottom": 5, "coat": 5}
 _ARMHOLE = (0.1, 0.8)
 """Weights of the arm between which the pattern of a shirt passes from the trunk's to the sleeve's."""
 _SOFT, _LOOSE = 12, 24
-"""Numbers of times that weights around shoulders, and those of clothes around hips, are averaged over neighbours."""
+"""How often weights are averaged over neighbours: around shoulders, and of clothes around hips."""
 
 
 class Part(NamedTuple):
@@ -778,7 +778,7 @@ def _on_skin(corners: np.ndarray, segment: int, bare: BareBody) -> np.ndarray:
 
 
 def _turns(across: np.ndarray, ahead: np.ndarray) -> np.ndarray:
-    """Return directions (T, 3) in turns, from `ahead` to `across`, those of a triangle less than half a turn apart."""
+    """Return directions (T, 3) in turns, from `ahead` to `across`; within a triangle, less than half a turn apart."""
     turns = np.arctan2(across, ahead) / (2 * np.pi)
     return turns[:, :1] + (turns - turns[:, :1] + 0.5) % 1 - 0.5
 

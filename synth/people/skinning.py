@@ -86,7 +86,7 @@ def blend(weights: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarra
         for first, part in zip(_FINGERS, np.split(weights[:, len(SEGMENTS) :], 2, axis=1), strict=True):
             hand, own = _SEGMENT[first], slice(first, first + part.shape[1])
             bones[:, own] = part
-            # A part of the hand's weight may already be that of its half.
+            # A half of the hand may already have a part of its weight.
             bones[:, own] *= np.minimum(1, bones[:, hand] / np.maximum(bones[:, own].sum(1), 1e-12))[:, None]
             bones[:, hand] -= bones[:, own].sum(1)
     order = np.argsort(-np.ascontiguousarray(bones), axis=1, kind="stable")[:, :MOST_BONES]
@@ -284,7 +284,7 @@ def _share_of(q, share):
 
 @compiled()
 def _place_bones(quats, origins, parents, segment, shares, lengthwise, bones):
-    """Fill `bones` (B, 3, 4) with the rotation and origin of each bone, from those of the 16 segments."""
+    """Fill `bones` (B, 3, 4) with the rotation and origin of each bone, from the 16 segments."""
     for bone in range(len(segment)):
         i = segment[bone]
         q = (quats[i, 0], quats[i, 1], quats[i, 2], quats[i, 3])
@@ -322,7 +322,7 @@ class _Meshes(NamedTuple):
     """Meshes of M geoms in the model's arrays. Kernels write into those."""
 
     geoms: np.ndarray  # (M,) indices of the geoms
-    # first_vertex, first_normal, first_face: (M,) where those of a mesh begin; counts: (M,) number of its vertices
+    # first_vertex, first_normal, first_face: (M,) where a mesh begins in the array; counts: (M,) number of its vertices
     first_vertex: np.ndarray
     counts: np.ndarray
     first_normal: np.ndarray

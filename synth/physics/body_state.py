@@ -30,7 +30,7 @@ class BodyState:
     rotations: np.ndarray
     # (F, P, 17, 3) float32. First the force at the pelvis that carries the body, N, world: people need no balance, and
     # contacts bear only part of their weight. Then the torques at the joints, N m, each in the axes of its segment;
-    # that of the pelvis acts from outside, too.
+    # the torque at the pelvis acts from outside, too.
     forces: np.ndarray
     shapes: tuple[Body, ...]  # The proportions of each person
     actions: np.ndarray  # (F, P) int16 action of each person, as index into `action_names`

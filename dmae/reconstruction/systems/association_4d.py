@@ -102,8 +102,8 @@ def _associate(
 class _Graph:
     """Edges between joints of views and of the frame before, each 0 to 1, or -1 where there can be none.
 
-    `view` is that of each detection; `epipolar` is [J][n][n], `tracking` [J][T][n], `limb` [bone][n]; `root` [bone] is
-    1 at the root of the body, 0 at its last bones.
+    `view` of each detection; `epipolar` is [J][n][n], `tracking` [J][T][n], `limb` [bone][n]; `root` [bone] is 1 at the
+    root of the body, 0 at its last bones.
     """
 
     def __init__(self, frame: Frame, centers: np.ndarray, skeleton: Skeleton, before: list[np.ndarray]):

@@ -1,7 +1,7 @@
 """Plane sweep: each 2D pose is moved through depth, and networks of one dimension read its depth from the other views.
 
-Lin and Lee, Multi-View Multi-Person 3D Pose Estimation with Plane Sweep Stereo, CVPR 2021. Layers and constants are
-those of the released code for Shelf (github.com/jiahaoLjh/PlaneSweepPose). Published on Shelf: 97.9 % PCP (99.3, 96.5,
+Lin and Lee, Multi-View Multi-Person 3D Pose Estimation with Plane Sweep Stereo, CVPR 2021. Layers and constants
+follow the released code for Shelf (github.com/jiahaoLjh/PlaneSweepPose). Published on Shelf: 97.9 % PCP (99.3, 96.5,
 98.0 by actor).
 
 1. A 2D pose of one view, the target, is put on planes of all depths. On each it is projected into the other views and
@@ -13,7 +13,7 @@ those of the released code for Shelf (github.com/jiahaoLjh/PlaneSweepPose). Publ
 What differs:
 - The networks have 32 channels, not 128. They learn from poses of people simulated on recorded motion, in rings of
   cameras drawn at random, not from poses of CMU Panoptic in the cameras of Shelf: one set of weights serves any rig.
-- The standard deviations of scores are angles, those of 10 and 8 px on Shelf. Depths reach as far as cameras are apart.
+- The standard deviations of scores are angles: on Shelf, of 10 and 8 px. Depths reach as far as cameras are apart.
 - OpenPose leaves joints out: they are left out here as well. A 2D pose without both hips is not swept.
 
 Poses that no other target agrees with stay, as published: precision is low where a 2D pose has no partner.

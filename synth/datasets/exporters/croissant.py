@@ -128,7 +128,7 @@ def describe(summary: dict, scenes: Counter[str], seed: int | None) -> dict[str,
             + " exported."
         ),
         "dataAnnotationProtocol": (
-            "No human annotation. Joints are those of the simulated bodies. A ray from each camera to each joint tests "
+            "No human annotation. Joints are read from simulated bodies. A ray from each camera to each joint tests "
             "whether it is visible, and what hides it; masks and boxes are rendered. No trained model takes part. "
             "Simulated detections follow statistics of detectors' errors, one of them BlazePose (Google, Apache-2.0)."
         ),
@@ -139,9 +139,9 @@ def describe(summary: dict, scenes: Counter[str], seed: int | None) -> dict[str,
         "dataLimitations": (
             "Images are plain renderings; clothes, hair and hands are outlines. "
             + (
-                "Motion is that of the takes, as far as a simulated body can follow it."
+                "People move as in the takes, as far as a simulated body can follow it."
                 if recorded
-                else "Procedural motion differs from recorded motion, most of all that of the feet."
+                else "Procedural motion differs from recorded motion, most of all at the feet."
             )
         ),
         "dataBiases": (
@@ -153,7 +153,7 @@ def describe(summary: dict, scenes: Counter[str], seed: int | None) -> dict[str,
             "recording real ones."
         ),
         "personalSensitiveInformation": (
-            "No image of a real person. The motion is that of recorded people, whose terms apply."
+            "No image of a real person. The motion is of recorded people, whose terms apply."
             if recorded
             else "No person was recorded."
         ),

@@ -21,7 +21,7 @@ class PoseOffsets:
     chest: np.ndarray
     head: np.ndarray  # (F, 2) turn to the left, nod
     arms: np.ndarray  # (F, 2, 5) angles of left and right arm, as `trajectory.HANGING`
-    raised: np.ndarray  # (F, 2) weight of these angles against those of an arm at ease, 0 to 1
+    raised: np.ndarray  # (F, 2) weight of these angles, from 0, an arm at ease, to 1
     # (F, 2, 5) displacement of the ankle, turn to the left, and the pitch, toes up, by which the foot rolls
     feet: np.ndarray
     # (F, 2, 4) of a leg in the air: thigh forward and outward of the vertical, knee flexion, dorsiflexion

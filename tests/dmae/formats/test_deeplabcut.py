@@ -49,7 +49,7 @@ def test_hdf5_comes_before_csv_and_cameras_once(tmp_path):
 
 def test_joints_of_another_skeleton_are_refused(tmp_path):
     write_deeplabcut(tmp_path)
-    with pytest.raises(ValueError, match=r"its joints are not those of hand21: it lacks wrist.*and has withers"):
+    with pytest.raises(ValueError, match=r"expected the joints of hand21: it lacks wrist.*and has withers"):
         dmae.read(tmp_path, fps=30, skeleton=str(SKELETONS / "hand.yaml"))
 
 
