@@ -26,7 +26,7 @@ class ReviewVerdict(StrEnum):
     blank = "blank"
     """The joint is left out of exports and of completed poses."""
     hand_back = "hand_back"
-    """`dmae complete` completes it, as if no camera had measured it; until then exports leave it out."""
+    """`dmae complete` completes it, as if it had not been measured; until then exports leave it out."""
 
 
 @dataclass(frozen=True)
