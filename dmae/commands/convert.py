@@ -23,9 +23,9 @@ def run(config: ConvertCommand, out: Path) -> None:
     settings = settings_of("dmae convert", config, Path(config.data.path)) if clips.data_set else None
     names, tasks = [folder.name for folder in clips.folders], ((clips, number) for number in range(len(clips)))
     with ClipSet(out, settings) as made:
-        for name, clip, _ in made.fill(_read, names, tasks, 1, "converting"):
-            if clip is not None:
-                _print(clip, out if made.alone else out / name)
+        for name, converted, _ in made.fill(_read, names, tasks, 1, "converting"):
+            if converted is not None:
+                _print(converted, out if made.alone else out / name)
 
 
 def _read(clips: Clips, number: int) -> tuple[Clip, list[str]]:

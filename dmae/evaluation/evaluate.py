@@ -7,6 +7,7 @@ A trial is poses with gaps and their truth: captured with some of the cameras, o
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
@@ -67,7 +68,9 @@ def filled_trials(
     are drawn. `handed_in`: path of poses that were made elsewhere. The fields `data`, `methods`, `poses` and `weights`
     of the configuration are not used.
     """
-    trials = (trial for n, clip in enumerate(clips, first) for trial in _trials(clip, n, config, handed_in))
+    trials: Iterator[Trial] = chain.from_iterable(
+        _trials(clip, n, config, handed_in) for n, clip in enumerate(clips, first)
+    )
     if shown:
         captured = config.input == Input.captured_poses and not handed_in
         total = len(clips) * (len(camera_subsets(clips[0], config.views)) if captured else 1)
