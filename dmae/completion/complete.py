@@ -19,8 +19,8 @@ from dmae.completion.features import correction_weight, near_measurement, noisin
 from dmae.completion.fillings import contradicted
 from dmae.completion.methods import Fill, completion_method
 from dmae.completion.network import DMAE
-from dmae.completion.pieces import in_pieces
-from dmae.completion.pose_prior import floor_height, likely_pose, stand_on_floor
+from dmae.completion.pieces import check_given, in_pieces
+from dmae.completion.pose_prior import ANKLES, floor_height, likely_pose, stand_on_floor
 from dmae.completion.weights import SHIPPED, find_shipped, load_model, weights_folder
 from dmae.completion.windows import Rows, make_rows
 from dmae.data.clip import Poses3D, Source
@@ -29,7 +29,7 @@ from dmae.data.skeleton import Skeleton
 from dmae.data.typed import check_arguments
 from dmae.files.contents import cached_until_changed
 from dmae.metrics.position import GAPS
-from dmae.numerics.body import bone_lengths, rotate_z
+from dmae.numerics.body import rotate_z
 from dmae.numerics.filling import are_stills, keep_rejected, present, resample
 from dmae.numerics.paths import gap_lengths
 from dmae.parallel import one_thread
@@ -173,21 +173,6 @@ _AGREEING_VIEWS = 3
 came no nearer to annotations."""
 
 
-_LONGEST = 4.0
-"""m; bones of people are shorter, by a factor of ten in the median. In mm they are 250 long, in cm 25."""
-
-
-def _check_metres(poses: Poses3D) -> None:
-    """Raise ValueError if measured bones in some of the frames are so long that coordinates are not in m."""
-    some = poses.select(slice(None, None, 1 + len(poses.xyz) // 100))
-    lengths = bone_lengths(np.where(some.measured[..., None], some.xyz, np.nan), poses.skeleton.bones)
-    lengths = lengths[np.isfinite(lengths)]
-    if len(lengths) and (median := float(np.median(lengths))) > _LONGEST * poses.skeleton.scale:
-        raise ValueError(
-            f"poses: expected coordinates in m, found bones of {median:.3g} m; divide those in mm by 1000, in cm by 100"
-        )
-
-
 @dataclass(frozen=True)
 class Completer:
     """A trained model, ready to fill in joints on which fewer than two cameras agree.
@@ -215,7 +200,7 @@ class Completer:
       frame a second (`dmae.numerics.filling.STILLS`) each frame is completed by itself: by how poses vary in the
       training data (`dmae.completion.pose_prior`), or with weights of two skeletons by the network.
     - Legs that no camera ever detected are bent so that their feet are on the floor: where measured feet are in the
-      recording, or z = 0 if there are few.
+      recording, anybody's, or z = 0 if there are few.
     - Poses of another skeleton are completed through the joints that it has in common with the model's
       (`dmae.data.conversion.convert`); other joints stay as they are. `notes` says where either happens.
     - Weights of two skeletons side by side (`dmae.completion.fusion`) take poses of the first, or of one that has all
@@ -241,28 +226,36 @@ class Completer:
 
     @check_arguments
     def __call__(self, poses: Poses3D, fps: float, frames: slice = slice(None)) -> Poses3D:
-        _check_metres(poses)
-        done = in_pieces(self._whole, poses, fps, frames)
+        check_given(poses, fps)
+        floor = self._floor(poses, fps)
+        done = in_pieces(lambda *given: self._whole(*given, floor), poses, fps, frames)
         return keep_rejected(done, poses.select(frames)) if done.skeleton == poses.skeleton else done
 
-    def _whole(self, poses: Poses3D, fps: float, frames: slice) -> Poses3D:
+    def _whole(self, poses: Poses3D, fps: float, frames: slice, floor: float) -> Poses3D:
         with one_thread():
             if not self.smooth:
-                return self._complete(poses, fps, frames)
+                return self._complete(poses, fps, frames, floor)
             # Neighbours of the requested frames take part in smoothing.
             asked, reach = range(len(poses.xyz))[frames], ceil(3 * self.smooth * fps)
             first = max(asked.start - reach, 0)
-            done = self._complete(poses, fps, slice(first, asked.stop + reach))
+            done = self._complete(poses, fps, slice(first, asked.stop + reach), floor)
             noisy = noisiness(poses.without(poses.source == Source.COMPLETED))[first : asked.stop + reach]
             done = smooth_by_noise(done, noisy, fps, self.smooth)
             return done.select(slice(asked.start - first, asked.stop - first))
 
-    def _complete(self, poses: Poses3D, fps: float, frames: slice) -> Poses3D:
+    def _floor(self, poses: Poses3D, fps: float) -> float:
+        """Return the height of the floor, m, that everybody's measured ankles show."""
+        if not set(ANKLES.joints) & set(poses.skeleton.parts[0].joints):
+            return 0.0
+        ankles = convert(poses, ANKLES)
+        return floor_height(self._evidence(ankles.without(np.isinf(ankles.xyz).any(-1)), fps))
+
+    def _complete(self, poses: Poses3D, fps: float, frames: slice, floor: float) -> Poses3D:
         """Return some frames of the poses, completed and not yet smoothed."""
         poses = poses.without(np.isinf(poses.xyz).any(-1))
         if poses.skeleton != self.skeleton.parts[0]:
             if not self.target:
-                return self._by_common_joints(poses, fps, frames)
+                return self._by_common_joints(poses, fps, frames, floor)
             poses = self._as_source(poses)
         poses = self._evidence(poses, fps)
         if self.target:
@@ -274,10 +267,10 @@ class Completer:
         given = poses.select(frames)
         if len(poses.xyz) == 1 and self.model.config.residual:
             likely = likely_pose(poses, *(part.cpu().numpy() for part in (self.model.rest, self.model.pose_covariance)))
-            xyz = self._on_floor(np.where(absent[..., None], likely, given.xyz), poses)
+            xyz = self._on_floor(np.where(absent[..., None], likely, given.xyz), poses, floor)
             return replace(given, xyz=xyz, source=np.where(absent, Source.COMPLETED, given.source))
         predicted, scale = predict(self.model, poses, fps, frames, absent | moved)
-        xyz = self._on_floor(np.where((absent | moved)[..., None], predicted, given.xyz), poses)
+        xyz = self._on_floor(np.where((absent | moved)[..., None], predicted, given.xyz), poses, floor)
         source = np.where(absent, Source.COMPLETED, np.where(moved, Source.DENOISED, given.source))
         deviation = self._deviation(poses, fps, scale, frames)
         return _with_covariances(replace(given, xyz=xyz, source=source), absent, deviation)
@@ -339,7 +332,7 @@ class Completer:
 
     def _evidence(self, poses: Poses3D, fps: float) -> Poses3D:
         poses = poses.without(poses.source == Source.COMPLETED)
-        if not self.reject:
+        if not self.reject or are_stills(fps):
             return poses
         contradict = _of_few_views(poses) & contradicted(poses.xyz, fps, _ACCELERATION)
         without = poses.without(poses.measured & (contradict | uncertain(poses)))
@@ -347,12 +340,12 @@ class Completer:
         lengths = np.where(without.measured.any(0), gap_lengths(without.measured), np.inf)
         return poses.without(poses.measured & (contradict | (uncertain(poses) & (lengths <= _LONGEST_WITHOUT * fps))))
 
-    def _by_common_joints(self, poses: Poses3D, fps: float, frames: slice) -> Poses3D:
+    def _by_common_joints(self, poses: Poses3D, fps: float, frames: slice, floor: float) -> Poses3D:
         """Complete poses of another skeleton through the joints that it has in common with the model's."""
         try:
             converted = convert(poses, self.skeleton)
             common = np.isin(poses.skeleton.joints, self.skeleton.joints)
-            done = convert(self._complete(converted, fps, frames), poses.skeleton)
+            done = convert(self._complete(converted, fps, frames, floor), poses.skeleton)
         except KeyError as error:
             raise ValueError(
                 f"the weights are for skeleton {self.skeleton.name!r}, the poses are {poses.skeleton.name!r}, and "
@@ -363,12 +356,12 @@ class Completer:
         taken = common | ((done.source != Source.ABSENT) & ~poses.measured)
         return poses.taking(taken, done)
 
-    def _on_floor(self, xyz: np.ndarray, poses: Poses3D) -> np.ndarray:
+    def _on_floor(self, xyz: np.ndarray, poses: Poses3D, floor: float) -> np.ndarray:
         """Return completed joints (F, P, J, 3) with legs that no camera ever detected on the floor."""
         if not self.model.config.residual:
             return xyz
         never = ~(poses.measured | np.isfinite(poses.rays).all((-1, -2))).any(0)
-        covariance, floor = self.model.pose_covariance.cpu().numpy(), floor_height(poses)
+        covariance = self.model.pose_covariance.cpu().numpy()
         for person in np.flatnonzero(never.any(1)):
             xyz[:, person] = stand_on_floor(xyz[:, person], never[person], floor, self.skeleton, covariance)
         return xyz

@@ -26,7 +26,7 @@ from dmae.completion import fusion
 from dmae.completion.config import TrainConfig
 from dmae.completion.features import noisiness, smooth_by_noise
 from dmae.completion.network import DMAE
-from dmae.completion.pieces import in_pieces
+from dmae.completion.pieces import check_given, in_pieces
 from dmae.completion.training_data import Examples, PosePair, Recipe, mask_captured, mask_scattered
 from dmae.data.clip import Poses3D, Source
 from dmae.data.conversion import convert
@@ -275,7 +275,7 @@ class PaperCompleter:
 
     Raises (when called):
         KeyError: the skeleton cannot be converted to the network's.
-        ValueError: fps is not positive and finite.
+        ValueError: fps is not positive and finite, or poses are not in m.
     """
 
     model: DMAE
@@ -284,6 +284,7 @@ class PaperCompleter:
     smooth: float = 0.0
 
     def __call__(self, poses: Poses3D, fps: float, frames: slice = slice(None)) -> Poses3D:
+        check_given(poses, fps)
         with one_thread():
             return in_pieces(self._whole, poses, fps, frames)
 

@@ -1,4 +1,4 @@
-"""Long recordings in pieces: frames are completed by what is known of the person within 20 s, on one thread."""
+"""What the networks are given: poses in m, of long recordings pieces with what is known of a person within 20 s."""
 
 from collections.abc import Callable, Iterator
 from itertools import pairwise
@@ -8,6 +8,7 @@ import numpy as np
 
 from dmae.data.clip import Poses3D
 from dmae.files.mapped import empty, in_steps
+from dmae.numerics.body import bone_lengths
 from dmae.numerics.filling import are_stills, fill_stills
 from dmae.progress import progress
 
@@ -18,6 +19,22 @@ _UNIT = 5.0
 """s; pieces begin at multiples of it, as blocks of `dmae.completion.gaussian_process` do, and every window of a
 network that is a whole number of times shorter."""
 _MARGIN = 4  # Units before and after a piece that are given with it
+_LONGEST = 4.0
+"""m; bones of people are shorter, by a factor of ten in the median. In mm they are 250 long, in cm 25."""
+
+
+def check_given(poses: Poses3D, fps: float) -> None:
+    """Raise ValueError if fps is not positive and finite, or measured bones in some of the frames are so long that
+    coordinates are not in m."""
+    if not (np.isfinite(fps) and fps > 0):
+        raise ValueError(f"fps must be positive, found {fps}")
+    some = poses.select(slice(None, None, 1 + len(poses.xyz) // 100))
+    lengths = bone_lengths(np.where(some.measured[..., None], some.xyz, np.nan), poses.skeleton.bones)
+    lengths = lengths[np.isfinite(lengths)]
+    if len(lengths) and (median := float(np.median(lengths))) > _LONGEST * poses.skeleton.scale:
+        raise ValueError(
+            f"poses: expected coordinates in m, found bones of {median:.3g} m; divide those in mm by 1000, in cm by 100"
+        )
 
 
 def in_pieces(
@@ -26,14 +43,12 @@ def in_pieces(
     """Return `complete(poses, fps, frames)`, of a long recording person by person, in pieces with 20 s on both sides.
 
     Lengths of bones are then the medians within a piece and its sides, and gaps are filled by what was measured there.
-    Stills are completed each by itself. Raises ValueError if fps is not positive and finite.
+    Stills are completed each by itself.
 
     Args:
         complete: Returns some frames of poses, completed by all of them, with the same persons.
         frames: Those to return.
     """
-    if not (np.isfinite(fps) and fps > 0):
-        raise ValueError(f"fps must be positive, found {fps}")
     if are_stills(fps):
         return fill_stills(lambda stills, rate: complete(stills, rate, slice(None)), poses.select(frames))
     asked = range(len(poses.xyz))[frames]

@@ -23,6 +23,8 @@ _ABOVE, _BELOW = 0.3, 1.0
 """m; feet higher above the floor than this rest on something else, such as a bed. Feet deeper below it than this show
 that the floor is elsewhere."""
 _SEEN_ON_FLOOR = 20  # Smallest number of measured feet that say where the floor is
+ANKLES = Skeleton("ankles", ("l_ankle", "r_ankle"), (-1, -1))
+"""The joints that `floor_height` reads."""
 
 
 def pose_covariance(xyz: np.ndarray, skeleton: Skeleton, rest: np.ndarray) -> np.ndarray:

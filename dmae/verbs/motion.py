@@ -107,8 +107,8 @@ def complete(
 
     Raises:
         FileNotFoundError: the weights do not exist, or there are none for this skeleton.
-        ValueError: the skeletons have no joint in common, fps is not positive, `smooth` is negative, or `delay` is
-            given without `online`.
+        ValueError: the skeletons have no joint in common, fps is not positive, poses are not in m, `smooth` is
+            negative, or `delay` is given without `online`.
 
     Examples:
         >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))

@@ -6,6 +6,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -21,6 +22,7 @@ from dmae.completion.config import (
     TrainConfig,
 )
 from dmae.completion.fillings import fill_linear, fill_pchip_body
+from dmae.completion.pose_prior import pose_covariance
 from dmae.completion.training import train
 from dmae.completion.weights import save_model
 from dmae.data.clip import Poses3D, Source
@@ -508,6 +510,24 @@ def test_pieces_give_what_the_whole_gives(asked, monkeypatch):
     for name in (field.name for field in fields(Poses3D)[1:]):
         np.testing.assert_array_equal(getattr(found, name), getattr(whole, name), name)
     assert {persons for _, persons in sizes} == {1} and max(count for count, _ in sizes) < len(poses.xyz)
+
+
+def test_in_pieces_people_stand_on_the_floor_that_others_show(monkeypatch):
+    """The floor is 0.4 m below z = 0, and nobody ever saw the legs of the second person."""
+    completer, truth = untrained(), circling(0, 1600, persons=2)
+    rest = completer.model.rest.numpy()
+    completer.model.pose_covariance.copy_(torch.from_numpy(pose_covariance(truth.xyz, SHELF14, rest)))
+    legs, ankles = SHELF14.index("l_knee", "r_knee", "l_ankle", "r_ankle"), SHELF14.index("l_ankle", "r_ankle")
+    xyz = truth.xyz - np.float32([0, 0, 0.4])
+    xyz[:, 1, legs] = np.nan
+    lower = []
+    for frames in (4000, 300):
+        monkeypatch.setattr(pieces, "WHOLE", frames)
+        monkeypatch.setattr(pieces, "_PIECE", frames)
+        done = completer(Poses3D(SHELF14, xyz), FPS).xyz
+        lower.append(done[:, :, ankles, 2].min(-1).mean(0))
+    np.testing.assert_allclose(lower[1], lower[0], atol=0.01)
+    assert abs(lower[1][1] - lower[1][0]) < 0.1
 
 
 def test_nobody(monkeypatch):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+import dmae
 from dmae.cli import DMAE as PROGRAM
 from dmae.cli import compose
 from dmae.completion.complete import load_completer
@@ -265,6 +266,12 @@ def test_people_at_other_rates_short_recordings_and_nobody(pretrained):
     assert complete(nobody, FPS).xyz.shape == (5, 0, 21, 3)
     unseen = replace(given, xyz=np.full_like(given.xyz, np.nan), source=np.full_like(given.source, Source.ABSENT))
     assert np.isnan(complete(unseen, FPS).xyz).all()
+
+
+def test_poses_in_millimetres_are_refused():
+    poses = walk(3, 30)
+    with pytest.raises(ValueError, match=r"expected coordinates in m, found bones of .* m; divide those in mm by 1000"):
+        dmae.complete(replace(poses, xyz=1000 * poses.xyz), FPS, weights="paper")
 
 
 def test_weights_of_other_sizes_are_refused(pretrained, tmp_path):
