@@ -91,7 +91,7 @@ def predict(
         weight = (time - first).clip(0, 1)[:, None, None, None]
         correction = before * (1 - weight) + after * weight
     # The target's joints lie elsewhere than what they are derived from, however short a gap is.
-    weight = 1 if target else correction_weight(poses)
+    weight = 1 if target else correction_weight(poses, fps)
     return (base + np.nan_to_num(correction[..., :3]) * weight)[frames], np.exp(correction[..., 3])[frames]
 
 
@@ -185,7 +185,7 @@ class Completer:
       its last measurement, nor in a longer absence.
     - Covariances are unknown (NaN) farther than 0.2 s from any measurement of the person, and for a joint that was
       never measured, if none of its children was (or, without children, its parent), as of a leg behind a table, or if
-      the person was measured in fewer frames than a window has.
+      the person was measured for less time than a window lasts.
     - Windows overlap by two thirds; their corrections of the interpolation are blended with weights that fall linearly
       from the middle of a window. A window without a measurement adds nothing.
     - Measured joints are returned unchanged, to the bit. With `denoise` those of fewer than three views (or unknown)
@@ -239,7 +239,7 @@ class Completer:
             asked, reach = range(len(poses.xyz))[frames], ceil(3 * self.smooth * fps)
             first = max(asked.start - reach, 0)
             done = self._complete(poses, fps, slice(first, asked.stop + reach), floor)
-            noisy = noisiness(poses.without(poses.source == Source.COMPLETED))[first : asked.stop + reach]
+            noisy = noisiness(poses.without(poses.source == Source.COMPLETED), fps)[first : asked.stop + reach]
             done = smooth_by_noise(done, noisy, fps, self.smooth)
             return done.select(slice(asked.start - first, asked.stop - first))
 
@@ -308,7 +308,7 @@ class Completer:
         """
         measured = (fusion.derive(poses, self.target) if self.target else poses).measured
         lengths = np.where(measured.any(0), gap_lengths(measured), np.inf)
-        return lengths * (self.model.config.fps / fps), noisiness(poses)
+        return lengths * (self.model.config.fps / fps), noisiness(poses, fps)
 
     def _as_source(self, poses: Poses3D) -> Poses3D:
         """Return poses that have all the joints of the first of two skeletons, on that skeleton."""
@@ -376,7 +376,7 @@ class Completer:
         # Regions that should hold 90 % held 20 to 80 % of the joints never measured in glimpses of people, and 4 to
         # 68 % of those whose limb was measured nowhere farther out.
         never = np.isinf(lengths)
-        glimpsed = there.sum(0) < config.frames * min(fps / config.fps, 1)
+        glimpsed = there.sum(0) < config.frames * fps / config.fps
         unsure = never & (glimpsed[:, None] | _outer_unknown(never, self.target or self.skeleton))
         known = np.where(near_measurement(poses, fps)[frames] & ~unsure, 1, np.nan)
         return known * calibrated(scale, lengths, noisy, self.factors)

@@ -15,7 +15,9 @@ from dmae.numerics.paths import frames_away, neighbours, take_frames
 from dmae.numerics.statistics import median_over_frames
 
 _BONE_FRAMES, _JOINT_FRAMES, _PERSON_FRAMES = 3, 9, 51
-"""Frames over which the stretch of a bone, the jitter of a joint, and either of a whole person are averaged."""
+"""Frames of a network over which the stretch of a bone, the jitter of a joint, and either of a whole person are
+averaged."""
+_PERSON_SECONDS = 1.0  # s before and after a frame over which `noisiness` is averaged; 51 frames at 25 frames/s
 _UNIT, _SMALLEST = 0.01, 1e-3  # m; of which noise levels are multiples, and what is added before the logarithm is taken
 
 
@@ -90,20 +92,32 @@ def bone_stretch(xyz: np.ndarray, bones: Bones) -> np.ndarray:
     Args:
         xyz: (F, P, J, 3) m; NaN where not measured.
     """
+    return _noise_levels(_stretch(xyz, bones), _BONE_FRAMES)
+
+
+def _stretch(xyz: np.ndarray, bones: Bones) -> np.ndarray:
+    """Return how much measured bones (F, P, J) differ from their median length, m."""
     lengths = parent_bone_lengths(xyz, bones)
-    return _noise_levels(np.abs(lengths - median_over_frames(lengths)), _BONE_FRAMES)
+    return np.abs(lengths - median_over_frames(lengths))
 
 
 def _noise_levels(sizes: np.ndarray, frames: int) -> np.ndarray:
     """Return logarithms (F, P, J, 3) of means of `sizes` (F, P, J), m: of the person, and around the last and next
     known frame."""
-    known = ~np.isnan(sizes)
-    sizes = np.nan_to_num(sizes)
-    own = _moving_mean(sizes, known, frames)
-    person = _moving_mean(sizes.sum(-1), known.sum(-1), _PERSON_FRAMES)[..., None]
-    person = np.broadcast_to(np.where(np.isnan(person), _UNIT, person), own.shape)
+    own = _moving_mean(np.nan_to_num(sizes), ~np.isnan(sizes), frames)
+    person = np.broadcast_to(_of_person(sizes, _PERSON_FRAMES), own.shape)
     sides = (take_frames(own[..., None], edge)[..., 0] for edge in neighbours(~np.isnan(own)))
     levels = np.stack([person, *(np.where(np.isnan(side), person, side) for side in sides)], -1)
+    return _logarithm(levels)
+
+
+def _of_person(sizes: np.ndarray, frames: int) -> np.ndarray:
+    """Return the mean (F, P, 1) of sizes (F, P, J) m of all joints within a number of frames; 0.01 m where unknown."""
+    person = _moving_mean(np.nan_to_num(sizes).sum(-1), (~np.isnan(sizes)).sum(-1), frames)[..., None]
+    return np.where(np.isnan(person), _UNIT, person)
+
+
+def _logarithm(levels: np.ndarray) -> np.ndarray:
     return np.log((levels + _SMALLEST) / _UNIT)
 
 
@@ -119,21 +133,22 @@ _EXACT, _NOISY = -1.5, -0.1  # By `bone_stretch` poses are exact up to the first
 _NEAR = 0.2  # s; farther from any measurement of a person, regions of 90 % held less than 80 % of the truth
 
 
-def noisiness(poses: Poses3D) -> np.ndarray:
+def noisiness(poses: Poses3D, fps: float) -> np.ndarray:
     """Return from 0 where poses are exact to 1 where they are as noisy as captured ones, (F, P, 1).
 
-    It is judged by how much bones stretch.
+    It is judged by how much a person's bones stretch within two seconds.
     """
-    stretch = bone_stretch(poses.xyz.astype(np.float64), poses.skeleton.bones)[:, :, :1, 0]
+    sizes = _stretch(poses.xyz.astype(np.float64), poses.skeleton.bones)
+    stretch = _logarithm(_of_person(sizes, 2 * round(_PERSON_SECONDS * fps) + 1))
     return ((stretch - _EXACT) / (_NOISY - _EXACT)).clip(0, 1)
 
 
-def correction_weight(poses: Poses3D) -> np.ndarray:
+def correction_weight(poses: Poses3D, fps: float) -> np.ndarray:
     """Return the weight of a network's correction of interpolated and of measured joints, (F, P, J, 1).
 
     It is 1 for interpolated joints. Measured joints are corrected the less the more exact the poses are.
     """
-    return np.where(poses.measured[..., None], noisiness(poses)[..., None], 1.0)
+    return np.where(poses.measured[..., None], noisiness(poses, fps)[..., None], 1.0)
 
 
 def smooth_by_noise(filled: Poses3D, noisy: np.ndarray, fps: float, seconds: float) -> Poses3D:

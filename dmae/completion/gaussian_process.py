@@ -39,7 +39,7 @@ def fill_gaussian_process(poses: Poses3D, fps: float) -> Poses3D:
     poses = without_infinite(poses, fps)
     bodies = interpolate_bodies(poses.xyz.astype(np.float64), poses.skeleton, fps, pchip, poses.rays)
     # Rays of single cameras say more than other frames do.
-    exact = np.where(np.isnan(poses.rays[..., 0, 0]), (1 - noisiness(poses)) ** 2, 0)
+    exact = np.where(np.isnan(poses.rays[..., 0, 0]), (1 - noisiness(poses, fps)) ** 2, 0)
     place_torso(bodies, exact, fps)
     place_limbs(bodies, fps)
     correct_limbs(bodies, exact, fps)

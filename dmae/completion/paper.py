@@ -301,7 +301,7 @@ class PaperCompleter:
     def _whole(self, poses: Poses3D, fps: float, frames: slice) -> Poses3D:
         done = self._complete(poses, fps)
         if self.smooth:
-            noisy = noisiness(poses.without(poses.source == Source.COMPLETED))
+            noisy = noisiness(poses.without(poses.source == Source.COMPLETED), fps)
             done = smooth_by_noise(done, noisy, fps, self.smooth)
         return done.select(frames)
 

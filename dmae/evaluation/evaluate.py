@@ -98,7 +98,7 @@ def filled_by(
         )
     if name in completion_method and find_method(name).smooths:
         return filled
-    return smooth_by_noise(filled, noisiness(given), fps, smooth)
+    return smooth_by_noise(filled, noisiness(given, fps), fps, smooth)
 
 
 def _trials(clip: Clip, number: int, config: EvaluateConfig, path: Path | None) -> Iterator[Trial]:

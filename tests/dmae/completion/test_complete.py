@@ -290,6 +290,17 @@ def test_joints_never_measured_take_their_own_factor():
     assert np.linalg.norm(doubted.xyz - poses.xyz, axis=-1).max() < 0.5
 
 
+@pytest.mark.parametrize("fps", [FPS, 2 * FPS, 4 * FPS])
+@pytest.mark.parametrize(("frames", "known"), [(8, False), (12, True)])
+def test_from_less_time_than_a_window_lasts_nobody_knows_how_far_off_a_joint_is(frames, known, fps):
+    """Windows are 9 frames long at the rate of the model."""
+    xyz = circling(1, frames=round(frames * fps / FPS)).xyz.copy()
+    xyz[:, :, HIPS] = np.nan
+    done = untrained(factors=((1.0,) * CLASSES,) * 2)(Poses3D(SHELF14, xyz), fps)
+    assert (done.source[:, :, HIPS] == Source.COMPLETED).all()
+    assert (np.isfinite(deviation(done)[:, :, HIPS]) == known).all()
+
+
 def test_how_far_off_a_leg_is_that_nobody_ever_saw_is_unknown():
     xyz = circling(1, frames=30).xyz.copy()
     xyz[:, 0, SHELF14.index("l_knee", "l_ankle")] = np.nan

@@ -152,20 +152,31 @@ def people() -> Poses3D:
 
 
 def test_noisiness_separates_exact_from_noisy_poses(people):
-    exact, between, captured = noisiness(people)[..., 0].T
+    exact, between, captured = noisiness(people, 25.0)[..., 0].T
     assert exact.max() == 0
     assert 0 < between.min() <= between.max() < 1
     assert captured.min() == 1
 
 
+def test_noisiness_is_averaged_over_as_many_seconds_at_any_rate():
+    """Of poses that become noisy after 6 s, and every fourth of their frames."""
+    rng = np.random.default_rng(0)
+    xyz = (
+        rng.normal(0, 0.3, (1, 1, 14, 3))
+        + rng.normal(0, 0.012, (1200, 1, 14, 3)) * (np.arange(1200) >= 600)[:, None, None, None]
+    )
+    often, seldom = (noisiness(Poses3D(SHELF14, xyz[::step]), 100 / step)[..., 0] for step in (1, 4))
+    np.testing.assert_allclose(often[::4], seldom, atol=0.15)
+
+
 def test_people_never_measured_count_as_noisy():
-    assert (noisiness(Poses3D(SHELF14, np.full((5, 1, 14, 3), np.nan))) == 1).all()
+    assert (noisiness(Poses3D(SHELF14, np.full((5, 1, 14, 3), np.nan)), 25.0) == 1).all()
 
 
 def test_interpolated_joints_are_corrected_and_exactly_measured_ones_are_not(people):
     hidden = np.zeros(people.measured.shape, bool)
     hidden[10:12, :, 3] = hidden[40:90, :, 3] = True
-    counts = correction_weight(people.without(hidden))[..., 3, 0]
+    counts = correction_weight(people.without(hidden), 25.0)[..., 3, 0]
     assert (counts[hidden[..., 3]] == 1).all()
     exact, between, captured = counts[~hidden[:, 0, 3]].T
     assert exact.max() == 0 and captured.min() == 1
@@ -173,7 +184,7 @@ def test_interpolated_joints_are_corrected_and_exactly_measured_ones_are_not(peo
 
 
 def test_exact_poses_are_not_smoothed_and_captured_ones_are_in_full(people):
-    found, full = smooth_by_noise(people, noisiness(people), 25.0, 0.1), smooth(people, 25.0, 0.1)
+    found, full = smooth_by_noise(people, noisiness(people, 25.0), 25.0, 0.1), smooth(people, 25.0, 0.1)
     np.testing.assert_array_equal(found.xyz[:, 0], people.xyz[:, 0])
     np.testing.assert_allclose(found.xyz[:, 2], full.xyz[:, 2], atol=1e-6)
     moved = np.linalg.norm(np.stack([found.xyz, full.xyz]) - people.xyz, axis=-1).mean((1, 3))
