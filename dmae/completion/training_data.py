@@ -156,14 +156,15 @@ def augment(pair: PosePair, config: AugmentConfig, fps: float, *, rng: np.random
     Args:
         fps: Frames per second of the poses, and of those returned.
     """
-    speed, backwards = np.exp(rng.uniform(-config.speed, config.speed)), rng.random() < config.reverse
+    # Recordings that last `longer` times as long are as many times slower.
+    longer, backwards = np.exp(rng.uniform(-config.speed, config.speed)), rng.random() < config.reverse
     persons = pair.truth.xyz.shape[1]
     mirrored = rng.random((persons,)) < config.mirror
     size = np.exp(rng.normal(0, config.scale, (persons, 1, 1)))
     angle = rng.uniform(-np.pi, np.pi, (persons, 1))
 
     def varied(poses: Poses3D) -> Poses3D:
-        new = resample(poses, fps, fps * speed)
+        new = resample(poses, fps, fps * longer)
 
         def move(points: np.ndarray, size: np.ndarray | float) -> np.ndarray:
             points = points.astype(np.float64)[:: -1 if backwards else 1]
@@ -350,7 +351,7 @@ class TrainingBatches(Dataset):
     """The batches of one epoch. Batch i is the same whenever and by whichever worker it is made.
 
     In every epoch recordings are augmented, masked and interpolated whole, so that gaps may be longer than windows;
-    then windows are drawn from all of them.
+    then each window is drawn from the recordings of a pool that is drawn first.
     """
 
     def __init__(
@@ -376,9 +377,9 @@ class TrainingBatches(Dataset):
         self.recipe, self.seed, self.share = recipe, seed, share
         self.first, self.steps, self.batch = epoch * steps, steps, batch
         rng = generator(seed, epoch, Stream.MASKING)
-        made, windows = [], batch * max(min(steps, taken), 1)
+        made, counts, windows = [], [], batch * max(min(steps, taken), 1)
         for part, group in pools:
-            size, order = 0, []
+            size, order, first = 0, [], len(made)
             # Twice as many rows as windows are drawn: neighbouring windows differ little.
             while size < 2 * windows * part:
                 order = order or list(rng.permutation(len(group)))
@@ -390,7 +391,10 @@ class TrainingBatches(Dataset):
                 size += max(len(made[-1].starts), 1)
                 if time.monotonic() > until:
                     break
+            counts.append(sum(len(rows.starts) for rows in made[first:]))
         self.rows = join_rows(made)
+        starts = np.split(self.rows.starts, np.cumsum(counts)[:-1])
+        self.pools = [(part, own) for (part, _), own in zip(pools, starts, strict=True) if len(own)]
 
     def __len__(self) -> int:
         return self.steps
@@ -399,7 +403,10 @@ class TrainingBatches(Dataset):
         if not 0 <= step < self.steps:
             raise IndexError(step)
         rng = generator(self.seed, self.first + step, Stream.WINDOWS)
-        starts = rng.choice(self.rows.starts, self.batch)
+        shares = np.array([share for share, _ in self.pools])
+        starts = np.stack([rng.choice(own, self.batch) for _, own in self.pools])
+        pool = rng.choice(len(starts), self.batch, p=shares / shares.sum())
+        starts = starts[pool, np.arange(self.batch)]
         return cut_examples(self.rows, starts[self.share], self.recipe.model)
 
 

@@ -227,6 +227,19 @@ def test_batches_do_not_depend_on_order(truth, rest):
     assert not torch.equal(first[0].windows.x, first[1].windows.x)
 
 
+@pytest.mark.parametrize("replay", [0.1, 0.75])
+def test_a_share_of_the_windows_is_replayed(truth, rest, replay):
+    """Of a recording whose people are twice as tall."""
+    recipe = Recipe(ModelConfig(), rest, augment=AugmentConfig(scale=0.0, noise=0.0))
+    tall = replace(truth, xyz=2 * truth.xyz)
+    pools = [(1 - replay, [PosePair(truth)]), (replay, [PosePair(tall)])]
+    batches = TrainingBatches(pools, recipe, seed=0, epoch=0, steps=10, batch=64)
+    ankles, head = BODY25.index("l_ankle", "nose")
+    heights = np.concatenate([batches[i].truth.numpy()[..., 2] for i in range(10)])
+    heights = (heights[..., head] - heights[..., ankles]).max(1)
+    assert abs((heights > 2).mean() - replay) < 0.05
+
+
 def test_hidden_and_observed_joints_are_those_with_truth(rest, rng):
     xyz = circling_people(60, 2, rng=rng).xyz.copy()
     xyz[:30, 0] = np.nan
