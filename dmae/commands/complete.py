@@ -16,12 +16,12 @@ from dmae.commands.data_sets import (
     settings_of,
 )
 from dmae.completion.complete import completers, keep_smoothed
-from dmae.completion.weights import weights_folder
+from dmae.completion.weights import weights_checksum
 from dmae.data.clip import Clip, Source
 from dmae.data.skeleton import Skeleton
 from dmae.data.store import clip_folders, load_clip
 from dmae.evaluation.review import ReviewVerdict, decided, load_decisions
-from dmae.files.checksums import checksum, refuse_damaged
+from dmae.files.checksums import refuse_damaged
 from dmae.numerics.filling import are_stills, keep_rejected
 from dmae.online.completion import complete_online
 from dmae.reporting.tables import counted
@@ -56,8 +56,7 @@ def run(config: CompleteCommand, out: Path) -> None:
 
 def _settings(config: CompleteCommand) -> dict:
     settings = settings_of("dmae complete", config, Path(config.clip))
-    model = None if config.weights is None else checksum(weights_folder(config.weights) / "model.json").sha256
-    return settings | {"options": settings["options"] | {"weights": model}}
+    return settings | {"options": settings["options"] | {"weights": weights_checksum(config.weights)}}
 
 
 def _begun(config: CompleteCommand, folder: Path) -> tuple[int, Clip]:

@@ -701,5 +701,5 @@ def _claim(out: Path, config: TrainConfig, skeleton: Skeleton, init: dict | None
 
 
 def _digest(pair: PosePair) -> str:
-    arrays = [poses.xyz for poses in (pair.truth, pair.captured) if poses]
+    arrays = [array for poses in (pair.truth, pair.captured) if poses for array in (poses.xyz, poses.rays)]
     return hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()

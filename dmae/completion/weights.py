@@ -140,6 +140,12 @@ def weights_folder(weights: str | Path) -> Path:
     return SHIPPED / PAPER if str(weights) == PAPER else Path(weights)
 
 
+def weights_checksum(weights: str | Path | None) -> str:
+    """Return the SHA-256 of `model.json`, which holds that of the weights; for None of all weights of this package."""
+    files = [weights_folder(weights) / "model.json"] if weights else sorted(SHIPPED.glob("*/model.json"))
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
+
+
 def find_shipped(skeleton: Skeleton) -> Path:
     """Return the folder of the shipped weights for a skeleton, or else for the one that shares most joints with it.
 

@@ -163,9 +163,6 @@ def _axis(names: tuple[str, ...], config: StressConfig, asked: bool) -> Axis:
     return Axis(names, tuple(product(*levels)), asked, any(name in config.levels for name in names))
 
 
-_SHIPPED = Path(__file__).parents[2] / "models"
-
-
 @dataclass(frozen=True)
 class Contender:
     """A capture, and the completion method that fills the joints that it did not measure."""
@@ -230,10 +227,9 @@ def settings_of(contender: Contender) -> dict:
     files = [source_hash(name) for name in (method, contender.capture.method)]
     settings: dict = {"capture": asdict(contender.capture), "method": method, "files": files}
     if find_method(method).learned:
-        # The descriptions of weights contain their checksums.
-        folder = contender.weights
-        models = [_record(folder)] if folder else sorted(_SHIPPED.glob("*/model.json"))
-        settings["weights"] = hashlib.sha256(b"".join(file.read_bytes() for file in models)).hexdigest()
+        from dmae.completion.weights import weights_checksum  # it loads torch
+
+        settings["weights"] = weights_checksum(contender.weights)
     return settings
 
 

@@ -14,6 +14,7 @@ from dmae.commands import capture as command
 from dmae.commands import complete, convert, detect, doctor, train
 from dmae.commands.config import CaptureCommand, CompleteCommand, ConvertCommand, DetectCommand, DoctorCommand
 from dmae.commands.data_sets import SETTINGS, ClipSet, describe_joints, describe_people, finished, forecast
+from dmae.completion import weights
 from dmae.data.clip import Poses3D, Source
 from dmae.data.conversion import convert as convert_poses
 from dmae.data.skeleton import BODY25, SHELF14
@@ -155,6 +156,20 @@ def test_blanked_joints_need_not_be_joints_of_the_completed_skeleton(tmp_path, m
     monkeypatch.setattr(complete, "completers", lambda *_, **__: lambda skeleton: Turned())
     complete.run(CompleteCommand(clip=str(tmp_path / "clip")), tmp_path / "out")
     assert load_clip(tmp_path / "out").poses.skeleton == SHELF14
+
+
+def test_completed_clips_are_of_one_content_of_the_weights_of_the_package(tmp_path, monkeypatch):
+    save_clip(replace(full_clip(), poses=walkers()), tmp_path / "set/a")
+    write_manifest(tmp_path / "set", [{"id": "a", "status": "ok"}])
+    config = CompleteCommand(clip=str(tmp_path / "set"))
+    complete.run(config, tmp_path / "out")
+    complete.run(config, tmp_path / "out")
+    shutil.copytree(weights.SHIPPED, tmp_path / "updated", ignore=shutil.ignore_patterns("*.safetensors"))
+    with (tmp_path / "updated/body25/model.json").open("a") as record:
+        record.write("\n")
+    monkeypatch.setattr(weights, "SHIPPED", tmp_path / "updated")
+    with pytest.raises(ValueError, match=r"differs in options\.weights"):
+        complete.run(config, tmp_path / "out")
 
 
 def test_what_is_whole_is_a_data_set_even_after_an_error(tmp_path):

@@ -187,6 +187,17 @@ def test_validation_clips_are_validated_and_calibrated_on(clips, tmp_path):
         train(TINY, clips[:3], tmp_path)
 
 
+def test_captures_with_other_rays_are_another_training(clips, tmp_path):
+    """Rays are inputs of the network."""
+    config = changed(TINY, steps=2, epoch=1)
+    poses = convert(clips[0].truth, SHELF14).without(np.arange(14) == 2)
+    seen = replace(poses, rays=np.where(np.arange(14)[:, None, None] == 2, np.ones((2, 3)), poses.rays))
+    train(config, [replace(clips[0], poses=seen)], tmp_path)
+    train(config, [replace(clips[0], poses=seen)], tmp_path)
+    with pytest.raises(ValueError, match=r"another configuration: training\.json differs in clips"):
+        train(config, [replace(clips[0], poses=poses)], tmp_path)
+
+
 def test_calibration_uses_captured_poses_and_true_poses_with_masks(clips):
     truth = convert(clips[0].truth, SHELF14)
     captured = truth.without(np.arange(14) == 2)
