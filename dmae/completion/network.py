@@ -277,6 +277,7 @@ class DMAE(nn.Module):
             wanted: (B, T, J) True for the joints to be predicted, others become zero; None for all.
         """
         chosen = None if wanted is None else Chosen.where(wanted.flatten(1))
+        x = torch.where(observed[..., None], x, 0)
         if self.config.residual:
             gap, ray, candidate_offset, noise_level = self._ablated(gap, ray, candidate_offset, noise_level)
             assert base is not None
