@@ -17,7 +17,7 @@ from dmae.commands.config import CaptureCommand, CompleteCommand
 from dmae.data.cameras import camera_label
 from dmae.data.clip import Clip, Poses3D, Source, person_name
 from dmae.data.resume import claim_folder
-from dmae.data.store import CHECKSUMS, MANIFEST, clip_folders, save_clip
+from dmae.data.store import CHECKSUMS, MANIFEST, all_failed, clip_folders, save_clip
 from dmae.evaluation.review import DECISIONS
 from dmae.files.checksums import begin_data_set, checksum, find_damage, seal, write_checksums
 from dmae.files.contents import whole_folder
@@ -193,8 +193,7 @@ class ClipSet:
         if not failed or kind is not None:
             return
         if not self.whole.intersection(self.names):
-            reason = failed[0]["reason"]
-            raise ValueError(f"{self.out}: all {len(failed)} clips failed, the first because of this: {reason}")
+            raise ValueError(f"{self.out}: {all_failed(failed)}")
         print(f"{self.out}: {len(failed)} of {len(self.names)} clips failed; {MANIFEST} says why")
 
 

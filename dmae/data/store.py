@@ -214,6 +214,13 @@ def read_manifest(path: Path) -> list[dict]:
     return lines
 
 
+def all_failed(lines: list[dict]) -> str:
+    """Say that all clips of these lines of a manifest failed, and why."""
+    if len(lines) == 1:
+        return f"the clip failed: {lines[0]['reason']}"
+    return f"all {len(lines)} clips failed, the first because of this: {lines[0]['reason']}"
+
+
 def write_manifest(path: Path, lines: list[dict]) -> None:
     """Write the manifest of a data set, sorted by clip id."""
     ordered = sorted(lines, key=lambda line: line["id"])

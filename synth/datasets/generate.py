@@ -15,7 +15,7 @@ from pathlib import Path
 from dmae.data.images import KINDS
 from dmae.data.json_values import flat
 from dmae.data.resume import claim_folder
-from dmae.data.store import MANIFEST, load_clip, read_manifest, save_clip, write_atomic
+from dmae.data.store import MANIFEST, all_failed, load_clip, read_manifest, save_clip, write_atomic
 from dmae.files.checksums import Checksum, begin_data_set, clip_checksum, find_damage, seal, write_checksums
 from dmae.files.contents import whole_folder
 from dmae.files.structured import read_json
@@ -65,7 +65,7 @@ def generate(config: GenerateConfig) -> list[dict]:
     tasks = {name: (config, number, checksums.get(name)) for name, number in names.items()}
     lines = make_clips(config, _make, tasks, checksums, config.scene.frames * len(rig) * len(tasks))
     if all(line["status"] == "failed" for line in lines):
-        raise FailedSimulation(f"{out}: all {len(lines)} clips failed, the first because of this: {lines[0]['reason']}")
+        raise FailedSimulation(f"{out}: {all_failed(lines)}")
     return lines
 
 

@@ -137,7 +137,7 @@ def describe(summary: dict, scenes: Counter[str], seed: int | None) -> dict[str,
             "truth. Not to be the only data of a detector for real images, and not to draw conclusions on real people."
         ),
         "dataLimitations": (
-            "Images are plain renderings; clothes, hair and hands are outlines. "
+            "Images are plain renderings; faces do not move, and nobody's hands feel what they touch. "
             + (
                 "People move as in the takes, as far as a simulated body can follow it."
                 if recorded
