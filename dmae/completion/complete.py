@@ -188,12 +188,12 @@ class Completer:
       the person was measured for less time than a window lasts.
     - Windows overlap by two thirds; their corrections of the interpolation are blended with weights that fall linearly
       from the middle of a window. A window without a measurement adds nothing.
-    - Measured joints are returned unchanged, to the bit. With `denoise` those of fewer than three views (or unknown)
+    - Measured joints are returned unchanged, to the bit. With `denoise` joints of fewer than three views (or unknown)
       are moved to where the model predicts them and marked `DENOISED`, less where poses are more exact
-      (`dmae.completion.features.correction_weight`); their covariances are then upper bounds. With `reject` such joints
-      that the frames around contradict (`dmae.completion.fillings`), and joints whose stated error is greater than that
-      of completed ones in short gaps, if the gap stays short without them, are dropped first, and completed like
-      others; they keep their number of views (`Poses3D.rejected`).
+      (`dmae.completion.features.correction_weight`); their covariances are then upper bounds. With `reject` some
+      measured joints are dropped first: joints of few views that the frames around contradict
+      (`dmae.completion.fillings`), and joints that state a greater error than completed ones in short gaps, if the gap
+      stays short without them. They are completed like others; they keep their number of views (`Poses3D.rejected`).
     - Joints that are already `COMPLETED` are completed again, unseen by the model; joints that are not finite are
       absent.
     - Poses at another rate than the model's are resampled, and the corrections are resampled back. At less than one
@@ -303,8 +303,8 @@ class Completer:
     def uncertainty_inputs(self, poses: Poses3D, fps: float) -> tuple[np.ndarray, np.ndarray]:
         """Return what predicted scales are calibrated by, see `calibrated`.
 
-        They are the lengths (F, P, J) of the gaps that each returned joint is in, or the joints that it is derived
-        from, in frames of the model; and the noisiness (F, P, 1) of the poses.
+        Lengths (F, P, J) of gaps, in frames of the model: of the gap that a returned joint is in, or the joints from
+        which it is derived. And the noisiness (F, P, 1) of the poses.
         """
         measured = (fusion.derive(poses, self.target) if self.target else poses).measured
         lengths = np.where(measured.any(0), gap_lengths(measured), np.inf)
@@ -439,7 +439,7 @@ def load_completer(
     Raises:
         FileNotFoundError: there is no model in the folder.
         ValueError: its files are malformed, damaged, or of another version; or `denoise` is asked of a model that was
-            not trained to denoise, or that turns poses into those of another skeleton; or `smooth` is not 0 or more.
+            not trained to denoise, or that turns poses to another skeleton; or `smooth` is not 0 or more.
     """
     if not 0 <= smooth < np.inf:
         raise ValueError(f"smooth={smooth:g}: expected seconds, 0 (no smoothing) or more")

@@ -262,13 +262,13 @@ class TrainConfig(Configuration):
     """Folders of further data sets of clips to learn from."""
     validation_data: list[str] = field(default_factory=list, metadata={"reads": "path"})
     """Folders of data sets to validate and calibrate on, with motion that is in none of the others; by default clips
-    are held back (`examples.held_back`), and uncertainty is calibrated for motion like that of the training."""
+    are held back (`examples.held_back`), and uncertainty is calibrated for motion as in training."""
     init: str | None = field(default=None, metadata={"reads": "model", "words": ("shipped", "paper")})
-    """Folder of a trained model to start from; `shipped`: the weights that come with the package; `paper`: those of the
-    paper's network."""
+    """Folder of a trained model to start from; `shipped`: the weights that come with the package; `paper`: the paper's
+    network."""
     skeleton: str | None = field(default=None, metadata={"reads": "skeleton"})
-    """Skeleton of the model; by default that of `init`, or else body25. Two joined by + turn poses of one into those of
-    the other, see `dmae.completion.fusion`."""
+    """Skeleton of the model; by default the skeleton of `init`, or else body25. With two joined by +, poses on the
+    first become poses on the second, see `dmae.completion.fusion`."""
     capture: CaptureConfig = field(default_factory=CaptureConfig)
     """How clips without poses are captured, see `examples.views`."""
     model: ModelConfig = field(default_factory=ModelConfig)

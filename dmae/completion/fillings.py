@@ -151,7 +151,7 @@ def fill_kalman(poses: Poses3D, fps: float) -> Poses3D:
     """A Kalman smoother of each joint, which denoises measured joints too.
 
     See `smooth_paths`. Measured joints are moved to their smoothed path and become `DENOISED`. All joints get
-    covariances, computed from those of the measurements. Where a measurement has none, `UNKNOWN_DEVIATION` is assumed.
+    covariances, computed from measured ones. Where a measurement has none, `UNKNOWN_DEVIATION` is assumed.
     """
     poses = without_infinite(poses, fps)
     frames, persons, joints = poses.source.shape

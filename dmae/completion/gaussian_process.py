@@ -96,8 +96,8 @@ def predict_offset(
         hidden: (F,) True where the prediction is wanted.
 
     Returns:
-        m, an offset as those given, in the frames wanted and in those next to them; NaN elsewhere, and where there are
-        too few training frames.
+        m, offsets like the given ones, in the frames wanted and the frames next to them; NaN elsewhere, and where there
+        are too few training frames.
     """
     found = np.full((len(offsets), 3), np.nan)
     usable = ~np.isnan(offsets[:, others]).any((1, 2))

@@ -154,7 +154,7 @@ def cut(
 
 
 _MOST = (40, 160)
-"""Most tokens of a captured window that are shown, drawn for each batch. They are a third of those that it has: fewer
+"""Most tokens of a captured window that are shown, drawn for each batch. That is a third of its tokens: fewer
 take half the time, and windows with equally many need no padding."""
 
 

@@ -171,7 +171,7 @@ def _content(path: Path) -> bytes:
 T = TypeVar("T")
 
 _MOST_CLOSING = 0.35  # Share of the whole time that may be reserved for what follows training
-_MOST_PREPARING = 0.2  # Share of the time that is left that the examples of an epoch may take to make
+_MOST_PREPARING = 0.2  # Share of the time left that making the examples of an epoch may take
 
 
 class TimeLimit:

@@ -222,7 +222,7 @@ def masked_poses(pair: PosePair, recipe: Recipe, *, rng: np.random.Generator) ->
     measured = pair.captured or with_noise(convert(pair.truth, source), recipe.augment.noise, rng=rng)
     frames, persons = measured.xyz.shape[:2]
     masked = mask(frames, persons, source, recipe.model.fps, recipe.masking, rng=rng)
-    # A single camera still detects some masked joints, as it does many of those that capture leaves out.
+    # A single camera still detects some masked joints, as it does many joints that capture leaves out.
     detected = rng.random((1, *measured.xyz.shape[1:3])) < _KEPT_RAYS
     rays = np.where((masked & ~detected)[..., None, None], np.nan, measured.rays)
     return Poses3D(source, np.where(masked[..., None], np.nan, measured.xyz), rays=rays)

@@ -141,7 +141,7 @@ def weights_folder(weights: str | Path) -> Path:
 
 
 def weights_checksum(weights: str | Path | None) -> str:
-    """Return the SHA-256 of `model.json`, which holds that of the weights; for None of all weights of this package."""
+    """Return the SHA-256 of `model.json`, which contains the checksum of its weights; None: all that are shipped."""
     files = [weights_folder(weights) / "model.json"] if weights else sorted(SHIPPED.glob("*/model.json"))
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
 

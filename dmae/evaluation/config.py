@@ -25,7 +25,7 @@ class Input(StrEnum):
     true_poses = "true_poses"
     """True poses with synthetic gaps."""
     perturbed_poses = "perturbed_poses"
-    """True poses with synthetic gaps and errors like those of capture."""
+    """True poses with synthetic gaps and errors as capture makes them."""
 
 
 class ReferencePoses(StrEnum):
@@ -70,17 +70,17 @@ class EvaluateConfig(PartConfig):
     reference: ReferencePoses = ReferencePoses.truth
     """Poses that results are compared with: the truth, or what all cameras together measured."""
     skeleton: str | None = field(default=None, metadata={"reads": "skeleton"})
-    """Skeleton that poses are compared on; by default that of the truth."""
+    """Skeleton that poses are compared on; by default the skeleton of the truth."""
     smooth: float = 0.1
     """s; smoothing after every method except `measured` and online ones, which smooth themselves. Noisy poses are
     smoothed in full, exact poses not at all. With it, `methods=[dmae_denoise]` scores what `dmae complete` makes."""
     angles: bool = False
-    """Also score joint angles of hips, knees and ankles, degrees, against those of true joints. It takes about a second
-    for 150 frames of a person and method."""
+    """Also score joint angles of hips, knees and ankles, degrees, against angles of true joints. It takes about a
+    second for 150 frames of a person and method."""
     baseline: str | None = field(default=None, metadata={"reads": "path"})
     """`scores.json` of an earlier run, or its folder: exit status 2 if a figure is worse by more than its interval."""
     changed: list[str] = field(default_factory=list)
-    """Options that differ from those of the baseline on purpose; figures are compared all the same."""
+    """Options that differ from the baseline on purpose; figures are compared all the same."""
     dry_run: bool = False
     """Only print the number of clips and frames to score, and the time that this takes, measured on parts of some
     clips."""
@@ -131,7 +131,7 @@ class StressConfig(PartConfig):
     pairs: list[str] | None = None
     """Pairs of corruptions at the same time, such as [cameras+objects]; by default one pair, or with size=full four."""
     levels: dict[str, list[float]] = field(default_factory=dict)
-    """Levels of an axis, as levels.jitter=[1,2,4]; others have those of the size."""
+    """Levels of an axis, as levels.jitter=[1,2,4]; others have the levels of `size`."""
     methods: list[str] | None = field(default=None, metadata={"choices": (*completion_method, "paper")})
     """Completion methods, `paper`, or module:function of your own; by default measured, linear, linear_body, kalman,
     gaussian_process and, if weights know the body, dmae and paper. `paper` captures with the paper's thresholds."""

@@ -183,7 +183,7 @@ def check_baseline(baseline: dict, options: dict, changed: Collection[str] = ())
 
 
 def compare_scores(baseline: dict, scores: dict, changed: Collection[str] = ()) -> Gate:
-    """Compare scores of `dmae evaluate` with those of a baseline, figure by figure, over the same blocks of time.
+    """Compare scores of `dmae evaluate` with a baseline, figure by figure, over the same blocks of time.
 
     A figure is worse, or better, if the 95 % interval of its difference excludes zero and the difference is large
     enough to be printed. `changed` names options, or groups of options, that differ on purpose. Raises ValueError if
@@ -219,8 +219,8 @@ def _check_content(scores: dict, what: str) -> None:
         whole = whole and all("blocks" in run for run in result["runs"])
     if not whole:
         raise ValueError(
-            f"{what}: expected the scores.json that dmae evaluate wrote, found other content, or that of an earlier "
-            "version; make them again: dmae evaluate ... out=FOLDER"
+            f"{what}: expected the scores.json that dmae evaluate wrote, found other content, or scores of an "
+            "earlier version; make them again: dmae evaluate ... out=FOLDER"
         )
 
 

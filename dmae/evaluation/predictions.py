@@ -25,7 +25,7 @@ def predictions_of(path: Path, clips: Sequence[str]) -> dict[str, Path]:
     if found is None:
         if len(clips) > 1:
             raise ValueError(
-                f"poses={path}: expected poses of the {len(clips)} clips {listed(clips, 5)}, found those of one clip; "
+                f"poses={path}: expected poses of the {len(clips)} clips {listed(clips, 5)}, found poses of one clip; "
                 f"give a folder that holds {clips[0]}.npz and so on"
             )
         return {clips[0]: Path(path)}
@@ -47,7 +47,7 @@ def read_prediction(path: Path, clip: Clip, truth: Poses3D, *, tracks: bool = Fa
     found = read_poses(path)
     if found.clip not in (None, clip.id):
         raise ValueError(
-            f"{path}: expected poses of clip {clip.id!r}, found those of clip {found.clip!r}; if both clips are "
+            f"{path}: expected poses of clip {clip.id!r}, found poses of clip {found.clip!r}; if both clips are "
             f"one recording, write the poses with dmae export clip={path} format=npz, and score that file"
         )
     if found.fps is not None and not np.isclose(found.fps, clip.fps, rtol=1e-3):

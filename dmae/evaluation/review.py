@@ -72,7 +72,7 @@ def load_decisions(folder: Path, poses: Poses3D | None) -> tuple[Decision, ...]:
         raise ValueError(f"{path}: {error}") from None
     if poses is None or content.get("poses") != checksum(poses):
         raise ValueError(
-            f"{path}: its decisions were made on other poses than those of this clip; remove the file and review again"
+            f"{path}: its decisions were made on other poses than this clip has; remove the file and review again"
         )
     for decision in decisions:
         try:

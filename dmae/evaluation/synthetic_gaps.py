@@ -1,4 +1,4 @@
-"""Cut synthetic gaps into true poses and add errors like those of capture, to test completion."""
+"""Cut synthetic gaps into true poses and add errors as capture makes them, to test completion."""
 
 import numpy as np
 
@@ -29,7 +29,7 @@ def cut_gaps(truth: Poses3D, fps: float, *, rng: np.random.Generator) -> Poses3D
 
 
 def perturb(poses: Poses3D, fps: float, *, rng: np.random.Generator) -> Poses3D:
-    """Return poses with errors like those of capture: correlated noise, drift next to gaps, and outliers."""
+    """Return poses with errors as capture makes them: correlated noise, drift next to gaps, and outliers."""
     xyz = poses.xyz.astype(np.float64)
     error = _noise(xyz.shape, fps, rng) + _drift(~np.any(np.isnan(xyz), -1), fps, rng) + _outliers(xyz.shape, fps, rng)
     return Poses3D(poses.skeleton, xyz + error)

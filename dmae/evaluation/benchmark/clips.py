@@ -82,7 +82,7 @@ class Definition:
     small: int
     full: int
     levels: list[Level]  # Levels in the order of difficulty
-    # Options of `synth generate` for all clips. The options of a level override them, and those of a set override both.
+    # Options of `synth generate` for all clips. Options of a level override them, and options of a set both.
     options: str = ""
     file: str = ""  # File of the definition
 
@@ -225,7 +225,7 @@ def check_clip(name: str, clip: Clip, file: Path) -> FrozenMatch:
         else "the versions are the same, so that the generator was changed since"
     )
     raise ValueError(
-        f"clip {name}: its {' and '.join(differing)} are not those of the benchmark ({file.name}), so that scores "
+        f"clip {name}: its {' and '.join(differing)} differ from the benchmark ({file.name}), so that scores "
         f"would not be comparable. Likely reason: {reason}"
     )
 

@@ -17,7 +17,7 @@ from dmae.reporting.tables import Table, number_text
 
 NOT_MEASURED = "not measured"
 CHECKED = {
-    FrozenMatch.equal: "The clips are byte for byte those of the published checksums.",
+    FrozenMatch.equal: "The clips have the published checksums.",
     FrozenMatch.near: "The clips are those that were frozen, up to how this processor rounds: scores differ in their "
     "last digits from those made elsewhere.",
     FrozenMatch.unchecked: "There are no published checksums: scores from other machines may be for other clips.",

@@ -262,7 +262,7 @@ def check_same(earlier: dict, benchmark: str, size: str) -> None:
     found = (earlier.get("benchmark"), earlier.get("size")) if isinstance(earlier, dict) else (None, None)
     if found != (benchmark, size):
         raise ValueError(
-            f"against: expected scores of {benchmark} size={size}, found those of {found[0] or 'no benchmark'}"
+            f"against: expected scores of {benchmark} size={size}, found scores of {found[0] or 'no benchmark'}"
             f"{f' size={found[1]}' if found[1] else ''}"
         )
 

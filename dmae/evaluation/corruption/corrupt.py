@@ -165,7 +165,7 @@ def share_of_time(
 ) -> np.ndarray:
     """Draw events (F, *shape), True in `percent` of all entries, in many short bursts and a few long ones.
 
-    `times` are correlation times, s, mixed half and half. The events of a lower share are among those of a higher one.
+    `times` are correlation times, s, mixed half and half. A higher share has all events of a lower one.
     """
     return _lowest(multiscale_noise((len(clip), *shape), clip.fps, list(times), rng=rng), percent)
 

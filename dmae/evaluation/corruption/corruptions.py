@@ -75,7 +75,7 @@ def objects(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
 def persons(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
     """Joints hidden behind other people, % of the detected joints.
 
-    The other people are those of the clip, and for each person a passer-by who walks around at 0.8 m. All are as thick
+    They are people of the clip and, for each person, a passer-by who walks around at 0.8 m. All are as thick
     as it takes to hide that share of the joints. What a body hides is not detected, nor are passers-by.
     """
     people, skeleton = given_people(clip).xyz.astype(np.float64), given_people(clip).skeleton

@@ -60,7 +60,7 @@ def check_truth(clip: Clip, number: int) -> None:
         raise ValueError(f"clip {clip.id!r} has no truth; table {number} needs true poses on {SHELF14.name}")
     if SHELF14 not in clip.truth.skeleton.parts:
         raise ValueError(
-            f"clip {clip.id!r} has truth on {clip.truth.skeleton.name}; the limbs of table {number} are those of "
+            f"clip {clip.id!r} has truth on {clip.truth.skeleton.name}; table {number} scores the limbs of "
             f"{SHELF14.name}"
         )
 

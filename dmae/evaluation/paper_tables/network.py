@@ -1,6 +1,6 @@
 """The paper's network in the paper's tables: before fusion, with fusion, tuned in folds; and the ablation of its codes.
 
-The stages are those of the paper: pretrained on true poses (the weights `paper` of this package), fusion learned on
+The stages are the paper's: pretrained on true poses (the weights `paper` of this package), fusion learned on
 simulated people as captured, then tuned on annotations of the recording that is scored.
 """
 

@@ -1,9 +1,9 @@
-"""The tables: of one recording PCP of each actor (1), by number of cameras (2) and limb by limb (4); of simulated data
-sets people who interact (3), and error by number of cameras (6). Table 5 is in `network`.
+"""The tables. One recording: PCP by actor (1), by number of cameras (2) and by limb (4). Simulated data sets: people
+who interact (3), and error by number of cameras (6). Table 5 is in `network`.
 
 The ends of Shelf's annotated head, which no detector finds, are placed by the formulas of published evaluations. Each
-formula has constants that were tuned on that recording; `dmae.data.conversion.convert` uses that of Zhang et al. 2020,
-here `4da`.
+formula has constants that were tuned on that recording; `dmae.data.conversion.convert` uses the formula of Zhang et al.
+2020, here `4da`.
 
 Table 6 is not in the paper. Published figures by number of cameras are on CMU Panoptic, whose recordings are not here;
 simulated people have truth.

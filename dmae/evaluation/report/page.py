@@ -296,8 +296,8 @@ def clips_section(findings: Sequence[Findings], played: Collection[str]) -> list
               "completed mm", "reprojection px")  # fmt: skip
     moments = [Moment(each.id, 0) if each.id in played else None for each in findings]
     caption = (
-        "Shares are of the joints of captured people; errors are means against the truth; reprojection is that of "
-        "measured joints"
+        "Shares are of the joints of captured people; errors are means against the truth; reprojection errors are "
+        "of measured joints"
     )
     held = (
         f" The player contains {len(played)} of them, those with the greatest errors."

@@ -60,7 +60,7 @@ def summary(result: dict) -> list[str]:
 def breaking_tables(result: dict) -> list[Table]:
     """Return two tables of the levels at which methods break, by PCP and by unmeasured joints; a row for each axis."""
     captions = {
-        "pcp": f"Level at which PCP is {PCP_DROP:g} points below that of the same method on the uncorrupted clips",
+        "pcp": f"Level at which PCP of the method is {PCP_DROP:g} points lower than on the uncorrupted clips",
         "hidden": f"Level at which the mean error of unmeasured joints passes {HIDDEN_ERROR:g} mm",
     }
     intervals = any(axis["level_with"] is not None for axis in result["axes"])

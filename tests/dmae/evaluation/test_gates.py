@@ -161,7 +161,7 @@ def test_few_seconds_are_refused_where_they_changed(folder: Path):
     (lambda s: s["clips"].update(b=s["clips"].pop("seen")), "'b' is of the baseline alone; clip 'seen' is not of"),
     (lambda s: s["clips"]["seen"].update(frames=90), "clip 'seen': frames 90 in the baseline, 50 here"),
     (lambda s: s["clips"]["seen"].update(cameras=["x"]), "clip 'seen': cameras"),
-    (lambda s: s.pop("options"), "that dmae evaluate wrote, found other content, or that of an earlier version; make"),
+    (lambda s: s.pop("options"), "dmae evaluate wrote, found other content, or scores of an earlier version; make"),
     (lambda s: s["results"][0]["runs"][0].pop("blocks"), "expected the scores.json that dmae evaluate wrote"),
     (lambda s: s.update(results=5), "expected the scores.json that dmae evaluate wrote"),
     (lambda s: s.update(results=[{}]), "expected the scores.json that dmae evaluate wrote"),

@@ -171,10 +171,10 @@ def test_ids_that_do_not_match_are_refused(tmp_path: Path):
         export_npz(poses, 25.0, tmp_path / "mine" / f"{name}.npz")
     with pytest.raises(ValueError, match="of the clips a, b, found a, c; without poses: b; of no clip: c"):
         evaluate(config(tmp_path / "data", poses=str(tmp_path / "mine")))
-    with pytest.raises(ValueError, match="expected poses of the 2 clips a, b, found those of one"):
+    with pytest.raises(ValueError, match="expected poses of the 2 clips a, b, found poses of one"):
         evaluate(config(tmp_path / "data", poses=str(tmp_path / "mine/a.npz")))
     save_clip(replace(seen(name="b"), poses=convert(seen().truth, BODY25)), tmp_path / "swapped")
     with pytest.raises(
-        ValueError, match=r"expected poses of clip 'a', found those of clip 'b'; if .*dmae export clip="
+        ValueError, match=r"expected poses of clip 'a', found poses of clip 'b'; if .*dmae export clip="
     ):
         evaluate(config(tmp_path / "data/a", poses=str(tmp_path / "swapped")))

@@ -210,7 +210,9 @@ def test_frozen_checksums_are_compared(tiny: Definition, made: Path, tmp_path: P
     frozen["clips"][IDS[1]]["detections"] = "0" * 64
     frozen["versions"]["mujoco"] = "3.0.0"
     checksums.write_text(json.dumps(frozen))
-    with pytest.raises(ValueError, match=rf"clip {IDS[1]}: its detections are not those.*mujoco 3.0.0, here"):
+    with pytest.raises(
+        ValueError, match=rf"clip {IDS[1]}: its detections differ from the benchmark .*mujoco 3.0.0, here"
+    ):
         benchmark(config)
 
 
@@ -266,7 +268,9 @@ def test_a_command_prints_the_tables_and_a_second_hand_in_is_compared(tiny: Defi
     assert [(each["method"], each["against"]) for each in found] == [("mine:fill", "linear"), ("linear", "linear")]
     assert found[1]["mm"]["value"] == 0 and found[0]["mm"]["value"] != 0
     wrong = dmae(tmp_path, "benchmark", *shared, "size=full", "against=first", "out=third")
-    assert wrong.returncode == 1 and "expected scores of tiny size=full, found those of tiny size=small" in wrong.stderr
+    assert (
+        wrong.returncode == 1 and "expected scores of tiny size=full, found scores of tiny size=small" in wrong.stderr
+    )
 
 
 @pytest.mark.slow
@@ -277,5 +281,5 @@ def test_earlier_scores_of_other_holes_or_files_are_refused(tiny: Definition, ma
     cells["holes"][cells["holes"].index(max(cells["holes"]))] += 1
     with pytest.raises(ValueError, match=rf"clip {IDS[1]} has \d+ holes, then it had \d+"):
         differences(scores, other)
-    with pytest.raises(ValueError, match="found those of no benchmark"):
+    with pytest.raises(ValueError, match="found scores of no benchmark"):
         check_same({"results": []}, "tiny", "small")

@@ -165,7 +165,7 @@ class TestBadInput:
     def test_truth_on_another_skeleton(self, tmp_path):
         clip = shaken()
         save_clip(replace(clip, truth=walkers(FRAMES, 2)), tmp_path)
-        with pytest.raises(ValueError, match=rf"truth on {BODY25.name}; the limbs of table 2 are those of shelf14"):
+        with pytest.raises(ValueError, match=rf"truth on {BODY25.name}; table 2 scores the limbs of shelf14"):
             table(tmp_path, 2)
 
     def test_no_truth(self, tmp_path):
