@@ -73,7 +73,7 @@ def test_cameras_drawn_for_each_clip_are_kept_and_learned_from_with_other_sets(f
     assert "step 1: loss" in done.stderr and len((done.stdout + done.stderr).splitlines()) <= 10
     learned = json.loads((folder / "learned/model.json").read_text())
     assert learned["clips"] == 4 and learned["validation_clips"] == ["validation a", "validation b"]
-    done = dmae(folder, "capture", "data=set", "draw=[9]", "out=bad")
+    done = dmae(folder, "capture", "data=set", "draw=[9]", "out=undrawn")
     assert done.returncode == 1 and "draw=[9]: expected numbers from 2 to" in done.stderr
 
 
