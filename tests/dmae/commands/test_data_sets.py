@@ -13,7 +13,15 @@ import pytest
 from dmae.commands import capture as command
 from dmae.commands import complete, convert, detect, doctor, train
 from dmae.commands.config import CaptureCommand, CompleteCommand, ConvertCommand, DetectCommand, DoctorCommand
-from dmae.commands.data_sets import SETTINGS, ClipSet, describe_joints, describe_people, finished, forecast
+from dmae.commands.data_sets import (
+    SETTINGS,
+    ClipSet,
+    describe_joints,
+    describe_people,
+    describe_sides,
+    finished,
+    forecast,
+)
 from dmae.completion import weights
 from dmae.data.clip import Poses3D, Source
 from dmae.data.conversion import convert as convert_poses
@@ -43,6 +51,17 @@ def with_absences() -> Poses3D:
     xyz[5, 0, :5], source[5, 0, :5] = np.nan, Source.ABSENT
     source[6, 0, :10] = Source.COMPLETED
     return Poses3D(BODY25, xyz, source)
+
+
+def test_cameras_that_disagree_on_sides_are_not_accused(monkeypatch):
+    exchanged, disagreeing = np.zeros((2, 12, 4), bool)
+    exchanged[:3, 0], disagreeing[4:9, 1:3] = True, True
+    monkeypatch.setattr("dmae.commands.data_sets.exchanged_detections", lambda clip, poses: (exchanged, disagreeing))
+    clip = full_clip()
+    names = clip.rig.names
+    accused, said = describe_sides(clip, Poses3D(clip.detections.skeleton, walkers().xyz), "put right")
+    assert accused.endswith("its detections have left and right exchanged in 3 of 12 frames, put right")
+    assert said.startswith(f"cameras {names[1]}, {names[2]} disagree on left and right of a person in 5 of 12 frames")
 
 
 def test_absent_joints_and_absent_people_are_counted_separately():
