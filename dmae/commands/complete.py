@@ -74,9 +74,9 @@ def _complete(config: CompleteCommand, folder: Path, frames: int | None = None) 
         decided(clip.poses, decisions, verdict)
         for verdict in (ReviewVerdict.blank, ReviewVerdict.hand_back, ReviewVerdict.accept)
     )
-    given = clip.poses.without(blanked | handed_back)
+    captured, given = clip.poses, clip.poses.without(blanked | handed_back)
     if frames is not None:
-        clip = clip.select(frames=range(min(frames, len(clip))))
+        clip, captured = clip.select(frames=range(min(frames, len(clip)))), captured.select(slice(frames))
         given, blanked, accepted = given.select(slice(frames)), blanked[:frames], accepted[:frames]
     completer = _completers(config)(given.skeleton)
     notes = completer.notes(given, clip.fps)
@@ -87,7 +87,7 @@ def _complete(config: CompleteCommand, folder: Path, frames: int | None = None) 
         poses = completer(given, clip.fps)
     poses = keep_smoothed(poses, given)
     if poses.skeleton == given.skeleton:
-        poses = keep_rejected(poses, clip.poses)
+        poses = keep_rejected(poses, captured)
         if decisions:
             poses = poses.taking(accepted, given).without(blanked)
         if replaced := int((given.measured & (poses.source == Source.COMPLETED)).sum()):
