@@ -19,8 +19,8 @@ from dmae.completion.features import correction_weight, near_measurement, noisin
 from dmae.completion.fillings import contradicted
 from dmae.completion.methods import Fill, completion_method
 from dmae.completion.network import DMAE
-from dmae.completion.pieces import check_given, in_pieces
-from dmae.completion.pose_prior import ANKLES, floor_height, likely_pose, stand_on_floor
+from dmae.completion.pieces import WHOLE, check_given, in_pieces
+from dmae.completion.pose_prior import ANKLES, floor_height, likely_pose, lower_ankles, stand_on_floor
 from dmae.completion.weights import SHIPPED, find_shipped, load_model, weights_folder
 from dmae.completion.windows import Rows, make_rows
 from dmae.data.clip import Poses3D, Source
@@ -28,6 +28,7 @@ from dmae.data.conversion import convert
 from dmae.data.skeleton import Skeleton
 from dmae.data.typed import check_arguments
 from dmae.files.contents import cached_until_changed
+from dmae.files.mapped import in_steps
 from dmae.metrics.position import GAPS
 from dmae.numerics.body import rotate_z
 from dmae.numerics.filling import are_stills, keep_rejected, present, resample
@@ -247,8 +248,11 @@ class Completer:
         """Return the height of the floor, m, that everybody's measured ankles show."""
         if not set(ANKLES.joints) & set(poses.skeleton.parts[0].joints):
             return 0.0
-        ankles = convert(poses, ANKLES)
-        return floor_height(self._evidence(ankles.without(np.isinf(ankles.xyz).any(-1)), fps))
+        parts = []
+        for start in in_steps(range(0, max(len(poses.xyz), 1), WHOLE)):
+            ankles = convert(poses.select(slice(start, start + WHOLE)), ANKLES)
+            parts.append(lower_ankles(self._evidence(ankles.without(np.isinf(ankles.xyz).any(-1)), fps)))
+        return floor_height(np.concatenate(parts))
 
     def _complete(self, poses: Poses3D, fps: float, frames: slice, floor: float) -> Poses3D:
         """Return some frames of the poses, completed and not yet smoothed."""

@@ -24,7 +24,7 @@ _ABOVE, _BELOW = 0.3, 1.0
 that the floor is elsewhere."""
 _SEEN_ON_FLOOR = 20  # Smallest number of measured feet that say where the floor is
 ANKLES = Skeleton("ankles", ("l_ankle", "r_ankle"), (-1, -1))
-"""The joints that `floor_height` reads."""
+"""The joints that show where the floor is."""
 
 
 def pose_covariance(xyz: np.ndarray, skeleton: Skeleton, rest: np.ndarray) -> np.ndarray:
@@ -64,13 +64,15 @@ def likely_pose(poses: Poses3D, rest: np.ndarray, covariance: np.ndarray) -> np.
     return found
 
 
-def floor_height(poses: Poses3D) -> float:
-    """Return the height, m, of the floor that people stand on: below their measured ankles; 0 where there are few."""
-    if not {"l_ankle", "r_ankle"} <= set(poses.skeleton.joints):
-        return 0.0
-    ankles = list(poses.skeleton.index("l_ankle", "r_ankle"))
+def lower_ankles(poses: Poses3D) -> np.ndarray:
+    """Return the heights (n,), m, of the lower ankle of people in frames where both were measured."""
+    ankles = list(poses.skeleton.index(*ANKLES.joints))
     height = np.where(poses.measured, poses.xyz[..., 2], np.nan)[:, :, ankles]
-    lower = height[~np.isnan(height).any(-1)].min(-1)
+    return height[~np.isnan(height).any(-1)].min(-1)
+
+
+def floor_height(lower: np.ndarray) -> float:
+    """Return the height, m, of the floor below `lower_ankles`; 0 where there are few."""
     return float(np.median(lower)) - _ANKLE if len(lower) >= _SEEN_ON_FLOOR else 0.0
 
 
