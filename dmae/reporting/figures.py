@@ -50,7 +50,7 @@ def views_figure(clip: Clip, frame: int | None = None) -> Figure:
         spare.axis("off")
     handles = [
         Line2D([], [], color=PERSONS[0], marker="o", label="measured (a colour for each person)"),
-        Line2D([], [], color=COMPLETED, marker="o", label="completed: fewer than two cameras agree, or rejected"),
+        Line2D([], [], color=COMPLETED, marker="o", label="completed: fewer than two\ncameras agree, or rejected"),
     ]
     if len(axes) > views + 2:
         axes[-1].legend(handles=handles, loc="center", frameon=False)
