@@ -5,7 +5,7 @@ Long recordings are completed in pieces. `load_completer` and `completers` find 
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -229,7 +229,7 @@ class Completer:
     def __call__(self, poses: Poses3D, fps: float, frames: slice = slice(None)) -> Poses3D:
         check_given(poses, fps)
         floor = self._floor(poses, fps)
-        done = in_pieces(lambda *given: self._whole(*given, floor), poses, fps, frames)
+        done = in_pieces(partial(self._whole, floor=floor), poses, fps, frames)
         return keep_rejected(done, poses.select(frames)) if done.skeleton == poses.skeleton else done
 
     def _whole(self, poses: Poses3D, fps: float, frames: slice, floor: float) -> Poses3D:
