@@ -33,7 +33,7 @@ def main() -> None:
     command = {"command": "python docs/tools/how_long.py"}
     _spent(lambda: _clip(1.0, 1, 2))  # imports and compiled functions
     labels = {(people, cameras): _labels(people, cameras) for people, cameras in ((1, 5), (2, 5), (4, 5), (2, 10))}
-    images = {quality: _images(quality) for quality in ("draft", "standard")}
+    images = {(quality, people): _images(quality, people) for quality in ("draft", "standard") for people in (2, 4)}
     steps = _steps()
     tables = {
         "labels": {
@@ -42,21 +42,21 @@ def main() -> None:
                      for (p, c), (fixed, each, size) in labels.items()],
         },
         "images": {
-            "columns": ["rgb, 1032 x 776 px", "CPU ms an image", "kB an image (video)"],
-            "rows": [[quality, f"{1000 * each:.0f}", f"{size / 1000:.0f}"]
-                     for quality, (each, size) in images.items()],
+            "columns": ["rgb, 1032 x 776 px", "people", "CPU s a clip", "CPU ms an image", "kB an image (video)"],
+            "rows": [[quality, str(people), f"{fixed:.1f}", f"{1000 * each:.0f}", f"{size / 1000:.0f}"]
+                     for (quality, people), (fixed, each, size) in images.items()],
         },
         "steps": {
-            "columns": ["step", "CPU ms a frame"],
-            "rows": [[name, f"{1000 * each:.1f}"] for name, each in steps.items()],
+            "columns": ["step, two people in five cameras", "CPU s a recording", "CPU ms a frame"],
+            "rows": [[name, f"{fixed:.2f}", f"{1000 * each:.1f}"] for name, (fixed, each) in steps.items()],
         },
         "million": {
             "columns": ["a million frames of two people in five cameras", *(f"{n} core{'s' * (n > 1)}" for n in _CORES),
                         "on disk"],
             "rows": [
                 _row("simulate, label, detect", labels[2, 5][1], labels[2, 5][2]),
-                _row("draft images of five cameras", 5 * images["draft"][0], 5 * images["draft"][1]),
-                *(_row(name, each, None) for name, each in steps.items()),
+                _row("draft images of five cameras", *(5 * each for each in images["draft", 2][1:])),
+                *(_row(name, each, None) for name, (_, each) in steps.items()),
             ],
         },
     }  # fmt: skip
@@ -103,35 +103,39 @@ def _labels(people: int, cameras: int) -> tuple[float, float, float]:
     return max(0.0, took[0] - frames[0] * each), each, size
 
 
-def _images(quality: str) -> tuple[float, float]:
-    """Return the CPU seconds and the bytes of an image."""
-    with tempfile.TemporaryDirectory() as folder:
-        rig, data = synth.preset("rig", "shelf"), Path(folder, "data")
-        list(synth.generate(clips=1, seed=3, seconds=0.4, persons=[2, 2], rig=rig, out=data))
-        begun = time.process_time()
-        (clip,) = synth.render(data, images=["rgb"], quality=quality, out=Path(folder, "seen"))
-        took = time.process_time() - begun
-        size = sum(path.stat().st_size for path in Path(folder, "seen").rglob("*.mp4"))
-        images = len(clip) * len(clip.rig)
-    return took / images, size / images
+def _images(quality: str, people: int) -> tuple[float, float, float]:
+    """Return the CPU seconds of a clip and of an image, and the bytes of an image."""
+    took, sizes, images = [], [], []
+    for seconds in (0.04, 0.16, 0.48):  # the first compiles shaders
+        with tempfile.TemporaryDirectory() as folder:
+            rig, data = synth.preset("rig", "shelf"), Path(folder, "data")
+            list(synth.generate(clips=1, seed=3, seconds=seconds, persons=[people, people], rig=rig, out=data))
+            begun = time.process_time()
+            (clip,) = synth.render(data, images=["rgb"], quality=quality, out=Path(folder, "seen"))
+            took.append(time.process_time() - begun)
+            sizes.append(sum(path.stat().st_size for path in Path(folder, "seen").rglob("*.mp4")))
+            images.append(len(clip) * len(clip.rig))
+    took, sizes, images = took[1:], sizes[1:], images[1:]
+    each = (took[1] - took[0]) / (images[1] - images[0])
+    return max(0.0, took[0] - images[0] * each), each, sizes[1] / images[1]
 
 
-def _steps() -> dict[str, float]:
-    """Return the CPU seconds of a frame of two people in five cameras, by step."""
+def _steps() -> dict[str, tuple[float, float]]:
+    """Return the CPU seconds of a recording and of a frame of two people in five cameras, by step."""
     long, short = (_clip(seconds, 2, 5) for seconds in (10.0, 5.0))
     complete = dmae.completer(long.detections.skeleton)
     dmae.capture(short)
     captured = {id(clip): dmae.capture(clip) for clip in (long, short)}
     complete(captured[id(short)], short.fps)
 
-    def a_frame(step) -> float:
-        return (
-            min(_spent(lambda: step(long)) for _ in range(2)) - min(_spent(lambda: step(short)) for _ in range(2))
-        ) / (len(long) - len(short))
+    def costs(step) -> tuple[float, float]:
+        of_long, of_short = (min(_spent(lambda clip=clip: step(clip)) for _ in range(2)) for clip in (long, short))
+        each = (of_long - of_short) / (len(long) - len(short))
+        return max(0.0, of_short - each * len(short)), each
 
     return {
-        "capture": a_frame(dmae.capture),
-        "complete": a_frame(lambda clip: complete(captured[id(clip)], clip.fps)),
+        "capture": costs(dmae.capture),
+        "complete": costs(lambda clip: complete(captured[id(clip)], clip.fps)),
     }
 
 
