@@ -168,7 +168,8 @@ class VideoFrames:
         if number >= len(self._times):
             raise FileNotFoundError(f"{self._path}: expected {number + 1} frames or more, found {len(self._times)}")
         wanted = self._times[number]
-        start = self._keyframes[bisect_right(self._keyframes, wanted) - 1]
+        before = bisect_right(self._keyframes, wanted)
+        start = self._keyframes[before - 1] if before else self._times[0]  # no whole frame is before a damaged one
         if self._last is None or not start <= self._last < wanted:
             self._container.seek(start, stream=self._container.streams.video[0])
             self._decoded = self._container.decode(video=0)

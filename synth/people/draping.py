@@ -62,6 +62,7 @@ class Drape(NamedTuple):
     tight: np.ndarray
     ways: np.ndarray  # (M, 2) directions of these distances from the front to the left, unit vectors
     origins: np.ndarray  # (6, 3) origins of `_OWN` in T-pose, m
+    under: np.ndarray  # (1,) thickness of what legs wear below, m; a seat presses it flat
 
     @property
     def nodes(self) -> int:
@@ -104,7 +105,7 @@ class Drape(NamedTuple):
     def unpack(cls, numbers: np.ndarray) -> "Drape":
         """Return the tube from the numbers of `pack`."""
         rows, ways = numbers[:2].astype(int).tolist()
-        shapes = (rows + 1, 8), (rows, ways), (rows, ways), (ways, 2), (len(_OWN), 3)
+        shapes = (rows + 1, 8), (rows, ways), (rows, ways), (ways, 2), (len(_OWN), 3), (1,)
         ends = np.cumsum([np.prod(shape) for shape in shapes])
         parts = np.split(numbers[2:], ends[:-1])
         return cls(*(part.reshape(shape).copy() for part, shape in zip(parts, shapes, strict=True)))
@@ -165,7 +166,6 @@ def skirt(
             rings[row, 0] = middle * np.interp(share, (0, 0.3), (1, 0))
         if share > -0.1:
             ahead, radius = _leg(bare, max(share, 0.16))
-            radius += under
             rings[row, 0] += ahead * np.interp(share, (0, 0.3), (0, 1))
             # At the hem, calves may be wider above.
             rings[row, 3] = radius = max(radius, rings[row - 1, 3] if share > 1.3 else 0)
@@ -175,8 +175,9 @@ def skirt(
         tight[row] = hull + (0.010 if height > 0 else 0.002)
     below = np.maximum(-heights, 0)[:, None]
     widest = np.maximum.accumulate(tight, axis=0)
-    loose = widest + ease * np.interp(heights, (0, waist), (1, 0.2))[:, None] + flare * below
-    return Drape(rings, loose[:-1], tight[:-1], ways, origins[list(_OWN)])
+    eased = under * (heights <= 0) + ease * np.interp(heights, (0, waist), (1, 0.2))
+    loose = widest + eased[:, None] + flare * below
+    return Drape(rings, loose[:-1], tight[:-1], ways, origins[list(_OWN)], np.array([under]))
 
 
 def _around_trunk(bare: BareBody, height: float, size: float, ways: np.ndarray) -> tuple[float, np.ndarray]:
@@ -314,12 +315,12 @@ def swings(length: float, hips: np.ndarray, fps: float) -> np.ndarray:
 
 
 @compiled()
-def _drape(quats, places, rings, loose, tight, ways, origins, swing, closed, bones):
+def _drape(quats, places, rings, loose, tight, ways, origins, under, swing, closed, bones):
     """Fill `bones` (R * NODES, 3, 4) with the rotations and places of nodes, see the module.
 
     Args:
         quats, places: (6, 4) and (6, 3) m of the segments `_OWN` in the world.
-        rings, loose, tight, ways, origins: As in `Drape`.
+        rings, loose, tight, ways, origins, under: As in `Drape`.
         swing: (2,) displacement of the hem, m.
         closed: Whether the last node of a ring is beside its first.
     """
@@ -327,8 +328,10 @@ def _drape(quats, places, rings, loose, tight, ways, origins, swing, closed, bon
     frames, legs = _follow(quats, places, rings, origins)
     own, along, marks = np.empty((2, 3)), np.empty((2, 3)), np.empty((NODES, 2))
     nodes, outs, spans = np.empty((rows, NODES, 3)), np.empty(len(ways)), np.empty(len(ways))
+    freedom, radii = np.empty(rows), np.zeros(rows + 1)
     for row in range(rows):
-        free, frame, middle = _freedom(frames[:rows], row), frames[row], (legs[row, 0] + legs[row, 1]) / 2
+        freedom[row] = free = _freedom(frames[:rows], row)
+        frame, middle = frames[row], (legs[row, 0] + legs[row, 1]) / 2
         for k in range(2):
             middle[k] += free * max(0.0, rings[row, 1] / rings[rows - 1, 1]) * swing[k]
         above, below = legs[max(row - 1, 0)], legs[min(row + 1, rows - 1)]
@@ -340,11 +343,16 @@ def _drape(quats, places, rings, loose, tight, ways, origins, swing, closed, bon
                     along[side, k] += frame[j, k] * (below[side, j] - above[side, j])
         spans[:] = 0
         if rings[row, 3] > 0:
-            _span(own, along, rings[row, 3], free, rings[0, 2], ways, spans)
+            _span(own, along, rings[row, 3] + free * under[0], free, rings[0, 2], ways, spans)
         _outline(loose[row], tight[row], spans, free, outs)
         _spread(outs, ways, closed, marks)
         _put(marks, own, frame, middle, nodes[row])
-    _clear(nodes, legs, rings, closed)
+    for row in range(rows + 1):
+        if rings[row, 3] > 0:
+            # Around the hips cloth touches legs at rest.
+            close = 0.0 if rings[row, 6] + rings[row, 7] < 1 else _CLOSE
+            radii[row] = rings[row, 3] + close + freedom[min(row, rows - 1)] * under[0]
+    _clear(nodes, legs, radii, freedom, closed)
     _orient(nodes, closed, bones)
 
 
@@ -513,7 +521,7 @@ def _put(marks, own, frame, middle, nodes):
 
 
 @compiled()
-def _clear(nodes, legs, rings, closed):
+def _clear(nodes, legs, radii, freedom, closed):
     """Move nodes (R, NODES, 3) outwards where they, or cloth half way between them, are in a leg, m.
 
     Rings go around the sections of legs by their planes; between rings, bent legs are elsewhere.
@@ -521,11 +529,11 @@ def _clear(nodes, legs, rings, closed):
     Args:
         nodes: m.
         legs: (R + 1, 2, 3) points of the legs, m.
-        rings: As in `Drape`.
+        radii: (R + 1,) of the legs there, m; 0 where they do not push.
+        freedom: (R,) of each ring, see `_freedom`.
         closed: As in `_drape`.
     """
-    # Around the hips cloth touches legs at rest.
-    rows, radii = len(nodes), rings[:, 3] + np.where(rings[:, 6] + rings[:, 7] < 1, 0.0, _CLOSE)
+    rows = len(nodes)
     outward, lifts, point, normal = np.empty((rows, NODES, 3)), np.empty((rows, NODES)), np.empty(3), np.empty(3)
     for _ in range(_ROUNDS):
         for row in range(rows):
@@ -553,8 +561,10 @@ def _clear(nodes, legs, rings, closed):
                         lifts[one, other] = max(lifts[one, other], lift)
         for row in range(rows):
             for node in range(NODES if radii[row] > 0 else 0):
+                # A seat presses cloth to the legs from below.
+                lift = lifts[row, node] * (1 + (1 - freedom[row]) * min(0.0, outward[row, node, 2]))
                 for k in range(3):
-                    nodes[row, node, k] += lifts[row, node] * outward[row, node, k]
+                    nodes[row, node, k] += lift * outward[row, node, k]
 
 
 @compiled()

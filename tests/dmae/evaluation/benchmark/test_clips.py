@@ -149,7 +149,7 @@ def test_clips_that_only_round_otherwise_are_near(clip: Clip, frozen):
 
 
 def test_another_clip_is_refused_with_its_name_and_the_likely_reason(clip: Clip, frozen):
-    with pytest.raises(ValueError, match=r"clip 1_self/a/000000: its labels are not.*the generator was changed"):
+    with pytest.raises(ValueError, match=r"clip 1_self/a/000000: its labels differ from.*the generator was changed"):
         check_clip("1_self/a/000000", moved(clip, 0.2), frozen)
     other = replace(moved(clip, 0.002), provenance={"versions": VERSIONS | {"mujoco": "3.9"}})
     with pytest.raises(ValueError, match=re.escape("frozen with mujoco 3.6, here 3.9. Install the pinned versions")):
