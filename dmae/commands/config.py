@@ -155,7 +155,7 @@ class CaptureCommand(PartConfig):
 class CompleteCommand(ProcessesConfig):
     """Fill joints on which fewer than two cameras agree, marked as such; smooth the others.
 
-    By default all joints are smoothed, those that fewer than three views measured are corrected, and those that
+    By default all joints are smoothed; joints that fewer than three views measured are corrected; joints that
     neighbouring frames contradict are replaced. `reject=false denoise=false smooth=0` changes no measured joint.
     """
 

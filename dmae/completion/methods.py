@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from dmae.data.clip import Poses3D
 
 Fill = Callable[["Poses3D", float], "Poses3D"]
-"""Takes poses and their frames per second; returns poses of the same shape, in which what was filled is `COMPLETED` and
-used no views, or those that measured what it rejected."""
+"""Takes poses and their frames per second; returns poses of the same shape, in which filled joints are `COMPLETED`,
+with 0 views, or as many as the rejected measurement had."""
 
 
 @dataclass(frozen=True)

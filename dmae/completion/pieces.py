@@ -1,4 +1,4 @@
-"""What the networks are given: poses in m, of long recordings pieces with what is known of a person within 20 s."""
+"""What networks are given: poses in m; of long recordings, pieces and what is known of the person 20 s around them."""
 
 from collections.abc import Callable, Iterator
 from itertools import pairwise

@@ -184,9 +184,9 @@ def methods_for(usual: Sequence[str], skeleton: Skeleton, weights: str | None) -
 
 _USE = """\
 Completes joints of people captured by calibrated cameras where fewer than two cameras agree (`dmae complete`).
-Completed joints are estimates, marked `COMPLETED`. Their covariances hold for motion and rigs like those of the
-calibration, and are unknown (NaN) farther than 0.2 s from any measurement of the person. The model does not identify
-people.
+Completed joints are estimates, marked `COMPLETED`. Their covariances hold for motion and rigs like the ones that
+they were calibrated on, and are unknown (NaN) farther than 0.2 s from any measurement of the person. The model does
+not identify people.
 """
 
 _PAPERS_USE = """\

@@ -62,7 +62,7 @@ class Images:
         return replace(self, views=views, frames=chosen, files=files, borders=borders)
 
     def read(self, kind: str, view: str) -> Iterator[np.ndarray]:
-        """Yield the images of one kind and one view, in the order of frames; images and errors are those of `at`."""
+        """Yield the images of one kind and one view, in the order of frames, as `at` reads each."""
         self._check(kind, view)
         read = self.opened(view) if kind == "rgb" else partial(self.at, kind, view)
         yield from map(read, range(len(self.frames)))

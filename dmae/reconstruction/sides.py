@@ -46,7 +46,7 @@ class Sides:
 
     pairs: np.ndarray  # (n, 2) indices of left joints and of their partners on the right
     groups: np.ndarray  # (G, n) True for the pairs that are exchanged together: the whole body, and its limbs
-    trunk: np.ndarray  # (n,) True for the pairs of head and trunk, which nobody swings past each other
+    trunk: np.ndarray  # (n,) True for the pairs where limbs begin, which nobody swings past each other
 
     @classmethod
     def of(cls, skeleton: Skeleton) -> "Sides":
@@ -56,15 +56,19 @@ class Sides:
         left = np.array(skeleton.left, int)
         pairs = np.stack([left, mirror[left]], -1).reshape(-1, 2)
         kinds = [names[i].removeprefix("l_") for i in left]
-        limbs, trunk = (
-            [[kind in limb for kind in kinds] for limb in _LIMBS],
-            np.isin(kinds, [limb[0] for limb in _LIMBS]),
-        )
+        limbs = [[kind in limb for kind in kinds] for limb in _LIMBS]
+        trunk = np.isin(kinds, [limb[0] for limb in _LIMBS])
         if skeleton.defined:
             tops = np.array([_top(skeleton, joint) for joint in left], int)
             limbs, trunk = [list(tops == top) for top in np.unique(tops)], tops == left
         groups = np.array([[True] * len(pairs), *limbs], bool).reshape(1 + len(limbs), len(pairs))
         return cls(pairs, groups, trunk.reshape(len(pairs)))
+
+    def weights(self) -> np.ndarray:
+        """Return what each pair (n,) counts: what hangs from the first pair of a limb moves together, so that all of it
+        counts as one pair; so does what is in no limb, as eyes and ears."""
+        limb = np.where(self.groups[1:].any(0), self.groups[1:].argmax(0), len(self.groups))
+        return np.where(self.trunk, 1, 1 / np.maximum(np.bincount(limb, ~self.trunk)[limb], 1))
 
 
 def _top(skeleton: Skeleton, joint: int) -> int:
@@ -194,10 +198,7 @@ def find_turned(xyz: np.ndarray, votes: np.ndarray, sides: Sides, fps: float, de
     """
     if not len(sides.pairs):
         return np.zeros(xyz.shape[:2], bool)
-    # What hangs from the first pair of a limb moves together, so all of it speaks like one pair.
-    limb = sides.groups[1:].argmax(0)
-    weight = np.where(sides.trunk, 1, 1 / np.maximum(np.bincount(limb, ~sides.trunk)[limb], 1))
-    swing, shape = np.where(sides.trunk, *_SWING), (xyz.shape[1], len(sides.pairs))
+    weight, swing, shape = sides.weights(), np.where(sides.trunk, *_SWING), (xyz.shape[1], len(sides.pairs))
     last, when = np.full((*shape, 3), np.nan), np.full(shape, -np.inf)
     kept = np.zeros(xyz.shape[:2], np.float32)
     for part in frame_blocks(xyz):

@@ -157,7 +157,7 @@ class Reprojection:
     worst: np.ndarray  # (F, P) largest error of a measured joint of each person in any camera; NaN where there is none
     where: np.ndarray  # (F, P, 2) indices of its camera and joint
     detections: int  # Number of detections in all cameras
-    unused: int  # Number of those that fit no captured person
+    unused: int  # Number of detections that fit no captured person
 
     def describe_unused(self) -> str:
         """Say how many detections fit no captured person."""
@@ -340,7 +340,7 @@ class Doubt:
     reason: str  # The largest sign in the worst frame, with its size
     source: Source  # `Source` of the joint in the worst frame
     detected: int  # Number of cameras that detect it there
-    views: int  # Number of those that agreed: the joint was measured from them
+    views: int  # Number of cameras that agreed, from which the joint was measured
 
     def decision(self, verdict: ReviewVerdict | str) -> Decision:
         """Return a decision on this joint in these frames."""
@@ -483,7 +483,7 @@ class Findings:
     rejected: int = 0  # Number of completed joints that cameras measured, see `Poses3D.rejected`
     captured: Sequence[int] = ()  # (P,) numbers of frames in which each captured person is known
     detections: int = 0  # Number of detections in all cameras
-    unused: int = 0  # Number of those that fit no captured person
+    unused: int = 0  # Number of detections that fit no captured person
     has_truth: bool = False  # Whether the clip is compared with a truth
     has_images: bool = False  # Whether the clip refers to images
     # "all", "measured" and "completed" joints with their errors, mm

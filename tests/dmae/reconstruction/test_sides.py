@@ -144,3 +144,11 @@ def test_people_whom_a_view_shows_in_two_parts_are_turned_as_a_whole():
     turned = turn(replace(evidence, xy=parts, confidence=confidence), assigned, np.ones((1, 1), bool), Sides.of(BODY25))
     np.testing.assert_array_equal(turned.xy[0, 0, 1, left], evidence.xy[0, 0, 0, right])
     np.testing.assert_array_equal(turned.xy[0, 0, 0, right], evidence.xy[0, 0, 0, left])
+
+
+def test_a_limb_counts_as_one_pair_besides_the_one_that_it_hangs_from():
+    sides = Sides.of(BODY25)
+    weights = dict(zip([BODY25.joints[left] for left in sides.pairs[:, 0]], sides.weights(), strict=True))
+    assert {joint: weight for joint, weight in weights.items() if weight == 1}.keys() == {"l_shoulder", "l_hip"}
+    assert all(weights[joint] == 0.5 for joint in ("l_elbow", "l_wrist", "l_eye", "l_ear"))
+    assert all(weights[joint] == 0.2 for joint in ("l_knee", "l_ankle", "l_heel", "l_big_toe", "l_small_toe"))
