@@ -267,20 +267,33 @@ class DMAE(nn.Module):
         """Predict joints; the arguments but the last are the fields of `dmae.completion.windows.Windows`.
 
         Args:
-            x: (B, T, J, 3) m; not read where `observed` is False. J may be fewer than all joints: the first ones.
-            observed: (B, T, J) True where the encoder may look.
+            x: (B, T, J, 3) m, T as in `config.frames`; not read where `observed` is False, NaN allowed there. J may be
+                fewer than all joints: the first ones.
+            observed: (B, T, J) bool, True where the encoder may look.
             base: (B, T, J, 3) m, interpolated joints; this and the following only with `residual`.
             gap: (B, T, J, 2) frames since and until the joint was observed.
             ray: (B, T, J, 3) direction of the one camera that detected the joint; zero where there is none.
             candidate_offset: (B, T, J, 6, 3) m, from `base` to other places where the joint may be.
             noise_level: (B, T, J, 6) logarithms of jitter and bone stretch.
             wanted: (B, T, J) True for the joints to be predicted, others become zero; None for all.
+
+        Raises ValueError for windows of another length, too many joints, or features that `residual` lacks.
         """
+        frames, most = self.config.frames, len(self.rest)
+        if x.shape[:3] != observed.shape or observed.shape[1] != frames or observed.shape[2] > most:
+            raise ValueError(
+                f"expected x (B, {frames}, J, 3) and observed (B, {frames}, J) with J up to {most}; found "
+                f"{tuple(x.shape)} and {tuple(observed.shape)}"
+            )
         chosen = None if wanted is None else Chosen.where(wanted.flatten(1))
         x = torch.where(observed[..., None], x, 0)
         if self.config.residual:
+            if base is None or gap is None or ray is None or candidate_offset is None or noise_level is None:
+                raise ValueError(
+                    "the network corrects interpolated joints (`residual`): expected base, gap, ray, candidate_offset "
+                    "and noise_level, the fields of `dmae.completion.windows.Windows`"
+                )
             gap, ray, candidate_offset, noise_level = self._ablated(gap, ray, candidate_offset, noise_level)
-            assert base is not None
             tokens, xyz, features = self._residual(x, observed, base, gap, ray, candidate_offset, noise_level, chosen)
         else:
             encoded = self.encode(self.signal(x.flatten(1, 2)), observed)

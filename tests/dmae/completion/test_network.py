@@ -118,6 +118,17 @@ def test_an_ablated_feature_has_no_influence_and_every_other_has(name):
             assert not torch.equal(whole(*first).xyz, whole(*second).xyz)
 
 
+def test_windows_that_do_not_fit_are_refused():
+    network, (x, observed, *_) = model(PAPER), windows(2)
+    for wrong in (x[:, :3], torch.cat([x, x[:, :1]], 1), x.repeat(1, 1, 2, 1)):
+        with pytest.raises(ValueError, match=r"^expected x \(B, 4, J, 3\) and observed \(B, 4, J\) with J up to 6;"):
+            network(wrong, torch.ones(wrong.shape[:3], dtype=torch.bool))
+    with pytest.raises(ValueError, match=r"found \(2, 4, 6, 3\) and \(2, 4, 5\)$"):
+        network(x, observed[:, :, 1:])
+    with pytest.raises(ValueError, match="expected base, gap, ray, candidate_offset and noise_level"):
+        model(SMALL)(x, observed)
+
+
 def test_an_unknown_feature_cannot_be_ablated():
     with pytest.raises(ValueError, match=r"model\.ablate: expected some of \['gap', .*found \['colour'\]"):
         replace(SMALL, ablate=["gap", "colour"])
