@@ -38,15 +38,18 @@ _LARGEST = 1e6  # Of a weight
 SHIPPED = Path(__file__).parents[1] / "models"
 PAPER = "paper"
 """Folder there of the paper's network."""
+_UNLESS_STATED = {"calibration": None, "denoises": False, "fuses": False}
+"""What completion reads of a record; a network that was trained elsewhere states none of it."""
 
 
-def save_model(model: DMAE, skeleton: Skeleton, folder: Path, record: dict) -> None:
-    """Write a model, replacing the one that is there.
+def save_model(model: DMAE, skeleton: Skeleton, folder: str | Path, record: dict) -> None:
+    """Write a model, replacing the one that is there. `load_model` and every option `weights` take the folder.
 
     Raises ValueError if weights are not finite; the message names their tensors.
 
     Args:
-        record: JSON-able; how the model was made.
+        record: JSON-able; how the model was made. `dmae train` says here that a model fuses or denoises, and how its
+            uncertainty is calibrated.
     """
     folder = Path(folder)
     check_finite(model.state_dict(), "nothing was saved")
@@ -64,7 +67,7 @@ def save_model(model: DMAE, skeleton: Skeleton, folder: Path, record: dict) -> N
     write_atomic(folder / "model.json", json.dumps(meta, indent=1))
 
 
-def load_model(folder: Path) -> tuple[DMAE, Skeleton, dict]:
+def load_model(folder: str | Path) -> tuple[DMAE, Skeleton, dict]:
     """Return a model in evaluation mode, on the CPU; its skeleton; and the contents of `model.json`.
 
     Raises:
@@ -93,7 +96,7 @@ def load_model(folder: Path) -> tuple[DMAE, Skeleton, dict]:
     except (KeyError, TypeError, AttributeError, RuntimeError, ValueError, OverflowError, SafetensorError) as error:
         raise ValueError(f"{folder}: not a model of this version of dmae: {error}") from None
     check_finite(tensors, f"{path} is of no use, train again")
-    return model.eval(), skeleton, meta
+    return model.eval(), skeleton, _UNLESS_STATED | meta
 
 
 class _Unfilled(TorchFunctionMode):

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 import yaml
 
 import dmae
@@ -145,6 +146,29 @@ def test_a_skeleton(tmp_path: Path):
 
 
 @pytest.mark.slow
+def test_a_training_loop_of_your_own(small_clip, tmp_path: Path, monkeypatch):
+    section = (PAGES / "fine_tune.md").read_text().split("\n## In your own training loop\n")[1]
+    (code,) = re.findall(r"```python\n(.*?)```", section, re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    names: dict = {}
+    torch.manual_seed(0)
+    exec(code, names)
+    truth = dmae.to_skeleton(small_clip.truth, "coco17").xyz
+    windows = np.concatenate([truth[start : start + 15].swapaxes(0, 1) for start in range(len(truth) - 14)])
+    hips = windows[:, :, names["skeleton"].index("l_hip", "r_hip")].mean((1, 2), keepdims=True)
+    x = torch.tensor(windows - hips, dtype=torch.float32)
+    losses = [names["step"](x[torch.randperm(len(x))[:8]]) for _ in range(10)]
+    assert losses[-1] < 0.5 * losses[0]
+
+    captured = dmae.to_skeleton(dmae.capture(small_clip), "coco17")
+    holes = np.zeros(captured.source.shape, bool)
+    holes[3:6, :, captured.skeleton.index("l_wrist", "r_ankle")] = True
+    names["save_model"](names["network"], names["skeleton"], "own", {})
+    completed = dmae.complete(captured.without(holes), small_clip.fps, weights="own", smooth=0)
+    assert (completed.source[holes] == dmae.Source.COMPLETED).all()
+    np.testing.assert_array_equal(completed.xyz[captured.measured & ~holes], captured.xyz[captured.measured & ~holes])
+
+
 def test_joint_angles_without_a_recording(tmp_path: Path):
     """The page's commands run as they stand, and write what it says."""
     section = (PAGES / "biomechanics.md").read_text().split("\n## To try")[1]
