@@ -166,6 +166,11 @@ def test_every_option_in_running_text_exists():
                 assert key in known, f"{page.name}: {key}"
 
 
+def test_the_terms_of_every_model_in_the_package_are_stated():
+    named = set(re.findall(r"`dmae/models/(\w+)", (DOCS / "reference/licences.md").read_text()))
+    assert named == {path.stem for path in (ROOT / "dmae/models").iterdir()}
+
+
 def test_equations_become_mathml():
     html = '<div class="arithmatex">\\[\\sigma^2 = 1\\]</div> <span class="arithmatex">\\(x\\)</span>'
     assert equations.to_mathml(html).count("<math") == 2
