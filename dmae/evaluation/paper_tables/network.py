@@ -190,7 +190,7 @@ VARIANTS = {
 _LIMB_FRAMES = 13  # Half a second at the network's rate
 _CODE_NOTES = (
     "Trained and scored on simulated people, since BU-Mocap is not available. The four rows of the ablation have "
-    f"equally many steps, {STEPS[TableSize.full][-1]} of 16 windows; {LONGER}: {PAPER.learning.steps}. Codes are "
+    f"equally many steps, {{steps}} of 16 windows; {LONGER}: {PAPER.learning.steps}. Codes are "
     "left out of the encoder, as in the released code: without them in the decoder masked tokens of a frame are one.",
     "Masks: half of the frames, and half of the joints of each other frame, as in the paper; half of the joints of "
     "half of the frames, as in the released code; two of four limbs for half a second, which interpolation has to "
@@ -230,7 +230,7 @@ def codes_table(config: TableConfig, out: Path) -> dict:
     ]
     return paper_table(
         config, _CODE_COLUMNS, rows, against=BOTH, comparable=None, recording=f"{len(scored)} simulated clips",
-        frames={}, footnotes=_CODE_NOTES,
+        frames={}, footnotes=[note.format(steps=steps) for note in _CODE_NOTES],
     )  # fmt: skip
 
 

@@ -115,7 +115,9 @@ def pretrained(tiny, clips, tmp_path, monkeypatch):
 
 
 def test_codes_have_recall_and_error_of_the_same_masked_joints(clips, pretrained, tmp_path):
-    rows = rows_of(table(tmp_path, 5, clips))
+    made = table(tmp_path, 5, clips)
+    rows = rows_of(made)
+    assert "equally many steps, 2 of 16 windows" in made["footnotes"][0]
     assert list(rows) == [*network.VARIANTS, network.LONGER, network.WINDOW, network.WHOLE]
     for row in rows.values():
         assert all(0 <= row["cells"][f"{kind}recall"]["value"] <= 100 for kind in network.MASKS)
