@@ -2,6 +2,7 @@
 
 import doctest
 import inspect
+import json
 import re
 import shutil
 import subprocess
@@ -17,11 +18,12 @@ import pytest
 
 import dmae
 import synth
-from dmae.data.store import MANIFEST
+from dmae.data.store import MANIFEST, write_manifest
 from dmae.data.typed import type_hints
 from dmae.formats.calibrations import write_calibration
 from dmae.formats.reading import recognise
 from tests.support.benchmarks import simulate_here
+from tests.support.commands import run_command
 
 VERBS = sorted(
     (module.__name__, name)
@@ -294,7 +296,7 @@ def test_presets_are_those_of_the_command():
 
 @pytest.mark.parametrize(
     "verb",
-    ["capture", "evaluate", "draw", "review", "doctor", "calibrate", "decide", "save", "export", "convert", "show"],
+    ["capture", "draw", "review", "doctor", "calibrate", "decide", "save", "export", "convert", "show"],
 )
 def test_the_wrong_type_is_named_with_what_to_do(verb: str, tmp_path: Path):
     out = [tmp_path / "a"] if verb in ("save", "export", "convert", "show") else [[]] if verb == "decide" else []
@@ -385,6 +387,42 @@ def test_evaluate_without_poses_says_what_to_do(clip):
         dmae.evaluate(clip)
 
 
+def write_clips(clip: dmae.Clip, count: int, folder: Path) -> None:
+    """Write a data set of copies of a clip, named 0, 1, ..."""
+    for number in range(count):
+        dmae.save(replace(clip, id=f"{number}"), folder / f"{number}")
+    write_manifest(folder, [{"id": f"{number}", "status": "ok"} for number in range(count)])
+
+
+def test_evaluate_scores_methods_as_its_command(clip, tmp_path: Path):
+    write_clips(clip, 2, tmp_path / "walks")
+    config = dmae.EvaluateConfig(methods=["measured", "linear"], views=[5])
+    clips = dmae.load_dataset(tmp_path / "walks")
+    scores = dmae.evaluate(clips, config=config)
+    assert scores["recording"] == "2 clips of walks"
+    run_command(tmp_path, "dmae", "evaluate", "data=walks", "methods=[measured,linear]", "views=[5]", "out=out")
+    assert dmae.compare_scores(tmp_path / "out", scores).passed
+    written = json.loads((tmp_path / "out/scores.json").read_text())
+    assert written["results"] == json.loads(json.dumps(scores["results"]))
+    in_memory = dmae.evaluate(list(clips), config=config)
+    assert in_memory["results"] == scores["results"] and in_memory["recording"] == "2 clips"
+    assert list(dmae.evaluate(clips[1:], config=config)["clips"]) == ["1"]
+    with pytest.raises(ValueError, match=r"^several clips are scored by methods: give config=dmae\.EvaluateConfig"):
+        dmae.evaluate(clips)
+    with pytest.raises(ValueError, match=r"^config: methods make the poses"):
+        dmae.evaluate(clip, clip.truth, config)
+    for wrong, found in (([clip, clip], "two with the id '000000'"), ([], "none"), (clips[2:], "none")):
+        with pytest.raises(ValueError, match=f"each with an id of its own; found {found}$"):
+            dmae.evaluate(wrong, config=config)
+
+
+def test_a_part_of_a_data_set_is_stressed(clip, tmp_path: Path):
+    write_clips(clip, 3, tmp_path)
+    config = dmae.StressConfig(axes=["cameras"], levels={"cameras": [1]}, pairs=[], methods=["linear"])
+    assert dmae.stress(dmae.load_dataset(tmp_path)[1:], None, config)["clips"] == ["1", "2"]
+    assert dmae.stress(dmae.load_dataset(tmp_path)[1:], None, replace(config, first=1))["clips"] == ["2"]
+
+
 WRONG_TYPES = [
     (lambda it: dmae.complete(it.poses, "25"), "fps: expected a number, found '25'"),
     (lambda it: dmae.complete(it.poses, None), "fps: expected a number, found None"),
@@ -400,6 +438,7 @@ WRONG_TYPES = [
     (lambda it: dmae.capture(it.clip, fill=None), "fill: expected a text, found None"),
     (lambda it: dmae.draw(it.clip, it.poses, "1"), "frame: expected a whole number, found '1'"),
     (lambda it: dmae.draw(it.clip, it.poses, 1.5), "frame: expected a whole number, found 1.5"),
+    (lambda it: dmae.evaluate("walk"), "clip: expected a dmae.Clip or several clips, as dmae.load_dataset(path)"),
     (lambda it: dmae.report("walk", "a"), "clip: expected a dmae.Clip or several clips, as dmae.load_dataset(path)"),
     (lambda it: dmae.report(["walk"], "a"), "clip[0]: expected a dmae.Clip, found 'walk'"),
     (lambda it: dmae.report(it.clip, "a", scores=["scores.json"]), "scores[0]: expected a dictionary"),
@@ -519,6 +558,15 @@ def test_every_public_configuration_answers_a_mistyped_field():
     for kind in kinds:
         with pytest.raises(TypeError, match=rf"^{kind.__name__}: no field nope; "):
             kind(nope=1)
+
+
+def test_every_public_configuration_is_taken_by_a_verb():
+    public = {name: getattr(package, name) for package in (dmae, synth) for name in package.__all__}
+    kinds = {name: kind for name, kind in public.items() if name.endswith(("Config", "Command"))}
+    verbs = [verb for verb in public.values() if inspect.isfunction(verb)]
+    taken = " ".join(str(text) for verb in verbs for text in verb.__annotations__.values())
+    parts = " ".join(str(field.type) for kind in kinds.values() for field in fields(kind))
+    assert not [name for name in kinds if not re.search(rf"\b{name}\b", f"{taken} {parts}")]
 
 
 def test_one_text_is_taken_for_a_list_of_it(clip, tmp_path: Path):

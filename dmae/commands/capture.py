@@ -54,7 +54,8 @@ def run(config: CaptureCommand, out: Path, told: Collection[str] = ()) -> None:
     check_apart(out, Path(config.data.path))
     clips = Clips(config.data)
     settings = _settings(config) if clips.data_set else None
-    part = clips.part(clip_range(len(clips), config.first, config.clips))
+    numbers = clip_range(len(clips), config.first, config.clips)
+    part = clips[numbers.start : numbers.stop]
     if config.dry_run:
         print(f"{out}: {forecast(config, len(part), lambda number: _begun(config, part[number : number + 1]))}")
         return

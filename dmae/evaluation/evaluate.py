@@ -7,7 +7,7 @@ A trial is poses with gaps and their truth: captured with some of the cameras, o
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -145,8 +145,10 @@ def _captured_trials(clip: Clip, config: EvaluateConfig) -> Iterator[Trial]:
 _TRIED = 50  # Number of frames of a clip that a forecast scores
 
 
-def evaluate(config: EvaluateConfig) -> dict:
+def evaluate(config: EvaluateConfig, clips: Sequence[Clip] | None = None) -> dict:
     """Score every method on every clip, captured with every subset of cameras or with synthetic gaps.
+
+    By default clips are those that the fields `data`, `first` and `clips` choose.
 
     Poses are compared on `skeleton`, or by default on the skeleton of the truth. If that is a fused one
     (`body25+shelf14`), they are compared on its second part. With synthetic gaps (`input`) or `reference=capture` they
@@ -164,12 +166,19 @@ def evaluate(config: EvaluateConfig) -> dict:
 
     Raises:
         ValueError: a clip has no truth, there are no clips or methods, a method or number of views does not exist,
-            options exclude each other, or poses made elsewhere do not fit their clip.
+            two clips have the same id, options exclude each other, or poses made elsewhere do not fit their clip.
         FileNotFoundError: the poses made elsewhere do not exist.
     """
     _check_methods(config)
-    clips = _clips(config)
-    tasks = ((config, clips.part(range(n, n + 1)), len(clips) == 1) for n in clips.numbers)
+    if clips is None:
+        clips = _clips(config)
+    data_set = clips if isinstance(clips, Clips) else None
+    numbers = data_set.numbers if data_set else range(len(clips))
+    ids = sorted([folder.name for folder in data_set.folders] if data_set else [clip.id for clip in clips])
+    if not ids or (twice := [id for id, next_id in pairwise(ids) if id == next_id]):
+        found = f"two with the id {twice[0]!r}" if ids else "none"
+        raise ValueError(f"expected one clip or more, each with an id of its own; found {found}")
+    tasks = ((config, clips[n : n + 1], number, len(clips) == 1) for n, number in enumerate(numbers))
     with running_on(config.backend):
         done = in_parallel(_read_and_score, tasks, config.workers)
         scored = list(done if len(clips) == 1 else progress(done, "evaluating", len(clips)))
@@ -178,7 +187,9 @@ def evaluate(config: EvaluateConfig) -> dict:
         for method, run in clip.runs:
             runs.setdefault((method, len(run["cameras"])), []).append(run)
     results = [{"method": method, "views": views, **summary(each)} for (method, views), each in runs.items()]
-    recording = scored[-1].id if clips.total == 1 else f"{len(clips)} clips of {Path(config.data.path).name}"
+    recording = counted(len(clips), "clip") + (f" of {Path(data_set.config.path).name}" if data_set else "")
+    if (data_set.total if data_set else len(clips)) == 1:
+        recording = scored[-1].id
     poses = f"poses of {Path(config.poses).name}" if config.poses else Input(config.input).value.replace("_", " ")
     return {
         "recording": recording,
@@ -199,25 +210,23 @@ class _ScoredClip(NamedTuple):
     runs: list[tuple[str, dict]]  # Method and scores of each run
 
 
-def _read_and_score(config: EvaluateConfig, clips: Clips, shown: bool) -> _ScoredClip:
-    """Score the methods on the one clip."""
-    return _score_clip(config, clips, clips[0], shown)
+def _read_and_score(config: EvaluateConfig, clips: Sequence[Clip], number: int, shown: bool) -> _ScoredClip:
+    """Score the methods on the one clip, which has this number in its data set."""
+    return _score_clip(config, clips, clips[0], number, shown)
 
 
-def _score_clip(config: EvaluateConfig, clips: Clips, clip: Clip, shown: bool) -> _ScoredClip:
+def _score_clip(config: EvaluateConfig, clips: Sequence[Clip], clip: Clip, number: int, shown: bool) -> _ScoredClip:
     """Score the methods on the one clip of `clips`, or on a piece of it, with each subset of cameras."""
     handed_in, methods = None, {}
     if not config.poses:
         methods = load_methods(scored_methods(config, clip), config.weights)
-    elif clips.total == 1:
-        handed_in = predictions_of(Path(config.poses), [clip.id])[clip.id]
-    else:
+    elif isinstance(clips, Clips) and clips.total > 1:
         handed_in = predictions_of(Path(config.poses), clips.names)[clips.folders[0].name]
+    else:
+        handed_in = predictions_of(Path(config.poses), [clip.id])[clip.id]
     runs = []
     truth = angles = None
-    for trial, filled in filled_trials(
-        [clip], config, methods, shown=shown, first=clips.numbers[0], handed_in=handed_in
-    ):
+    for trial, filled in filled_trials([clip], config, methods, shown=shown, first=number, handed_in=handed_in):
         if config.angles and trial.truth is not truth:
             truth, angles = trial.truth, leg_angles(trial.truth)[0]
         runs += runs_of(trial, filled, angles).items()
@@ -263,7 +272,7 @@ def forecast(config: EvaluateConfig) -> str:
         # Poses made elsewhere cover whole clips.
         piece = clip if config.poses else clip.select(frames=range(min(_TRIED, len(clip))))
         start = time.perf_counter()
-        _score_clip(config, clips[index : index + 1], piece, False)
+        _score_clip(config, clips[index : index + 1], piece, clips.numbers[index], False)
         seconds += time.perf_counter() - start
         frames += len(piece)
         lengths.append(len(clip))
@@ -275,7 +284,8 @@ def forecast(config: EvaluateConfig) -> str:
 
 def _clips(config: EvaluateConfig) -> Clips:
     clips = Clips(config.data)
-    return clips.part(clip_range(len(clips), config.first, config.clips))
+    numbers = clip_range(len(clips), config.first, config.clips)
+    return clips[numbers.start : numbers.stop]
 
 
 def scored_methods(config: EvaluateConfig, clip: Clip) -> list[str]:

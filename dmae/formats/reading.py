@@ -14,7 +14,7 @@ import numpy as np
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.labels import NOT_DETECTED, DetectionLabels
 from dmae.data.skeleton import option_skeleton
-from dmae.data.store import clip_folders
+from dmae.data.store import MANIFEST, clip_folders
 from dmae.files.checks import IMAGES, VIDEOS
 from dmae.formats.calibrations import CalibrationSource, LacksSize, calibration_format, is_clip
 from dmae.formats.calibrations import recognise as recognise_calibration
@@ -64,12 +64,6 @@ class Clips(Sequence):
     def __repr__(self) -> str:
         return f"Clips({str(self.config.path)!r}, clips={len(self)})"
 
-    def part(self, numbers: range) -> "Clips":
-        """Return only the clips of the data set with these numbers."""
-        part = copy(self)
-        part.numbers, part.folders = numbers, [self.folders[self.numbers.index(number)] for number in numbers]
-        return part
-
     def __len__(self) -> int:
         return len(self.folders)
 
@@ -85,7 +79,9 @@ class Clips(Sequence):
 
     def __getitem__(self, index: int | str | slice) -> "Clip | Clips":
         if isinstance(index, slice):
-            return self.part(self.numbers[index])
+            part = copy(self)
+            part.numbers, part.folders = self.numbers[index], self.folders[index]
+            return part
         config, folder = self.config, self._folder(index)
         arguments = _arguments(config, self.reader, folder)
         try:
@@ -173,7 +169,10 @@ def recognise(path: Path) -> str:
     if clips := list(path.glob("*/clip.json")):
         # Of what `dmae run` writes, the clip that was written last is the completed one.
         last = max(clips, key=lambda clip: clip.stat().st_mtime).parent
-        raise ValueError(f"{path}: found a folder of clips, expected a clip or a data set; name one, as {last}")
+        raise ValueError(
+            f"{path}: found a folder of clips, expected a clip or a data set; name one, as {last}; a data set has a "
+            f'{MANIFEST} with a line {{"id": "{last.name}", "status": "ok"}} for each'
+        )
     for folder in (path, *(sorted(filter(Path.is_dir, path.iterdir())) if path.is_dir() else ())):
         if _holds_videos(folder):
             raise ValueError(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.skeleton import Skeleton
 from dmae.data.typed import check_arguments
-from dmae.evaluation.config import BenchmarkConfig, BenchmarkSize, StressConfig, TableConfig
+from dmae.evaluation.config import BenchmarkConfig, BenchmarkSize, EvaluateConfig, StressConfig, TableConfig
 from dmae.evaluation.corruption import corrupt as corruption
 from dmae.evaluation.review import Decision, save_decisions, without_decided
 from dmae.viewing.config import ShowConfig
@@ -24,31 +24,52 @@ if TYPE_CHECKING:
 
 
 @check_arguments
-def evaluate(clip: Clip, poses: Poses3D | None = None, *, skeleton: str | Path | Skeleton | None = None) -> dict:
-    """Score poses against the truth of their clip.
+def evaluate(
+    clip: Clip | Sequence[Clip],
+    poses: Poses3D | None = None,
+    config: EvaluateConfig | None = None,
+    *,
+    skeleton: str | Path | Skeleton | None = None,
+) -> dict:
+    """Score poses against the truth of their clip; or, with `config`, methods over clips and subsets of cameras.
 
     Args:
-        clip: Has truth.
+        clip: Has truth. With `config` one or several, as `dmae.load_dataset(path)`.
         poses: Captured or completed poses; by default `clip.poses`.
+        config: Methods and numbers of cameras, as `dmae.EvaluateConfig(methods=["linear", "dmae"], views=[5, 3])`. The
+            fields `data`, `poses`, `first`, `clips`, `baseline`, `changed`, `dry_run` and `out` are not used.
         skeleton: Skeleton to compare on, or its name or file. By default the truth's; if that is two fused, the second.
+            With `config` it is a field.
 
     Returns:
         The scores of `dmae evaluate` for one clip: `pcp` %, `mpjpe` mm by source, `hidden` {recall %, mpjpe mm},
-        `pck`, `gaps`, `identity_switches`, `idf1` and more (`dmae.evaluation.scores.score`).
+        `pck`, `gaps`, `identity_switches`, `idf1` and more (`dmae.evaluation.scores.score`). With `config` the content
+        of `scores.json`.
 
     Raises:
         ValueError: the clip has no truth, there are no poses, or they differ from the truth in length or unit, or
-            have none of its joints.
+            have none of its joints. With `config`: there is no such method or number of cameras, or no clip, or two
+            have the same id.
 
     Examples:
         >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
         >>> scores = dmae.evaluate(clip, dmae.capture(clip))
         >>> bool(scores["pcp"] > 50)
         True
+        >>> scores = dmae.evaluate([clip], config=dmae.EvaluateConfig(methods=["measured", "linear"], views=[3]))
+        >>> [(result["method"], result["views"], len(result["runs"])) for result in scores["results"]]
+        [('measured', 3, 10), ('linear', 3, 10)]
     """
+    from dmae.evaluation.evaluate import evaluate as score_methods
     from dmae.evaluation.predictions import fitting
     from dmae.evaluation.scores import compared_truth, score, scored_actors
 
+    if config is not None:
+        if poses is not None or skeleton is not None:
+            raise ValueError("config: methods make the poses, and config.skeleton is compared on; leave out the others")
+        return score_methods(replace(config, poses=None), [clip] if isinstance(clip, Clip) else clip)
+    if not isinstance(clip, Clip):
+        raise ValueError("several clips are scored by methods: give config=dmae.EvaluateConfig(methods=[...])")
     poses = clip.poses if poses is None else poses
     if poses is None:
         raise ValueError(f"clip {clip.id!r} has no poses; run dmae.capture")
@@ -77,11 +98,7 @@ def compare_scores(baseline: dict | str | Path, scores: dict | str | Path, *, ch
 
     Examples:
         >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
-        >>> dmae.save(clip, "walk")
-        >>> from dmae.evaluation.config import EvaluateConfig
-        >>> from dmae.evaluation.evaluate import evaluate
-        >>> from dmae.formats.reading import DataConfig
-        >>> scores = evaluate(EvaluateConfig(DataConfig(path="walk"), methods=["linear"]))
+        >>> scores = dmae.evaluate(clip, config=dmae.EvaluateConfig(methods=["linear"]))
         >>> dmae.compare_scores(scores, scores).passed
         True
     """

@@ -39,7 +39,6 @@ from dmae.evaluation.scores import (
 )
 from dmae.files.contents import write_atomic
 from dmae.formats.config import clip_range
-from dmae.formats.reading import Clips
 from dmae.metrics.angles import leg_angles
 from dmae.metrics.table import Score
 from dmae.nearest import choices
@@ -411,7 +410,7 @@ def prepare(clips: Sequence[Clip], config: StressConfig, cache: Path | None = No
     if not len(clips):
         raise ValueError("no clip to stress: expected one or more")
     numbers = clip_range(len(clips), config.first, config.clips)
-    clips = clips.part(numbers) if isinstance(clips, Clips) else [clips[number] for number in numbers]
+    clips = clips[numbers.start : numbers.stop]
     planned = plan(config)
     if config.methods is None:
         config, notes = _with_usual_methods(config, clips[0])
