@@ -247,10 +247,10 @@ class TableConfig(Configuration):
     protocol: str = field(default="strict", metadata={"choices": protocol})
     """How limbs are counted in the rows measured here; the others are for comparison with rows published under them."""
     size: TableSize = TableSize.full
-    """Amount of computation: all methods and full trainings, or a table in a minute or two."""
+    """Amount of computation: all methods and full trainings, or a table in a few minutes."""
     systems: list[str] | None = field(default=None, metadata={"choices": capture_method})
-    """Published systems that capture the same detections in rows of their own in tables 1 to 3; by default all, or
-    with size=small none."""
+    """Published systems, or module:function of a clip, that capture the same detections in rows of their own in tables
+    1 to 3; by default all published ones, or with size=small none."""
     angles: bool = False
     """Also score joint angles of hips and knees, degrees, in the tables with errors in mm: 3, 4 and 6. It takes
     about a second for 150 frames of a person and method."""

@@ -169,6 +169,22 @@ def test_a_training_loop_of_your_own(small_clip, tmp_path: Path, monkeypatch):
     np.testing.assert_array_equal(completed.xyz[captured.measured & ~holes], captured.xyz[captured.measured & ~holes])
 
 
+def test_a_table_of_joints_has_the_errors_of_evaluate(small_clip, tmp_path: Path, monkeypatch, capsys):
+    section = (PAGES / "benchmark.md").read_text().split("\n## Joint by joint, in pandas\n")[1]
+    (code,) = re.findall(r"```python\n(.*?)```", section, re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    dmae.save(small_clip, "runs/test")
+    names: dict = {}
+    exec(code, names)
+    assert "l_wrist" in capsys.readouterr().out
+    table, poses = names["table"], dmae.complete(dmae.capture(small_clip), small_clip.fps)
+    scores = dmae.evaluate(small_clip, poses, skeleton="body25")["mpjpe"]
+    assert table["error"].mean() == pytest.approx(scores["all"], rel=1e-4)
+    assert names["completed"]["error"].mean() == pytest.approx(scores["completed"], rel=1e-4)
+    assert (table[["visible", "hidden_by_self", "hidden_by_person"]].sum(axis=1) <= len(small_clip.rig)).all()
+    assert (names["completed"]["gap"] > 0).all() and (table[table["source"] == "DENOISED"]["gap"] == 0).all()
+
+
 def test_joint_angles_without_a_recording(tmp_path: Path):
     """The page's commands run as they stand, and write what it says."""
     section = (PAGES / "biomechanics.md").read_text().split("\n## To try")[1]
