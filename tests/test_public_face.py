@@ -520,6 +520,10 @@ def test_every_number_text_and_path_of_a_verb_is_checked():
     ("make", "message"),
     [
         (lambda: dmae.CaptureConfig(th_v="2"), "CaptureConfig.th_v: expected a whole number, found '2'"),
+        (
+            lambda: dmae.StressConfig(methods=["linear", write_clips]),
+            f"StressConfig.methods[1]: expected a text, found function; name it, as '{__name__}:write_clips'",
+        ),
         (lambda: dmae.LearningConfig(steps="2"), "LearningConfig.steps: expected a whole number, found '2'"),
         (lambda: dmae.PretrainCommand(clips="2"), "PretrainCommand.clips: expected a whole number, found '2'"),
         (lambda: synth.SceneConfig(seconds="a"), "SceneConfig.seconds: expected a number, found 'a'"),

@@ -12,7 +12,7 @@ from functools import cache, wraps
 from math import isfinite
 from numbers import Integral, Real
 from pathlib import Path
-from types import NoneType, UnionType
+from types import FunctionType, NoneType, UnionType
 from typing import Any, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from dmae.nearest import nearest, suggestion
@@ -71,6 +71,8 @@ def decode(kind: Any, value: Any, name: str = "") -> Any:
     configured = any(isinstance(one, type) and issubclass(one, Configuration) for one in kinds)
     words = ["the name of a preset" if configured and one in (str, Path) else _words(one) for one in kinds]
     advice = "".join(f"; {_ADVICE[one.__name__]}" for one in kinds if getattr(one, "__name__", "") in _ADVICE)
+    if str in kinds and isinstance(value, FunctionType):
+        advice += f"; name it, as {f'{value.__module__}:{value.__qualname__}'!r}"
     raise WrongTypeError(f"{name}: expected {_either(words)}, found {_shown(value)}{advice}")
 
 
