@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -169,6 +170,12 @@ def test_every_option_in_running_text_exists():
 def test_the_terms_of_every_model_in_the_package_are_stated():
     named = set(re.findall(r"`dmae/models/(\w+)", (DOCS / "reference/licences.md").read_text()))
     assert named == {path.stem for path in (ROOT / "dmae/models").iterdir()}
+
+
+@pytest.mark.parametrize("page", [*PAGES, *FRONT], **ids)
+def test_what_a_page_calls_is_there_after_the_import_that_it_shows(page: Path):
+    called = set(re.findall(r"\b(dmae|synth)\.(\w+)[\w.]*\(", page.read_text()))
+    assert not [f"{package}.{name}" for package, name in called if name not in import_module(package).__all__]
 
 
 def test_equations_become_mathml():
