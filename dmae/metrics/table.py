@@ -66,6 +66,10 @@ class Score:
     drawn: np.ndarray  # (draws,) the score of each draw
     blocks: list[int]  # Number of blocks of each clip
 
+    def __repr__(self) -> str:
+        low, high = self.interval
+        return f"{self.value:.4g} [{low:.4g}, {high:.4g}]"
+
     @cached_property
     def interval(self) -> tuple[float, float]:
         """Ends of the 95 % interval; NaN if there are fewer than four blocks besides one of each clip."""

@@ -171,12 +171,14 @@ def test_a_training_loop_of_your_own(small_clip, tmp_path: Path, monkeypatch):
 
 def test_a_table_of_joints_has_the_errors_of_evaluate(small_clip, tmp_path: Path, monkeypatch, capsys):
     section = (PAGES / "benchmark.md").read_text().split("\n## Joint by joint, in pandas\n")[1]
-    (code,) = re.findall(r"```python\n(.*?)```", section, re.DOTALL)
+    code, comparison = re.findall(r"```python\n(.*?)```", section, re.DOTALL)
     monkeypatch.chdir(tmp_path)
     dmae.save(small_clip, "runs/test")
     names: dict = {}
     exec(code, names)
     assert "l_wrist" in capsys.readouterr().out
+    exec(comparison, names)
+    assert re.match(r"-?\d+\.\d+ \[nan, nan\] False$", capsys.readouterr().out)
     table, poses = names["table"], dmae.complete(dmae.capture(small_clip), small_clip.fps)
     scores = dmae.evaluate(small_clip, poses, skeleton="body25")["mpjpe"]
     assert table["error"].mean() == pytest.approx(scores["all"], rel=1e-4)

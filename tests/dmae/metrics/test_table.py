@@ -117,3 +117,8 @@ def test_scores_of_other_blocks_have_no_difference():
     one, other = (score(blocks(np.arange(float(count)))) for count in (9, 8))
     with pytest.raises(ValueError, match=r"same clips expected; found \[9\] and \[8\]"):
         one - other
+
+
+def test_a_score_is_printed_with_its_interval():
+    score = Score(-35.0, np.linspace(-60, -10, 101), [8, 8])
+    assert repr(score) == "-35 [-58.75, -11.25]"
