@@ -105,6 +105,8 @@ class Clips(Sequence):
             if folder.exists():
                 raise
             raise FileNotFoundError(f"{folder}: no such file or folder. {error}") from None
+        # Folders of a data set have different names; clips that somebody put together may share one.
+        clip = replace(clip, id=folder.name) if self.data_set else clip
         return select_views(select_frames(shift_views(clip, offsets), config.frames), config.cameras)
 
     def _folder(self, index: int | str) -> Path:

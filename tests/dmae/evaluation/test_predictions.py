@@ -178,3 +178,5 @@ def test_ids_that_do_not_match_are_refused(tmp_path: Path):
         ValueError, match=r"expected poses of clip 'a', found poses of clip 'b'; if .*dmae export clip="
     ):
         evaluate(config(tmp_path / "data/a", poses=str(tmp_path / "swapped")))
+    save_clip(replace(seen(name="session"), poses=convert(seen().truth, BODY25)), tmp_path / "taken/a")
+    evaluate(config(tmp_path / "data/a", poses=str(tmp_path / "taken/a")))

@@ -1,6 +1,7 @@
 import json
 import os
 import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -37,6 +38,15 @@ def test_a_data_set_is_its_clips_that_are_ok(data_set):
     assert [clip.id for clip in Clips(config)] == ["a", "b"]
     assert len(Clips(config)) == 2
     assert Clips(config).data_set
+
+
+def test_clips_of_a_data_set_are_called_as_their_folders(data_set):
+    """Two recordings, put together by hand, may both be called session."""
+    for name in ("a", "b"):
+        shutil.rmtree(data_set / name)
+        save_clip(replace(full_clip(), id="session"), data_set / name)
+    assert [clip.id for clip in Clips(DataConfig(path=str(data_set)))] == ["a", "b"]
+    assert read("clip", data_set / "a").id == "session"
 
 
 def test_a_slice_of_a_data_set_is_a_data_set(data_set):
@@ -100,8 +110,10 @@ def test_of_several_clips_the_one_written_last_is_named(data_set):
     """As the completed one in a folder that `dmae run` wrote."""
     (data_set / "manifest.jsonl").unlink()
     os.utime(data_set / "a/clip.json", (0, 0))
-    with pytest.raises(ValueError, match=f"found a folder of clips, .*; name one, as {data_set}/b"):
+    with pytest.raises(ValueError, match=f"found a folder of clips, .*; name one, as {data_set}/b") as error:
         Clips(DataConfig(path=str(data_set)))
+    (data_set / "manifest.jsonl").write_text(re.search(r"with a line (\{.*\}) for each", str(error.value))[1])
+    assert Clips(DataConfig(path=str(data_set))).names == ["b"]
 
 
 def test_shelf(data_folder):
