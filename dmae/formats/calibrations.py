@@ -226,13 +226,19 @@ class CalibrationSource:
 
         `size` (width and height, px) is used if neither `self.size` nor the calibration states one.
         """
-        path = Path(self.file or (recording.parent if recording.is_file() else recording))
+        path = Path(self.file) if self.file else self.found(recording)
         try:
             return read_calibration(path, size=self.size or size, unit=self.unit, up=self.up, inverse=self.inverse)
-        except FileNotFoundError as error:
-            raise FileNotFoundError(f"{error}; name it by data.calibration=...") from None
         except LacksSize as error:
             raise LacksSize(error.what, "data.size") from None
+
+    def found(self, recording: Path) -> Path:
+        """Return the calibration in or above the folder of a recording; errors as in `find_calibration`."""
+        folder = recording.parent if recording.is_file() else recording
+        try:
+            return folder if is_clip(folder) else find_calibration(folder, above=True)
+        except FileNotFoundError as error:
+            raise FileNotFoundError(f"{error}; name it by data.calibration=...") from None
 
 
 FOUND = CalibrationSource()
@@ -251,7 +257,7 @@ def read_calibration(
 
     Args:
         path: The file. Its content determines the format. For EasyMocap, one of its two files, or their folder. It can
-            also be a folder in which `find_calibration` finds one calibration, or a clip, which has its cameras.
+            also be a folder with one calibration, or a clip, which has its cameras.
         size: Image width and height, px, for files that do not state them.
         unit: Unit of lengths; None for the unit of the format.
         up: Axis that points up; None for the axis of the format.
@@ -293,7 +299,7 @@ def write_calibration(rig: CameraRig, path: Path, format: str) -> None:
 
 
 def recognise(path: Path) -> str:
-    """Return the name of the format of a calibration file, or of the one that `find_calibration` finds in a folder.
+    """Return the name of the format of a calibration file, or of the only one in a folder.
 
     Raises:
         FileNotFoundError: the file does not exist.
@@ -313,18 +319,21 @@ def recognise(path: Path) -> str:
         if format.syntax == syntax and format.matches(content):
             return format.name
     known = "; ".join(format.help.removesuffix(".") for format in calibration_format.values())
-    raise ValueError(
-        f"{path}: expected a calibration: {known}; found {start[:60]!r}. Pose2Sim converts calibrations of "
-        "Qualisys, Vicon, OptiTrack and others, and calculates one from a checkerboard; docs/how-to/calibration.md has "
-        "a TOML for results of OpenCV"
-    )
+    raise ValueError(f"{path}: expected a calibration: {known}; found {start[:60]!r}. {_ELSEWHERE}")
 
 
-def find_calibration(folder: Path) -> Path:
-    """Return the only calibration file of the recording in a folder; for EasyMocap, its `intri.yml`.
+_ELSEWHERE = (
+    "Pose2Sim converts calibrations of Qualisys, Vicon, OptiTrack, OpenCap and others, and calculates one from a "
+    "checkerboard; docs/how-to/calibration.md has a TOML for results of OpenCV"
+)
 
-    The patterns `files` of all formats are searched in the folder. If there is no match, the patterns `files_above` are
-    searched in its parent folder, and then in the folder above that.
+
+def find_calibration(folder: Path, above: bool = False) -> Path:
+    """Return the only calibration file in a folder; for EasyMocap, its `intri.yml`.
+
+    The patterns `files` of all formats are searched in the folder. If there is no match and the folder is a recording,
+    which may share a calibration with others (`above`), the patterns `files_above` are searched in its parent folder,
+    and then in the folder above that.
 
     Raises:
         FileNotFoundError: there is no calibration; the message lists the patterns.
@@ -335,9 +344,9 @@ def find_calibration(folder: Path) -> Path:
         raise FileNotFoundError(f"{folder}: no such folder")
     formats = calibration_format.values()
     inside = sorted({pattern for format in formats for pattern in format.files})
-    above = sorted({pattern for format in formats for pattern in format.files_above})
+    shared = sorted({pattern for format in formats for pattern in format.files_above}) if above else []
     whole = folder.resolve()
-    for place, patterns in ((folder, inside), (whole.parent, above), (whole.parent.parent, above)):
+    for place, patterns in ((folder, inside), (whole.parent, shared), (whole.parent.parent, shared)):
         found = sorted({path for pattern in patterns for path in place.glob(pattern) if path.is_file()})
         if len(found) > 1:
             raise ValueError(
@@ -345,5 +354,5 @@ def find_calibration(folder: Path) -> Path:
             )
         if found:
             return found[0]
-    beside = ", ".join(f"../{pattern}, ../../{pattern}" for pattern in above)
-    raise FileNotFoundError(f"{folder}: found no calibration; looked for {', '.join(inside)}, {beside}")
+    beside = "".join(f", ../{pattern}, ../../{pattern}" for pattern in shared)
+    raise FileNotFoundError(f"{folder}: found no calibration; looked for {', '.join(inside)}{beside}. {_ELSEWHERE}")

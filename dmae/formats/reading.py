@@ -129,7 +129,11 @@ class Clips(Sequence):
         given = {"calibration": calibration, **others}
         path = folder if "detections" in self.reader.options else others["detections"] or folder
         found = self.reader.function(path, **{option: given[option] for option in self.reader.options})
-        rig = calibration.read(folder, found.size) if found.rig is None else found.rig
+        if (rig := found.rig) is None:
+            if calibration.file is None and not (file := calibration.found(folder)).is_relative_to(folder):
+                note = f"cameras are from {file}; data.calibration names another file"
+                found = replace(found, notes=(*found.notes, note))
+            rig = calibration.read(folder, found.size)
         fps = found.fps if fps is None else fps
         if fps is None:
             raise ValueError(f"{folder}: no file states the frame rate; give data.fps=...")
@@ -147,7 +151,8 @@ def written_convention(config: DataConfig) -> Convention | None:
         return None
     if config.calibration is not None and is_clip(Path(config.calibration)):
         return None
-    format = calibration_format[recognise_calibration(Path(config.calibration or config.path))]
+    file = Path(config.calibration) if config.calibration else _calibration_source(config).found(Path(config.path))
+    format = calibration_format[recognise_calibration(file)]
     return format.convention.changed(config.unit, config.up, config.inverse)
 
 

@@ -14,6 +14,8 @@ from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import BODY25
 from dmae.data.store import save_clip
 from dmae.formats.calibrations import (
+    FOUND,
+    CalibrationSource,
     CameraTable,
     calibration_format,
     find_calibration,
@@ -131,7 +133,7 @@ def test_campus_cameras_are_where_its_file_says(data_folder):
 def test_pose2sim_cameras_are_where_the_motion_capture_system_had_them(data_folder):
     """The TOML was made of Qualisys' own calibration, which gives centres, mm, and rows of axes in the world."""
     folder = data_folder / "pose2sim"
-    rig = read_calibration(folder / "S00_P00_SingleParticipant" / "S00_P00_T01_BalancingTrial")
+    rig = FOUND.read(folder / "S00_P00_SingleParticipant" / "S00_P00_T01_BalancingTrial")
     cameras = ElementTree.parse(folder / "S00_Calibration" / "Calib.qca.txt").iter("camera")
     transforms = {camera.get("serial"): camera.find("transform") for camera in cameras}
     for view, name in enumerate(rig.names):
@@ -261,7 +263,19 @@ def test_a_calibration_is_found_where_projects_keep_it(tmp_path):
         (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / folder).mkdir(parents=True, exist_ok=True)
         (tmp_path / file).touch()
-        assert find_calibration(tmp_path / folder).resolve() == (tmp_path / file).resolve()
+        assert FOUND.found(tmp_path / folder).resolve() == (tmp_path / file).resolve()
+
+
+def test_a_folder_that_is_named_is_not_replaced_by_another_above_it(tmp_path):
+    """As a folder of one day's calibration, in a format that is not read, beside the calibration of another day."""
+    monday, tuesday = tmp_path / "calibration_monday", tmp_path / "calibration_tuesday"
+    monday.mkdir()
+    tuesday.mkdir()
+    (monday / "Calib.toml").write_text(pose2sim_text())
+    (tuesday / "Camera_0.pickle").touch()
+    with pytest.raises(FileNotFoundError, match=r"tuesday: found no calibration; .*, OpenCap and"):
+        CalibrationSource(str(tuesday)).read(tmp_path)
+    assert FOUND.read(tuesday).names == ("left",)
 
 
 def test_none_and_several_calibrations_are_errors(tmp_path):

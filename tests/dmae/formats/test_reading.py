@@ -151,8 +151,13 @@ def test_openpose_needs_cameras_and_detections_and_says_so(walk, tmp_path):
     detections = str(session / "take" / "somewhere")
     with pytest.raises(FileNotFoundError, match=r"data\.calibration=\.\.\."):
         read("openpose", session / "take", fps=25.0, detections=detections)
-    calibration = str(session / "rig" / "cameras.toml")
-    same(read("openpose", session / "take", fps=25.0, detections=detections, calibration=calibration), walk)
+    calibration = session / "rig" / "cameras.toml"
+    same(read("openpose", session / "take", fps=25.0, detections=detections, calibration=str(calibration)), walk)
+    shared = session / "calibration" / "cameras.toml"
+    shared.parent.mkdir()
+    calibration.rename(shared)
+    found = read("openpose", session / "take", fps=25.0, detections=detections)
+    assert found.provenance["notes"][0] == f"cameras are from {shared}; data.calibration names another file"
 
 
 def test_openpose_with_published_cameras_needs_the_size_of_the_images(walk, tmp_path):
