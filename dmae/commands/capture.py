@@ -14,6 +14,7 @@ from dmae.commands.data_sets import (
     ClipSet,
     check_apart,
     describe_joints,
+    describe_length,
     describe_people,
     describe_sides,
     describe_units,
@@ -75,8 +76,8 @@ def run(config: CaptureCommand, out: Path, told: Collection[str] = ()) -> None:
                     print(f"{captured.id}: {note}")
             poses = captured.poses
             assert poses is not None
-            size = f"{counted(len(captured), 'frame')}, {counted(poses.xyz.shape[1], 'person', 'people')}"
-            print(f"{captured.id}: {size}, {describe_joints(poses)}")
+            people = counted(poses.xyz.shape[1], "person", "people")
+            print(f"{captured.id}: {describe_length(captured)}, {people}, {describe_joints(poses)}")
             errors = reprojection(captured)
             if are_stills(captured.fps):
                 print(f"{captured.id}: {captured.fps:g} frames/s: stills, in which nobody is followed: {STRANGERS}")

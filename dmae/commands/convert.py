@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from dmae.commands.config import ConvertCommand
-from dmae.commands.data_sets import ClipSet, check_apart, each_clip, settings_of
+from dmae.commands.data_sets import ClipSet, check_apart, describe_length, each_clip, settings_of
 from dmae.data.clip import Clip
 from dmae.formats.reading import Clips
 from dmae.formats.writing import write_recording
@@ -33,8 +33,7 @@ def _read(clips: Clips, number: int) -> tuple[Clip, list[str]]:
 
 
 def _print(clip: Clip, folder: Path) -> None:
-    size = f"{counted(len(clip), 'frame')}, {counted(len(clip.rig), 'camera')}"
-    print(f"{folder}: {size}, {clip.detections.skeleton.name}")
+    print(f"{folder}: {describe_length(clip)}, {counted(len(clip.rig), 'camera')}, {clip.detections.skeleton.name}")
     for note in clip.provenance.get("notes", ()):
         print(f"  {note}")
 

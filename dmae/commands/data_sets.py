@@ -262,22 +262,31 @@ def describe_units(clip: Clip, th_p: float) -> list[str]:
 
     def counted_by_view(xy: np.ndarray, score: np.ndarray) -> np.ndarray:
         inside = [rig.inside(xy).sum((2, 3)) for rig in rigs]
-        return np.stack([np.isfinite(score).sum((2, 3)), (score > 1).sum((2, 3)), *inside], -1)
+        high = [(score > most).sum((2, 3)) for most in (1, 100)]
+        return np.stack([np.isfinite(score).sum((2, 3)), *high, *inside], -1)
 
     counts = by_frames(counted_by_view, clip.detections.xy, clip.detections.score).sum(0)
     notes = []
-    for name, (width, height), (known, _, inside, turned) in zip(clip.rig.names, clip.rig.size, counts, strict=True):
+    for name, (width, height), (known, *_, inside, turned) in zip(clip.rig.names, clip.rig.size, counts, strict=True):
         if known - inside > _OUTSIDE * known and known - turned < _OUTSIDE * (known - inside):
             notes.append(
                 f"{camera_label(name)}: {1 - inside / known:.0%} of its detected joints are outside its image of "
                 f"{width} x {height} px, which one of {height} x {width} px would hold: sizes are width, height"
             )
-    if counts[:, 1].sum() > counts[:, 0].sum() / 2:
+    known, above, far_above = counts[:, :3].sum(0)
+    if far_above > known / 2:
+        notes.append("most confidences are above 100: are x, y and the confidence of each joint in this order?")
+    elif above > known / 2:
         notes.append(
             f"most confidences are above 1, as percents are: capture.th_p={th_p:g}, for confidences up to 1, leaves "
             "out hardly any joint"
         )
     return notes
+
+
+def describe_length(clip: Clip) -> str:
+    """Say how many frames there are, and at which rate: it can be wrong, or found in a file that nobody named."""
+    return f"{counted(len(clip), 'frame')} at {clip.fps:g} frames/s"
 
 
 def describe_joints(poses: Poses3D) -> str:

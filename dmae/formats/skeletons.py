@@ -61,7 +61,10 @@ def default_skeleton(path: Path | str, joints: int | None) -> Skeleton:
     """Return the default skeleton of a number of joints; ValueError, with the path, if there is none."""
     if joints not in _BY_COUNT:
         known = ", ".join(f"{count} ({skeleton.name})" for count, skeleton in sorted(_BY_COUNT.items()))
-        raise ValueError(f"{path}: found people of {joints} joints, which is no skeleton known; there are {known}")
+        raise ValueError(
+            f"{path}: found people of {joints} joints, which is no skeleton known; there are {known}, or yours, by "
+            "data.skeleton=<file> (docs/how-to/skeleton.md)"
+        )
     return _BY_COUNT[joints]
 
 

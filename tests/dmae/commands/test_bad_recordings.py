@@ -66,12 +66,24 @@ def rewritten(folder, name: str, change) -> str:
         (lambda joints, camera: joints * (1, 1, camera != "cam0"), "no detections of cam0: the files hold no people"),
         (lambda joints, _: joints * (1, 1, 0) + (0, 0, 2 * (joints[0, 2] > -1)), "confidences say nothing"),
         (lambda joints, _: joints * (1, 1, 100), "most confidences are above 1, as percents are: capture.th_p=0.2"),
+        (lambda joints, _: joints[:, [2, 0, 1]], "above 100: are x, y and the confidence of each joint in this order?"),
         (lambda joints, _: joints / (960, 960, 1), "expected pixels"),
         (lambda joints, _: joints / (500, 500, 1), "expected pixels"),
         (lambda joints, camera: joints * ((0.5, 0.5, 1) if camera == "cam2" else 1), "cam2: 0% of 410 detected joints"),
         (lambda joints, _: joints[:, :2], "expected x, y, confidence of each joint (1 if the detector states none)"),
     ],
-    ids=["0", "-1", "0 in one camera", "2", "percent", "shares", "metres", "half in one camera", "no confidences"],
+    ids=[
+        "0",
+        "-1",
+        "0 in one camera",
+        "2",
+        "percent",
+        "order",
+        "shares",
+        "metres",
+        "half in one camera",
+        "no confidences",
+    ],
 )
 def test_other_units_and_confidences_are_named(folder, change, line, request):
     name = rewritten(folder, re.sub(r"\W", "", request.node.callspec.id), change)

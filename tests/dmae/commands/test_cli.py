@@ -113,7 +113,7 @@ def test_a_data_set_is_captured_clip_by_clip_with_the_cameras_asked_for(folder):
     done = dmae(folder, "capture", "data=set", "data.cameras=[cam0,cam2]", "fill=linear", "out=both")
     assert done.returncode == 0, done.stderr
     assert [load_clip(folder / "both" / name).rig.names for name in "ab"] == [("cam0", "cam2")] * 2
-    assert "made-up: data.cameras: 2 of 4 cameras: cam0, cam2\n" in done.stdout
+    assert "a: data.cameras: 2 of 4 cameras: cam0, cam2\n" in done.stdout
 
 
 def test_a_sweep_gives_every_job_a_folder(folder):
@@ -146,7 +146,7 @@ def test_recordings_of_other_programs_are_captured(folder, name, options):
 def test_a_recording_is_converted_and_captured_and_exported(folder):
     done = dmae(folder, "convert", "data=openpose", "data.path=openpose", "data.fps=25", "format=coco", "out=coco")
     assert done.returncode == 0, done.stderr
-    assert "20 frames, 4 cameras, body25" in done.stdout
+    assert "20 frames at 25 frames/s, 4 cameras, body25" in done.stdout
     done = dmae(folder, "capture", "data=coco", "data.path=coco", "out=from_coco")
     assert done.returncode == 0, done.stderr
     done = dmae(folder, "export", "clip=from_coco", "format=trc", "unit=mm", "out=trc/walk.trc")

@@ -178,7 +178,7 @@ def test_a_recording_converted_is_the_same_recording(tmp_path, format, capsys):
     out = tmp_path / "out"
     convert_command.run(ConvertCommand(DataConfig("openpose", str(source), fps=25.0), format, str(out)), out)
     said = capsys.readouterr().out
-    assert "12 frames, 4 cameras, body25" in said
+    assert "12 frames at 25 frames/s, 4 cameras, body25" in said
     fps = None if format == "coco" else 25.0
     assert ("data.fps=25" in said) == (fps is not None)
     (found,) = Clips(DataConfig(format, str(out), fps=fps))
