@@ -313,6 +313,16 @@ class TestSmooth:
         if sigma == 0.3:
             assert off.min() > 0.15
 
+    @pytest.mark.parametrize(("metres", "hertz"), [(0.001, 2.34), (0.3, 5.85)])
+    def test_power_is_halved_at_the_frequencies_of_the_documentation(self, metres, hertz):
+        """Of motion within the stated error of 2 cm, and of larger motion."""
+        wave = metres * np.sin(2 * np.pi * hertz * np.arange(2000) / 200)
+        xyz, cov = np.zeros((2000, 1, 25, 3)), np.tile(0.02**2 * np.eye(3), (2000, 1, 25, 1, 1))
+        xyz[..., 0] = wave[:, None, None]
+        found = smooth(Poses3D(BODY25, xyz, cov=cov), 200, 0.1).xyz[..., 0]
+        inner = slice(500, -500)
+        assert (found[inner, 0, 0] @ wave[inner] / (wave[inner] @ wave[inner])) ** 2 == pytest.approx(0.5, abs=0.06)
+
     def test_source_says_what_was_moved(self):
         source = np.full((10, 1, 25), Source.MEASURED)
         source[3], source[4] = Source.COMPLETED, Source.DENOISED
