@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import numpy as np
+
 from dmae.command_line.outputs import check_out
 from dmae.commands.config import ExportCommand
 from dmae.data.clip import person_names
@@ -35,11 +37,15 @@ def run(config: ExportCommand, out: Path) -> None:
         people=config.people,
     )
     frames, persons = written.poses.xyz.shape[:2]
-    size = f"{counted(frames, 'frame')}, {counted(persons, 'person', 'people')}"
     named = config.skeleton if config.skeleton in writer.rigs else written.poses.skeleton.name
     people = [name.rpartition(":")[2] for name in config.people] or person_names(clip, persons)
-    for said in describe_filled(written.poses, people, writer.fills) if writer.fills else ():
-        print(said)
+    apart = np.array([out.with_stem(f"{out.stem}_{name}") in written.files for name in people], bool)
+    lacking = ~apart & apart.any()  # Without a file, where people have one each
+    size = f"{counted(frames, 'frame')}, {counted(persons - int(lacking.sum()), 'person', 'people')}"
+    if writer.fills:
+        there = written.poses.without(np.broadcast_to(lacking[:, None], written.poses.source.shape))
+        for said in describe_filled(there, people, writer.fills):
+            print(said)
     if writer.errors and states_completed(written.poses):
         print(REGIONS)
     print(f"{', '.join(map(str, written.files))}: {size}, {named}")

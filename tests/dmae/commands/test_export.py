@@ -274,6 +274,17 @@ def test_what_is_printed_names_the_skeleton_that_was_written(captured, tmp_path,
         assert capsys.readouterr().out.endswith(f": 12 frames, 2 people, {skeleton}\n")
 
 
+def test_who_is_left_out_is_not_counted_as_written(captured, tmp_path, capsys):
+    hidden = np.zeros(captured.poses.source.shape, bool)
+    hidden[:, 1, BODY25.index("l_hip", "r_hip", "mid_hip")] = True
+    save_clip(replace(captured, poses=captured.poses.without(hidden)), tmp_path / "clip")
+    export_command.run(ExportCommand(str(tmp_path / "clip"), "mot"), tmp_path / "walk")
+    said = capsys.readouterr()
+    assert "P2: never known" in said.err
+    assert "P2" not in said.out
+    assert said.out.endswith(": 12 frames, 1 person, body25\n")
+
+
 @pytest.mark.parametrize("format", pose_writer)
 def test_all_files_that_are_written_are_announced_and_no_others(captured, tmp_path, format, capsys):
     if "robot" in pose_writer.find(format).options:
