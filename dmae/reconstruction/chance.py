@@ -162,8 +162,9 @@ def _at_rest(
         apart = np.linalg.norm(shown[:, None] - shown, axis=-1)
         near = median_over_frames(np.moveaxis(apart, -1, 0)) < _AT_REST * sigma[view]
         same = near[near.sum(1).argmax()]
-        passing[seen[near.sum(1) <= _LONE]] += 1
-        if 2 * same.sum() < len(same):
+        moves = 2 * same.sum() < len(same)
+        passing[seen[(near.sum(1) <= _LONE) | moves]] += 1
+        if moves:
             moved += 1
             continue
         means[view] = mean_known(shown[same])

@@ -8,9 +8,10 @@ import pytest
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import BODY25
 from dmae.numerics.statistics import median_over_frames
-from dmae.reconstruction.chance import expected_by_chance
+from dmae.reconstruction.chance import expected_by_chance, resting_ghosts
 from dmae.reconstruction.config import CaptureConfig, TrackingConfig
 from dmae.reconstruction.evidence import Evidence
+from dmae.reconstruction.noise import DetectionNoise
 from dmae.reconstruction.pipeline import capture, learn_noise
 from dmae.reconstruction.tracking import Tracker
 from tests.support.clips import looking_at_origin, looking_inwards, t_pose
@@ -44,6 +45,21 @@ def test_somebody_who_stands_for_long_and_walks_on_is_no_ghost():
     xy[:, :, 0] += rng.normal(0, 4, xy[:, :, 0].shape)
     poses = capture(replace(clip, detections=replace(clip.detections, xy=xy)), CaptureConfig())
     assert poses.xyz.shape[1] == 1 and np.nanmedian(errors(poses, people)) < 0.1
+
+
+def test_a_figure_that_one_view_shows_moving_all_the_time_and_another_at_the_end_is_no_ghost():
+    """The figures of the three views do not fit each other. A third of the frames show it passing in two of them."""
+    clip = haunted_clip(3, 24, True, 4, np.full((24, 1, 25, 3), np.nan)).select(views=[0, 2, 4])
+    figures = np.random.default_rng(0).uniform(300, 700, (3, 1, 25, 2))
+    xy = np.repeat(figures[None], 24, 0)
+    xy[:, 0] += 6 * np.arange(24)[:, None, None, None]
+    xy[16:, 1] += 60 * np.arange(1, 9)[:, None, None, None]
+    clip = replace(clip, detections=replace(clip.detections, xy=xy, score=np.full(xy.shape[:-1], 0.9)))
+    config, noise = CaptureConfig(), DetectionNoise.prior(CaptureConfig().noise, 3, 25)
+    assigned, xyz = np.zeros((24, 1, 3, 25), np.int16), np.zeros((24, 1, 25, 3))
+    assert not resting_ghosts(clip, assigned, xyz, config, noise).any()
+    at_rest = replace(clip, detections=replace(clip.detections, xy=np.repeat(figures[None], 24, 0)))
+    assert resting_ghosts(at_rest, assigned, xyz, config, noise).all()
 
 
 @pytest.mark.parametrize(("ghosts", "hidden"), [(0, 3), (5, 2), (20, 0)])
