@@ -291,15 +291,19 @@ class Clip:
         frames, views = (list(each) if isinstance(each, tuple) else each for each in (frames, views))
         if isinstance(views, list):
             views = self.rig.indices(views)
-        rig = self.rig[views]
+        rig, detections = self.rig[views], self.detections.select(frames, views)
+        provenance, line = self.provenance, self.provenance.get("manifest")
+        if isinstance(line, dict) and "frames" in line:
+            provenance = provenance | {"manifest": line | {"frames": len(detections.xy)}}
         return replace(
             self,
             rig=rig,
-            detections=self.detections.select(frames, views),
+            detections=detections,
             truth=self.truth and self.truth.select(frames),
             poses=self.poses and self.poses.select(frames) if len(rig) == len(self.rig) else None,
             occlusion=self.occlusion and self.occlusion.select(frames, views),
             detection_labels=self.detection_labels and self.detection_labels.select(frames, views),
             images=self.images and self.images.select(frames, rig.names),
             true_rig=None if self.true_rig is None else self.true_rig[views],
+            provenance=provenance,
         )
