@@ -59,9 +59,8 @@ def in_pieces(
     made, skeleton = {}, poses.skeleton
     tasks = [(person, *part) for person in range(persons) for part in parts]
     for person, inner, around in in_steps(progress(tasks, "completing")):
-        given = {name: array[around, person : person + 1] for name, array in poses.arrays.items()}
         inside = slice(inner.start - around.start, inner.stop - around.start)
-        done = complete(Poses3D(poses.skeleton, **given), fps, inside)
+        done = complete(poses.select(around, slice(person, person + 1)), fps, inside)
         skeleton = done.skeleton
         for name, array in done.arrays.items():
             if name not in made:

@@ -171,10 +171,10 @@ class Poses3D:
         """The arrays of all joints, (F, P, J, ...), by name: every field but the skeleton."""
         return {name: getattr(self, name) for name in NOT_KNOWN}
 
-    def select(self, frames) -> "Poses3D":
-        """Return the poses of some frames (a slice or a list of indices)."""
-        frames = list(frames) if isinstance(frames, tuple) else frames
-        return Poses3D(self.skeleton, **{name: array[frames] for name, array in self.arrays.items()})
+    def select(self, frames=slice(None), persons=slice(None)) -> "Poses3D":
+        """Return the poses of some frames and persons (a slice or a list of indices each)."""
+        frames, persons = (list(each) if isinstance(each, tuple) else each for each in (frames, persons))
+        return Poses3D(self.skeleton, **{name: array[frames][:, persons] for name, array in self.arrays.items()})
 
 
 @dataclass(frozen=True)

@@ -185,8 +185,7 @@ def _of_people(clip: Clip, poses: Poses3D, people: Sequence[str]) -> Clip:
     if any("," in name for name in names) or len({name.lower() for name in names}) < len(names):
         raise ValueError(f"people=[{','.join(people)}]: expected different names, without commas")
     chosen = [known.index(number) for number in numbers]
-    some = Poses3D(poses.skeleton, **{name: array[:, chosen] for name, array in poses.arrays.items()})
-    return replace(clip, poses=some, provenance=clip.provenance | {"people": list(names)})
+    return replace(clip, poses=poses.select(persons=chosen), provenance=clip.provenance | {"people": list(names)})
 
 
 def _skeleton(writer: PoseWriter, poses: Poses3D, wanted: str | Path | Skeleton | None) -> Skeleton:

@@ -42,8 +42,7 @@ def split_frames(poses: Poses3D, people: np.ndarray, number: int = 0) -> list[Fi
     """Return poses (F, P, J) of people (P,) frame by frame, numbered from `number`, each with the people present."""
     frames = []
     for i, present in enumerate((poses.source != Source.ABSENT).any(-1)):
-        joints = {name: array[i : i + 1, present] for name, array in poses.arrays.items()}
-        frames.append(FinishedFrame(number + i, people[present], Poses3D(poses.skeleton, **joints)))
+        frames.append(FinishedFrame(number + i, people[present], poses.select(slice(i, i + 1), present)))
     return frames
 
 

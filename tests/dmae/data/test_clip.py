@@ -137,6 +137,14 @@ def test_a_tuple_of_indices_is_a_list_of_them():
     np.testing.assert_array_equal(clip.truth.select((0, 2)).xyz, expected.truth.xyz)
 
 
+def test_poses_of_some_frames_and_persons_are_selected_in_every_array():
+    poses = walkers()
+    for name, array in poses.arrays.items():
+        np.testing.assert_array_equal(poses.select(persons=[1]).arrays[name], array[:, [1]])
+        np.testing.assert_array_equal(poses.select((0, 2), (1, 0)).arrays[name], array[[0, 2]][:, [1, 0]])
+        np.testing.assert_array_equal(poses.select(slice(2), np.array([True, False])).arrays[name], array[:2, :1])
+
+
 def test_views_are_chosen_by_the_names_of_cameras():
     clip = full_clip()
     names = [clip.rig.names[1], clip.rig.names[0]]
