@@ -108,18 +108,14 @@ def parts(body: Body, looks: PersonLooks) -> list[Part]:
 @lru_cache(maxsize=64)
 def drapes(body: Body, looks: PersonLooks) -> list[tuple[str, Drape]]:
     """Return what hangs around a person's legs, by material."""
-    size, bare, found = body.stature, bare_body(body), []
+    size, found = body.stature, []
     if looks.skirt:
         hem, ease, flare = _SKIRTS[looks.bottom.long]
-        found.append(("bottom", skirt(body, bare, _WAIST * size, hem, ease * size, flare)))
+        found.append(("bottom", skirt(body, bare_body(body), _WAIST * size, hem, ease * size, flare)))
     if looks.coat and looks.coat.cloth.long:
         waist, hem, ease, flare = _COAT
-        found.append(
-            (
-                "coat",
-                skirt(body, bare, waist * size, hem, ease * size, flare, _GAP * looks.coat.open, _UNDERNEATH * size),
-            )
-        )
+        gap, room = _GAP * looks.coat.open, _UNDERNEATH * size
+        found.append(("coat", skirt(body, bare_body(body), waist * size, hem, ease * size, flare, gap, room)))
     return found
 
 

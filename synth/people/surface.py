@@ -8,6 +8,7 @@ is in the pose of the assets, the bind pose, from which linear blend skinning mo
 from dataclasses import dataclass, fields
 from functools import cache, lru_cache
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -99,24 +100,58 @@ def bare_body(body: Body, hands: tuple[str, str] | None = ("relaxed", "relaxed")
         hands: Shapes of the left and the right hand, of `synth.people.clothing.HANDS`; None for hands as in the
             assets, whose fingers follow bones.
     """
+    heavy, stout = _build(body)
+    shape, joints, eyes = _shape(body, heavy)
+    each, weights = _weights()
+    fingers = Fingers.of(joints)
+    if hands is not None:
+        shape = _posed_hands(shape, each, fingers, hands)
+    fit = _fitted(body, stout, shape, joints, eyes)
+    if hands is None:
+        weights = np.concatenate([weights, each[:, len(SEGMENTS) :]], axis=1)
+    head, palms = SEGMENTS.index("head"), [SEGMENTS.index(f"{side}_hand") for side in SIDES]
+    return BareBody(
+        fit.vertices,
+        weights,
+        fit.rotations,
+        fit.origins,
+        eyes @ fit.linear[head].T + fit.shift[head],
+        fingers.scaled(fit.linear[palms], fit.shift[palms]),
+    )
+
+
+@lru_cache(maxsize=64)
+def _build(body: Body) -> tuple[float, float]:
+    """Return how heavy a shape is, 0 to 2, and how much wider it becomes, so that it has the mass of a body."""
+
+    def found(heavy: float, stout: float) -> float:
+        return volume(_fitted(body, stout, *_shape(body, heavy)).vertices, assets().faces)
+
     goal = body.mass / DENSITY
     low, high, stout = 0.0, 2.0, 1.0
-    spans = [volume(_fitted(body, heavy, stout).vertices, assets().faces) for heavy in (low, high)]
+    spans = [found(heavy, stout) for heavy in (low, high)]
     if spans[0] < goal < spans[1]:
         for _ in range(12):
             heavy = low + (high - low) * (goal - spans[0]) / (spans[1] - spans[0])
-            found = volume(_fitted(body, heavy, stout).vertices, assets().faces)
-            if abs(found / goal - 1) < 1e-3:
+            size = found(heavy, stout)
+            if abs(size / goal - 1) < 1e-3:
                 break
-            if found < goal:
-                low, spans[0] = heavy, found
+            if size < goal:
+                low, spans[0] = heavy, size
             else:
-                high, spans[1] = heavy, found
+                high, spans[1] = heavy, size
     else:
         heavy = low if goal <= spans[0] else high
         for _ in range(4):
-            stout *= np.sqrt(goal / volume(_fitted(body, heavy, stout).vertices, assets().faces))
-    return _fitted(body, heavy, stout, hands)
+            stout *= np.sqrt(goal / found(heavy, stout))
+    return heavy, stout
+
+
+def _shape(body: Body, heavy: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return vertices, joints and eyes of the mean of the shapes for a body, in the pose of the assets, m."""
+    shares = _mixed(body, heavy)
+    shape, joints, eyes = (np.tensordot(shares, each, 1) for each in (assets().shapes, assets().joints, assets().eyes))
+    return shape, joints, eyes
 
 
 def _mixed(body: Body, heavy: float) -> np.ndarray:
@@ -139,14 +174,20 @@ def _weights() -> tuple[np.ndarray, np.ndarray]:
     return each, weights
 
 
-def _fitted(body: Body, heavy: float, stout: float, hands: tuple[str, str] | None = None) -> BareBody:
-    """Return the shape of a weight, fitted to the segments; `stout` widens it further."""
-    shares = _mixed(body, heavy)
-    shape, joints, eyes = (np.tensordot(shares, each, 1) for each in (assets().shapes, assets().joints, assets().eyes))
-    each, weights = _weights()
-    fingers = Fingers.of(joints)
-    if hands is not None:
-        shape = _posed_hands(shape, each, fingers, hands)
+class _Fit(NamedTuple):
+    """A shape fitted to the segments of a body."""
+
+    vertices: np.ndarray  # (N, 3) m
+    rotations: np.ndarray  # (16, 3, 3) orientation of each segment
+    origins: np.ndarray  # (16, 3) m
+    # linear, shift: (16, 3, 3) and (16, 3) m, how each segment was scaled and moved
+    linear: np.ndarray
+    shift: np.ndarray
+
+
+def _fitted(body: Body, stout: float, shape: np.ndarray, joints: np.ndarray, eyes: np.ndarray) -> _Fit:
+    """Fit a shape to the segments; `stout` widens it further."""
+    _, weights = _weights()
     rotations = _bind_rotations(joints)
     origins = np.zeros((len(SEGMENTS), 3))
     for i, parent in enumerate(PARENTS[1:], start=1):
@@ -185,7 +226,7 @@ def _fitted(body: Body, heavy: float, stout: float, hands: tuple[str, str] | Non
             linear[i] = wide * np.eye(3) + (np.linalg.norm(wanted) / length - wide) * np.outer(along, along)
         shift[i] = origins[i] - linear[i] @ at
     moved = np.einsum("ns,sij,nj->ni", weights, linear, shape, optimize=True) + weights @ shift
-    moved[:, 0] += _trunk_shift(body, moved, weights)
+    moved[:, 0] += _trunk_shift(body, moved)
     for i, segment in enumerate(SEGMENTS):
         wider = np.interp(body.figure, (0, 1), _ENDS.get(side_and_name(segment)[1], (1, 1))) - 1
         if wider:
@@ -193,11 +234,7 @@ def _fitted(body: Body, heavy: float, stout: float, hands: tuple[str, str] | Non
             place = out @ bone / (bone @ bone)
             near = wider * np.interp(place, (0.55, 0.9, 1.0, 1.15), (0, 1, 1, 0)) * weights[:, [i, i + 1]].sum(1)
             moved += near[:, None] * (out - np.outer(place, bone))
-    head, palms = SEGMENTS.index("head"), [SEGMENTS.index(f"{side}_hand") for side in SIDES]
-    if hands is None:
-        weights = np.concatenate([weights, each[:, len(SEGMENTS) :]], axis=1)
-    fingers = fingers.scaled(linear[palms], shift[palms])
-    return BareBody(moved, weights, rotations, origins, eyes @ linear[head].T + shift[head], fingers)
+    return _Fit(moved, rotations, origins, linear, shift)
 
 
 _ENDS = {"forearm": (0.95, 1.14), "shin": (0.96, 1.08)}
@@ -207,10 +244,15 @@ _LEVELS = np.array((-0.2, -0.03, 0.0, 0.03, 0.06, 0.09, 0.12, 0.15, 0.18, 0.21, 
 """Heights above the hip joints, fractions of stature, at which the trunk is centred, but for the first and last."""
 
 
-def _trunk_shift(body: Body, vertices: np.ndarray, weights: np.ndarray) -> np.ndarray:
+@cache
+def _weight_around_hips() -> np.ndarray:
+    return _weights()[1][:, [i for i, each in enumerate(SEGMENTS) if side_and_name(each)[1] in _AROUND_HIPS]].sum(1)
+
+
+def _trunk_shift(body: Body, vertices: np.ndarray) -> np.ndarray:
     """Return the (N,) shifts along x that centre the trunk on `trunk_sections`: MakeHuman's joints are too far back."""
     wanted, level = trunk_sections(body, _LEVELS).T[:2]
-    own = weights[:, [i for i, segment in enumerate(SEGMENTS) if side_and_name(segment)[1] in _AROUND_HIPS]].sum(1)
+    own = _weight_around_hips()
     shifts = np.zeros(len(_LEVELS))
     for k in range(1, len(_LEVELS) - 1):
         ring = vertices[(own > 0.5) & (np.abs(vertices[:, 2] - level[k]) < 0.015 * body.stature), 0]
