@@ -149,8 +149,10 @@ def _softened(weights: np.ndarray, along: np.ndarray, trunk: tuple[str, ...], li
     free = weights[:, [SEGMENTS.index(segment) for segment in trunk]].sum(1)
     for i in (SEGMENTS.index(f"{side}_{limb}") for side in SIDES):
         free += weights[:, i] * np.interp(along[:, i], (0.3, 0.6), (1, 0))
+    rows = np.flatnonzero(free)
+    around, share, weights = _around()[rows], 0.5 * free[rows, None], weights.copy()
     for _ in range(times):
-        weights = weights + 0.5 * free[:, None] * (_around() @ weights - weights)
+        weights[rows] += share * (around @ weights - weights[rows])
     return weights
 
 
@@ -170,9 +172,16 @@ def _kept(sheet: _Sheet, field: np.ndarray, *others: np.ndarray) -> tuple:
 
 def _only(sheet: _Sheet, which: np.ndarray, *fields: np.ndarray) -> tuple:
     """Return some triangles (T,) of a sheet, and fields at their vertices."""
-    used, faces = np.unique(sheet.faces[which], return_inverse=True)
+    used, faces = _renumbered(sheet.faces[which], len(sheet.points))
     points, normals, weights, along = (each[used] for each in sheet[:4])
-    return _Sheet(points, normals, weights, along, faces.reshape(-1, 3)), *(field[used] for field in fields)
+    return _Sheet(points, normals, weights, along, faces), *(field[used] for field in fields)
+
+
+def _renumbered(faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return which of `count` vertices triangles (T, 3) have, and the triangles by their numbers among these."""
+    used = np.zeros(count, bool)
+    used[faces] = True
+    return np.flatnonzero(used), (used.cumsum() - 1)[faces]
 
 
 def _cut(sheet: _Sheet, field: np.ndarray, *others: np.ndarray) -> tuple[_Sheet, list[np.ndarray]]:
@@ -182,14 +191,14 @@ def _cut(sheet: _Sheet, field: np.ndarray, *others: np.ndarray) -> tuple[_Sheet,
     crossed = (number > 0) & (number < 3)
     odd = np.where(number == 1, inside[faces].argmax(1), (~inside[faces]).argmax(1))
     rolled = np.take_along_axis(faces, (odd[:, None] + np.arange(3)) % 3, 1)[crossed]
-    edges = np.sort(np.stack([rolled[:, [0, 1]], rolled[:, [2, 0]]]).reshape(-1, 2), 1)
-    unique, index = np.unique(edges, axis=0, return_inverse=True)
+    edges = np.sort(np.stack([rolled[:, [0, 1]], rolled[:, [2, 0]]]).reshape(-1, 2), 1).astype(np.int64)
+    unique, index = np.unique(edges @ (len(field), 1), return_inverse=True)
     ab, ca = len(field) + index.reshape(2, -1)
     one, two, three = rolled.T
     triangles = np.concatenate([
         faces[~crossed], np.stack([one, ab, ca], -1), np.stack([ab, two, three], -1), np.stack([ab, three, ca], -1)
     ])  # fmt: skip
-    low, high = unique.T
+    low, high = np.divmod(unique, len(field))
     share = (field[low] / (field[low] - field[high]))[:, None] if len(unique) else np.empty((0, 1))
 
     def both(values: np.ndarray) -> np.ndarray:
@@ -577,8 +586,7 @@ def _split(
     uv = _texture(sheet, owner, material, bare, body, hangs=hangs is not None)
     found = []
     for number in np.unique(owner):
-        used, faces = np.unique(sheet.faces[owner == number], return_inverse=True)
-        faces = faces.reshape(-1, 3)
+        used, faces = _renumbered(sheet.faces[owner == number], len(sheet.points))
         points, normals = sheet.points[used], sheet.normals[used]
         own = uv[owner == number]
         found.append(Part(SEGMENTS[number], material, points, faces, normals, own, bones[used], weights[used]))
