@@ -44,7 +44,7 @@ LEARNING = changed(
     masking=MaskingConfig(longest=20, scattered=0.0, bursts=3.0),
     augment=AugmentConfig(speed=0.0, scale=0.03),
     skeleton="shelf14",
-    steps=200,
+    steps=100,
     batch=8,
     lr=5e-3,
     held_back=0.4,

@@ -38,7 +38,7 @@ LEARNING = changed(
     masking=MaskingConfig(longest=20, scattered=0.0, bursts=1.0),
     augment=AugmentConfig(speed=0.0, scale=0.03),
     skeleton=FUSED.name,
-    steps=150,
+    steps=80,
     lr=3e-3,
     held_back=0.0,
 )
@@ -213,7 +213,7 @@ def test_the_paper_s_network_fuses_too(tmp_path):
 
 @pytest.mark.slow
 def test_a_few_frames_of_another_annotator_adapt_the_model_to_both(trained, tmp_path):
-    config = changed(LEARNING, init=str(trained), skeleton=None, steps=60, lr=1e-3, replay=0.25, extra_data=["sim"])
+    config = changed(LEARNING, init=str(trained), skeleton=None, steps=40, lr=1e-3, replay=0.25, extra_data=["sim"])
     tuned = train(config, [recorded(20, "real")], tmp_path, extra_clips=[simulated(seed) for seed in range(4)])
     poses = walk(60)
     theirs, ours = annotated(poses, lower=0.12), annotated(poses)

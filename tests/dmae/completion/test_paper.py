@@ -41,7 +41,7 @@ TINY = replace(
         decoder=DecoderConfig(dim=16, depth=1),
     ),
     examples=replace(PAPER.examples, held_back=0.0),
-    learning=replace(PAPER.learning, steps=120, epoch=60, lr=5e-3),
+    learning=replace(PAPER.learning, steps=60, epoch=30, lr=5e-3),
 )
 RECIPE = Recipe(TINY.model, np.zeros((len(SKELETON), 3)), PAPER.examples.masking, PAPER.examples.augment)
 
@@ -224,15 +224,15 @@ def test_training_learns_resumes_and_says_what_it_does(pretrained, tmp_path, cap
         )
     assert after < 0.6 * before
     clips = [true_clip(seed) for seed in range(3)]
-    plan = replace(TINY, learning=replace(TINY.learning, epoch=60, steps=60))
+    plan = replace(TINY, learning=replace(TINY.learning, epoch=30, steps=30))
     validated = train(plan, clips, tmp_path / "validated", validation_clips=[true_clip(8)])
-    assert "step 60: loss" in capsys.readouterr().err
+    assert "step 30: loss" in capsys.readouterr().err
     again = train(plan, clips, tmp_path / "again", validation_clips=[true_clip(8)])
     assert (validated / "weights.safetensors").read_bytes() == (again / "weights.safetensors").read_bytes()
 
 
 def test_fusion_starts_from_pretraining_and_fills_the_second_skeleton(pretrained, tmp_path):
-    plan = replace(TINY, init=str(pretrained), learning=replace(TINY.learning, steps=60, lr=2e-3))
+    plan = replace(TINY, init=str(pretrained), learning=replace(TINY.learning, steps=30, lr=2e-3))
     folder = train(plan, [captured_clip(seed) for seed in range(3)], tmp_path)
     assert load_model(folder)[2]["fuses"] is True
     given, truth = with_holes(walk(5), 5), pair(walk(5)).xyz[:, :, 25:]
