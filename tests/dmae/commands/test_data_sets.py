@@ -265,10 +265,10 @@ def test_doctor_explains_its_columns_once(tmp_path, capsys):
 def test_doctor_names_the_way_to_an_option_where_a_clip_has_none(tmp_path):
     clip = strollers(frames=60, persons=2, views=3, name="a")
     save_clip(replace(clip, rig=Convention(up=UpDirection.y).written_rig(clip.rig)), tmp_path / "a")
-    done = run_command(tmp_path, "dmae", "doctor", "data=a")
+    done = run_command(tmp_path, "dmae", "doctor", "data=a", "max_offset=4")
     assert "or by an option, which dmae doctor names if data.calibration= is the file" in done.stdout, done.stdout
     write_calibration(Convention(up=UpDirection.y).written_rig(clip.rig), tmp_path / "rig.toml", "pose2sim")
-    done = run_command(tmp_path, "dmae", "doctor", "data=a", "data.calibration=rig.toml")
+    done = run_command(tmp_path, "dmae", "doctor", "data=a", "data.calibration=rig.toml", "max_offset=4")
     assert "correction: data.up=y" in done.stdout, done.stdout
     given = ("capture", "data=a", "data.calibration=rig.toml")
     wrong, right = (run_command(tmp_path, "dmae", *given, *each) for each in (("out=w",), ("data.up=y", "out=r")))

@@ -33,7 +33,7 @@ from tests.support.other_process import printed_lines
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory) -> Path:
-    return image_set(tmp_path_factory.mktemp("data") / "set")
+    return image_set(tmp_path_factory.mktemp("data") / "set", depth=True)
 
 
 @pytest.fixture(scope="module")
@@ -56,6 +56,12 @@ SHOWN = {"train": 22, "validation": 11}
 """Persons of whom anything shows: twelve a clip but the one behind the box."""
 
 
+def check_millimetres(depth: np.ndarray, true: np.ndarray) -> None:
+    """Depth of 16 bit, mm, is that of a clip, m: 0 where there is no surface."""
+    assert depth.dtype == np.uint16 and np.isnan(true).any()
+    np.testing.assert_array_equal(np.where(depth > 0, depth / np.float32(1000), np.nan), true)
+
+
 @pytest.mark.parametrize("split", SHOWN)
 def test_masks_boxes_areas_and_files_are_what_the_images_show(exported, data, split, capsys):
     out = exported("coco", images="png")
@@ -67,6 +73,8 @@ def test_masks_boxes_areas_and_files_are_what_the_images_show(exported, data, sp
         ids = list(clip.images.read("ids", image["camera"]))[frame]
         colour = list(clip.images.read("rgb", image["camera"]))[frame]
         np.testing.assert_array_equal(cv2.imread(str(out / "images" / split / image["file_name"]))[..., ::-1], colour)
+        depth = cv2.imread(str(out / "images" / split / image["depth_file_name"]), cv2.IMREAD_UNCHANGED)
+        check_millimetres(depth, clip.images.at("depth", image["camera"], frame))
         labels = joint_labels(clip, clip.truth, COCO17)
         annotations = coco.loadAnns(coco.getAnnIds(image["id"]))
         assert {each["track_id"] for each in annotations} == set(np.unique(ids[(ids > 0) & (ids < 256)]) - 1)
@@ -85,6 +93,7 @@ def test_masks_boxes_areas_and_files_are_what_the_images_show(exported, data, sp
             )
             np.testing.assert_array_equal(annotation["visibility"], labels.cause[frame, view, person])
             assert coco.dataset["info"]["clips"][image["clip"]]["objects"] == ["box"]
+    assert (out / "SHA256SUMS").read_text().count(".depth.png") == 18
 
 
 @pytest.mark.parametrize("kind", ["keypoints", "segm", "bbox"])
@@ -154,7 +163,7 @@ import numpy as np
 import webdataset
 for number, sample in enumerate(webdataset.WebDataset(sys.argv[2:], shardshuffle=False).decode("rgb8")):
     image = next(sample[suffix] for suffix in ("png", "jpg") if suffix in sample)
-    np.save(f"{sys.argv[1]}/{number}.npy", image)
+    np.savez(f"{sys.argv[1]}/{number}", image=image, depth=sample["depth.npz"]["depth"])
     print(json.dumps({"shard": sample["__url__"], "key": sample["__key__"], "label": sample["json"]}))
 """
 
@@ -163,13 +172,15 @@ def test_samples_hold_image_camera_and_persons(exported, data, tmp_path):
     out = exported("webdataset", images="png")
     samples = printed_lines(READ_SHARDS, tmp_path, tmp_path, *sorted(out.glob("*.tar")))
     assert [Path(sample["shard"]).name.partition("-")[0] for sample in samples] == ["train"] * 12 + ["validation"] * 6
+    assert ".depth.png" not in (out / "SHA256SUMS").read_text()
     for number, sample in enumerate(samples):
         label = sample["label"]
         clip = load_clip(data / label["clip"])
         camera, frame = label["camera"], label["frame"] - 5
         assert sample["key"] == f"{label['clip']}/{camera['name']}/{label['frame']:06d}"
-        image = np.load(tmp_path / f"{number}.npy")
-        np.testing.assert_array_equal(image, list(clip.images.read("rgb", camera["name"]))[frame])
+        with np.load(tmp_path / f"{number}.npz") as read:
+            np.testing.assert_array_equal(read["image"], list(clip.images.read("rgb", camera["name"]))[frame])
+            np.testing.assert_array_equal(read["depth"], clip.images.at("depth", camera["name"], frame))
         ids = list(clip.images.read("ids", camera["name"]))[frame]
         own = [[camera[name]] for name in ("K", "dist", "cam_from_world", "size", "fisheye")]
         rig = CameraRig([camera["name"]], *own)
@@ -203,12 +214,14 @@ def test_a_new_shard_begins_when_one_is_full(exported, monkeypatch):
 
 READ_FOLDERS = """
 import json, sys
+import numpy as np
 from datasets import load_dataset
 found = load_dataset(sys.argv[1])
 for split in found:
-    for row in found[split]:
+    for number, row in enumerate(found[split]):
         image = row.pop("image")
-        print(json.dumps({"split": split, "size": image.size, **row}))
+        np.save(f"{split}{number}.npy", np.array(row.pop("depth")))
+        print(json.dumps({"split": split, "number": number, "size": image.size, **row}))
 """
 
 
@@ -224,6 +237,8 @@ def test_rows_hold_image_camera_and_persons(exported, data, tmp_path):
         clip = load_clip(data / row["clip"])
         frame, persons = row["frame"] - 5, row["persons"]
         assert row["size"] == row["camera"]["size"] == [240, 150]
+        depth = np.load(tmp_path / f"{row['split']}{row['number']}.npy")
+        check_millimetres(depth, clip.images.at("depth", row["camera"]["name"], frame))
         ids = list(clip.images.read("ids", row["camera"]["name"]))[frame]
         assert [set(persons["track_id"])] == [set(np.unique(ids[(ids > 0) & (ids < 256)]) - 1)]
         for number, person in enumerate(persons["track_id"]):
@@ -233,58 +248,7 @@ def test_rows_hold_image_camera_and_persons(exported, data, tmp_path):
             assert len(persons["keypoints"][number]) == 3 * 17
             people += 1
     assert people == 33
-
-
-# Depth in each layout that has a place for it, as its own library decodes it.
-
-READ_DEPTH = {
-    "webdataset": """
-import sys
-import numpy as np
-import webdataset
-shard = webdataset.WebDataset(sys.argv[2] + "/train-000000.tar", shardshuffle=False)
-for number, sample in enumerate(shard.decode("rgb8")):
-    label = sample["json"]
-    of = label["camera"]["name"], label["frame"]
-    np.savez(f"{sys.argv[1]}/{number}", depth=sample["depth.npz"]["depth"], of=of)
-""",
-    "huggingface": """
-import sys
-import numpy as np
-from datasets import load_dataset
-for number, row in enumerate(load_dataset(sys.argv[2])["train"]):
-    np.savez(f"{sys.argv[1]}/{number}", depth=np.array(row["depth"]), of=(row["camera"]["name"], row["frame"]))
-""",
-}
-
-
-@pytest.mark.parametrize("format", ["coco", *READ_DEPTH])
-def test_depth_is_that_of_the_clip(format, tmp_path):
-    data, out, folder = image_set(tmp_path / "set", clips=1, depth=True), tmp_path / "out", tmp_path / "read"
-    export(data, out, format)
-    folder.mkdir()
-    found = {}
-    if format == "coco":
-        for image in COCO(out / "annotations/person_keypoints_train.json").imgs.values():
-            depth = cv2.imread(str(out / "images/train" / image["depth_file_name"]), cv2.IMREAD_UNCHANGED)
-            found[image["camera"], image["frame"]] = depth
-    else:
-        offline = {"HF_HOME": str(tmp_path / "kept"), "HF_HUB_OFFLINE": "1", "HF_DATASETS_OFFLINE": "1"}
-        printed_lines(READ_DEPTH[format], tmp_path, folder, out, **offline)
-        for path in folder.iterdir():
-            with np.load(path) as read:
-                found[read["of"][0], int(read["of"][1])] = read["depth"]
-    clip = load_clip(data / "000000")
-    assert len(found) == 6
-    for (camera, frame), depth in found.items():
-        true = clip.images.at("depth", camera, frame - 5)
-        assert np.isnan(true).any()
-        if format != "webdataset":  # 16 bit, mm, 0 where there is no surface
-            assert depth.dtype == np.uint16
-            depth = np.where(depth > 0, depth / np.float32(1000), np.nan)
-        np.testing.assert_array_equal(depth, true)
-    names = (out / "SHA256SUMS").read_text()
-    assert names.count(".depth.png") == (0 if format == "webdataset" else 6)
+    assert (out / "SHA256SUMS").read_text().count(".depth.png") == 18
 
 
 # Sequences of CMU Panoptic, read back by the reader of such recordings.

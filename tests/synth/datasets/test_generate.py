@@ -1,6 +1,7 @@
 """Data sets: the same clip wherever it is made, nothing half-made, nothing lost, nothing silent."""
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -36,17 +37,28 @@ from tests.support.rigs import config as rig_config
 pytestmark = pytest.mark.slow
 
 
-@pytest.fixture
-def config(tmp_path) -> GenerateConfig:
+def three_clips(out: Path) -> GenerateConfig:
     """Three clips of two persons and ten frames, seen by two small cameras."""
     return GenerateConfig(
-        out=str(tmp_path / "data"),
+        out=str(out),
         seed=3,
         clips=3,
         scene=SceneConfig(persons=[2, 2], seconds=0.4, props=[0, 1]),
         rig=RigConfig(ring=RingConfig(views=2, focal=90, size=[96, 72])),
         detector=DetectorConfig(ghosts=Ghosts(0.3), misses=Misses(person=0.1)),
     )
+
+
+@pytest.fixture
+def config(tmp_path) -> GenerateConfig:
+    return three_clips(tmp_path / "data")
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory) -> tuple[Path, list[dict]]:
+    """The data set of this configuration, and the lines that `generate` returned."""
+    out = tmp_path_factory.mktemp("whole") / "data"
+    return out, generate(three_clips(out))
 
 
 @pytest.fixture
@@ -78,12 +90,12 @@ def labels(config: GenerateConfig) -> list[bytes]:
     return [path.read_bytes() for path in sorted(Path(config.out).glob("*/arrays.safetensors"))]
 
 
-def test_clips_are_consistent(config):
-    lines = generate(config)
+def test_clips_are_consistent(whole):
+    out, lines = whole
     assert [line["id"] for line in lines] == ["000000", "000001", "000002"]
-    assert lines == read_manifest(config.out)
+    assert lines == read_manifest(out)
     for line in lines:
-        clip = load_clip(Path(config.out) / line["id"])
+        clip = load_clip(out / line["id"])
         assert (line["status"], line["frames"], line["persons"]) == ("ok", 10, 2)
         assert clip.provenance["manifest"] == line
         assert clip.truth.xyz.shape == (10, 2, 39, 3)
@@ -103,22 +115,19 @@ def test_clips_are_consistent(config):
         assert np.nanmax(np.abs(found - expected)) < 1e-2
 
 
-def test_the_provenance_reproduces_the_clip(config):
-    generate(replace(config, clips=1))
-    clip = load_clip(Path(config.out) / "000000")
+def test_the_provenance_reproduces_the_clip(whole):
+    clip = load_clip(whole[0] / "000000")
     spec = SceneSpec.from_json(json.dumps(clip.provenance["spec"]))
     again = module.simulate(spec, clip.rig)
     np.testing.assert_array_equal(again.joints.astype(np.float32), clip.truth.xyz)
     assert {"dmae-synth", "mujoco", "numpy"} <= set(clip.provenance["versions"])
 
 
-def test_a_clip_has_the_same_bytes_alone_in_a_range_and_among_workers(config, tmp_path):
-    generate(config)
-    spread = replace(config, out=str(tmp_path / "spread"), workers=2)
-    generate(spread)
-    assert labels(config) == labels(spread)
+def test_a_clip_has_the_same_bytes_alone_in_a_range_and_among_workers(config, whole):
+    generate(replace(config, workers=2))
+    assert labels(config) == labels(three_clips(whole[0]))
     alone = generate_clip(config, 2)
-    same(alone, load_clip(Path(config.out) / "000002"))
+    same(alone, load_clip(whole[0] / "000002"))
     other = generate_clip(replace(config, seed=4), 2)
     assert other.truth.xyz.shape != alone.truth.xyz.shape or not np.allclose(other.truth.xyz, alone.truth.xyz)
 
@@ -131,34 +140,32 @@ def same(one: Clip, other: Clip) -> None:
     np.testing.assert_array_equal(one.detections.xy, other.detections.xy)
 
 
-def test_an_interrupted_run_resumes(config, made, monkeypatch):
-    generate(replace(config, clips=2))
+def test_an_interrupted_run_resumes(config, whole, made):
+    # A clip damaged, one unfinished by a killed process.
+    out = Path(shutil.copytree(whole[0], config.out))
     before = labels(config)
-    made.clear()
-    # A clip lost, one damaged, one unfinished by a killed process.
-    out = Path(config.out)
     (out / "000000" / "clip.json").unlink()
+    shutil.rmtree(out / "000002")
     (out / "manifest.jsonl").unlink()
     (out / ".000002.partial").mkdir()
     (out / ".000002.partial" / "clip.json").write_text("half")
     lines = generate(config)
     assert made == [(0, 0), (2, 0)]
     assert [line["status"] for line in lines] == ["ok"] * 3
-    assert labels(config)[:2] == before
+    assert labels(config) == before
     assert not list(out.glob(".*"))
     made.clear()
     assert generate(config) == lines
     assert made == []
 
 
-def test_a_damaged_clip_is_made_again(config, made):
-    generate(replace(config, clips=1))
-    (before,) = labels(config)
-    made.clear()
-    (Path(config.out) / "000000" / "arrays.safetensors").write_bytes(before[:-8])
-    generate(replace(config, clips=1))
+def test_a_damaged_clip_is_made_again(config, whole, made):
+    shutil.copytree(whole[0], config.out)
+    before = labels(config)
+    (Path(config.out) / "000000" / "arrays.safetensors").write_bytes(before[0][:-8])
+    generate(config)
     assert made == [(0, 0)]
-    assert labels(config) == [before]
+    assert labels(config) == before
 
 
 def test_a_data_set_is_not_resumed_with_another_configuration(config):
@@ -352,13 +359,11 @@ def test_impossible_cameras_are_refused_before_anything_is_written(rig, complain
     assert not out.exists()
 
 
-def test_machines_fill_one_folder_with_their_own_clips(config, tmp_path):
+def test_machines_fill_one_folder_with_their_own_clips(config, whole):
     """In any order, and while another is still at work, it is byte for byte the data set of one machine."""
-    generate(config)
-    shared = replace(config, out=str(tmp_path / "shared"), clips=1)
-    generate(replace(shared, first=2))
-    generate(replace(shared, first=0, clips=2))
-    assert contents(Path(config.out)) == contents(Path(shared.out))
+    generate(replace(config, clips=1, first=2))
+    generate(replace(config, clips=2))
+    assert contents(Path(config.out)) == contents(whole[0])
 
 
 def test_a_machine_that_ends_keeps_what_others_have_noted_meanwhile(config):

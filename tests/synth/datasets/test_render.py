@@ -1,6 +1,7 @@
 """Images of clips that exist: the same as generation makes, added to a set, or rendered through other cameras."""
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -54,9 +55,8 @@ def arrays(folder: Path) -> bytes:
     return (folder / "000000" / "arrays.safetensors").read_bytes()
 
 
-def test_images_are_added_to_labels_and_are_those_of_a_set_made_at_once(painted, tmp_path):
-    out = tmp_path / "data"
-    generate(config(out))
+def test_images_are_added_to_labels_and_are_those_of_a_set_made_at_once(labels, painted, tmp_path):
+    out = Path(shutil.copytree(labels, tmp_path / "data"))
     before = arrays(out)
     generate(config(out, images=["rgb"]))
     assert arrays(out) == before
@@ -223,9 +223,8 @@ def test_kinds_of_images_are_named_one_by_one_or_together():
             GenerateConfig(images=wrong)
 
 
-def test_a_set_made_before_states_were_kept_gets_them_with_its_images(painted, tmp_path):
-    out = tmp_path / "data"
-    generate(config(out))
+def test_a_set_made_before_states_were_kept_gets_them_with_its_images(labels, painted, tmp_path):
+    out = Path(shutil.copytree(labels, tmp_path / "data"))
     (out / "000000" / FILE).unlink()
     before = arrays(out)
     generate(config(out, images=["rgb"]))
@@ -234,8 +233,7 @@ def test_a_set_made_before_states_were_kept_gets_them_with_its_images(painted, t
 
 
 def test_an_interrupted_rendering_leaves_the_labels_and_no_half_images(labels, tmp_path, monkeypatch):
-    out = tmp_path / "data"
-    generate(config(out))
+    out = Path(shutil.copytree(labels, tmp_path / "data"))
     before = contents(out / "000000")
     count = 0
 
