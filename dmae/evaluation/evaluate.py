@@ -183,8 +183,13 @@ def evaluate(config: EvaluateConfig, clips: Sequence[Clip] | None = None) -> dic
         done = in_parallel(_read_and_score, tasks, config.workers)
         scored = list(done if len(clips) == 1 else progress(done, "evaluating", len(clips)))
     runs: dict[tuple[str, int], list[dict]] = {}
+    first = scored[0].facts["cameras"]
     for clip in scored:
+        names = clip.facts["cameras"]
         for method, run in clip.runs:
+            if {*names} == {*first}:
+                # Sessions may list the same cameras in another order: a subset has the numbers of the first clip.
+                run["cameras"] = sorted(first.index(names[view]) for view in run["cameras"])
             runs.setdefault((method, len(run["cameras"])), []).append(run)
     results = [{"method": method, "views": views, **summary(each)} for (method, views), each in runs.items()]
     recording = counted(len(clips), "clip") + (f" of {Path(data_set.config.path).name}" if data_set else "")

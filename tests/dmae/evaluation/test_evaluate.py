@@ -96,11 +96,17 @@ class TestEvaluate:
         assert sum(gap["hidden"] for gap in result["mean"]["gaps"]) == 4
 
     def test_the_worst_subset_is_named(self, tmp_path):
-        """Cameras 0 and 1 see nothing of person 1, so that two views with one of them lack it."""
+        """Cameras 0 and 1 see nothing of person 1, so that two views with one of them lack it.
+
+        A second session lists its cameras in another order.
+        """
         clip = seen()
         xy, detected = clip.detections.xy.copy(), clip.detections.score.copy()
         xy[:, :2, 1], detected[:, :2, 1] = np.nan, np.nan
-        save_clip(replace(clip, detections=Detections2D(BODY25, xy, detected)), tmp_path)
+        clip = replace(clip, detections=Detections2D(BODY25, xy, detected))
+        save_clip(clip, tmp_path / "a")
+        save_clip(clip.select(views=[2, 3, 0, 1]), tmp_path / "b")
+        write_manifest(tmp_path, [{"id": name, "status": "ok"} for name in "ab"])
         (result,) = evaluate(config(tmp_path, methods=["linear"], views=[3]))["results"]
         assert result["worst"]["pcp"] == 50
         assert result["worst"]["cameras"] in ([0, 1, 2], [0, 1, 3])
