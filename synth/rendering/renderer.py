@@ -26,7 +26,8 @@ class LensPainter(OpenGLPainter):
 
     def __init__(self, model, geom_ids, rig: CameraRig, backend, settings, imaging: ImagingConfig):
         cameras = pinholes(rig)
-        super().__init__(model, geom_ids, joined(cameras), backend, settings, imaging)
+        self._pinholes = joined(cameras)
+        super().__init__(model, geom_ids, self._pinholes, backend, settings, imaging)
         self._maps = [warps(rig[view : view + 1]) for view in range(len(rig))]
         ends = np.cumsum([len(each) for each in cameras]).tolist()
         self._parts = [range(end - len(each), end) for end, each in zip(ends, cameras, strict=True)]
@@ -34,7 +35,10 @@ class LensPainter(OpenGLPainter):
     def paint(self, data: mujoco.MjData, view: int, kinds: tuple[str, ...]) -> tuple[np.ndarray | None, ...]:
         """Return images of these kinds. Pixels where the lens shows nothing are NaN or 0."""
         parts = [super(LensPainter, self).paint(data, part, kinds) for part in self._parts[view]]
-        return tuple(self._bent(list(images), view) for images in zip(*parts, strict=True))
+        rgb, depth, geoms, normals = (list(images) for images in zip(*parts, strict=True))
+        if len(parts) > 1 and depth[0] is not None:
+            depth = [image * self._along_axis(view, part) for image, part in zip(depth, self._parts[view], strict=True)]
+        return tuple(self._bent(images, view) for images in (rgb, depth, geoms, normals))
 
     def paint_alone(self, data: mujoco.MjData, view: int, owner: int) -> np.ndarray:
         """Return (H, W) True for the pixels that geoms with the id `owner` would cover if nothing else were there."""
@@ -42,6 +46,13 @@ class LensPainter(OpenGLPainter):
         bent = self._bent([image.astype(np.uint16) for image in images], view)
         assert bent is not None
         return bent > 0
+
+    def _along_axis(self, view: int, part: int) -> np.ndarray:
+        """Return (h, w) by what depth in a pinhole of a view is multiplied, to be along the axis of the view itself."""
+        ahead, side = (self._pinholes.cam_from_world[each, :3, :3] for each in (self._parts[view][0], part))
+        x, y, z = side @ ahead[2] @ np.linalg.inv(self._pinholes.K[part])
+        width, height = self._pinholes.size[part]
+        return (x * np.arange(width) + (y * np.arange(height) + z)[:, None]).astype(np.float32)
 
     def _bent(self, images: list[Any], view: int) -> np.ndarray | None:
         """Return the distorted image from the images of the pinholes. Only colours are interpolated."""

@@ -119,6 +119,9 @@ def test_a_fisheye_too_wide_for_any_pinhole_shows_markers_all_around_and_dark_co
         image = renderer.image(model.qpos0, 0)
     for marker in range(len(points)):
         assert misplaced(painter, image, marker, expected[marker]) < 0.1, marker
+        # The nearest point of a marker is on the ray to its centre; depth is along the axis of the whole image.
+        column, row = np.round(expected[marker]).astype(int)
+        assert abs(image.depth[row, column] - (1.5 - radius) * np.cos(angle[marker])) < 0.01, marker
     assert (image.ids[:60, :60] == 0).all()
     assert np.isnan(image.depth[:60, :60]).all()
     assert (image.rgb[:60, :60] == 0).all()
