@@ -18,9 +18,6 @@ import dmae
 import synth
 from dmae.data.json_values import json_text
 from dmae.progress import duration
-from synth.datasets.clip import generate_clip
-from synth.datasets.config import GenerateConfig
-from synth.scene.config import SceneConfig
 
 FILE = Path(__file__).parents[2] / "docs/results/how_long.json"
 _SECONDS = 1.0, 8.0
@@ -31,7 +28,8 @@ _CORES = 1, 2, 8, 32
 
 def main() -> None:
     command = {"command": "python docs/tools/how_long.py"}
-    _spent(lambda: _clip(1.0, 1, 2))  # imports and compiled functions
+    with tempfile.TemporaryDirectory() as folder:
+        _clip(1.0, 1, 2, folder)  # imports and compiled functions
     labels = {(people, cameras): _labels(people, cameras) for people, cameras in ((1, 5), (2, 5), (4, 5), (2, 10))}
     images = {(quality, people): _images(quality, people) for quality in ("draft", "standard") for people in (2, 4)}
     steps = _steps()
@@ -77,11 +75,10 @@ def _spent(function) -> float:
     return time.process_time() - begun
 
 
-def _clip(seconds: float, people: int, cameras: int):
+def _clip(seconds: float, people: int, cameras: int, out: str | Path) -> dmae.Clip:
+    """Make a data set of one clip, as `synth generate` does, and return the clip."""
     rig = synth.RigConfig(ring=synth.RingConfig(views=cameras))
-    return generate_clip(
-        GenerateConfig(seed=3, rig=rig, scene=SceneConfig(persons=[people, people], seconds=seconds)), 0
-    )
+    return next(synth.generate(clips=1, seed=3, seconds=seconds, persons=[people, people], rig=rig, out=out))
 
 
 def _labels(people: int, cameras: int) -> tuple[float, float, float]:
@@ -90,12 +87,11 @@ def _labels(people: int, cameras: int) -> tuple[float, float, float]:
     for seconds in _SECONDS:
         spent = []
         for _ in range(3):  # the least is disturbed least by other programs
-            begun = time.process_time()
-            clip = _clip(seconds, people, cameras)
             with tempfile.TemporaryDirectory() as folder:
-                dmae.save(clip, folder)
+                begun = time.process_time()
+                clip = _clip(seconds, people, cameras, folder)
                 spent.append(time.process_time() - begun)
-                size = sum(path.stat().st_size for path in Path(folder).iterdir())
+                size = sum(path.stat().st_size for path in Path(folder, clip.id).iterdir())
         took.append(min(spent))
         sizes.append(size)
         frames.append(len(clip))
@@ -122,7 +118,8 @@ def _images(quality: str, people: int) -> tuple[float, float, float]:
 
 def _steps() -> dict[str, tuple[float, float]]:
     """Return the CPU seconds of a recording and of a frame of two people in five cameras, by step."""
-    long, short = (_clip(seconds, 2, 5) for seconds in (10.0, 5.0))
+    with tempfile.TemporaryDirectory() as folder:
+        long, short = (_clip(seconds, 2, 5, Path(folder, str(seconds))) for seconds in (10.0, 5.0))
     complete = dmae.completer(long.detections.skeleton)
     dmae.capture(short)
     captured = {id(clip): dmae.capture(clip) for clip in (long, short)}
