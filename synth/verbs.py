@@ -15,7 +15,7 @@ from dmae.data.clip import Clip
 from dmae.data.resources import FUNCTION
 from dmae.data.rng import Stream, generator
 from dmae.data.store import clip_folders, load_clip
-from dmae.data.typed import check_arguments, fields_meant
+from dmae.data.typed import check_arguments, fields_meant, with_changes
 from dmae.detection.registry import PoseDetectorConfig
 from dmae.nearest import unknown
 from dmae.parallel import in_parallel, running_on
@@ -56,7 +56,7 @@ def preset(group: str, name: str | Path, **changes: object) -> Any:
     Args:
         group: `scene`, `rig`, `motion`, `interaction` or `detector`.
         name: Name of the preset, as on the command line; or the file of your own, `.../detector/mine.yaml`.
-        changes: Fields of the configuration that differ.
+        changes: Fields of the configuration that differ. A dictionary changes some fields of a nested configuration.
 
     Raises:
         ValueError: there is no such preset, with the nearest name; or the file is no preset, with the reason.
@@ -68,7 +68,7 @@ def preset(group: str, name: str | Path, **changes: object) -> Any:
     """
     if group not in _GROUPS:
         raise ValueError(f"group={group!r}: expected one of {', '.join(_GROUPS)}")
-    return replace(getattr(_composed("generate", {group: name}), group), **changes)
+    return with_changes(getattr(_composed("generate", {group: name}), group), changes)
 
 
 def _composed(command: str, presets: dict[str, str | Path]) -> Any:
@@ -109,7 +109,7 @@ def _configured(command: str, config: Any, given: dict[str, Any]) -> Any:
         raise TypeError(f"{command}: no option {name}; {fields_meant(type(config), name, of_scene)}")
     if scene := {name: given.pop(name) for name in of_scene & given.keys()}:
         given["scene"] = replace(given.get("scene", config.scene), **scene)
-    return replace(config, **given)
+    return with_changes(config, given)
 
 
 @check_arguments

@@ -290,6 +290,15 @@ def test_presets_are_those_of_the_command():
     assert dmae.preset("capture", "default") == dmae.CaptureConfig()
     assert dmae.preset("capture", "paper").th_v == 3
     assert dmae.preset("train", "paper", seed=3).learning.loss == "mse"
+    shorter = dmae.preset("train", "paper", learning={"steps": 5}, model={"encoder": {"dim": 64}})
+    assert (shorter.learning.steps, shorter.learning.loss, shorter.learning.lr) == (5, "mse", 0.002)
+    assert shorter.model.encoder == replace(dmae.preset("train", "paper").model.encoder, dim=64)
+    openpose = synth.preset("detector", "shelf_openpose").noise
+    assert openpose != synth.DetectorConfig().noise
+    changed = replace(openpose, bias=0.5)
+    assert synth.preset("detector", "shelf_openpose", noise={"bias": 0.5}).noise == changed
+    with pytest.raises(TypeError, match=r"^LearningConfig: no field step; did you mean steps\?"):
+        dmae.preset("train", "paper", learning={"step": 5})
     with pytest.raises(ValueError, match="capture=papr: no preset 'papr'; did you mean paper"):
         dmae.preset("capture", "papr")
 

@@ -6,7 +6,7 @@ All are checked alike. A value of another type is answered in one line, by its n
 import inspect
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass, replace
 from enum import Enum
 from functools import cache, wraps
 from math import isfinite
@@ -207,6 +207,13 @@ class Configuration:
         hints = type_hints(kind)
         for name in (each.name for each in fields(self)):  # type: ignore[arg-type]
             object.__setattr__(self, name, _given(hints[name], getattr(self, name), f"{kind.__name__}.{name}"))
+
+
+def with_changes(config: Any, changes: Mapping[str, Any]) -> Any:
+    """Return a configuration with some fields changed; a dictionary changes some fields of a nested configuration."""
+    nested = {name: getattr(config, name, None) for name, value in changes.items() if isinstance(value, Mapping)}
+    merged = {name: with_changes(old, changes[name]) for name, old in nested.items() if isinstance(old, Configuration)}
+    return replace(config, **changes | merged)
 
 
 def fields_meant(kind: type, name: str, also: Iterable[str] = ()) -> str:

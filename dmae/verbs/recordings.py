@@ -16,7 +16,7 @@ from dmae.data.conversion import convert as convert_poses
 from dmae.data.resources import read_preset
 from dmae.data.skeleton import Skeleton, get_skeleton
 from dmae.data.store import load_clip, save_clip
-from dmae.data.typed import check_arguments
+from dmae.data.typed import check_arguments, with_changes
 from dmae.detection.recording import detect_clip, detect_recording, make_clip, open_recording, recording_name
 from dmae.detection.registry import PoseDetectorConfig
 from dmae.formats import poses as pose_files
@@ -330,7 +330,7 @@ def preset(group: str, name: str, **changes: Any) -> Any:
     Args:
         group: `capture`, for `dmae.capture`; or `train`, for `dmae.train`, whose presets are those of `model=`.
         name: Name of the preset.
-        changes: Fields of the configuration that differ.
+        changes: Fields of the configuration that differ. A dictionary changes some fields of a nested configuration.
 
     Raises:
         ValueError: there is no such preset; the message has the nearest name.
@@ -338,11 +338,13 @@ def preset(group: str, name: str, **changes: Any) -> Any:
     Examples:
         >>> dmae.preset("capture", "paper", th_v=2).th_v
         2
+        >>> dmae.preset("train", "paper", learning={"steps": 500}).learning.lr  # as model=paper learning.steps=500
+        0.002
     """
     if group not in ("capture", "train"):
         raise ValueError(f"group={group!r}: expected capture or train")
     kind, folder = {"capture": (CaptureConfig, "capture"), "train": (TrainConfig, "model")}[group]
-    return replace(read_preset(kind, folder, name), **changes)
+    return with_changes(read_preset(kind, folder, name), changes)
 
 
 def configured(group: str, given: Any) -> Any:
