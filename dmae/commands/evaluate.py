@@ -12,7 +12,7 @@ from dmae.evaluation.scores import read_scores
 from dmae.files.contents import write_atomic
 from dmae.formats.reading import Clips
 from dmae.metrics.score_tables import score_tables
-from dmae.reporting.tables import print_tables
+from dmae.reporting.tables import counted, print_tables
 
 WORSE = 2
 """Exit status where a figure is worse than the baseline; errors have status 1, and so has what cannot be compared."""
@@ -38,6 +38,11 @@ def run(config: EvaluateConfig, out: Path) -> None:
     path = out / "scores.json"
     write_atomic(path, json_text(scores))
     print_tables(score_tables(scores))
+    rigs = [each["cameras"] for each in scores["clips"].values()]
+    for each in scores["results"] if all({*rig} == {*rigs[0]} for rig in rigs) else ():
+        if 0 < each["views"] < len(rigs[0]):
+            worst = ", ".join(rigs[0][view] for view in each["worst"]["cameras"])
+            print(f"{each['method']}, {counted(each['views'], 'view')}: worst with {worst}")
     print(path)
     if baseline is not None:
         gate = compare_scores(baseline, scores, config.changed)

@@ -95,7 +95,7 @@ class TestEvaluate:
         assert result["mean"]["mpjpe"]["all"] < 1
         assert sum(gap["hidden"] for gap in result["mean"]["gaps"]) == 4
 
-    def test_the_worst_subset_is_named(self, tmp_path):
+    def test_the_worst_subset_is_named(self, tmp_path, capsys):
         """Cameras 0 and 1 see nothing of person 1, so that two views with one of them lack it.
 
         A second session lists its cameras in another order.
@@ -107,7 +107,10 @@ class TestEvaluate:
         save_clip(clip, tmp_path / "a")
         save_clip(clip.select(views=[2, 3, 0, 1]), tmp_path / "b")
         write_manifest(tmp_path, [{"id": name, "status": "ok"} for name in "ab"])
-        (result,) = evaluate(config(tmp_path, methods=["linear"], views=[3]))["results"]
+        command.run(config(tmp_path, methods=["linear"], views=[3]), tmp_path)
+        (result,) = json.loads((tmp_path / "scores.json").read_text())["results"]
+        named = [f"cam{camera}" for camera in result["worst"]["cameras"]]
+        assert f"linear, 3 views: worst with {', '.join(named)}\n" in capsys.readouterr().out
         assert result["worst"]["pcp"] == 50
         assert result["worst"]["cameras"] in ([0, 1, 2], [0, 1, 3])
         assert result["mean"]["pcp"] == 75
