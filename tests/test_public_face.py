@@ -654,7 +654,7 @@ def test_errors_of_read_name_its_arguments(clip, tmp_path: Path):
     dmae.convert(clip, tmp_path / "walk", "openpose")
     for given, message in (
         ({}, r"no file states the frame rate; give fps=\.\.\.$"),
-        ({"fps": 25, "calibration": "none.toml"}, r"name it by calibration=\.\.\.$"),
+        ({"fps": 25, "calibration": "none.toml"}, r"^calibration none\.toml: no such file"),
         ({"fps": 25, "cameras": ["9"]}, r"^cameras=\[9\]: expected"),
         ({"fps": 25, "images": "a", "videos": "b"}, "^videos and images: expected one of them"),
     ):
