@@ -209,7 +209,7 @@ class Configuration:
             object.__setattr__(self, name, _given(hints[name], getattr(self, name), f"{kind.__name__}.{name}"))
 
 
-def with_changes(config: Any, changes: Mapping[str, Any]) -> Any:
+def with_changes(config: Any, changes: dict[str, Any]) -> Any:
     """Return a configuration with some fields changed; a dictionary changes some fields of a nested configuration."""
     nested = {name: getattr(config, name, None) for name, value in changes.items() if isinstance(value, Mapping)}
     merged = {name: with_changes(old, changes[name]) for name, old in nested.items() if isinstance(old, Configuration)}
