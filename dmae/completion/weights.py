@@ -198,6 +198,8 @@ and is where fusion starts (`dmae train model=paper init=paper`). Completed join
 without covariances. The model does not identify people.
 """
 
+_TERMS = "- **Terms**: `docs/reference/licences.md` has those of shipped weights, and of motion that others recorded."
+
 _VALIDATION = "validation "
 """Start of the names of clips from `validation_data`."""
 
@@ -242,6 +244,7 @@ def _card(folder: Path, scores: Sequence[Path], command: str) -> str:
         f"- **Validated and calibrated on**: {_sets(held_back, config) or 'nothing'}.",
         f"- **Made by**: `{command}`",
         f"- **Made with**: {_listed(record['versions'])}; sha256 of the weights {record['sha256']}.",
+        _TERMS,
         "",
     ]
     for path in scores:

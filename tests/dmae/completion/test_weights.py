@@ -110,7 +110,8 @@ def test_shipped_weights_are_whole_and_complete_poses(name):
     assert {path.name for path in folder.iterdir()} == {"MODEL_CARD.md", "model.json", "weights.safetensors"}
     _, skeleton, record = load_model(folder)
     assert skeleton.name == name and record["calibration"]
-    assert record["sha256"] in (folder / "MODEL_CARD.md").read_text()
+    card = (folder / "MODEL_CARD.md").read_text()
+    assert record["sha256"] in card and weights._TERMS in card
     truth = convert(circling_people(60, 2, rng=np.random.default_rng(1)), skeleton)
     poses = with_holes(truth, 1)
     done = completers(None, denoise=False, reject=False, smooth=0.0)(skeleton)(poses, FPS)
