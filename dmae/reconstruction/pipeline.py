@@ -96,8 +96,9 @@ def capture(clip: Clip, config: CaptureConfig, noise: DetectionNoise | None = No
         )
     if config.method == ADAPTIVE:
         return in_units_of_people(partial(_capture, noise=noise), clip, config)
-    function = capture_method.find(config.method).function
-    poses = in_units_of_people(of_clip_and_config(function, f"method={config.method}"), clip, config)
+    function = of_clip_and_config(capture_method.find(config.method).function, f"method={config.method}")
+    # Its configuration does not name the function itself, so that it may capture by this and change the poses.
+    poses = in_units_of_people(function, clip, replace(config, method=ADAPTIVE))
     if not isinstance(poses, Poses3D) or len(poses.xyz) != len(clip):
         found = f"Poses3D of {len(poses.xyz)} frames" if isinstance(poses, Poses3D) else type(poses).__name__
         raise ValueError(

@@ -219,9 +219,18 @@ class TestOwnMethod:
         ):
             captured(full_clip(frames=3), "tests.dmae.reconstruction.test_systems:too_short")
 
+    def test_a_function_starts_from_the_capture_of_this_package(self):
+        clip = full_clip(frames=2)
+        found = captured(clip, "tests.dmae.reconstruction.test_systems:backwards")
+        np.testing.assert_array_equal(found.xyz, capture(clip, CaptureConfig()).xyz[:, ::-1])
+
     def test_unknown(self):
         with pytest.raises(ValueError, match="no capture method 'mv_pose'; did you mean mvpose"):
             CaptureConfig(method="mv_pose")
+
+
+def backwards(clip: Clip, config: CaptureConfig) -> Poses3D:
+    return capture(clip, config).select(persons=slice(None, None, -1))
 
 
 def nobody(clip: Clip, config: CaptureConfig) -> Poses3D:
