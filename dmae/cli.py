@@ -144,7 +144,7 @@ def _run_hydra(
             _apply(command, options, config, interrupted)
 
     with _stored(command, options, own, arguments):
-        if _for_hydra(arguments):
+        if any(argument.startswith("-") or "hydra" in argument for argument in arguments):
             # With this setting Hydra raises errors instead of printing them in several lines.
             os.environ["HYDRA_FULL_ERROR"] = "1"
             try:
@@ -219,11 +219,6 @@ def compose(command: Command, overrides: Sequence[str]) -> object:
         raise ValueError(_in_one_line(error)) from None
 
 
-def _for_hydra(arguments: Sequence[str]) -> bool:
-    """Return whether there are flags, or options of Hydra's own."""
-    return any(argument.startswith("-") or "hydra" in argument for argument in arguments)
-
-
 class _Uncopied(dict):
     """What Hydra has. It copies all of it for each composition, and then each part that it reads."""
 
@@ -240,22 +235,16 @@ def _stored(command: Command, options: Group, own: Presets, arguments: Sequence[
     # `data=...` and others are groups of presets for some commands, and plain paths for others.
     other = {member.key for member in options.members}
     before, store.repo = store.repo, _Uncopied({name: node for name, node in store.repo.items() if name not in other})
-    hydra = store.repo["hydra"]  # plugins of Hydra may be added to it meanwhile
-    whole, schema = hydra["config.yaml"], f"{command.name}_schema"
+    schema = f"{command.name}_schema"
     store.repo[f"{schema}.yaml"] = ConfigNode(schema, _schema(command.configuration), None, None, None)
     groups = [{group: preset} for group, preset in command.presets.items()]
-    node: dict = {"defaults": [schema, *groups, "_self_"]}
-    if _for_hydra(arguments):
-        # Hydra writes nothing of its own; results go to `out`, and under `-m` to `out/0`, `out/1`, ...
-        node["defaults"] += [{f"override hydra/{each}_logging": "none"} for each in ("job", "hydra")]
-        out = options.find("out")
-        sweep = "${out}" if isinstance(out, Option) and out.default is not None else f"runs/{command.name}"
-        own_files = {"output_subdir": None, "run": {"dir": "."}, "sweep": {"dir": sweep, "subdir": "${hydra.job.num}"}}
-        node["hydra"] = own_files
-    else:
-        # Hydra only composes: half of its time would go to defaults of its launchers, sweepers, logs and help.
-        hydra["config.yaml"] = _hydra_without_defaults()
-    store.store(name=command.name, node=node)
+    # Hydra writes nothing of its own; results go to `out`, and under `-m` to `out/0`, `out/1`, ...
+    silent = [{f"override hydra/{each}_logging": "none"} for each in ("job", "hydra")]
+    out = options.find("out")
+    sweep = "${out}" if isinstance(out, Option) and out.default is not None else f"runs/{command.name}"
+    own_files = {"output_subdir": None, "run": {"dir": "."}, "sweep": {"dir": sweep, "subdir": "${hydra.job.num}"}}
+    defaults = [schema, *groups, "_self_", *silent]
+    store.store(name=command.name, node={"defaults": defaults, "hydra": own_files})
     # Only presets that may be meant: Hydra takes milliseconds for each.
     asked = f"{arguments} {own} {command.presets}"
     for group in command.presets:
@@ -265,16 +254,7 @@ def _stored(command: Command, options: Group, own: Presets, arguments: Sequence[
     try:
         yield
     finally:
-        store.repo, hydra["config.yaml"] = before, whole
-
-
-@cache
-def _hydra_without_defaults():
-    from hydra.conf import HydraConf
-    from hydra.core.config_store import ConfigNode
-    from omegaconf import OmegaConf
-
-    return ConfigNode("config.yaml", OmegaConf.structured(HydraConf(defaults=[])), "hydra", "hydra", "hydra")
+        store.repo = before
 
 
 @cache
