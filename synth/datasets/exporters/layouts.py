@@ -18,7 +18,7 @@ from dmae.data.cameras import CameraRig
 from dmae.data.conversion import convert
 from dmae.data.labels import Visibility
 from dmae.files.structured import read_json
-from dmae.formats.calibrations import write_calibration
+from dmae.formats.calibrations import require, write_calibration
 from dmae.formats.coco import annotation_entry, category_entry, clip_entry, image_entry, joint_names
 from dmae.formats.labelled_images import LabelledImage, PersonLabel, file_part, joint_labels
 from dmae.formats.panoptic import write_poses
@@ -386,6 +386,7 @@ def _write_panoptic_clip(task: ClipTask) -> Counter:
     """Write one sequence, and return counts. Cameras without a name <panel>_<node> become nodes of panel 0."""
     clip = task.load()
     assert clip.truth is not None
+    require("a Panoptic calibration", clip.rig, coefficients=5)  # before cameras are renamed and images written
     counts = Counter(clips=1, persons=clip.truth.xyz.shape[1])
     taken = {name for name in clip.rig.names if re.fullmatch(r"\d\d_\d\d", name)}
     free = (name for node in count() if (name := f"00_{node:02}") not in taken)

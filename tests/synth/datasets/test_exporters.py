@@ -3,6 +3,7 @@
 import json
 import tarfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -16,7 +17,7 @@ from pycocotools.cocoeval import COCOeval
 from dmae.data.cameras import CameraRig
 from dmae.data.conversion import convert
 from dmae.data.skeleton import COCO17, PANOPTIC19
-from dmae.data.store import load_clip
+from dmae.data.store import load_clip, save_clip, write_manifest
 from dmae.datasets import FrameDataset
 from dmae.formats import panoptic
 from dmae.formats.calibrations import read_calibration
@@ -268,6 +269,15 @@ def test_poses_cameras_and_images_are_those_of_the_clip(exported, data):
             for frame, colour in enumerate(clip.images.read("rgb", clip.rig.names[view])):
                 image = cv2.imread(str(folder / "hdImgs" / camera / f"{camera}_{5 + frame:08d}.jpg"))
                 assert np.abs(image[..., ::-1].astype(int) - colour).mean() < 3
+
+
+def test_a_fisheye_is_refused_by_the_name_of_its_camera(data, tmp_path):
+    clip = load_clip(data / "000000")
+    fisheyes = replace(clip.rig, fisheye=np.ones(len(clip.rig), bool))
+    save_clip(replace(clip, rig=fisheyes, images=None), tmp_path / "set/000000")
+    write_manifest(tmp_path / "set", [{"id": "000000", "status": "ok"}])
+    with pytest.raises(ValueError, match=f"camera '{clip.rig.names[0]}': .* cannot hold a fisheye lens"):
+        export(tmp_path / "set", tmp_path / "out", "panoptic")
 
 
 # From a seed to what another library reads: a generated data set, split, exported, and compared with its images.
