@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, Literal, overload
 
 from dmae.completion.config import TrainConfig
 from dmae.data.cameras import CameraRig
@@ -323,6 +323,14 @@ def to_skeleton(poses: Poses3D, skeleton: str | Path | Skeleton) -> Poses3D:
     return convert_poses(poses, get_skeleton(skeleton))
 
 
+@overload
+def preset(group: Literal["capture"], name: str, **changes: Any) -> CaptureConfig: ...
+
+
+@overload
+def preset(group: Literal["train"], name: str, **changes: Any) -> TrainConfig: ...
+
+
 @check_arguments
 def preset(group: str, name: str, **changes: Any) -> Any:
     """Return a configuration as a preset of the command line sets it, with some fields changed.
@@ -347,6 +355,6 @@ def preset(group: str, name: str, **changes: Any) -> Any:
     return with_changes(read_preset(kind, folder, name), changes)
 
 
-def configured(group: str, given: Any) -> Any:
+def configured(group: Literal["capture", "train"], given: Any) -> Any:
     """Return the configuration that was given, or the preset of this name; by default the default preset."""
     return preset(group, given or "default") if given is None or isinstance(given, str) else given
