@@ -97,5 +97,5 @@ def _check_unit(poses: Poses3D, truth: Poses3D, where: str) -> None:
     unit = f", as if in {_UNITS[near]}" if abs(np.log(factor / near)) < np.log(1.3) else ""
     raise ValueError(
         f"{where}: expected poses in m; their bones are {factor:.4g} times as long as the true ones{unit}. "
-        f"Divide the coordinates by {near if unit else factor:.4g}"
+        f"Divide the coordinates by {near if unit else factor:.4g}, unless it is the truth that is not in m"
     )
