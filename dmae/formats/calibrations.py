@@ -226,19 +226,18 @@ class CalibrationSource:
 
         `size` (width and height, px) is used if neither `self.size` nor the calibration states one.
         """
-        path = Path(self.file) if self.file else self.found(recording)
         try:
+            path = Path(self.file) if self.file else self.found(recording)
             return read_calibration(path, size=self.size or size, unit=self.unit, up=self.up, inverse=self.inverse)
+        except FileNotFoundError as error:
+            raise FileNotFoundError(f"{error}; name it by data.calibration=...") from None
         except LacksSize as error:
             raise LacksSize(error.what, "data.size") from None
 
     def found(self, recording: Path) -> Path:
         """Return the calibration in or above the folder of a recording; errors as in `find_calibration`."""
         folder = recording.parent if recording.is_file() else recording
-        try:
-            return folder if is_clip(folder) else find_calibration(folder, above=True)
-        except FileNotFoundError as error:
-            raise FileNotFoundError(f"{error}; name it by data.calibration=...") from None
+        return folder if is_clip(folder) else find_calibration(folder, above=True)
 
 
 FOUND = CalibrationSource()

@@ -130,10 +130,10 @@ class Clips(Sequence):
         path = folder if "detections" in self.reader.options else others["detections"] or folder
         found = self.reader.function(path, **{option: given[option] for option in self.reader.options})
         if (rig := found.rig) is None:
+            rig = calibration.read(folder, found.size)
             if calibration.file is None and not (file := calibration.found(folder)).is_relative_to(folder):
                 note = f"cameras are from {file}; data.calibration names another file"
                 found = replace(found, notes=(*found.notes, note))
-            rig = calibration.read(folder, found.size)
         fps = found.fps if fps is None else fps
         if fps is None:
             raise ValueError(f"{folder}: no file states the frame rate; give data.fps=...")
