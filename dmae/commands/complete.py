@@ -80,6 +80,10 @@ def _complete(config: CompleteCommand, folder: Path, frames: int | None = None) 
         given, blanked, accepted = given.select(slice(frames)), blanked[:frames], accepted[:frames]
     completer = _completers(config)(given.skeleton)
     notes = completer.notes(given, clip.fps)
+    if (given.source == Source.DENOISED).any():
+        notes.append(
+            "smoothed and completed before: these joints stay as they are; for other options take the clip before"
+        )
     if config.online:
         notes.append(f"each frame is completed from the frames until {config.delay:g} s after it")
         poses = complete_online(completer, given, clip.fps, config.delay)

@@ -460,7 +460,7 @@ def test_another_frame_rate_is_resampled_with_a_note(tmp_path, capsys, fps):
 
 
 @pytest.mark.parametrize("online", [False, True])
-def test_what_was_completed_before_is_not_smoothed_again(tmp_path, online):
+def test_what_was_completed_before_is_not_smoothed_again(tmp_path, capsys, online):
     save_model(untrained().model, SHELF14, tmp_path / "model", {"denoises": False, "calibration": None})
     once = dmae.complete(with_holes(circling(8), 8), FPS, weights=tmp_path / "model", online=online)
     again = dmae.complete(once, FPS, weights=tmp_path / "model", online=online)
@@ -468,6 +468,7 @@ def test_what_was_completed_before_is_not_smoothed_again(tmp_path, online):
     save_clip(replace(clip_of(once, "walk"), poses=once), tmp_path / "clip")
     command.run(CompleteCommand(str(tmp_path / "clip"), str(tmp_path / "model"), online=online), tmp_path / "out")
     np.testing.assert_array_equal(load_clip(tmp_path / "out").poses.xyz, once.xyz)
+    assert ("these joints stay as they are" in capsys.readouterr().out) == (once.source == Source.DENOISED).any()
 
 
 def test_there_are_no_notes_at_the_rate_of_the_weights():
