@@ -2,8 +2,6 @@
 
 from pathlib import Path
 
-import numpy as np
-
 from dmae.command_line.outputs import check_out
 from dmae.commands.config import ExportCommand
 from dmae.data.clip import person_names
@@ -39,12 +37,12 @@ def run(config: ExportCommand, out: Path) -> None:
     frames, persons = written.poses.xyz.shape[:2]
     named = config.skeleton if config.skeleton in writer.rigs else written.poses.skeleton.name
     people = [name.rpartition(":")[2] for name in config.people] or person_names(clip, persons)
-    apart = np.array([out.with_stem(f"{out.stem}_{name}") in written.files for name in people], bool)
-    lacking = ~apart & apart.any()  # Without a file, where people have one each
-    size = f"{counted(frames, 'frame')}, {counted(persons - int(lacking.sum()), 'person', 'people')}"
+    # Where people have a file each, somebody may have none.
+    apart = [out.parent / f"{out.stem}_{name}{out.suffix}" in written.files for name in people]
+    own = [n for n in range(persons) if apart[n] or not any(apart)]
+    size = f"{counted(frames, 'frame')}, {counted(len(own), 'person', 'people')}"
     if writer.fills:
-        there = written.poses.without(np.broadcast_to(lacking[:, None], written.poses.source.shape))
-        for said in describe_filled(there, people, writer.fills):
+        for said in describe_filled(written.poses.select(persons=own), [people[n] for n in own], writer.fills):
             print(said)
     if writer.errors and states_completed(written.poses):
         print(REGIONS)

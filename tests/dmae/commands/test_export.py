@@ -285,6 +285,14 @@ def test_who_is_left_out_is_not_counted_as_written(captured, tmp_path, capsys):
     assert said.out.endswith(": 12 frames, 1 person, body25\n")
 
 
+def test_files_are_written_into_the_current_folder(captured, tmp_path, capsys, monkeypatch):
+    save_clip(captured, tmp_path / "clip")
+    (tmp_path / "empty").mkdir()
+    monkeypatch.chdir(tmp_path / "empty")
+    export_command.run(ExportCommand("../clip", "openpose"), Path())
+    assert capsys.readouterr().out == ".: 12 frames, 2 people, body25\n"
+
+
 @pytest.mark.parametrize("format", pose_writer)
 def test_all_files_that_are_written_are_announced_and_no_others(captured, tmp_path, format, capsys):
     if "robot" in pose_writer.find(format).options:
