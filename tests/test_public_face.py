@@ -533,6 +533,11 @@ def test_every_number_text_and_path_of_a_verb_is_checked():
             lambda: dmae.StressConfig(methods=["linear", write_clips]),
             f"StressConfig.methods[1]: expected a text, found function; name it, as '{__name__}:write_clips'",
         ),
+        (
+            lambda: dmae.EvaluateConfig(methods=[lambda poses, fps: poses]),
+            "EvaluateConfig.methods[0]: expected a text, found function; define it in a module and name it, as "
+            "'module:function'",
+        ),
         (lambda: dmae.LearningConfig(steps="2"), "LearningConfig.steps: expected a whole number, found '2'"),
         (lambda: dmae.PretrainCommand(clips="2"), "PretrainCommand.clips: expected a whole number, found '2'"),
         (lambda: synth.SceneConfig(seconds="a"), "SceneConfig.seconds: expected a number, found 'a'"),

@@ -72,7 +72,9 @@ def decode(kind: Any, value: Any, name: str = "") -> Any:
     words = ["the name of a preset" if configured and one in (str, Path) else _words(one) for one in kinds]
     advice = "".join(f"; {_ADVICE[one.__name__]}" for one in kinds if getattr(one, "__name__", "") in _ADVICE)
     if str in kinds and isinstance(value, FunctionType):
-        advice += f"; name it, as {f'{value.__module__}:{value.__qualname__}'!r}"
+        named = f"{value.__module__}:{value.__qualname__}"
+        local = "<" in named  # A lambda or a function inside another: nothing finds them by name
+        advice += f"; {'define it in a module and ' * local}name it, as {'module:function' if local else named!r}"
     raise WrongTypeError(f"{name}: expected {_either(words)}, found {_shown(value)}{advice}")
 
 
