@@ -82,7 +82,7 @@ def _complete(config: CompleteCommand, folder: Path, frames: int | None = None) 
     notes = completer.notes(given, clip.fps)
     if (given.source == Source.DENOISED).any():
         notes.append(
-            "smoothed and completed before: these joints stay as they are; for other options take the clip before"
+            "smoothed and completed before: these joints stay as they are; other options need the captured clip"
         )
     if config.online:
         notes.append(f"each frame is completed from the frames until {config.delay:g} s after it")

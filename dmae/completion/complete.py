@@ -295,8 +295,8 @@ class Completer:
         if are_stills(fps):
             notes.append(f"{fps:g} frames/s: stills, each completed by itself, with unknown errors")
         elif not has_rate(self.model, fps):
-            model = f"{self.model.config.fps:g}"
-            notes.append(f"joints keep their {fps:g} frames/s; the network corrects at {model}/s, interpolated between")
+            made = f"made at {self.model.config.fps:g}/s and resampled"
+            notes.append(f"joints keep their {fps:g} frames/s; corrections of the network are {made}")
         if self.target:
             notes.append(f"poses are {poses.skeleton.name}, returned as {self.target.name}")
         elif poses.skeleton != self.skeleton:

@@ -198,7 +198,7 @@ and is where fusion starts (`dmae train model=paper init=paper`). Completed join
 without covariances. The model does not identify people.
 """
 
-_TERMS = "- **Terms**: `docs/reference/licences.md` has those of shipped weights, and of motion that others recorded."
+_TERMS = "- **Terms**: `docs/reference/licences.md` states the terms of shipped weights and of recorded motion."
 
 _VALIDATION = "validation "
 """Start of the names of clips from `validation_data`."""

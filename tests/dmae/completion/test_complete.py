@@ -452,7 +452,10 @@ def test_another_frame_rate_is_resampled_with_a_note(tmp_path, capsys, fps):
     save_clip(replace(clip_of(poses, "walk", fps), poses=poses), tmp_path / "clip")
     save_model(untrained().model, SHELF14, tmp_path / "model", {"denoises": False, "calibration": None})
     command.run(CompleteCommand(str(tmp_path / "clip"), str(tmp_path / "model")), tmp_path / "out")
-    assert f"walk: joints keep their {fps:g} frames/s; the network corrects at 25/s" in capsys.readouterr().out
+    assert (
+        f"walk: joints keep their {fps:g} frames/s; corrections of the network are made at 25/s"
+        in capsys.readouterr().out
+    )
     done = load_clip(tmp_path / "out").poses
     # By default the command rejects and smooths; weights that were not trained to denoise do not.
     expected = replace(untrained(), reject=True, smooth=SMOOTHING)(poses, fps)
