@@ -1,10 +1,13 @@
-"""Tilt and lift whole rigs, and estimate the floor: the table of `docs/results/floor.json`.
+"""Tilt and lift whole rigs, and estimate the floor: the tables of `docs/results/floor.json`.
 
-python docs/tools/planted_worlds.py                  # Shelf, Pose2Sim, forty generated rigs: a minute or two
+python docs/tools/planted_worlds.py                  # Shelf, Pose2Sim, forty generated rigs: two or three minutes
 python docs/tools/planted_worlds.py generated=4      # four of the generated rigs
+
+A third table has what the doctor says of recordings that are written in other formats and read again.
 """
 
 import sys
+import tempfile
 from collections import defaultdict
 from dataclasses import replace
 from functools import lru_cache
@@ -15,14 +18,20 @@ from planted_recordings import SHELF, kept_rows, options, recording_name, sound_
 from scipy.spatial.transform import Rotation
 
 import dmae
-from dmae.calibration.doctor import tilt_fault
+from dmae.calibration.doctor import diagnose, tilt_fault
 from dmae.calibration.world import find_floor, place_clip
 from dmae.data.clip import Poses3D
+from dmae.formats.config import DataConfig
+from dmae.formats.reading import Clips
+from dmae.formats.registry import recording_writer
+from dmae.formats.writing import write_recording
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 from tests.support.settled_people import KINDS
 
 SEEDS = 10
+REWRITTEN = 6
+"""Number of generated recordings that are written in each format."""
 WORLDS = [(0.0, 0.0), (2.0, 0.0), (0.0, 0.05), (0.0, -0.05), (10.0, -0.59)]
 """Tilt, degrees, and height of the floor, m."""
 
@@ -69,8 +78,43 @@ def settled() -> tuple[list[str], list[list[str]]]:
     return ["people", "recordings", "tilt determined", "interval holds", "most degrees off"], table
 
 
+def rewritten() -> tuple[list[str], list[list[str]]]:
+    """Return a table of what the doctor says of recordings that are written in each format and read again, beside what
+    it says of them as they are."""
+    numbers = range(2 + REWRITTEN)
+    found = {number: diagnose(sound_clip(number), max_offset=10) for number in numbers}
+    table = []
+    for format in recording_writer:
+        rows = defaultdict(list)
+        for number in numbers:
+            clip, before = sound_clip(number), found[number]
+            with tempfile.TemporaryDirectory() as folder:
+                path = Path(folder) / format
+                try:
+                    write_recording(clip, path, format)
+                except ValueError:  # The format cannot hold the lens of a camera
+                    continue
+                again = Clips(DataConfig(format, str(path), fps=None if format == "clip" else clip.fps))[0]
+                after = diagnose(again, max_offset=10)
+            same = [each.fault for each in before.findings] == [each.fault for each in after.findings]
+            floors = [(np.nan, np.nan) if each.floor is None else (each.floor.tilt_deg, each.floor.height_m)
+                      for each in (before, after)]  # fmt: skip
+            rows[recording_name(number)].append((same, *np.array(floors, float).T))
+        for recording, each in rows.items():
+            same, *pairs = (np.array(part) for part in zip(*each, strict=True))
+            cells = []
+            for pair, scale in zip(pairs, (1, 100), strict=True):  # (recordings, 2): as they are, and read again
+                known = np.isfinite(pair)
+                off = scale * np.abs(pair[:, 0] - pair[:, 1])[known.all(1)]
+                cells += [f"{known[:, 0].sum()} / {known[:, 1].sum()}", f"{off.max():.2f}" if len(off) else "-"]
+            table.append([recording, format, str(len(same)), str(same.sum()), *cells])
+    columns = ["recording", "written as", "recordings", "same findings", "tilt determined, before / after",
+               "most degrees apart", "height determined, before / after", "most cm apart"]  # fmt: skip
+    return columns, sorted(table, key=lambda row: ["Shelf", "Pose2Sim", "generated"].index(row[0]))
+
+
 def write(rows: list[list]) -> None:
-    """Write the table."""
+    """Write the tables."""
     groups = defaultdict(list)
     for number, index, *found in rows:
         groups[recording_name(number), index].append(found)
@@ -86,7 +130,7 @@ def write(rows: list[list]) -> None:
         )  # fmt: skip
     columns = ["recording", "planted", "rigs", "tilt determined", "tilt named", "most degrees off",
                "height determined", "most cm off"]  # fmt: skip
-    write_tables("floor", {"floor": (columns, table), "people": settled()})
+    write_tables("floor", {"floor": (columns, table), "people": settled(), "formats": rewritten()})
 
 
 if __name__ == "__main__":

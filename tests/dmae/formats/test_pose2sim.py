@@ -42,7 +42,8 @@ def test_a_trial_finds_what_its_session_says(trial):
     assert clip.id == "T02"
     same_detections(clip.detections, recording(BODY25B).detections)
     np.testing.assert_allclose(clip.rig.projections, recording(BODY25B).rig.projections, atol=1e-9)
-    assert clip.provenance["notes"] == []
+    file = trial.parent.parent / "calibration/Calib.toml"
+    assert clip.provenance["notes"] == [f"cameras are from {file}; data.calibration names another file"]
 
 
 def test_the_nearest_setting_counts_and_auto_is_none(trial):
