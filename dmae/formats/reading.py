@@ -131,7 +131,8 @@ class Clips(Sequence):
         found = self.reader.function(path, **{option: given[option] for option in self.reader.options})
         if (rig := found.rig) is None:
             rig = calibration.read(folder, found.size)
-            if calibration.file is None and not (file := calibration.found(folder)).is_relative_to(folder):
+            place = folder.parent if folder.is_file() else folder
+            if calibration.file is None and not (file := calibration.found(folder)).is_relative_to(place):
                 note = f"cameras are from {file}; data.calibration names another file"
                 found = replace(found, notes=(*found.notes, note))
         fps = found.fps if fps is None else fps

@@ -241,6 +241,7 @@ def test_coco(walk, tmp_path):
     clip = read("coco", tmp_path / "keypoints.json")
     same(clip, walk)
     assert clip.id == "keypoints"
+    assert not any("cameras are from" in note for note in clip.provenance["notes"])
     content = json.loads((tmp_path / "keypoints.json").read_text())
     del content["info"]
     (tmp_path / "keypoints.json").write_text(json.dumps(content))
