@@ -177,6 +177,10 @@ class Poses3D:
         return Poses3D(self.skeleton, **{name: array[frames][:, persons] for name, array in self.arrays.items()})
 
 
+_OF_THE_WHOLE = ("quality", "occlusion", "calibration_error")
+"""Keys of a manifest line that were measured on all frames and views of a clip."""
+
+
 @dataclass(frozen=True)
 class Clip:
     """A section of a multi-view recording with F frames and V views.
@@ -285,7 +289,7 @@ class Clip:
         """Return the clip with only some frames and views (a slice or a list of indices each), in all fields.
 
         Views may also be a list of names of cameras. `poses` become None if views are left out, because the poses were
-        computed from all views.
+        computed from all views. The manifest line in `provenance` loses what was measured on the whole clip.
         """
         # NumPy takes a tuple for indices of several axes.
         frames, views = (list(each) if isinstance(each, tuple) else each for each in (frames, views))
@@ -293,8 +297,10 @@ class Clip:
             views = self.rig.indices(views)
         rig, detections = self.rig[views], self.detections.select(frames, views)
         provenance, line = self.provenance, self.provenance.get("manifest")
-        if isinstance(line, dict) and "frames" in line:
-            provenance = provenance | {"manifest": line | {"frames": len(detections.xy)}}
+        part = rig.names != self.rig.names or len(detections.xy) != len(self)
+        if isinstance(line, dict) and "frames" in line and part:
+            kept = {key: value for key, value in line.items() if key not in _OF_THE_WHOLE}
+            provenance = provenance | {"manifest": kept | {"frames": len(detections.xy)}}
         return replace(
             self,
             rig=rig,

@@ -329,7 +329,7 @@ def select_frames(clip: Clip, frames: list[int] | None) -> Clip:
         )
     first = clip.provenance.get("first_frame", 0) + frames[0]
     selected = clip.select(frames=slice(*frames))
-    return replace(selected, provenance=clip.provenance | {"first_frame": first, "frames": list(frames)})
+    return replace(selected, provenance=selected.provenance | {"first_frame": first, "frames": list(frames)})
 
 
 def select_views(clip: Clip, cameras: Sequence[int | str] | None) -> Clip:
@@ -345,7 +345,8 @@ def select_views(clip: Clip, cameras: Sequence[int | str] | None) -> Clip:
     chosen = [names[each] for each in index]
     note = f"data.cameras: {len(chosen)} of {len(names)} cameras: {', '.join(chosen)}"
     notes = [*clip.provenance.get("notes", ()), note]
-    return replace(clip.select(views=index), provenance=clip.provenance | {"notes": notes})
+    selected = clip.select(views=index)
+    return replace(selected, provenance=selected.provenance | {"notes": notes})
 
 
 def camera_indices(clip: Clip, cameras: Sequence[int | str], option: str) -> list[int]:

@@ -127,6 +127,18 @@ def test_select_of_all_is_the_clip():
     np.testing.assert_array_equal(clip.select().detections.xy, clip.detections.xy)
 
 
+def test_a_part_of_a_clip_has_no_figures_of_the_whole():
+    line = {"id": "a", "seed": 3, "frames": 12, "quality": {}, "occlusion": {}, "calibration_error": [1.0, 2.0]}
+    clip = replace(full_clip(), provenance={"manifest": line, "spec": {}})
+    assert clip.select(slice(12), [0, 1, 2, 3]).provenance == clip.provenance
+    for frames, part in (
+        (5, clip.select(slice(5))),
+        (12, clip.select(views=[1])),
+        (12, clip.select(views=[1, 0, 2, 3])),
+    ):
+        assert part.provenance == {"manifest": {"id": "a", "seed": 3, "frames": frames}, "spec": {}}
+
+
 def test_a_tuple_of_indices_is_a_list_of_them():
     clip = full_clip()
     found, expected = clip.select(frames=(0, 2), views=(1, 0)), clip.select(frames=[0, 2], views=[1, 0])

@@ -15,6 +15,7 @@ from dmae.data.labels import DetectionLabels, JointError, Visibility
 from dmae.data.store import load_clip, read_manifest, save_clip, write_manifest
 from dmae.files.checksums import number_of
 from dmae.files.structured import read_json
+from dmae.formats.reading import select_frames, select_views
 from synth.commands import verify as command
 from synth.commands.config import VerifyCommand
 from synth.datasets.verify import CHECKS, _check_line, verify
@@ -41,9 +42,17 @@ def test_a_clip_without_labels_passes(sound, tmp_path):
     assert verify(tmp_path / "bare")[1] == []
 
 
-def test_a_data_set_of_clips_that_were_cut_passes(sound, tmp_path):
+@pytest.mark.parametrize(
+    "cut",
+    [
+        lambda clip: clip.select(frames=range(1, 4)),
+        lambda clip: select_frames(clip, [1, 4]),
+        lambda clip: select_views(select_frames(clip, [1, 4]), clip.rig.names[1:]),
+    ],
+)
+def test_a_data_set_of_clips_that_were_cut_passes(sound, tmp_path, cut):
     for folder in sorted(sound.glob("0*")):
-        save_clip(replace(load_clip(folder), images=None).select(frames=range(1, 4)), tmp_path / folder.name)
+        save_clip(cut(replace(load_clip(folder), images=None)), tmp_path / folder.name)
     write_manifest(tmp_path, [{"id": folder.name, "status": "ok"} for folder in sorted(sound.glob("0*"))])
     assert verify(tmp_path)[1] == []
 
