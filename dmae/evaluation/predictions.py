@@ -45,11 +45,18 @@ def read_prediction(path: Path, clip: Clip, truth: Poses3D, *, tracks: bool = Fa
     rate, length, skeleton, unit or number of persons.
     """
     found = read_poses(path)
-    if found.clip not in (None, clip.id) and path.name != clip.id:  # Folders name the clips of a data set
-        raise ValueError(
-            f"{path}: expected poses of clip {clip.id!r}, found poses of clip {found.clip!r}; if both clips are "
-            f"one recording, write the poses with dmae export clip={path} format=npz, and score that file"
-        )
+    recorded = clip.provenance.get("recorded_as")
+    if found.clip not in (None, clip.id, recorded):
+        # Folders name the clips of a data set. They may hold poses of any id, but not those of another clip.
+        named, another = path.name == clip.id, path.parent / found.clip
+        what = f"{path}: expected poses of clip {recorded or clip.id!r}, found poses of clip {found.clip!r}"
+        if not named:
+            raise ValueError(
+                f"{what}; if both clips are one recording, write the poses with dmae export clip={path} format=npz, "
+                "and score that file"
+            )
+        if recorded or another.is_dir():
+            raise ValueError(f"{what}; name each folder as its clip, or correct the id in {path / 'clip.json'}")
     if found.fps is not None and not np.isclose(found.fps, clip.fps, rtol=1e-3):
         raise ValueError(
             f"{path}: expected {clip.fps:g} frames a second as in clip {clip.id!r}, found {found.fps:g}; resample them"

@@ -106,7 +106,8 @@ class Clips(Sequence):
                 raise
             raise FileNotFoundError(f"{folder}: no such file or folder. {error}") from None
         # Folders of a data set have different names; clips that somebody put together may share one.
-        clip = replace(clip, id=folder.name) if self.data_set else clip
+        if self.data_set and clip.id != folder.name:
+            clip = replace(clip, id=folder.name, provenance=clip.provenance | {"recorded_as": clip.id})
         return select_views(select_frames(shift_views(clip, offsets), config.frames), config.cameras)
 
     def _folder(self, index: int | str) -> Path:

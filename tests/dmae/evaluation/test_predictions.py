@@ -180,3 +180,29 @@ def test_ids_that_do_not_match_are_refused(tmp_path: Path):
         evaluate(config(tmp_path / "data/a", poses=str(tmp_path / "swapped")))
     save_clip(replace(seen(name="session"), poses=convert(seen().truth, BODY25)), tmp_path / "taken/a")
     evaluate(config(tmp_path / "data/a", poses=str(tmp_path / "taken/a")))
+
+
+def test_folders_that_are_swapped_are_refused_with_both_ids(tmp_path: Path):
+    two_clips(tmp_path)
+    for id, folder in ("ab", "ba"):
+        save_clip(replace(seen(name=id), poses=convert(seen().truth, BODY25)), tmp_path / "mine" / folder)
+    wrong = r"mine/a: expected poses of clip 'a', found poses of clip 'b'; name each folder as its clip"
+    for data, mine in (("data", "mine"), ("data/a", "mine/a")):
+        with pytest.raises(ValueError, match=wrong):
+            evaluate(config(tmp_path / data, poses=str(tmp_path / mine)))
+
+
+def test_folders_of_trials_that_keep_their_ids_are_told_apart(tmp_path: Path):
+    """Folders called a and b may hold trials that were recorded as b and c."""
+    two_clips(tmp_path)
+    for id, folder in ("ba", "cb"):
+        clip = replace(seen(name=id), poses=convert(seen().truth, BODY25))
+        save_clip(replace(clip, poses=None), tmp_path / "data" / folder)
+        save_clip(clip, tmp_path / "mine" / folder)
+    scores = evaluate(config(tmp_path / "data", poses=str(tmp_path / "mine")))
+    assert scores["results"][0]["mean"]["pcp"] == 100
+    (tmp_path / "mine/a").rename(tmp_path / "mine/swap")
+    (tmp_path / "mine/b").rename(tmp_path / "mine/a")
+    (tmp_path / "mine/swap").rename(tmp_path / "mine/b")
+    with pytest.raises(ValueError, match="mine/a: expected poses of clip 'b', found poses of clip 'c'; name each"):
+        evaluate(config(tmp_path / "data", poses=str(tmp_path / "mine")))
