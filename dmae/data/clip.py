@@ -66,12 +66,14 @@ class Detections2D:
         if self.score is None:
             object.__setattr__(self, "score", np.where(np.isnan(self.xy).any(-1), np.nan, 1))
         set_array(self, "score", np.float32, self.xy.shape[:-1])
-        parts = frame_blocks(self.xy, self.score)
-        if not all(np.array_equal(np.isnan(self.xy[part]).any(-1), np.isnan(self.score[part])) for part in parts):
-            raise ValueError(
-                "Detections2D: score must be NaN exactly where xy is, as "
-                "np.where(np.isnan(xy).any(-1), np.nan, score); without scores, leave it out"
-            )
+        for part in frame_blocks(self.xy, self.score):
+            unknown = np.isnan(self.xy[part])
+            # `any` along an axis of two takes thirty times as long.
+            if not np.array_equal(unknown[..., 0] | unknown[..., 1], np.isnan(self.score[part])):
+                raise ValueError(
+                    "Detections2D: score must be NaN exactly where xy is, as "
+                    "np.where(np.isnan(xy).any(-1), np.nan, score); without scores, leave it out"
+                )
 
     @property
     def observed(self) -> np.ndarray:

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dmae.data.skeleton import Skeleton
-from dmae.files.mapped import by_frames
+from dmae.files.mapped import by_frames, column_blocks
 from dmae.numerics.compiled import compiled
 from dmae.numerics.paths import Interpolation, connect, linear, local_parabola
 from dmae.numerics.statistics import mean_known, median_over_frames
@@ -34,12 +34,13 @@ def symmetric_bone_lengths(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
     order = {bone: i for i, bone in enumerate(bones)}
     mirror = skeleton.mirror
     partner = [order.get((mirror[a], mirror[b]), i) for i, (a, b) in enumerate(bones)]
-    medians = np.empty(lengths.shape[1:])
-    # Bone by bone: copies of all are most of the memory that capture of a long recording takes.
-    for person, bone in np.ndindex(medians.shape):
-        both = np.concatenate([lengths[:, person, bone], lengths[:, person, partner[bone]]])
-        medians[person, bone] = median_over_frames(both)
-    return medians
+    persons, count = lengths.shape[1:]
+    partners = (count * np.arange(persons)[:, None] + partner).ravel()
+    paths, medians = lengths.reshape(len(lengths), persons * count), np.empty(persons * count)
+    # In blocks: copies of all are most of the memory that capture of a long recording takes.
+    for columns, lengths_here in column_blocks(paths[..., None]):
+        medians[columns] = median_over_frames(np.concatenate([lengths_here[..., 0], paths[:, partners[columns]]]))
+    return medians.reshape(persons, count)
 
 
 def parent_bone_lengths(xyz: np.ndarray, bones: Bones) -> np.ndarray:

@@ -143,7 +143,7 @@ def _at_rest(
     `xyz` (S, J, 3) m.
     """
     rig, views = clip.rig, assigned.shape[1]
-    figure = np.array([[_most_frequent(row) for row in each] for each in assigned])  # (S, V)
+    figure = _most_frequent(assigned)
     own = (assigned == figure[..., None]) & (assigned != NONE)
     found = clip.detections.xy[frames[:, None], np.arange(views), figure]
     found = rig.undistort(np.where(own[..., None], found, np.nan))
@@ -159,8 +159,7 @@ def _at_rest(
         shown = found[seen, view]
         if len(shown) < _SAMPLED[0] / 2:
             continue
-        apart = np.linalg.norm(shown[:, None] - shown, axis=-1)
-        near = median_over_frames(np.moveaxis(apart, -1, 0)) < _AT_REST * sigma[view]
+        near = _near(shown, _AT_REST * sigma[view])
         same = near[near.sum(1).argmax()]
         moves = 2 * same.sum() < len(same)
         passing[seen[(near.sum(1) <= _LONE) | moves]] += 1
@@ -199,9 +198,34 @@ def _moves_slowly(rig: CameraRig, frames: np.ndarray, found: np.ndarray, xyz: np
     return bool(scatter[1] < _EVEN * scatter[0])
 
 
-def _most_frequent(detections: np.ndarray) -> int:
-    known = detections[detections != NONE]
-    return int(np.bincount(known).argmax()) if len(known) else NONE
+def _most_frequent(detections: np.ndarray) -> np.ndarray:
+    """Return the most frequent detection (...) among those of joints (..., J), the first of equals; `NONE` for none."""
+    known = detections != NONE
+    count = ((detections[..., None] == detections[..., None, :]) & known[..., None]).sum(-2)
+    most = known & (count == count.max(-1, keepdims=True))
+    first = np.where(most, detections, np.iinfo(detections.dtype).max).min(-1)
+    return np.where(known.any(-1), first, NONE)
+
+
+@compiled()
+def _near(shown, reach):
+    """Return (S, S) True for frames in which half of the joints (S, J, 2) px are within reach of each other."""
+    frames, joints = shown.shape[:2]
+    near, apart, order = np.zeros((frames, frames), np.bool_), np.empty(joints), np.empty(joints, np.int64)
+    for a in range(frames):
+        for b in range(a + 1):
+            known = 0
+            for j in range(joints):
+                dx, dy = shown[a, j, 0] - shown[b, j, 0], shown[a, j, 1] - shown[b, j, 1]
+                distance = np.sqrt(dx * dx + dy * dy)
+                if not np.isnan(distance):
+                    apart[known] = distance
+                    known += 1
+            if known:
+                _ascending(apart[:known], order)
+                middle = apart[order[(known - 1) // 2]] + apart[order[known // 2]]
+                near[a, b] = near[b, a] = middle / 2 < reach
+    return near
 
 
 def _drop_misfits(evidence: Evidence, own: np.ndarray) -> None:
