@@ -178,7 +178,8 @@ def record(name: str, command: str, folder: Path) -> Path:
     done = subprocess.run(
         line, shell=True, check=True, cwd=folder, stdout=subprocess.PIPE, text=True, env=os.environ | {"PATH": path}
     )
-    found = _found(name, out) or {"printed": done.stdout.replace(f"{folder}/", "")}
+    data = str(Path(os.environ["DMAE_DATA"]).resolve())
+    found = _found(name, out) or {"printed": done.stdout.replace(f"{folder}/", "").replace(data, "DATA")}
     made = {
         "command": command.replace("$DMAE_DATA", "DATA").replace("$DMAE_ELSEWHERE", "runs/weights/elsewhere"),
         **provenance("torch", "mujoco"),
