@@ -148,7 +148,8 @@ def _run_hydra(
             # With this setting Hydra raises errors instead of printing them in several lines.
             os.environ["HYDRA_FULL_ERROR"] = "1"
             try:
-                hydra.main(version_base="1.3", config_path=None, config_name=command.name)(application)()
+                # By default Hydra takes the folders of this package for groups: `data`, `calibration`, `online`.
+                hydra.main(version_base="1.3", config_path="pkg://hydra.conf", config_name=command.name)(application)()
             finally:
                 os.environ["HYDRA_FULL_ERROR"] = full or ""
                 HydraConfig.instance().cfg = None  # The next command of this process is no part of this sweep
@@ -180,7 +181,9 @@ def _apply(command: Command, options: Group, config, interrupted: interruption.I
     if "out" in config:
         given = config.out
         if given is not None and HydraConfig.initialized() and HydraConfig.get().mode == RunMode.MULTIRUN:
-            given = HydraConfig.get().runtime.output_dir
+            # Hydra makes a folder for each combination; a command that writes a file has it in there.
+            folder = Path(HydraConfig.get().runtime.output_dir)
+            given = folder / Path(given).name if command.writes == "file" else folder
         out = module.default_out(values) if given is None else Path(given)
         out = getattr(module, "written_path", lambda _, out: out)(values, out)
         check_out(out, command.writes)
@@ -241,7 +244,8 @@ def _stored(command: Command, options: Group, own: Presets, arguments: Sequence[
     # Hydra writes nothing of its own; results go to `out`, and under `-m` to `out/0`, `out/1`, ...
     silent = [{f"override hydra/{each}_logging": "none"} for each in ("job", "hydra")]
     out = options.find("out")
-    sweep = "${out}" if isinstance(out, Option) and out.default is not None else f"runs/{command.name}"
+    given = any(argument.startswith("out=") for argument in arguments)
+    sweep = "${out}" if isinstance(out, Option) and (given or out.default is not None) else f"runs/{command.name}"
     own_files = {"output_subdir": None, "run": {"dir": "."}, "sweep": {"dir": sweep, "subdir": "${hydra.job.num}"}}
     defaults = [schema, *groups, "_self_", *silent]
     store.store(name=command.name, node={"defaults": defaults, "hydra": own_files})

@@ -1,5 +1,7 @@
 """Presets that people share are data: they never write another file or call a function."""
 
+import json
+
 import pytest
 
 import synth
@@ -143,3 +145,26 @@ def test_whole_configurations_and_pickled_ones_are_not_taken(flag, tmp_path):
 def test_flags_of_hydra_that_print_the_configuration_need_no_data(flags, printed, tmp_path):
     done = run_command(tmp_path, "dmae", "train", *flags, "data=clip")
     assert done.returncode == 0 and printed in done.stdout
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "dmae run videos=session calibration=rig.toml",
+        "dmae complete clip=captured online=true",
+        "synth split data=set by=rig",
+    ],
+)
+def test_flags_take_options_called_as_folders_of_the_package(line, tmp_path):
+    """Hydra takes the folders dmae/data, dmae/online and dmae/calibration for groups of presets."""
+    done = run_command(tmp_path, *line.split(), "--cfg", "job")
+    last = line.split()[-1].replace("=", ": ")
+    assert done.returncode == 0 and last in done.stdout.splitlines(), done.stderr
+
+
+def test_a_sweep_of_a_command_that_writes_a_file_has_one_in_each_folder(tmp_path):
+    list(synth.generate(clips=3, seconds=0.2, persons=[1, 1], out=tmp_path / "set"))
+    done = run_command(tmp_path, "synth", "split", "-m", "data=set", "by=person,motion", "out=splits")
+    assert done.returncode == 0, done.stderr
+    found = [json.loads((tmp_path / f"splits/{number}/splits").read_text())["by"] for number in (0, 1)]
+    assert found == ["person", "motion"]
