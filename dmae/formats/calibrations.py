@@ -30,13 +30,16 @@ from dmae.registry import Entry, Registry
 class CalibrationFormat(Entry):
     """A calibration format."""
 
-    syntax: str  # "json", "toml" or "yaml"
-    # Function that takes the content of a JSON or TOML file, or the keys of a YAML file, and returns whether it has
-    # this format
+    syntax: str  # "json", "toml", "yaml", "xml", or several of these
+    # Function that takes the content of a JSON or TOML file, or the keys of a YAML or XML file, and returns whether it
+    # has this format
     matches: Callable[[object], bool] = lambda content: True
     convention: Convention = OURS  # Convention of the format for lengths, world axes and extrinsics
     files: tuple[str, ...]  # Patterns of its files, relative to the folder of a recording
     files_above: tuple[str, ...] = ()  # Patterns of its files, relative to each of the two folders above the recording
+    # A file can hold one camera, and then stands for all files of its folder. Others have such names too, so its files
+    # are known by their content
+    by_camera: bool = False
     # Function that takes cameras in the convention of the file, and a path to write; None if the format is only read
     write: Callable[[CameraRig, Path], None] | None = None
 
@@ -305,30 +308,36 @@ def recognise(path: Path) -> str:
         ValueError: the file has none of the known formats, or is malformed.
     """
     path = find_calibration(path) if path.is_dir() else path
+    if found := _recognised(path):
+        return found.name
+    known = "; ".join(format.help.removesuffix(".") for format in calibration_format.values())
+    start = read_text(path).lstrip()[:60]
+    raise ValueError(f"{path}: expected a calibration: {known}; found {start!r}. {_ELSEWHERE}")
+
+
+def _recognised(path: Path) -> CalibrationFormat | None:
     start = read_text(path).lstrip()
     # Only the module of its format parses OpenCV's dialect of YAML.
-    content: object = re.findall(r"^(\w+)\s*:", start, re.MULTILINE)
+    content: object = re.findall(r"^[ \t]*(\w+)\s*:", start, re.MULTILINE)
     syntax = "yaml"
     if start.startswith("<"):
-        syntax = "xml"  # of Qualisys, Vicon or OpenCV; no format here has it
+        syntax = "xml"  # of OpenCV; or of Qualisys or Vicon, which no format here has
+        content = re.findall(r"<(\w+)", start)
     elif not re.match(r"(#.*\s*)*(%YAML|\w+\s*:)", start) and path.suffix not in (".yml", ".yaml"):
         syntax = "json" if start.startswith("{") or path.suffix == ".json" else "toml"
         content = read_json(path) if syntax == "json" else read_toml(path)
-    for format in calibration_format.values():
-        if format.syntax == syntax and format.matches(content):
-            return format.name
-    known = "; ".join(format.help.removesuffix(".") for format in calibration_format.values())
-    raise ValueError(f"{path}: expected a calibration: {known}; found {start[:60]!r}. {_ELSEWHERE}")
+    formats = calibration_format.values()
+    return next((each for each in formats if syntax in each.syntax.split() and each.matches(content)), None)
 
 
 _ELSEWHERE = (
     "Pose2Sim converts calibrations of Qualisys, Vicon, OptiTrack, OpenCap and others, and calculates one from a "
-    "checkerboard; docs/how-to/calibration.md has a TOML for results of OpenCV"
+    "checkerboard; docs/how-to/calibration.md has a TOML for values of your own"
 )
 
 
 def find_calibration(folder: Path, above: bool = False) -> Path:
-    """Return the only calibration file in a folder; for EasyMocap, its `intri.yml`.
+    """Return the only calibration file in a folder; for EasyMocap, its `intri.yml`; the first, if each has one camera.
 
     The patterns `files` of all formats are searched in the folder. If there is no match and the folder is a recording,
     which may share a calibration with others (`above`), the patterns `files_above` are searched in its parent folder,
@@ -345,8 +354,19 @@ def find_calibration(folder: Path, above: bool = False) -> Path:
     inside = sorted({pattern for format in formats for pattern in format.files})
     shared = sorted({pattern for format in formats for pattern in format.files_above}) if above else []
     whole = folder.resolve()
-    for place, patterns in ((folder, inside), (whole.parent, shared), (whole.parent.parent, shared)):
-        found = sorted({path for pattern in patterns for path in place.glob(pattern) if path.is_file()})
+    for place, key in ((folder, "files"), (whole.parent, "files_above"), (whole.parent.parent, "files_above")):
+        if key == "files_above" and not above:
+            break
+        found = sorted({path for format in formats for path in _matching(place, format, getattr(format, key))})
+        if not found and not above:
+            # A folder that is named can have nothing else in it; a recording has detections too.
+            found = sorted(path for each in formats if each.by_camera for path in _matching(place, each, ("*.json",)))
+        if len(found) > 1:
+            # Settings and boards of another program have such names too.
+            found = [path for path in found if _format_of(path) is not None] or found
+        of_a_camera = [format for format in map(_format_of, found) if format is not None and format.by_camera]
+        if len(of_a_camera) == len(found) > 1 and len({path.parent for path in found}) == 1:
+            return found[0]
         if len(found) > 1:
             raise ValueError(
                 f"{folder}: expected one calibration, found {', '.join(map(str, found))}; name the file to use"
@@ -355,3 +375,17 @@ def find_calibration(folder: Path, above: bool = False) -> Path:
             return found[0]
     beside = "".join(f", ../{pattern}, ../../{pattern}" for pattern in shared)
     raise FileNotFoundError(f"{folder}: found no calibration; looked for {', '.join(inside)}{beside}. {_ELSEWHERE}")
+
+
+def _matching(place: Path, format: CalibrationFormat, patterns: tuple[str, ...]) -> Iterator[Path]:
+    for path in {path for pattern in patterns for path in place.glob(pattern) if path.is_file()}:
+        # Of the files of other programs, only the names are known.
+        if not format.by_camera or _format_of(path) is format:
+            yield path
+
+
+def _format_of(path: Path) -> CalibrationFormat | None:
+    try:
+        return _recognised(path)
+    except ValueError:
+        return None  # Not even of its syntax, so of something else

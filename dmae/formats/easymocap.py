@@ -1,7 +1,6 @@
 """EasyMocap: a JSON file of detections per view and frame; `intri.yml` and `extri.yml` in OpenCV's YAML dialect."""
 
 import json
-import re
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +10,7 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
 from dmae.data.skeleton import BODY25, Skeleton
 from dmae.files.checks import child
-from dmae.files.contents import read_text, write_atomic
-from dmae.files.structured import parse_yaml
+from dmae.files.contents import write_atomic
 from dmae.formats.calibrations import (
     CameraTable,
     ParsedCamera,
@@ -22,6 +20,7 @@ from dmae.formats.calibrations import (
     require,
     write_calibration,
 )
+from dmae.formats.opencv import read_storage
 from dmae.formats.recordings import NumberedDetections, People, by_name, json_frames, listed
 from dmae.formats.registry import reader, recording_writer
 from dmae.formats.skeletons import guess_skeleton
@@ -30,43 +29,12 @@ from dmae.progress import progress
 INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"
 # EasyMocap writes six decimals; its earlier versions wrote three.
 _ROTATION_TOLERANCE = 2e-3
-_MOST_BYTES = 16 << 20
 
 
 def _read_storage(path: Path) -> dict:
-    """Read an OpenCV FileStorage: flat arrays, lists of texts, numbers. OpenCV's reader crashes on files cut short."""
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file; EasyMocap keeps {INTRINSICS} and {EXTRINSICS} side by side")
-    try:
-        # Standard YAML has no colon in this line. It would also read the name of a camera `01` as a number.
-        text = re.sub(r"^\s*%YAML.*", "", read_text(path, _MOST_BYTES))
-        content = parse_yaml(text, texts=True)
-    except ValueError as error:
-        raise ValueError(f"{path}: expected YAML of OpenCV's FileStorage, {error}") from None
-    if not isinstance(content, dict):
-        raise ValueError(f"{path}: expected K_<camera>, T_<camera>, ... of OpenCV's FileStorage, found {content!r:.60}")
-    return {key: _value(path, key, value) for key, value in content.items()}
-
-
-def _value(path: Path, key: str, value):
-    if not isinstance(value, dict):
-        return _number(value)
-    try:
-        data = np.array(value["data"], np.float64)
-        if data.ndim == 1 and data.size == int(value["rows"]) * int(value["cols"]):
-            return data
-    except (KeyError, ValueError, TypeError):
-        pass
-    raise ValueError(
-        f"{path}: expected {key} to be a matrix of rows, cols and as many numbers of data, found {value!r:.90}"
-    )
-
-
-def _number(text):
-    try:
-        return float(text)
-    except (TypeError, ValueError):
-        return text
+    return read_storage(path)
 
 
 def _camera(folder: Path, name: str, intrinsics: dict, extrinsics: dict) -> ParsedCamera:

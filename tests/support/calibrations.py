@@ -79,6 +79,11 @@ def rig_text() -> str:
     )
 
 
+def opencv_text() -> str:
+    text = storage(camera_matrix=K, distortion_coefficients=[-0.2, 0.05, 0.01, -0.02, -0.1], R=R, T=T[:, None])
+    return text.replace('names:\n   - "left"\n', "image_width: 1000\nimage_height: 600\n")
+
+
 TEXTS = {
     "rig": {"calibration.yaml": rig_text},
     "pose2sim": {"calib.toml": pose2sim_text},
@@ -86,6 +91,7 @@ TEXTS = {
     "panoptic": {"calibration_x.json": panoptic_text},
     "shelf": {"calibration.json": shelf_text},
     "easymocap": {"intri.yml": intrinsics_text, "extri.yml": extrinsics_text},
+    "opencv": {"left.yml": opencv_text},
     "caliscope": {"camera_array.toml": caliscope_text},
 }
 

@@ -6,8 +6,10 @@ from itertools import product
 from pathlib import Path
 from xml.etree import ElementTree
 
+import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D
@@ -25,7 +27,7 @@ from dmae.formats.calibrations import (
 )
 from dmae.formats.config import METRES, Convention, DataConfig, LengthUnit, UpDirection
 from dmae.formats.reading import written_convention
-from tests.support.calibrations import CENTRE, POINT, TEXTS, K, R, intrinsics_text, pose2sim_text, write
+from tests.support.calibrations import CENTRE, POINT, TEXTS, K, R, intrinsics_text, opencv_text, pose2sim_text, write
 from tests.support.clips import looking_at_origin, walkers
 
 FORMATS = list(calibration_format)
@@ -195,6 +197,76 @@ def test_a_calibration_of_another_program_is_answered_with_what_converts_it(tmp_
         ValueError, match=rf"{name}: expected a calibration: .*EasyMocap.*Pose2Sim converts calibrations of"
     ):
         read_calibration(tmp_path / name)
+
+
+def opencv_cameras() -> CameraRig:
+    """Two cameras of the rational model, one of another size, as OpenCV calibrates them."""
+    rig = rational()[:2]
+    return replace(rig, names=("main", "wide_2"), size=[(1920, 1080), (1280, 720)])
+
+
+def write_opencv(rig: CameraRig, folder: Path, suffix: str) -> None:
+    folder.mkdir(parents=True)
+    for view, name in enumerate(rig.names):
+        storage = cv2.FileStorage(str(folder / f"{name}{suffix}"), cv2.FILE_STORAGE_WRITE)
+        storage.write("image_width", int(rig.size[view, 0]))
+        storage.write("image_height", int(rig.size[view, 1]))
+        storage.write("cameraMatrix", rig.K[view])
+        # calibrateCamera returns the rational model with six zeros at the end.
+        storage.write("distCoeffs", np.pad(rig.dist[view], (0, 6))[None])
+        storage.write("rvec", Rotation.from_matrix(rig.cam_from_world[view, :3, :3]).as_rotvec()[:, None])
+        storage.write("tvec", rig.cam_from_world[view, :3, 3:])
+        storage.release()
+
+
+@pytest.mark.parametrize("suffix", [".yml", ".yaml", ".xml", ".json"])
+def test_files_that_opencv_writes_are_read_one_for_each_camera(suffix, tmp_path):
+    rig = opencv_cameras()
+    write_opencv(rig, tmp_path / "calibration", suffix)
+    (tmp_path / "calibration" / f"board{suffix}").write_text('{"squares": 9}')
+    for path in (tmp_path, tmp_path / "calibration", tmp_path / "calibration" / f"wide_2{suffix}"):
+        again = read_calibration(path)
+        assert again.names == rig.names
+        assert moved(rig, again) < 1e-6
+        np.testing.assert_array_equal(again.size, rig.size)
+
+
+def test_plain_json_with_the_names_of_opencv_is_read_in_its_unit(tmp_path):
+    rig = opencv_cameras()
+    cameras = {
+        name: {
+            "width": int(rig.size[view, 0]), "height": int(rig.size[view, 1]), "K": rig.K[view].tolist(),
+            "dist": rig.dist[view].tolist(), "R": rig.cam_from_world[view, :3, :3].tolist(),
+            "t": (1000 * rig.cam_from_world[view, :3, 3]).tolist(),
+        }
+        for view, name in enumerate(rig.names)
+    }  # fmt: skip
+    (tmp_path / "cameras.json").write_text(json.dumps(cameras))
+    assert moved(rig, read_calibration(tmp_path, unit=LengthUnit.mm)) < 1e-6
+    (tmp_path / "cameras.json").write_text(json.dumps({"mine": cameras}))
+    with pytest.raises(ValueError, match=r"expected a calibration: .*camera_matrix or K"):
+        read_calibration(tmp_path / "cameras.json")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("<opencv_storage><K>1</K>", "expected XML of OpenCV's FileStorage, no element found"),
+        ('<!DOCTYPE a [<!ENTITY b "c">]><opencv_storage><K>1</K></opencv_storage>', "found a document type"),
+        ("<opencv_storage><K>1</K><K>1</K></opencv_storage>", "expected K once"),
+        ("<opencv_storage><K>1</K></opencv_storage>", r"expected a camera, or a table for each: K \(camera_matrix"),
+    ],
+)
+def test_xml_that_opencv_did_not_write_is_refused(text, message, tmp_path):
+    (tmp_path / "left.xml").write_text(text)
+    with pytest.raises(ValueError, match=message):
+        read_calibration(tmp_path / "left.xml")
+
+
+def test_a_lens_of_thin_prisms_is_refused(tmp_path):
+    text = opencv_text().replace("cols: 5", "cols: 12").replace("-1.00000000e-01 ]", "0, 0, 0, 0, 0.1, 0, 0, 0 ]")
+    with pytest.raises(ValueError, match="'left': expected dist of up to 8 coefficients, without thin prisms"):
+        read_calibration(write(tmp_path, "opencv", **{"left.yml": text}))
 
 
 def test_listed_cameras_have_a_place_and_a_target(tmp_path):
