@@ -2,10 +2,12 @@
 
 They take seconds, with torch ten. A field of a configuration declares what it names by its metadata: `reads` is a kind
 below, or "skeleton", the name or file of one; `words` are names that it takes instead, or a function that returns them.
+Of poses, `walk.trc` may be files of several people, `walk_P1.trc` and so on.
 """
 
 from collections.abc import Collection, Iterator
 from dataclasses import fields, is_dataclass
+from glob import escape
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,7 @@ from dmae.data.typed import REQUIRED
 
 _KINDS = {
     "path": "a file, or a folder that is not empty",
+    "poses": "a file, or a folder that is not empty",
     "clips": "the folder of a clip (with clip.json), or of a data set of clips",
     "clip": "the folder of one clip (with clip.json)",
     "model": "a folder that `dmae train` wrote (with model.json)",
@@ -31,6 +34,8 @@ def check_inputs(configuration: Any, options: Group) -> None:
             continue
         if kind == "skeleton" and (Path(path).exists() or not path.endswith((".yaml", ".yml"))):
             _check_skeleton(key, path)
+            continue
+        if kind == "poses" and any(Path(path).parent.glob(f"{escape(Path(path).stem)}_*{Path(path).suffix}")):
             continue
         if not Path(path).exists():
             option = options.find(key)
@@ -64,7 +69,7 @@ def _instead(key: str, path: Path, kind: str) -> str | None:
     """Return what a path holds if that is not what is expected; None if it is."""
     if path.is_dir() and not any(path.iterdir()):
         return "an empty folder"
-    if kind == "path":
+    if kind in ("path", "poses"):
         return None
     if not path.is_dir():
         return "a file"

@@ -1,6 +1,7 @@
 """Where results go: refuse early what cannot be written, keep other commands out, record how a result was made."""
 
 import json
+import os
 import platform
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,7 +12,7 @@ from pathlib import Path
 def check_out(out: str | Path, writes: str | None) -> None:
     """Make sure that a folder or file (`writes`, None if not known) can be written, before any work.
 
-    Raises ValueError if a file is where a folder is needed, or the other way round.
+    Raises ValueError if a file is where a folder is needed, or the other way round, or a folder is read-only.
     """
     out = Path(out)
     for parent in out.parents:
@@ -19,6 +20,8 @@ def check_out(out: str | Path, writes: str | None) -> None:
             raise ValueError(f"out={out}: {parent} is a file, not a folder; choose another out")
     if writes == "folder" and out.is_file():
         raise ValueError(f"out={out}: expected a folder, found a file; choose another out, or remove the file")
+    if writes == "folder" and out.is_dir() and not os.access(out, os.W_OK | os.X_OK):
+        raise ValueError(f"out={out}: cannot be written: the folder is read-only; choose another out")
     if writes == "file" and out.is_dir():
         raise ValueError(f"out={out}: expected a file to write, found a folder; give a file in it, as out={out}/NAME")
 

@@ -39,4 +39,4 @@ def _print(clip: Clip, folder: Path) -> None:
 
 
 def interrupted(config: ConvertCommand, out: Path) -> str:
-    return f"{out} may lack files; remove it, and give the same command again"
+    return f"{out} may lack clips; remove it if it exists, and give the same command again"

@@ -57,7 +57,7 @@ class EvaluateConfig(PartConfig):
     """How joints on which fewer than two cameras agree are filled: completion methods, module:function of your own, or
     folders that `dmae train` wrote; by default measured, linear, gaussian_process and, if weights know the body,
     dmae_denoise."""
-    poses: str | None = field(default=None, metadata={"reads": "path"})
+    poses: str | None = field(default=None, metadata={"reads": "poses"})
     """Poses made elsewhere, which are scored in place of `methods`: a file, or a folder with one for each clip."""
     weights: str | None = field(default=None, metadata={"reads": "model", "words": ("paper",)})
     """Folder that `dmae train` wrote, for learned methods; by default the weights that come with the package."""

@@ -168,6 +168,8 @@ def recognise(path: Path) -> str:
     path = Path(path)
     if not path.exists():
         raise FileNotFoundError(f"{path}: expected a clip, a data set or a recording, found no such file or folder")
+    if path.is_file() and (is_clip(path.parent) or path.name == MANIFEST):
+        raise ValueError(f"{path}: expected a clip or a data set, found a file of one; give its folder, {path.parent}")
     for general in (False, True):
         entries = [entry for entry in reader.values() if entry.general == general]
         found = [entry.name for entry in entries if _is_recognised(path, entry)]
@@ -359,7 +361,7 @@ def camera_indices(clip: Clip, cameras: Sequence[int | str], option: str) -> lis
     found = [each for each in index if each is not None]
     if not found or len(set(found)) != len(index):
         raise ValueError(
-            f"{option}=[{','.join(map(str, cameras))}]: expected different cameras of clip {clip.id!r} by name; "
+            f"{option}=[{','.join(map(str, cameras))}]: expected names of cameras of clip {clip.id!r}, each once; "
             f"it has {', '.join(names)}"
         )
     return found

@@ -10,7 +10,7 @@ from dmae.data.clip import Clip, Poses3D, person_name, person_names
 from dmae.data.conversion import convert
 from dmae.data.skeleton import Skeleton, encode, get_skeleton
 from dmae.files.checks import child
-from dmae.files.contents import check_vacant, write_atomic
+from dmae.files.contents import check_vacant, emptied_on_failure, write_atomic
 from dmae.formats.config import LengthUnit
 from dmae.formats.poses import provenance_people, provenance_table, write_provenance
 from dmae.formats.registry import PoseWriter, pose_writer, recording_writer
@@ -147,18 +147,22 @@ def write_recording(clip: Clip, path: Path, format: str = "clip") -> str:
     A skeleton of your own, if the format cannot store it, is written beside the detections as `<name>.yaml`.
 
     Returns the options, as on a command line, that the format cannot store and that its reader needs; empty if none.
-    Raises ValueError if the format is unknown, the folder is not empty, or the format cannot store the cameras.
+    Raises ValueError if the format is unknown, the folder is not empty, or the format cannot store the cameras. Nothing
+    is left in the folder then.
     """
     writer, path = recording_writer.find(format), Path(path)
-    if writer.name != "clip":
-        _check_folder(path, clip)
-    writer.function(clip, path)
+    if writer.name == "clip":  # It may replace an earlier clip, and is written whole or not at all
+        writer.function(clip, path)
+        return ""
+    _check_folder(path, clip)
     skeleton = clip.detections.skeleton
     values = {"fps": f"{clip.fps:g}", "skeleton": skeleton.name}
-    if skeleton.defined and "skeleton" in writer.lacks:
-        definition = child(path, f"{skeleton.name}.yaml", "skeleton")
-        write_atomic(definition, yaml.safe_dump(encode(skeleton), sort_keys=False, allow_unicode=True))
-        values["skeleton"] = str(definition)
+    with emptied_on_failure(path):
+        writer.function(clip, path)
+        if skeleton.defined and "skeleton" in writer.lacks:
+            definition = child(path, f"{skeleton.name}.yaml", "skeleton")
+            write_atomic(definition, yaml.safe_dump(encode(skeleton), sort_keys=False, allow_unicode=True))
+            values["skeleton"] = str(definition)
     return " ".join(f"data.{option}={values[option]}" for option in writer.lacks)
 
 

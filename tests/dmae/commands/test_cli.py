@@ -161,7 +161,7 @@ def test_a_recording_is_converted_and_captured_and_exported(folder):
     [
         (["capture", "data=clip", "data.path=nowhere", "out=bad"], "nowhere"),
         (["capture", "data=one", "capture.th_v=1", "out=bad"], "th_v=1"),
-        (["capture", "data=one", "data.cameras=[0,9]", "out=bad"], "data.cameras=[0,9]: expected different cameras"),
+        (["capture", "data=one", "data.cameras=[0,9]", "out=bad"], "data.cameras=[0,9]: expected names of cameras"),
         (["capture", "data=shelf", "data.path=one", "out=bad"], "one/calibration.json"),
         (["export", "clip=one", "skeleton=lizard", "out=bad/x.npz"], "no skeleton 'lizard'; there are"),
         (["export", "clip=one"], "out=..."),

@@ -1,6 +1,7 @@
 """Files of `dmae export` and `dmae convert`, read back by the readers and by JSON alone."""
 
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -26,7 +27,7 @@ from dmae.formats.openpose import CALIBRATION
 from dmae.formats.own import read_npz
 from dmae.formats.poses import REGIONS
 from dmae.formats.reading import Clips, DataConfig
-from dmae.formats.registry import pose_writer
+from dmae.formats.registry import pose_writer, recording_writer
 from dmae.formats.trc import read_trc
 from tests.support.clips import full_clip, image_clip, walkers
 from tests.support.commands import dmae
@@ -339,3 +340,23 @@ def test_files_of_one_clip_have_one_time_base(captured, tmp_path):
     assert min(each["min"][0] for each in times) == 0
     ends = [line.split(",")[4:6] for line in (tmp_path / "walk.provenance.csv").read_text().splitlines()[1:]]
     assert {"0.000000", "0.440000"} <= {cell for each in ends for cell in each}
+
+
+@pytest.mark.parametrize("there", [False, True])
+@pytest.mark.parametrize("format", [name for name in recording_writer if name != "clip"])
+def test_a_recording_that_cannot_be_written_leaves_nothing(captured, tmp_path, format, there, monkeypatch):
+    """So that the same command makes it, once the disk has space."""
+    if there:
+        (tmp_path / "out").mkdir()
+    written = []
+
+    def full(file):
+        if written:
+            raise OSError(28, "No space left on device")
+        written.append(file)
+
+    with monkeypatch.context() as patch, pytest.raises(OSError, match="No space left"):
+        patch.setattr(os, "fsync", full)
+        python_package.convert(captured, tmp_path / "out", format)
+    assert [*tmp_path.iterdir()] == [tmp_path / "out"] * there and not any((tmp_path / "out").glob("*"))
+    python_package.convert(captured, tmp_path / "out", format)

@@ -52,6 +52,15 @@ def test_the_true_poses_are_perfect_whoever_is_first(clip: Clip, tmp_path: Path)
     assert result["mean"]["mpjpe"]["all"] < 1
 
 
+def test_files_of_several_people_are_named_as_their_export_was(clip: Clip, tmp_path: Path):
+    verbs.export(clip, tmp_path / "walk.trc", poses=true_poses(clip))
+    assert not (tmp_path / "walk.trc").exists() and (tmp_path / "walk_P2.trc").is_file()
+    done = dmae(tmp_path, "evaluate", "data=data", "poses=walk.trc", "out=scores")
+    assert done.returncode == 0, done.stderr
+    (result,) = json.loads((tmp_path / "scores/scores.json").read_text())["results"]
+    assert result["mean"]["pcp"] == 100
+
+
 def test_a_completed_clip_is_told_how_its_poses_are_scored(clip: Clip, tmp_path: Path):
     poses = true_poses(clip)
     save_clip(

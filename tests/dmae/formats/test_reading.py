@@ -97,8 +97,15 @@ def test_frames_that_are_not_there_are_refused(data_set, frames):
 
 @pytest.mark.parametrize("cameras", [[0, 4], [-1], [], [1, 1]])
 def test_cameras_that_are_not_there_are_refused_with_those_that_are(data_set, cameras):
-    with pytest.raises(ValueError, match=r"data\.cameras=\[.*'a' by name; it has cam0, cam1"):
+    with pytest.raises(ValueError, match=r"data\.cameras=\[.*'a', each once; it has cam0, cam1"):
         Clips(DataConfig(path=str(data_set), cameras=cameras))[0]
+
+
+@pytest.mark.parametrize("file", ["a/clip.json", "a/arrays.safetensors", "manifest.jsonl"])
+def test_a_file_of_a_clip_or_a_data_set_is_answered_with_its_folder(data_set, file):
+    folder = (data_set / file).parent
+    with pytest.raises(ValueError, match=f"found a file of one; give its folder, {folder}$"):
+        Clips(DataConfig(path=str(data_set / file)))
 
 
 def test_nothing_there_is_said(tmp_path):
@@ -323,7 +330,7 @@ def test_cameras_are_chosen_by_name_or_number(tmp_path):
 
     assert names(["cam2", "cam0"]) == ("cam2", "cam0")
     for wrong in (["left"], ["cam1", "cam1"], [2, 0], ["cam1", 3], []):
-        with pytest.raises(ValueError, match=r"expected different cameras .* by name; it has cam0, cam1"):
+        with pytest.raises(ValueError, match=r"expected names of cameras .*, each once; it has cam0, cam1"):
             names(wrong)
 
 
@@ -334,5 +341,5 @@ def test_a_number_is_the_camera_of_that_name_and_never_a_count(names):
     chosen = select_views(clip, [1, names[3]])
     assert chosen.rig.names == (names[0], names[3])
     assert chosen.provenance["notes"][-1] == f"data.cameras: 2 of 4 cameras: {names[0]}, {names[3]}"
-    with pytest.raises(ValueError, match="different cameras"):
+    with pytest.raises(ValueError, match="names of cameras"):
         select_views(clip, [0])

@@ -106,7 +106,7 @@ def test_a_clip_that_was_copied_without_its_images_is_drawn_and_exported(tmp_pat
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["cameras=[c7]"], "cameras=[c7]: expected different cameras of clip 'shown' by name; it has c0, c1"),
+        (["cameras=[c7]"], "cameras=[c7]: expected names of cameras of clip 'shown', each once; it has c0, c1"),
         (["frames=0"], "frames=0: expected 1 or more"),
         (["width=20"], "width=20: expected 160 or more"),
         (["layers.hidden=true"], "layers.hidden: no such option"),
