@@ -176,8 +176,8 @@ def make_rig(path: Path | str, cameras: Iterable[ParsedCamera], size: tuple[int,
             raise LacksSize(f"{path}: camera {camera.name!r}: the file holds no image size")
         if camera.size is not None and size is not None and tuple(camera.size) != tuple(size):
             raise ValueError(
-                f"{path}: camera {camera.name!r}: the file says that images are of {camera.size.tolist()} px, "
-                f"which contradicts size={list(size)}"
+                f"{path}: camera {camera.name!r}: the file states images of {camera.size[0]} x {camera.size[1]} px, "
+                f"which contradicts the {size[0]} x {size[1]} px of the recording, or of size="
             )
     longest = max(len(camera.dist) for camera in cameras)
     cam_from_world = np.tile(np.eye(4), (len(cameras), 1, 1))

@@ -73,10 +73,10 @@ def pose_paths(path: Path) -> dict[str, Path] | None:
             item = item.with_stem(name)
         if found.setdefault(name, item) != item:
             raise ValueError(f"{path}: expected poses of clip {name!r} once, found {found[name].name} and {item.name}")
+    if not found and path.is_file():
+        raise ValueError(f"{path}: expected poses, {_expected(path)}; found another file")
     if not found:
-        raise FileNotFoundError(
-            f"{path}: expected poses, a file or folder for each clip, {_expected(path)}; found none"
-        )
+        raise FileNotFoundError(f"{path}: expected poses, for each clip {_expected(path)}; found none")
     return found
 
 
@@ -88,7 +88,8 @@ def _reader(path: Path) -> PoseReader | None:
 
 
 def _expected(path: Path) -> str:
-    formats = " or ".join(each.file or f"a folder of {each.signs[0]}" for each in pose_reader.values())
+    folders = " or ".join(each.signs[0] for each in pose_reader.values() if not each.file)
+    formats = f"{', '.join(each.file for each in pose_reader.values() if each.file)} or a folder with {folders}"
     on_skin = " (markers of a C3D are on the skin, not at joints; our own poses as npz: docs/how-to/biomechanics.md)"
     return formats + on_skin * (path.suffix.lower() == ".c3d")
 

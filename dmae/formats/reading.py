@@ -103,7 +103,7 @@ class Clips(Sequence):
             raise ValueError(f"{folder}: {error}") from None
         except FileNotFoundError as error:
             if folder.exists():
-                raise
+                raise FileNotFoundError(f"{error}{_of_another_format(config)}") from None
             raise FileNotFoundError(f"{folder}: no such file or folder. {error}") from None
         # Folders of a data set have different names; clips that somebody put together may share one.
         if self.data_set and clip.id != folder.name:
@@ -201,6 +201,15 @@ def recognise(path: Path) -> str:
         f"{path}: expected a clip, a data set or a recording, found {there or 'an empty folder'}; no format is "
         f"recognised, data=... names one of {', '.join(reader)}"
     )
+
+
+def _of_another_format(config: DataConfig) -> str:
+    """Return a sentence that names the format of the files, if that is not the one that was given."""
+    try:
+        found = recognise(Path(config.path)) if config.name else config.name
+    except (ValueError, FileNotFoundError):
+        return ""
+    return "" if found == config.name else f". The files look like data={found}"
 
 
 def _holds_videos(path: Path) -> bool:

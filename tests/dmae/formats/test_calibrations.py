@@ -300,7 +300,7 @@ def test_sizes_may_be_given_where_a_file_has_none_and_must_not_contradict_it(tmp
         read_calibration(folder)
     folder = write(tmp_path, "pose2sim")
     (folder / "calibration.json").unlink()
-    with pytest.raises(ValueError, match=r"calib\.toml: camera 'left': .* \[1000, 600\] px, .* size=\[9, 9\]"):
+    with pytest.raises(ValueError, match=r"calib\.toml: camera 'left': .* of 1000 x 600 px, .* the 9 x 9 px of"):
         read_calibration(folder, size=(9, 9))
     assert read_calibration(folder, size=(1000, 600)).size.tolist() == [[1000, 600]]
 

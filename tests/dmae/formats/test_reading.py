@@ -167,6 +167,16 @@ def test_openpose_needs_cameras_and_detections_and_says_so(walk, tmp_path):
     assert found.provenance["notes"][0] == f"cameras are from {shared}; data.calibration names another file"
 
 
+def test_another_format_than_the_one_given_is_named(walk, tmp_path):
+    write_coco(walk, tmp_path)
+    for name in ("shelf", "pose2sim"):
+        with pytest.raises(FileNotFoundError, match=r"\. The files look like data=coco$"):
+            read(name, tmp_path)
+    (tmp_path / "keypoints.json").rename(tmp_path / "other.json")
+    with pytest.raises(FileNotFoundError, match=r"calibration.json: no such file$"):
+        read("shelf", tmp_path)
+
+
 def test_openpose_with_published_cameras_needs_the_size_of_the_images(walk, tmp_path):
     path = write_openpose_recording(walk, tmp_path) / "calibration.toml"
     path.write_text(re.sub(r"(?m)^size = .*\n", "", path.read_text()))
