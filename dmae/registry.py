@@ -20,6 +20,7 @@ import inspect
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from difflib import get_close_matches
 from functools import cache, cached_property
 from importlib import import_module
 from pathlib import Path
@@ -192,6 +193,10 @@ def takes(function: Callable, *arguments: str, **named: object) -> bool:
     return True
 
 
+_SHOWN = 20
+"""Number of functions of a module that a message lists, the most similar ones first if there are more."""
+
+
 def load_function(option: str, name: str, example: str = "my_module:my_function") -> Callable:
     """Import a function, `package.module:function`, from the current folder or from the installed packages.
 
@@ -219,6 +224,8 @@ def load_function(option: str, name: str, example: str = "my_module:my_function"
             for key, value in functions.items()
             if not key.startswith("_") and value.__module__.partition(".")[0] not in foreign
         ]
+        if len(known) > _SHOWN:
+            known = [*get_close_matches(function_name, known, _SHOWN, 0), "..."]
         raise ValueError(f"{option}={name}: {module_name} has no function {function_name!r}; it has {known}")
     return function
 

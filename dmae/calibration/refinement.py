@@ -145,7 +145,8 @@ def _named_views(rig: CameraRig, config: RefineConfig) -> list[int] | None:
     """Return the indices of the cameras that may change; None to find them."""
     unknown = [name for name in config.cameras if name not in rig.names]
     if unknown and config.cameras not in ([AUTO], [ALL]):
-        raise ValueError(f"cameras={config.cameras}: expected auto, all or some of {', '.join(rig.names)}")
+        given = f"refine.cameras=[{','.join(config.cameras)}]"
+        raise ValueError(f"{given}: expected auto, all or some of {', '.join(rig.names)}")
     if not config.frees_cameras:
         return []
     if config.cameras == [AUTO]:

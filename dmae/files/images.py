@@ -108,7 +108,7 @@ def open_video(path: Path):
     try:
         container = av.open(str(path), options={"protocol_whitelist": "file"})
     except (av.FFmpegError, ValueError) as error:
-        raise ValueError(f"{path}: expected a video, {error}") from None
+        raise ValueError(f"{path}: expected a video, found {getattr(error, 'strerror', None) or error}") from None
     try:
         context = container.streams.video[0].codec_context
         if context.width * context.height > MOST_PIXELS:

@@ -76,10 +76,8 @@ def takes(config: MotionConfig) -> list[Path]:
         FileNotFoundError: there is no such file or folder, or no file of the format in it.
     """
     if config.kind == PROCEDURAL or not config.path:
-        raise ValueError(
-            f"motion of kind {config.kind!r} with path {config.path!r} has no takes; "
-            f"expected motion={'|'.join((RECORDED, *reader))} and motion.path=<file, folder or list>"
-        )
+        kinds = "" if config.kind != PROCEDURAL else f"motion={'|'.join((RECORDED, *reader))} and "
+        raise ValueError(f"motion={config.kind}: expected {kinds}motion.path=<file, folder or list>")
     kind = None if config.kind == RECORDED else reader.find(config.kind).name
     return find_takes(Path(config.path), kind, config.sets)
 

@@ -200,9 +200,9 @@ def test_what_cannot_be_refined_is_refused():
     clip = exact(frames=20)
     with pytest.raises(ValueError, match="at least 2 cameras, found 1"):
         refine(clip.select(views=[0]))
-    with pytest.raises(ValueError, match=r"cameras=\['x'\]: expected auto, all or some of "):
+    with pytest.raises(ValueError, match=r"refine\.cameras=\[x\]: expected auto, all or some of "):
         refine(clip, RefineConfig(cameras=["x"]))
-    with pytest.raises(ValueError, match=r"cameras=\['x'\]: expected auto, all or some of "):
+    with pytest.raises(ValueError, match=r"refine\.cameras=\[x\]: expected auto, all or some of "):
         refine(clip, RefineConfig(cameras=["x"], extrinsics=False, level=True))
     with pytest.raises(ValueError, match="nothing to refine"):
         RefineConfig(extrinsics=False)

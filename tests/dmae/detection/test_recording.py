@@ -120,7 +120,7 @@ def test_a_session_is_answered_with_its_folder_of_videos(tmp_path: Path, inside)
 
 def test_a_file_that_is_no_video(tmp_path: Path):
     (tmp_path / "a.mp4").write_bytes(b"nothing" * 100)
-    with pytest.raises(ValueError, match=r"a\.mp4: expected a video"):
+    with pytest.raises(ValueError, match=r"a\.mp4: expected a video, found Invalid data"):
         find_cameras(tmp_path)
 
 

@@ -183,6 +183,9 @@ def test_a_function_of_another_package_is_looked_for_and_explained(tmp_path):
         reader.find("nowhere:read")
     with pytest.raises(ValueError, match=r"json:read: json has no function 'read'; it has .*loads"):
         reader.find("json:read")
+    with pytest.raises(ValueError, match=r"numpy:lodtxt: .*; it has \['loadtxt', .*'\.\.\.'\]$") as error:
+        reader.find("numpy:lodtxt")
+    assert len(str(error.value)) < 500
 
 
 def test_a_calibration_format_is_one_file(monkeypatch, tmp_path):

@@ -113,7 +113,13 @@ def test_takes_are_cached_until_their_file_changes(tmp_path):
 @pytest.mark.parametrize(
     ("kind", "path", "error", "message"),
     [
-        ("bvh", None, ValueError, r"kind 'bvh' with path None .* motion.path=<file, folder or list>"),
+        ("bvh", None, ValueError, r"motion=bvh: expected motion.path=<file, folder or list>"),
+        (
+            "procedural",
+            None,
+            ValueError,
+            r"=procedural: expected motion=recorded\|.* and motion.path=<file, folder or list>",
+        ),
         ("bvh", "nowhere", FileNotFoundError, "nowhere: no such file or folder"),
         ("bvh", "empty", FileNotFoundError, r"empty: expected \.bvh files, found no files"),
         ("bvh", "others", FileNotFoundError, r"others: expected \.bvh files, found \['\.amc', '\.asf'\]"),
