@@ -114,12 +114,6 @@ def test_takes_are_cached_until_their_file_changes(tmp_path):
     ("kind", "path", "error", "message"),
     [
         ("bvh", None, ValueError, r"motion=bvh: expected motion.path=<file, folder or list>"),
-        (
-            "procedural",
-            None,
-            ValueError,
-            r"=procedural: expected motion=recorded\|.* and motion.path=<file, folder or list>",
-        ),
         ("bvh", "nowhere", FileNotFoundError, "nowhere: no such file or folder"),
         ("bvh", "empty", FileNotFoundError, r"empty: expected \.bvh files, found no files"),
         ("bvh", "others", FileNotFoundError, r"others: expected \.bvh files, found \['\.amc', '\.asf'\]"),
@@ -133,6 +127,13 @@ def test_missing_paths_and_files_are_refused(tmp_path, monkeypatch, kind, path, 
     amc(tmp_path / "others" / "99_01.amc", [{}])
     with pytest.raises(error, match=message):
         load_motion(MotionConfig(kind=kind, path=path), seconds=1, fps=25, rng=np.random.default_rng(0))
+
+
+def test_procedural_motion_has_no_takes():
+    with pytest.raises(
+        ValueError, match=r"motion=procedural: expected motion=recorded\|.* and motion.path=<file, folder"
+    ):
+        takes(MotionConfig(path="walks"))
 
 
 def test_the_procedural_preset_is_the_default():
