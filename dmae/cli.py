@@ -289,6 +289,11 @@ def _in_one_line(error: Exception) -> str:
     """What to say of an error: of Hydra's and OmegaConf's the reason, without advice to add options."""
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}"
+    if isinstance(error, OSError) and error.strerror:
+        # Of a file without a name, as temporary ones are: the disk of TMPDIR may be full, and that of the output not.
+        import tempfile  # it loads modules that `--help` does not need
+
+        return f"{error.strerror}; temporary files are in {tempfile.gettempdir()}, unless TMPDIR names another folder"
     if not _of_hydra(error):
         return str(error.args[0] if isinstance(error, KeyError) and error.args else error)
     first, *more = str(error).splitlines()

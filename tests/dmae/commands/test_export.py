@@ -2,6 +2,7 @@
 
 import json
 import os
+import tempfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -360,3 +361,16 @@ def test_a_recording_that_cannot_be_written_leaves_nothing(captured, tmp_path, f
         python_package.convert(captured, tmp_path / "out", format)
     assert [*tmp_path.iterdir()] == [tmp_path / "out"] * there and not any((tmp_path / "out").glob("*"))
     python_package.convert(captured, tmp_path / "out", format)
+
+
+def test_a_full_folder_of_temporary_files_is_named(captured, tmp_path, monkeypatch):
+    """Its error names no file, and the disk of the output may have space."""
+    save_clip(captured, tmp_path / "clip")
+
+    def full(*arguments, **options):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("dmae.formats.own.TemporaryFile", full)
+    done = dmae(tmp_path, "export", "clip=clip", "out=walk.npz")
+    where = f"No space left on device; temporary files are in {tempfile.gettempdir()}, unless TMPDIR names another"
+    assert done.returncode == 1 and where in done.stderr
