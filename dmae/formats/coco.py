@@ -161,6 +161,7 @@ def _pieces(
 
 
 KEYPOINTS = "keypoints.json"
+_FOLDERS = ("keypoints", "annotations")
 HIDDEN_SCORE = 0.5
 """Confidence of a joint that is labelled but not visible (v = 1), in files without confidences; visible ones get 1."""
 _FRAMES = 512  # Number of frames that are written at a time, for clips without images
@@ -169,7 +170,7 @@ _Id = int | str  # Type of the ids of images
 
 @reader(
     "coco",
-    signs=[["*keypoints*.json"], ["annotations*.json"], ["coco*.json"]],
+    signs=[["*keypoints*.json"], ["annotations*.json"], ["coco*.json"], ["keypoints/*.json"], ["annotations/*.json"]],
     file="*.json",
     general=True,
     cameras=False,
@@ -177,7 +178,8 @@ _Id = int | str  # Type of the ids of images
 def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> NumberedDetections:
     """COCO keypoints in one JSON for all cameras or one JSON per camera, with a calibration of any format.
 
-    Read the annotations of a file, or of all files of a folder except calibrations.
+    Read the annotations of a file, or of all files of a folder, or of `keypoints` or `annotations` in it, except
+    calibrations.
 
     In a single file, each image states its `camera`, or its `file_name` contains a folder named after the camera. Each
     of several files contains the camera that it is named after, and may be only a list of results. The number of a
@@ -192,7 +194,8 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
         ValueError: a file is malformed or contradicts itself; the message names the file and the entry.
     """
     path = Path(path)
-    files = [path] if path.is_file() else by_name(path.glob("*.json"))
+    inside = [by_name((path / folder).glob("*.json")) for folder in _FOLDERS]
+    files = [path] if path.is_file() else next(filter(None, inside), by_name(path.glob("*.json")))
     files = [file for file in files if "calib" not in file.name.lower()]
     if not files:
         raise FileNotFoundError(
@@ -201,6 +204,8 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
     people, fps, names = People(skeleton=skeleton), None, None
     for file in files:
         content = read_json(file)
+        if len(files) > 1 and isinstance(content, dict) and not {"images", "annotations"} & set(content):
+            continue  # Cameras, or settings
         images, annotations = _parts(file, content)
         camera = file.stem if len(files) > 1 else None
         if images is None:

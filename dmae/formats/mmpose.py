@@ -5,26 +5,27 @@ A pickle can run any code when Python loads it. `dmae.files.pickles` reads pickl
 
 from pathlib import Path
 
-from dmae.data.skeleton import COCO17, Skeleton
+from dmae.data.skeleton import Skeleton
 from dmae.files.contents import read_bytes
 from dmae.files.pickles import pickled_values
 from dmae.files.structured import read_json
-from dmae.formats.recordings import NumberedDetections, People, by_name, listed_frames
+from dmae.formats import openpose
+from dmae.formats.recordings import NumberedDetections, People, by_name, listed_frames, people_of_frame
 from dmae.formats.registry import reader
 from dmae.formats.skeletons import default_skeleton
 
 _PICKLES = (".pkl", ".pickle")
 _FOLDERS = ("predictions", "")
-_WHOLE_BODY = 133  # Number of points in COCO-WholeBody. Its first 17 points are the joints of COCO.
 
 
 @reader("mmpose", signs=[["predictions/*.json"], ["predictions/*.pkl"], ["*.pkl"], ["*.pickle"]], cameras=False)
 def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> NumberedDetections:
-    """Predictions of MMPose or RTMPose, <camera>.json or <camera>.pkl of all frames, with a calibration of any format.
+    """Predictions of MMPose or RTMPose, <camera>.json or <camera>.pkl, or <camera>/<frame>.json, and a calibration.
 
-    A file contains a list of frames. A frame is a list of people, or an object, which contains the people as
-    `instances` or `predictions`, and can contain the number of the frame as `frame_id`. A person has `keypoints`: x and
-    y in px, and the confidence of each joint, unless the confidences are in `keypoint_scores`.
+    The calibration is of any format. A file contains a list of frames or, in the folder of a camera, one frame. A frame
+    is a list of people, or an object, which contains the people as `instances` or `predictions`, and can contain the
+    number of the frame as `frame_id`. A person has `keypoints`: x and y in px, and the confidence of each joint, unless
+    the confidences are in `keypoint_scores`.
 
     Args:
         path: Folder of the files, or one file.
@@ -35,9 +36,11 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
         ValueError: a file is malformed, a pickle would run code, or no known skeleton has the number of joints.
     """
     files = _files(Path(path))
+    if not files:
+        return openpose.read_detections(path, skeleton=skeleton)
     people = People(file.stem for file in files)
     for file in files:
-        for number, place, found in listed_frames(file, _content(file), ("frame_id", "frame_index"), _people):
+        for number, place, found in listed_frames(file, _content(file), ("frame_id", "frame_index"), people_of_frame):
             people.frame(file.stem, number)
             for i, person in enumerate(found):
                 values = person if isinstance(person, dict) else {}
@@ -47,7 +50,7 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
     if joints is None:
         raise ValueError(f"{path}: expected people in some frame, found none in {', '.join(f.name for f in files)}")
     if skeleton is None:
-        skeleton = default_skeleton(path, len(COCO17) if joints == _WHOLE_BODY else joints)
+        skeleton = default_skeleton(path, joints)
     elif joints < len(skeleton):
         raise ValueError(f"{path}: expected {len(skeleton)} joints as of {skeleton.name}, found {joints}")
     return people.detections(skeleton)
@@ -65,6 +68,8 @@ def _files(path: Path) -> list[Path]:
             ]
             if found:
                 return found
+    if any(any((path / folder).glob("*/*.json")) for folder in (*_FOLDERS, *openpose.FOLDERS)):
+        return []  # A file for each frame
     raise FileNotFoundError(
         f"{path}: expected predictions/<camera>.json or <camera>.pkl, found none; name their folder by "
         "data.detections=..."
@@ -85,15 +90,3 @@ def _content(file: Path):
     if isinstance(content, dict):
         return [{"frame_id": key, "instances": people} for key, people in content.items()]
     return content
-
-
-def _people(place: str, frame: object) -> list:
-    people = frame
-    if isinstance(frame, dict):
-        people = next((frame[name] for name in ("instances", "predictions", "people") if name in frame), None)
-    # The result of MMPose's inferencer is a list of images, each of which is a list of people.
-    if isinstance(people, list) and len(people) == 1 and isinstance(people[0], list):
-        people = people[0]
-    if not isinstance(people, list):
-        raise ValueError(f"{place}: expected a list of people, or one as instances, found {frame!r:.60}")
-    return people

@@ -12,15 +12,24 @@ from dmae.files.checks import child
 from dmae.files.contents import write_atomic
 from dmae.formats.calibrations import write_calibration
 from dmae.formats.poses import covariance_entry, pixel_covariances
-from dmae.formats.recordings import NumberedDetections, People, by_name, json_frames, listed
+from dmae.formats.recordings import (
+    FRAME_KEYS,
+    NumberedDetections,
+    People,
+    by_name,
+    json_frames,
+    listed,
+    people_of_frame,
+)
 from dmae.formats.registry import pose_writer, reader, recording_writer
 from dmae.formats.skeletons import default_skeleton, guess_skeleton
 from dmae.progress import progress
 
 CALIBRATION = "calibration.toml"
 """File name of the calibration, in Pose2Sim's format, for formats without a calibration format of their own."""
-FOLDERS = ("openpose", "keypoints", "pose", "json")
+FOLDERS = ("openpose", "keypoints", "pose", "json", "predictions")
 """Folders in a recording that can contain the folders of the cameras. The recording itself is searched first."""
+_KEYPOINTS = ("pose_keypoints_2d", "pose_keypoints", "keypoints")
 _SUFFIXES = ("_keypoints", "_json")
 _PANOPTIC = "body3DScene"  # Start of the names of Panoptic's pose files, which are not detections
 COMPLETED_SCORE = 0.5
@@ -29,7 +38,15 @@ COMPLETED_SCORE = 0.5
 
 @reader(
     "openpose",
-    signs=[["*/*_keypoints.json"], ["*/*[0-9].json"], ["openpose"], ["keypoints"], ["json"]],
+    signs=[
+        ["*/*_keypoints.json"],
+        ["*/*[0-9].json"],
+        ["openpose"],
+        ["keypoints/*/*.json"],
+        ["pose/*/*.json"],
+        ["json/*/*.json"],
+        ["predictions/*/*.json"],
+    ],
     general=True,
     cameras=False,
 )
@@ -37,6 +54,8 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
     """OpenPose's <camera>/<name>_<frame number>_keypoints.json, with a calibration of any format.
 
     Read `<camera>/<anything><frame number>[_keypoints].json`, as OpenPose and Pose2Sim name them.
+
+    A file can also be a frame of MMPose or RTMPose: a list of people with `keypoints` and `keypoint_scores`.
 
     A joint with confidence 0 or at 0, 0 is absent. A person `{}`, which Pose2Sim writes, is absent. If a file is not
     valid JSON, for example because it is cut short, its frame is absent and the file is listed in `unreadable`.
@@ -55,11 +74,14 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
     people = People(files, skeleton)
     for name, number, file, content in json_frames(path, files, people.unreadable):
         people.frame(name, number)
-        for i, person in enumerate(listed(file, content, "people")):
+        of_mmpose = isinstance(content, list) or (isinstance(content, dict) and {*content} & {*FRAME_KEYS[:2]})
+        found = people_of_frame(str(file), content) if of_mmpose else listed(file, content, "people")
+        for i, person in enumerate(found):
             if person != {}:
                 values = person if isinstance(person, dict) else {}
-                keypoints = values.get("pose_keypoints_2d", values.get("pose_keypoints"))
-                people.add(name, number, f"{file}: people[{i}].pose_keypoints_2d", keypoints)
+                key = next((key for key in _KEYPOINTS if key in values), _KEYPOINTS[0])
+                place = f"{file}: people[{i}].{key}"
+                people.add(name, number, place, values.get(key), values.get("keypoint_scores"))
     # OpenPose can write fractions of the image instead of px.
     largest = max((np.fmax.reduce(np.abs(person[:, :2]), axis=None, initial=-1) for person in people), default=-1)
     if 0 <= largest <= 1:
@@ -81,7 +103,11 @@ def camera_folders(path: Path) -> dict[str, Path]:
     for place in (path, *(path / name for name in FOLDERS)):
         if not place.is_dir():
             continue
-        found = by_name(folder for folder in place.iterdir() if any(map(_is_frame, folder.glob("*.json"))))
+        found = by_name(
+            folder
+            for folder in place.iterdir()
+            if "calib" not in folder.name.lower() and any(map(_is_frame, folder.glob("*.json")))
+        )
         names = [folder.name.removesuffix("_keypoints").removesuffix("_json") for folder in found]
         if len(set(names)) < len(names):
             raise ValueError(f"{place}: expected a folder for each camera, found two of the same: {names}")

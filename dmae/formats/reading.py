@@ -173,6 +173,10 @@ def recognise(path: Path) -> str:
     for general in (False, True):
         entries = [entry for entry in reader.values() if entry.general == general]
         found = [entry.name for entry in entries if _is_recognised(path, entry)]
+        if general and len(found) > 1:
+            # A folder keypoints of files cam1.json, cam2.json could be that of a camera, by the names of its files.
+            named = [entry.name for entry in entries if _is_recognised(path, entry, by_folder=True)]
+            found = named if len(named) == 1 else found
         if len(found) > 1:
             raise ValueError(f"{path}: expected files of one format, found {', '.join(found)}; name it by data=...")
         if found:
@@ -224,10 +228,12 @@ def _is_image(file: Path) -> bool:
     return file.suffix.lower() in IMAGES
 
 
-def _is_recognised(path: Path, entry: RecordingReader) -> bool:
+def _is_recognised(path: Path, entry: RecordingReader, by_folder: bool = False) -> bool:
+    """Whether files of a format are there; with `by_folder`, in a folder of a name that the format states."""
     if path.is_file():
         return fnmatch(path.name, entry.file)
-    return any(all(any(path.glob(pattern)) for pattern in signs) for signs in entry.signs)
+    kept = [signs for signs in entry.signs if not by_folder or not signs[0].startswith("*")]
+    return any(all(any(path.glob(pattern)) for pattern in signs) for signs in kept)
 
 
 def _reader(config: DataConfig) -> RecordingReader:

@@ -179,6 +179,23 @@ def listed(file: Path, content: object, key: str) -> list:
     return found
 
 
+FRAME_KEYS = ("instances", "predictions", "people", "instance_info")
+"""Keys of an object under which MMPose, RTMPose and their users list the people of a frame."""
+
+
+def people_of_frame(place: str, frame: object) -> list:
+    """Return the people of a frame as MMPose and RTMPose write it: a list, or an object with one of `FRAME_KEYS`."""
+    people = frame
+    if isinstance(frame, dict):
+        people = next((frame[name] for name in FRAME_KEYS if name in frame), None)
+    # The result of MMPose's inferencer is a list of images, each of which is a list of people.
+    if isinstance(people, list) and len(people) == 1 and isinstance(people[0], list):
+        people = people[0]
+    if not isinstance(people, list):
+        raise ValueError(f"{place}: expected a list of people, or one as instances, found {frame!r:.60}")
+    return people
+
+
 class People:
     """The people that a reader finds, by camera and frame number, all with the same joints.
 

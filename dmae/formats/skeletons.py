@@ -53,12 +53,18 @@ def read_skeleton_text(path: Path, text: str) -> Skeleton:
 _BY_COUNT = {
     len(skeleton): skeleton for skeleton in (BODY25, COCO18, COCO17, BODY21, HALPE26, PANOPTIC19, SHELF14, BLAZEPOSE33)
 }
+_WHOLE_BODY = 133
 OF_25_JOINTS = (BODY25, BODY25B)
 """Skeletons with 25 joints, the most common first. Only the positions of the joints distinguish them."""
 
 
 def default_skeleton(path: Path | str, joints: int | None) -> Skeleton:
-    """Return the default skeleton of a number of joints; ValueError, with the path, if there is none."""
+    """Return the default skeleton of a number of joints; ValueError, with the path, if there is none.
+
+    Of the 133 points of COCO-WholeBody, it is that of the first 17.
+    """
+    if joints == _WHOLE_BODY:
+        return COCO17
     if joints not in _BY_COUNT:
         known = ", ".join(f"{count} ({skeleton.name})" for count, skeleton in sorted(_BY_COUNT.items()))
         raise ValueError(

@@ -11,12 +11,14 @@ from hypothesis import strategies as st
 import dmae
 from dmae.data.clip import Detections2D, Poses3D, Source
 from dmae.data.skeleton import BODY21, BODY25, BODY25B, COCO17, COCO18, HALPE26
+from dmae.formats.calibrations import write_calibration
 from dmae.formats.openpose import COMPLETED_SCORE, read_detections, reproject, write_detections
 from dmae.formats.recordings import NumberedDetections, to_clip
 from dmae.formats.writing import write_recording
 from tests.support.animals import dog_clip
 from tests.support.clips import looking_at_origin, walkers
 from tests.support.recordings import recording, same_detections, write_frames
+from tests.support.tracked_recordings import mmpose_frames
 
 
 def read(folder, clip, **options):
@@ -119,7 +121,8 @@ def test_a_recording_without_people_is_read(tmp_path):
     ("content", "message"),
     [
         ({"version": 1.3}, "expected an object with a list of people"),
-        ([], "expected an object with a list of people"),
+        ("nobody", "expected an object with a list of people"),
+        ([5], r"people\[0\].pose_keypoints_2d: expected x, y, confidence"),
         ({"people": [{"pose_keypoints_2d": [1.0, 2.0]}]}, r"people\[0\].pose_keypoints_2d: expected x, y, confidence"),
         ({"people": [{"hands": []}]}, r"people\[0\].pose_keypoints_2d: expected x, y, confidence"),
         ({"people": [{"pose_keypoints_2d": ["a"] * 75}]}, "expected x, y, confidence"),
@@ -215,3 +218,17 @@ def test_a_skeleton_of_your_own_is_written_beside_and_named(tmp_path, format):
     assert lacking == f"data.fps=30 data.skeleton={file}"
     read = dmae.read(tmp_path / "walk", fps=30, skeleton=str(file))
     assert read.detections.skeleton == clip.detections.skeleton
+
+
+@pytest.mark.parametrize("format", [None, "mmpose"])
+@pytest.mark.parametrize("folder", ["", "keypoints", "predictions"])
+@pytest.mark.parametrize("form", [lambda people: people, lambda people: {"instances": people}])
+def test_frames_of_mmpose_in_a_file_each_are_read(tmp_path, form, folder, format):
+    clip = recording(COCO17, 3, 2)
+    (tmp_path / "calibration").mkdir()
+    write_calibration(clip.rig, tmp_path / "calibration" / "Calib.toml", "pose2sim")
+    for view, name in enumerate(clip.rig.names):
+        (tmp_path / folder / name).mkdir(parents=True)
+        for frame, of_frame in enumerate(mmpose_frames(clip, view)):
+            (tmp_path / folder / name / f"{frame:06d}.json").write_text(json.dumps(form(of_frame["instances"])))
+    same_detections(dmae.read(tmp_path, fps=25, format=format).detections, clip.detections)
