@@ -142,11 +142,17 @@ def examine(tracks: ImageTracks, calibration: Calibration) -> Examination | None
     without = calibration.with_step(best.view, best.step)
     everything = Freedom.of(views, rotation=True, centre=True, focal=True, k1=True, offset=True)
     corrected = adjust(observations, without, everything, iterations=0, xyz=_refit(observations, without, xyz).xyz)
-    reference = {kind: _reference(corrected, kind, best.view, len(observations)) for kind in Kind}
+    reference = {kind: _reference(corrected, kind, (best.view,)) for kind in Kind}
     least = {kind: _least_gain(tried, kind, best.view, reference[kind]) for kind in Kind}
     limits = {kind: _limits(corrected, kind, least[kind]) for kind in Kind}
     limits[Kind.late] = _measured_limits(observations, corrected, limits[Kind.late], least[Kind.late])
     named, suspects = _judge(tried, reference, views)
+    rivals = [each for each in tried if each.view != best.view]
+    rival = max(rivals, key=lambda each: each.gain)
+    # Two faults hide each other: neither camera is clear while the other one is off.
+    if views > 3 and max(best.chance, rival.chance) < _CHANCE_OF_MUCH:
+        besides = _besides(observations, calibration, xyz, blocks, (best, rival))
+        named, suspects = (besides, ()) if besides else (named, suspects)
     return Examination(named, suspects, tuple(tried), base, limits)
 
 
@@ -207,14 +213,12 @@ def _linear(state: Adjusted, view: int, kind: Kind) -> tuple[np.ndarray, np.ndar
     return found.information[np.ix_(index, index)], found.gradient[index]
 
 
-def _reference(state: Adjusted, kind: Kind, without: int, bodies: int) -> float:
+def _reference(state: Adjusted, kind: Kind, without: tuple[int, ...]) -> float:
     """Return the cost per body that a change of the other cameras would save, to first order."""
-    views = len(state.calibration.rig)
     saved = []
-    for view in range(views):
-        if view != without:
-            S, g = _linear(state, view, kind)
-            saved.append(g @ np.linalg.lstsq(S, g, rcond=1e-9)[0] / bodies)
+    for view in set(range(len(state.calibration.rig))) - set(without):
+        S, g = _linear(state, view, kind)
+        saved.append(g @ np.linalg.lstsq(S, g, rcond=1e-9)[0] / len(state.cost))
     return float(np.max(saved))
 
 
@@ -267,6 +271,13 @@ def _judge(
     rival = max((each for each in tried if each.view != best.view), key=lambda each: each.gain)
     if views < 3 or not best.beats(rival) or rival.gain > _RIVAL * best.gain:
         return (), (best.view, rival.view)
+    return _alike(best, tried, reference), ()
+
+
+def _alike(
+    best: CameraDifference, tried: list[CameraDifference], reference: dict[Kind, float]
+) -> tuple[CameraDifference, ...]:
+    """Return the kinds of a camera that fit about as well as its best one."""
     # Correct calibrations also have small errors. Two kinds are distinguished only by larger differences.
     least = max(_NEAR * best.gain, _REFERENCE * max(reference.values()))
     near = [
@@ -276,4 +287,34 @@ def _judge(
     ]
     near.sort(key=lambda each: -each.gain)
     simple = [each for each in near if each.kind != Kind.displaced]
-    return tuple(simple or near), ()
+    return tuple(simple or near)
+
+
+def _besides(
+    observations: Observations,
+    calibration: Calibration,
+    xyz: np.ndarray,
+    blocks: np.ndarray,
+    alone: tuple[CameraDifference, CameraDifference],
+) -> tuple[CameraDifference, ...]:
+    """Return the kinds of the camera of two that certainly differs besides the other, the worse of both; or nothing.
+
+    If one fault can be explained by either camera, undoing one explanation leaves the other nothing to save. A camera
+    with a fault of its own saves nearly as much with the other one undone as `alone`.
+    """
+    both = calibration
+    for each in alone:
+        both = both.with_step(each.view, each.step)
+    everything = Freedom.of(len(calibration.rig), rotation=True, centre=True, focal=True, k1=True, offset=True)
+    state = adjust(observations, both, everything, iterations=0, xyz=_refit(observations, both, xyz).xyz)
+    reference = {kind: _reference(state, kind, (alone[0].view, alone[1].view)) for kind in Kind}
+    found: list[tuple[CameraDifference, ...]] = []
+    for each, other in (alone, alone[::-1]):
+        without = calibration.with_step(other.view, other.step)
+        base = _refit(observations, without, xyz)
+        again = [_tried(observations, without, base, blocks, each.view, kind) for kind in Kind]
+        best = max(again, key=lambda one: one.gain)
+        certain = best.chance < _CHANCE and best.gain > _REFERENCE * reference[best.kind]
+        if certain and best.gain > _RIVAL * each.gain:
+            found.append(_alike(best, again, reference))
+    return max(found, key=lambda kinds: kinds[0].gain, default=())

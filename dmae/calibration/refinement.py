@@ -22,7 +22,7 @@ from dmae.calibration.bundle_adjustment import (
     covariance_of_cameras,
 )
 from dmae.calibration.config import ALL, AUTO, RefineConfig
-from dmae.calibration.examination import SHORTEST_S, Examination, examine
+from dmae.calibration.examination import SHORTEST_S, Examination, Kind, examine
 from dmae.calibration.matching import initial_rig, match_tracks
 from dmae.calibration.world import Floor, find_floor, place_like, place_rig, place_world, upright_world
 from dmae.data.array_fields import short_repr
@@ -71,7 +71,8 @@ class Refined:
     changes: tuple[CameraChange, ...]  # The changes of each camera, in the original world
     floor: Floor | None = None  # The original height of the floor and tilt of the world, if the world was made level
     turned_deg: float | None = None  # Angle between the original and the new z, if the world was made level
-    note: str | None = None  # Why no camera changed, if `cameras=[auto]` found none; otherwise None
+    # Why no camera changed, if `cameras=[auto]` found none, or which cameras are not synchronised; otherwise None
+    note: str | None = None
 
     __repr__ = short_repr
 
@@ -138,6 +139,7 @@ def refine(clip: Clip, config: RefineConfig | None = None) -> Refined:
             rig = place_world(calibration.rig, after.xyz, tracks.skeleton, config.stature, level=True)
         new_from_old = rig.cam_from_world[0, :3, :3].T @ calibration.rig.cam_from_world[0, :3, :3]
         turned = float(np.degrees(np.arccos(np.clip(new_from_old[2, 2], -1, 1))))
+    note = note or _described_offsets(clip, calibration.offset)
     return Refined(rig, calibration.offset, calibration.drift, covariance, changes, floor, turned, note)
 
 
@@ -161,16 +163,36 @@ def _differing(clip: Clip) -> tuple[Calibration, list[int], str | None, ImageTra
 
     The tracks were matched with this calibration; None if no tracks were matched.
     """
-    calibration, views, found, tracks = Calibration.of(clip.rig), [], None, None
+    calibration, found, tracks = Calibration.of(clip.rig), None, None
+    views: list[int] = []
+    late: list[int] = []
     for _ in range(max(len(clip.rig) - 2, 0)):
         tracks = match_tracks(replace(clip, rig=calibration.rig))
         found = examine(tracks, calibration) if tracks.xy.shape[1] else None
-        if found is None or not found.kinds or found.kinds[0].view in views:
+        if found is None or not found.kinds or found.kinds[0].view in (*views, *late):
             break
-        best = found.kinds[0]
-        moved = np.where(np.arange(Q) == OFFSET, 0, best.step)
-        calibration, views, tracks = calibration.with_step(best.view, moved), [*views, best.view], None
-    return calibration, sorted(views), None if views else _why_none(clip.rig, found), tracks
+        best, tracks = found.kinds[0], None
+        # A camera that is only late stays where it is.
+        if {each.kind for each in found.kinds} == {Kind.late}:
+            late.append(best.view)
+            calibration = calibration.with_step(best.view, best.step)
+        else:
+            views.append(best.view)
+            calibration = calibration.with_step(best.view, np.where(np.arange(Q) == OFFSET, 0, best.step))
+    return calibration, sorted(views), None if views or late else _why_none(clip.rig, found), tracks
+
+
+def _described_offsets(clip: Clip, offset: np.ndarray) -> str | None:
+    """Say which cameras are late by offsets (V,), s, and how to undo it; None if none is by half a frame."""
+    frames = -offset * clip.fps
+    given = clip.provenance.get("offsets") or [0] * len(frames)
+    late = [view for view in range(len(frames)) if abs(frames[view]) >= 0.5]
+    if not late:
+        return None
+    those = ", ".join(f"{clip.rig.names[view]} by {frames[view]:+.1f} frames" for view in late)
+    whole = {view: given[view] + int(np.rint(frames[view])) for view in range(len(frames))}
+    option = ",".join(f"{clip.rig.names[view]}:{number}" for view, number in whole.items() if number)
+    return f"not synchronised: {those}; no file of a calibration states that: data.offsets=[{option}]"
 
 
 def _why_none(rig: CameraRig, found: Examination | None) -> str:

@@ -56,7 +56,8 @@ def run(config: CalibrateCommand, out: Path) -> None:
 
 def _print(refined: Refined, config: RefineConfig) -> None:
     header = ("camera", "moved cm", "turned deg", "focal %", "k1 now", "late frames", "px before", "px after")
-    asked = (True, True, True, config.focal, config.distortion, config.offsets or config.drift, True, True)
+    timed = config.offsets or config.drift or bool(refined.offset.any())
+    asked = (True, True, True, config.focal, config.distortion, timed, True, True)
     rows = []
     for each in refined.changes:
         error = ("", "") if each.error_cm is None else (f" +- {each.error_cm:.1f}", f" +- {each.error_deg:.2f}")

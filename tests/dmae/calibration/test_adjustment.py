@@ -26,6 +26,7 @@ from dmae.calibration.bundle_adjustment import (
     adjust,
 )
 from dmae.calibration.config import RefineConfig
+from dmae.calibration.doctor import diagnose
 from dmae.calibration.examination import CameraDifference, Kind, _judge, examine
 from dmae.calibration.matching import initial_rig, match_tracks
 from dmae.calibration.refinement import refine
@@ -167,6 +168,33 @@ def test_examination_names_the_late_camera_and_no_sound_one():
     found = examine(match_tracks(delayed), Calibration.of(delayed.rig))
     assert [(each.view, each.kind) for each in found.kinds] == [(2, Kind.late)]
     assert found.kinds[0].step[OFFSET] * clip.fps == pytest.approx(-4, abs=0.3)
+
+
+@pytest.fixture(scope="module")
+def two_faults() -> Clip:
+    """Ten seconds of Shelf's cameras: camera 2 starts three frames late, and camera 0 was moved by 10 cm."""
+    return displaced(late(sound("shelf", 250), 3, 2), 0, moved=(-0.1, 0, 0))
+
+
+@pytest.mark.slow
+def test_two_faults_are_named_one_after_the_other(two_faults):
+    """Each is an alternative neither to the other nor to one of another kind, though it hides the other."""
+    calibration = Calibration.of(two_faults.rig)
+    (first,) = examine(match_tracks(two_faults), calibration).kinds
+    assert (first.view, first.kind) == (2, Kind.late)
+    findings = diagnose(two_faults, max_offset=5).findings
+    assert [each.cameras for each in findings] == [("2",), ("0",)]
+
+
+@pytest.mark.slow
+def test_a_late_camera_stays_and_a_moved_one_is_mended(two_faults):
+    refined = refine(two_faults)
+    assert refined.note is not None
+    assert refined.note.endswith("data.offsets=[2:3]")
+    assert [change.camera for change in refined.changes if change.refined] == ["0"]
+    assert refined.changes[2].offset_frames == pytest.approx(-3, abs=0.3)
+    truth = sound("shelf", 250).rig.centers
+    assert np.linalg.norm(refined.rig.centers - truth, axis=1).max() < 0.05
 
 
 def test_extrinsics_are_found_from_nothing_but_intrinsics_and_one_person():
