@@ -78,7 +78,14 @@ def compared_truth(clip: Clip, skeleton: str | Path | Skeleton | None = None) ->
     Raises as `truth_of`, and KeyError if there is no such skeleton.
     """
     truth = truth_of(clip)
-    return convert(truth, get_skeleton(skeleton) if skeleton else truth.skeleton.parts[-1])
+    wanted = get_skeleton(skeleton) if skeleton else truth.skeleton.parts[-1]
+    if not wanted.bones:
+        joints = ", ".join(wanted.joints[:5])
+        raise ValueError(
+            f"clip {clip.id!r}: joints of the truth have no bones, which scores count ({joints}, ...): name them as "
+            "a skeleton of this package does, l_knee or left_knee, or give a skeleton= that has them"
+        )
+    return convert(truth, wanted)
 
 
 def measured_by_all(clip: Clip, config: CaptureConfig) -> Poses3D:

@@ -18,6 +18,7 @@ from dmae.files.contents import read_text, write_atomic, written
 from dmae.files.mapped import empty, frame_blocks
 from dmae.formats.registry import PoseReader, pose_reader
 
+_BESIDE = (".provenance.csv", ".covariance.csv", ".angles.csv")  # Tables that are written beside poses
 _PERSON = re.compile(r"_P\d+$")  # End of the names of files that contain one of several persons
 
 
@@ -28,6 +29,7 @@ class PoseFile:
     poses: Poses3D  # (F, P, J, 3) m, world
     fps: float | None = None  # Frames per second; None if the file does not state it
     clip: str | None = None  # Id of the clip of these poses; None if the file does not state it
+    first: int | None = None  # Number of the first frame in the recording; None if the file numbers none
 
 
 def read_poses(path: Path) -> PoseFile:
@@ -83,6 +85,8 @@ def pose_paths(path: Path) -> dict[str, Path] | None:
 def _reader(path: Path) -> PoseReader | None:
     if path.is_dir():
         return next((each for each in pose_reader.values() if any(any(path.glob(sign)) for sign in each.signs)), None)
+    if path.name.endswith(_BESIDE):
+        return None
     there = path.is_file() or any(path.parent.glob(f"{escape(path.stem)}_*{path.suffix}"))
     return next((each for each in pose_reader.values() if there and fnmatch(path.name, each.file)), None)
 

@@ -49,19 +49,18 @@ def export_path(path: Path, format: str | None) -> Path:
         return path.with_suffix(own)
     if path.suffix.lower() == own or not writer.home.startswith(f"{__package__}."):
         return path  # A format of the user may have any suffix
-    files = {_suffix(other): other for other in pose_writer.values() if not other.folder}
+    files: dict[str, PoseWriter] = {}
+    for each in pose_writer.values():
+        if not each.folder:
+            files.setdefault(_suffix(each), each)
     found = f"{path}: format={writer.name} writes {own} files"
     other = files.get(path.suffix.lower())
     if other is None:
         raise ValueError(
             f"{found}, and no format writes {path.suffix} files; expected "
-            + ", ".join(f"{suffix} (format={each.name})" for suffix, each in files.items())
+            + ", ".join(f"{suffix} (format={known.name})" for suffix, known in files.items())
         )
-    table = ""
-    if path.suffix.lower() == ".csv":
-        # Who writes .csv wants a table more often than a robot.
-        table = "; a table of joints as text is format=trc, with a .trc file"
-    raise ValueError(f"{found}; {path.suffix} files are of format={other.name} ({other.help.rstrip('.')}){table}")
+    raise ValueError(f"{found}; {path.suffix} files are of format={other.name} ({other.help.rstrip('.')})")
 
 
 def _suffix(writer: PoseWriter) -> str:

@@ -65,6 +65,8 @@ from tests.support.calibrations import TEXTS, write
 from tests.support.clips import walkers
 from tests.support.tracked_recordings import write_mmpose
 
+TABLE = "frame,person,joint,x,y,z,source\n3,P1,neck,0.1,0.2,1.5,measured\n4,P1,nose,0.1,0.3,1.6,completed\n"
+
 
 def _read_recording(name: str, folder: Path, **options) -> list:
     return list(Clips(DataConfig(name, str(folder), fps=None if name in ("clip", "shelf") else FPS, **options)))
@@ -141,6 +143,8 @@ READERS = [
     Reader("skeleton/skeleton", lambda folder: (folder / "spider.yaml").write_text(SPIDER),
            lambda folder: [str(get_skeleton(str(folder / "spider.yaml")))]),
     Reader("poses/npz", write_poses, lambda folder: read_npz(folder / "poses.npz")),
+    Reader("poses/csv", lambda folder: (folder / "poses.csv").write_text(TABLE),
+           lambda folder: read_poses(folder / "poses.csv").poses),
     Reader("poses/trc", lambda folder: write_trc(walkers(3, 1), FPS, folder / "poses.trc"),
            lambda folder: read_trc(folder / "poses.trc"), errors=(ValueError, FileNotFoundError, KeyError)),
     *(Reader(f"motion/{kind}", partial(write_motion, kind), partial(_read_motion, kind), finite=True)

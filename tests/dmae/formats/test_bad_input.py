@@ -66,6 +66,8 @@ FORMATS = {
     ("openpose", None): {},
     ("movement", None): {},
     ("panoptic", None): {"animal": "format=panoptic is always of panoptic19, and dog19 has 4 of its 19 joints"},
+    ("csv", None): {},
+    ("jsonl", None): {},
     ("trc", None): MARKERS,
     ("c3d", None): MARKERS,
     ("mot", None): BODY | {"animal": "joint angles need hips and shoulders, and dog19 has none"},
