@@ -21,14 +21,18 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
-from functools import cache, cached_property
+from functools import cache, cached_property, wraps
 from importlib import import_module
 from pathlib import Path
+from traceback import walk_tb
 from typing import Generic, TypeVar
 
 from dmae.nearest import unknown
 
 E = TypeVar("E", bound="Entry")
+
+_PACKAGES = ("dmae", "synth")
+"""Functions of all others are the user's."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +63,8 @@ class Registry(Mapping[str, E], Generic[E]):
         option: Option that takes a name or `package.module:function`; by default only names are taken.
         plain: Whether `package.module:function` may be without the decorator, and so without settings.
         arguments: What such a function has to take.
+        returns: Names of classes, one of which a function from outside of the packages has to return; by default
+            whoever calls it checks.
     """
 
     def __init__(
@@ -70,9 +76,11 @@ class Registry(Mapping[str, E], Generic[E]):
         option: str = "",
         plain: bool = True,
         arguments: tuple[str, ...] = (),
+        returns: tuple[str, ...] = (),
     ):
         self.decorator, self.kind, self.option = decorator, kind or decorator.replace("_", " "), option
         self._entry, self._packages, self._plain, self._arguments = entry, packages, plain, arguments
+        self._returns = returns
         self._added: dict[str, E] = {}
         self._imported: dict[str, E] = {}
 
@@ -153,7 +161,7 @@ class Registry(Mapping[str, E], Generic[E]):
         parameters = inspect.signature(function).parameters.values()
         options = tuple(each.name for each in parameters if each.kind == inspect.Parameter.KEYWORD_ONLY)
         entry = self._entry(name, help, options, home, **settings)
-        entry.__dict__["function"] = function
+        entry.__dict__["function"] = from_outside(function, self._returns)
         return entry
 
     def _help(self, docstring: str | None, name: str) -> str:
@@ -228,6 +236,46 @@ def load_function(option: str, name: str, example: str = "my_module:my_function"
             known = [*get_close_matches(function_name, known, _SHOWN, 0), "..."]
         raise ValueError(f"{option}={name}: {module_name} has no function {function_name!r}; it has {known}")
     return function
+
+
+class OutsideError(ValueError):
+    """An error of a function that the user wrote: which one, what it raised, and in which line."""
+
+
+@cache
+def from_outside(function: Callable, returns: tuple[str, ...] = ()) -> Callable:
+    """Return a function whose errors say that they are its own, and not of options or files that were given.
+
+    Commands print ValueError, KeyError and OSError in one line. Those that the function raises, or that the package
+    raises because of what the function asked for, become an `OutsideError`, unless they are of this package's kinds.
+    It is one as well if the function returns an object of none of the classes called `returns`. Functions of this
+    package are returned as they are.
+    """
+    if function.__module__.partition(".")[0] in _PACKAGES:
+        return function
+    name = _home(function)
+
+    @wraps(function)
+    def named(*args, **kwargs):
+        try:
+            found = function(*args, **kwargs)
+        except (ValueError, KeyError, OSError) as error:
+            if type(error).__module__.partition(".")[0] in _PACKAGES:
+                raise
+            raise OutsideError(f"{name}: {raised_in(error, function)}") from error
+        if returns and not {each.__name__ for each in type(found).__mro__} & {*returns}:
+            raise OutsideError(f"{name}: expected it to return {' or '.join(returns)}, found {type(found).__name__}")
+        return found
+
+    return named
+
+
+def raised_in(error: BaseException, function: Callable) -> str:
+    """Return an error's type and text, with the last line of the function's package that led to it, if there is one."""
+    package = function.__module__.partition(".")[0]
+    frames = [(each.f_globals.get("__name__"), each.f_code, line) for each, line in walk_tb(error.__traceback__)]
+    *_, (_, code, line) = [each for each in frames if str(each[0]).partition(".")[0] == package] or frames
+    return f"{type(error).__name__}: {str(error).strip()} ({Path(code.co_filename).name}, line {line})"
 
 
 def source_hash(name: str) -> str | None:

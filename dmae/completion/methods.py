@@ -12,7 +12,7 @@ from functools import cache, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dmae.registry import Entry, Registry, takes
+from dmae.registry import Entry, OutsideError, Registry, takes
 
 if TYPE_CHECKING:
     from dmae.data.clip import Poses3D
@@ -65,6 +65,8 @@ def _of_any_size(function: Fill) -> Fill:
             filled = function(given, fps)
             if isinstance(filled, Poses3D):
                 return replace(filled)  # checks the sources again
+        except OutsideError:
+            raise
         except ValueError as error:
             raise ValueError(f"method {name}: {error}") from error
         raise ValueError(f"method {name}: expected it to return dmae.Poses3D, found {type(filled).__name__}")

@@ -70,7 +70,7 @@ class RecordingWriter(Entry):
     lacks: list[str] = field(default_factory=list)
 
 
-reader = Registry("reader", RecordingReader, __package__, option="data")
+reader = Registry("reader", RecordingReader, __package__, option="data", returns=("Clip", "NumberedDetections"))
 pose_reader = Registry("pose_reader", PoseReader, __package__)
 pose_writer = Registry("pose_writer", PoseWriter, __package__, option="format")
 recording_writer = Registry("recording_writer", RecordingWriter, __package__, option="format")

@@ -3,16 +3,14 @@
 import inspect
 import signal
 import threading
-import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from dmae.progress import progress
-from dmae.registry import load_function
+from dmae.registry import load_function, raised_in
 from dmae.regression.pack import Case, cases
 
 SECONDS = 30.0
@@ -161,9 +159,10 @@ def check_case(solver: Callable, case: Case, seconds: float = SECONDS) -> Verdic
         return Verdict(case, {}, {}, f"did not return within {seconds:g} s")
     # sys.exit(0) in a solver must not end the check with success.
     except (Exception, SystemExit) as error:
-        return Verdict(case, {}, {}, _raised(error))
+        return Verdict(case, {}, {}, f"raised {raised_in(error, solver)}")
     if xyz.shape != case.xyz.shape:
-        return Verdict(case, {}, {}, f"returned shape {xyz.shape}, expected {case.xyz.shape} of xy {case.xy.shape}")
+        found = "None" if given is None else f"shape {xyz.shape}"
+        return Verdict(case, {}, {}, f"returned {found}, expected {case.xyz.shape} of xy {case.xy.shape}")
     infinite = np.isinf(xyz).any(-1)
     if infinite.any():
         return Verdict(case, {}, {}, f"{infinite.sum()} points are infinite, expected NaN where it refuses")
@@ -176,11 +175,6 @@ def assert_passes(solver: Callable, case: Case) -> None:
     verdict = check_case(solver, case)
     if not verdict.passed:
         raise AssertionError(str(verdict))
-
-
-def _raised(error: BaseException) -> str:
-    last = traceback.extract_tb(error.__traceback__)[-1]
-    return f"raised {type(error).__name__}: {error} ({Path(last.filename).name}, line {last.lineno})"
 
 
 class _TooSlow(BaseException):

@@ -12,7 +12,7 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import Detections2D, Poses3D
 from dmae.data.labels import DetectionLabels, JointError, OcclusionLabels
 from dmae.data.skeleton import BODY25
-from dmae.registry import load_function, takes
+from dmae.registry import from_outside, load_function, takes
 from synth.detector.config import DetectorConfig
 from synth.detector.parts import by_joint, kind_of
 from synth.detector.view import ErrorStream, View, box
@@ -96,7 +96,7 @@ def detect(
 
 def custom_errors(config: DetectorConfig) -> dict[str, Callable]:
     """Return the user's errors by name. Raises ValueError if one is not there or is not a function of a view."""
-    custom = {name: load_function("detector.custom", name) for name in config.custom}
+    custom = {name: from_outside(load_function("detector.custom", name)) for name in config.custom}
     for name, function in custom.items():
         if not takes(function, "view", rng=None):
             raise ValueError(

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from dmae.data.rng import Stream, generator
 from synth.interactions.registry import InteractionConfig, find_interaction
-from synth.interactions.script import Cast, Reach, Role, Script, poses_of, seated, wrapped
+from synth.interactions.script import Cast, Reach, Role, Script, check_script, poses_of, seated, wrapped
 from synth.motion.config import PROCEDURAL, MotionConfig
 from synth.motion.feet import fit_to_body, foot_contacts, lock_feet, step_along
 from synth.motion.geometry import about, forwards, reach_with_arm
@@ -177,6 +177,7 @@ def draw_motions(
     taking_part = len(bodies) - interaction.bystanders
     cast = Cast(tuple(bodies[:taking_part]), np.arange(frames) / fps, fps, radius)
     script = find_interaction(interaction.kind).function(cast, rng=generator(seed, clip, Stream.INTERACTION))
+    check_script(script, cast, interaction.kind)
     # Bystanders have a stream of their own, so that they do not change the people who take part.
     apart = generator(seed, clip, Stream.MOTION).spawn(1)[0]
     bystanders = [_at_size(config, body, seconds=frames / fps, fps=fps, rng=apart) for body in bodies[taking_part:]]

@@ -30,7 +30,9 @@ class Interaction(Entry, Configuration):
             raise ValueError(f"interaction {self.name!r}: expected persons=(least, greatest), found {self.persons}")
 
 
-interaction = Registry("interaction", Interaction, __package__, option="interaction.kind", plain=False)
+interaction = Registry(
+    "interaction", Interaction, __package__, option="interaction.kind", plain=False, returns=("Script",)
+)
 find_interaction = interaction.find
 
 

@@ -118,6 +118,26 @@ class Script:
     reaches: Callable[[Poses], list[Reach]] = field(default=lambda poses: [])
 
 
+def check_script(script: Script, cast: Cast, name: str) -> None:
+    """Raise ValueError, which begins with the name of the interaction, if there is not one role for each person, or if
+    an array of a role is not one row for each frame.
+    """
+    if len(script.roles) != len(cast.bodies):
+        raise ValueError(
+            f"interaction={name}: expected a role for each of {len(cast.bodies)} people, found {len(script.roles)}"
+        )
+    frames = len(cast.seconds)
+    wanted = {"path": (frames, 3), "hips": (frames,), "gaze": (frames,), "lean": (frames,)}
+    for number, role in enumerate(script.roles):
+        for key, shape in wanted.items():
+            value = getattr(role, key)
+            if value is not None and np.shape(value) != shape:
+                raise ValueError(
+                    f"interaction={name}: roles[{number}].{key}: expected {shape}, one row for each frame, found "
+                    f"{np.shape(value)}"
+                )
+
+
 # Paths on the floor, and time curves
 
 

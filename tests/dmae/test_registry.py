@@ -79,7 +79,7 @@ def test_a_function_elsewhere_is_added_by_the_decorator(animal):
     def purr():
         """Purr."""
 
-    assert animal.find("cat").function is purr
+    assert animal.find("cat").function.__wrapped__ is purr
     assert list(animal) == ["cat", "dog", "sing"]
 
 
@@ -126,6 +126,34 @@ def test_any_callable_is_an_entry_where_no_settings_are_needed(tmp_path):
     assert (found.name, found.function(2)) == ("farm:shout", 3)
 
 
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ("return {}['l_elbow']", r"farm:shout: KeyError: 'l_elbow' \(farm\.py, line 6\)"),
+        ("return np.zeros(3) + np.zeros(4)", r"farm:shout: ValueError: operands could .* \(farm\.py, line 6\)"),
+        ("return deep()", r"farm:shout: OSError: gone \(farm\.py, line 3\)"),
+        ("return None", r"farm:shout: expected it to return str, found NoneType"),
+    ],
+)
+def test_an_error_of_a_function_elsewhere_names_it_and_the_line(animal, tmp_path, body, message):
+    (tmp_path / "farm.py").write_text(
+        f"import numpy as np\ndef deep():\n    raise OSError('gone')\ndef shout():\n    if True:\n        {body}\n"
+    )
+    found = Registry("sound", Entry, "zoo", option="pet", returns=("str",)).find("farm:shout")
+    with pytest.raises(ValueError, match=f"^{message}$"):
+        found.function()
+
+
+def test_errors_that_tell_of_bugs_stay_what_they_are(animal):
+    @animal("cat", legs=4)
+    def purr():
+        """Purr."""
+        return None + 1
+
+    with pytest.raises(TypeError, match="unsupported operand"):
+        animal.find("cat").function()
+
+
 @pytest.mark.usefixtures("animal")
 def test_without_an_option_only_names_are_found():
     with pytest.raises(ValueError, match=r"no bird 'farm:moo'; there are dog, sing$"):
@@ -134,7 +162,7 @@ def test_without_an_option_only_names_are_found():
 
 def test_a_function_of_other_arguments_is_refused_before_it_is_called():
     shapes = Registry("shape", Entry, option="form", arguments=("x", "y"))
-    assert shapes.find("math:copysign").function is math.copysign
+    assert shapes.find("math:copysign").function(2, -1) == -2
     with pytest.raises(ValueError, match="form=math:floor: expected a function of x and y"):
         shapes.find("math:floor")
 

@@ -36,7 +36,7 @@ from dmae.parallel import in_parallel, running_on
 from dmae.progress import progress
 from dmae.reconstruction.config import CaptureConfig, capture_method
 from dmae.reconstruction.pipeline import capture, of_clip_and_config
-from dmae.registry import load_function
+from dmae.registry import from_outside, load_function
 from dmae.reporting.tables import listed
 
 
@@ -90,7 +90,7 @@ class HandIn:
         if ":" not in self.name:
             known = ", ".join([OURS, *capture_method])
             raise ValueError(f"captures={self.name}: expected {known}, package.module:function, or a folder of poses")
-        function = of_clip_and_config(load_function("captures", self.name), f"captures={self.name}")
+        function = of_clip_and_config(from_outside(load_function("captures", self.name)), f"captures={self.name}")
         return lambda clip: function(clip, CaptureConfig())
 
     def poses(self, name: str, given: Clip) -> Poses3D:

@@ -55,7 +55,7 @@ class Corruption(Entry):
             )
 
 
-corruption = Registry("corruption", Corruption, __package__, option="axes", plain=False)
+corruption = Registry("corruption", Corruption, __package__, option="axes", plain=False, returns=("Clip",))
 find_corruption = corruption.find
 
 

@@ -12,6 +12,7 @@ from dmae.data.store import load_clip
 from dmae.formats.labelled_images import DEPTH, LabelledImage, file_part, joint_labels, read_labelled_images
 from dmae.parallel import in_parallel
 from dmae.progress import progress
+from dmae.registry import from_outside
 
 Made = TypeVar("Made")
 PARTS = ".parts"
@@ -109,7 +110,7 @@ class Selection:
     def each_clip(self, function: Callable[[ClipTask], Made], out: Path) -> Iterator[tuple[ClipTask, Made]]:
         """Yield each task, and what `function` returns for it in some process."""
         tasks = self.tasks(out)
-        made = in_parallel(function, ((task,) for task in tasks), self.workers)
+        made = in_parallel(from_outside(function), ((task,) for task in tasks), self.workers)
         yield from zip(tasks, progress(made, "exporting clips", len(tasks)), strict=True)
 
     def export(self, function: Callable[[ClipTask], Counter], out: Path) -> dict[str, Counter]:

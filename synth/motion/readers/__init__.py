@@ -34,7 +34,9 @@ class MotionReader(Entry):
     text: bool = False  # Whether files contain text and may be compressed: `.bvh.xz`, `.bvh.gz`
 
 
-reader = Registry("reader", MotionReader, __package__, kind="motion", option="motion.kind", plain=False)
+reader = Registry(
+    "reader", MotionReader, __package__, kind="motion", option="motion.kind", plain=False, returns=("Motion",)
+)
 
 
 def reader_of(path: Path) -> MotionReader:

@@ -503,6 +503,6 @@ def test_a_method_is_added_by_a_decorator(monkeypatch):
         """Fill with zeros."""
         return poses
 
-    assert find_method("zero").function is fill_zero and "zero" in completion_method
+    assert find_method("zero").function.__wrapped__ is fill_zero and "zero" in completion_method
     with pytest.raises(ValueError, match="completion method 'zero': there is one already"):
         completion_method("zero")(lambda poses, fps: poses)

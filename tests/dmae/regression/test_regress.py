@@ -68,7 +68,7 @@ def hangs(**given):
         (leaves, "raised SystemExit: 0"),
         (hangs, "did not return within 0.2 s"),
         (lambda **given: solvers.ours(**given)[1:], "returned shape (149, 3), expected (150, 3) of xy (150, 5, 2)"),
-        (lambda **given: None, "returned shape (), expected (150, 3) of xy (150, 5, 2)"),
+        (lambda **given: None, "returned None, expected (150, 3) of xy (150, 5, 2)"),
         (lambda **given: "points", "raised ValueError: could not convert"),
         (lambda **given: solvers.ours(**given) / 0.0, "points are infinite, expected NaN"),
         (lambda **given: np.zeros((150, 3)), "mm where 0.10 mm is allowed"),

@@ -102,3 +102,26 @@ def test_a_wrong_number_of_people_is_refused(persons):
 def test_the_help_of_the_command_lists_all_interactions(tmp_path):
     done = run_command(tmp_path, "synth", "generate", "--help", "interaction")
     assert all(f"interaction={kind}" in done.stdout for kind in interaction_choices())
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("in places)", "in places[:2])"), r"^interaction=\S+:line_up: expected a role for each of 3 people, found 2$"),
+        (
+            ("standing(cast, np.array(at), 0.0)", "np.zeros((7, 3))"),
+            r"roles\[0\]\.path: expected \(25, 3\), .* \(7, 3\)$",
+        ),
+        (("0.0))", "0.0), gaze=np.zeros(7))"), r"roles\[0\]\.gaze: expected \(25,\), .* found \(7,\)$"),
+        (("return Script", "Script"), r"^my_interactions:line_up: expected it to return Script, found NoneType$"),
+        (("0.8 * k", "{}[k]"), r"^my_interactions:line_up: KeyError: 0 \(my_interactions\.py, line 14\)$"),
+    ],
+)
+def test_a_fault_of_an_interaction_of_your_own_is_answered_with_its_name(mine, tmp_path, change, message):
+    assert MINE.count(change[0])
+    file = tmp_path / "my_interactions.py"
+    file.write_text(MINE.replace(*change))
+    with pytest.raises(ValueError, match=message):
+        sample_scene(
+            SceneConfig(seconds=1, props=[0, 0]), MotionConfig(), interaction=InteractionConfig(mine), seed=0, clip=0
+        )
