@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -30,10 +30,11 @@ class CameraConfig(Configuration):
     """Name, unique in its rig."""
     size: list[int]
     """Image width and height, px."""
-    K: list[float] = field(default_factory=list)
-    """Intrinsic matrix: 9 numbers, row major, px; or give `focal`."""
-    cam_from_world: list[float] = field(default_factory=list)
-    """Pose [R | t]: 12 numbers, or 16 with the row 0 0 0 1, row major, t in m; or give `position` and `target`."""
+    K: list[Any] = field(default_factory=list)
+    """Intrinsic matrix: its three rows, or 9 numbers row by row, px; or give `focal`."""
+    cam_from_world: list[Any] = field(default_factory=list)
+    """Pose [R | t]: its three rows, or 12 numbers row by row, with or without the row 0 0 0 1, t in m; or give
+    `position` and `target`."""
     dist: list[float] = field(default_factory=lambda: [0.0] * 5)
     """OpenCV distortion: 4 to 8 coefficients; for a fisheye its four, and zeros."""
     fisheye: bool = False

@@ -2,14 +2,17 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 import synth
+from dmae.cli import compose
 from dmae.formats.calibrations import calibration_format, read_calibration, write_calibration
 from dmae.formats.config import UpDirection
+from synth.cli import SYNTH
 from synth.errors import FailedSimulation
 from synth.rigs.config import CameraConfig, JitterConfig, MiscalibrationConfig, RigConfig, RingConfig
 from synth.rigs.coverage import Stage, area
@@ -103,6 +106,20 @@ def test_a_camera_may_look_straight_down():
 def test_a_malformed_camera_is_named(change, complaint):
     with pytest.raises(ValueError, match="'mine'.*'left'.*" + complaint):
         make_rig(RigConfig(name="mine", cameras=[CameraConfig(**LEFT | change)]), rng=rng())
+
+
+def test_a_preset_has_matrices_by_rows_as_the_page_on_calibration_writes_them(tmp_path):
+    page = (Path(__file__).parents[3] / "docs" / "how-to" / "calibration.md").read_text()
+    listed = next(part.partition("```")[0] for part in page.split("```yaml\n") if part.startswith("cameras:"))
+    file = tmp_path / "rig" / "mine.yaml"
+    file.parent.mkdir()
+    file.write_text(listed)
+    wanted = make_rig(RigConfig(path=str(file)), rng=rng())
+    composed = compose(SYNTH.commands["generate"], [f"rig={file}"]).rig
+    for found in (synth.preset("rig", str(file)), composed):
+        rig = make_rig(found, rng=rng())
+        np.testing.assert_array_equal(rig.K, wanted.K)
+        np.testing.assert_array_equal(rig.cam_from_world, wanted.cam_from_world)
 
 
 def test_two_cameras_of_one_name_are_refused():
