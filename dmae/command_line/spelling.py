@@ -231,7 +231,9 @@ def _check_preset(group: Group, text: str, value: str) -> None:
         hint, by_path = "", f"{group.key}.path"
         if Path(value).suffix == ".yaml":
             found = (
-                "it is elsewhere" if Path(value).exists() else f"there is no such file{similar_path(value).rstrip('.')}"
+                f"this one is in no folder {group.key}"
+                if Path(value).exists()
+                else f"there is no such file{similar_path(value).rstrip('.')}"
             )
             hint = f"; a file of a preset is <folder>/{group.key}/<name>.yaml, {found}"
         elif not Path(value).suffix and not Path(value).exists() and not nearest(value, group.presets):
