@@ -397,7 +397,7 @@ def compare(real: Clip, sim: Iterable[Clip], *, limits: Limits | None = None, wo
 
     Args:
         real: The recording, with three cameras or more.
-        sim: Simulated clips, with the same skeleton.
+        sim: Simulated clips. Detections of the recording are converted to their skeleton.
         limits: Greatest differences allowed, as `synth.Limits(miss=0.05)`; by default those of `synth compare`.
         workers: Processes; -1 for one per core.
 
@@ -406,7 +406,8 @@ def compare(real: Clip, sim: Iterable[Clip], *, limits: Limits | None = None, wo
         the distance is above the limit.
 
     Raises:
-        ValueError: no person can be measured in the recording or in the simulation, or their skeletons differ.
+        ValueError: no person can be measured in the recording or in the simulation, or their skeletons have no joint
+            in common.
 
     Examples:
         >>> one, other = synth.generate(seconds=1, clips=2, seed=7)
@@ -415,13 +416,13 @@ def compare(real: Clip, sim: Iterable[Clip], *, limits: Limits | None = None, wo
         'missed: nose'
     """
     from synth.detector import comparison
-    from synth.detector.statistics import measure, measure_all
+    from synth.detector.statistics import measure, measure_all, on_skeleton
 
     clips = list(sim)
     if not clips:
         raise ValueError("sim: expected one clip or more, found none")
     with comparison.speaking_of("real"):
-        recorded = measure(real)
+        recorded = measure(on_skeleton(real, clips[0].detections.skeleton))
     with comparison.speaking_of("sim"):
         simulated = measure_all(clips, len(clips), workers)
     return comparison.compare(recorded, simulated, limits or Limits())
@@ -480,7 +481,8 @@ def fit_detector(
     """Fit the simulated detector to a recording.
 
     Args:
-        recording: The recording with the detections to imitate.
+        recording: The recording with the detections to imitate. Those of other skeletons than BODY_25, which the
+            simulated detector has, are converted.
         clips: Simulated clips of a scene similar to the recording's, seen by its cameras.
         start: Start of the fit; options that the recording does not determine keep its values.
         truth: Reference for the detections of both: `others`, the other views, or `annotated`, their truth.
@@ -501,14 +503,16 @@ def fit_detector(
         >>> sorted(vars(fit))
         ['config', 'statistics', 'undetermined']
     """
+    from dmae.data.skeleton import BODY25
     from synth.detector.fitting import fit
-    from synth.detector.statistics import measure
+    from synth.detector.statistics import measure, on_skeleton
 
     if not clips:
         raise ValueError("clips: expected one simulated clip or more, found none")
     reference = ErrorReference(truth)
     how: dict[str, Any] = {"rounds": rounds, "seed": seed, "workers": workers, "reference": reference}
-    return fit(measure(recording, reference), clips, start or DetectorConfig(), **how)
+    real = measure(on_skeleton(recording, BODY25), reference)
+    return fit(real, clips, start or DetectorConfig(), **how)
 
 
 @check_arguments

@@ -14,7 +14,7 @@ from synth.commands.config import CompareBy, CompareCommand
 from synth.datasets import motion_comparison as motion
 from synth.datasets.config import MIN_SECONDS
 from synth.detector import comparison as detections
-from synth.detector.statistics import measure, measure_all, read_recording
+from synth.detector.statistics import measure, measure_all, on_skeleton, read_recording
 
 
 def run(config: CompareCommand, out: Path) -> None:
@@ -25,9 +25,10 @@ def run(config: CompareCommand, out: Path) -> None:
     if config.by is CompareBy.motion:
         _compare_motion(config, out)
         return
-    with detections.speaking_of(f"real={config.real}"):
-        real = measure(read_recording(Path(config.real), config.frames))
     folders = clip_folders(Path(config.sim))
+    with detections.speaking_of(f"real={config.real}"):
+        recording = read_recording(Path(config.real), config.frames)
+        real = measure(on_skeleton(recording, load_clip(folders[0]).detections.skeleton))
     with detections.speaking_of(f"sim={config.sim}"):
         sim = replace(measure_all(map(load_clip, folders), len(folders), config.workers), name=Path(config.sim).name)
     rows = detections.compare(real, sim, config.limits)

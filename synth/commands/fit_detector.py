@@ -5,6 +5,7 @@ from pathlib import Path
 
 from dmae.data.clip import Clip
 from dmae.data.json_values import json_text, rounded
+from dmae.data.skeleton import BODY25
 from dmae.data.store import clip_folders, load_clip
 from dmae.files.checks import child
 from dmae.files.contents import write_atomic
@@ -15,7 +16,7 @@ from synth.datasets.generate import generate
 from synth.detector.comparison import compare, table, write_page
 from synth.detector.config import ErrorReference, Limits
 from synth.detector.fitting import Fit, fit, preset_yaml
-from synth.detector.statistics import measure, read_recording
+from synth.detector.statistics import measure, on_skeleton, read_recording
 from synth.recognition import truth_fit
 from synth.rigs.config import listed_rig
 
@@ -32,7 +33,7 @@ def run(config: FitDetectorCommand, out: Path) -> None:
             _fit_to_truth(config, clips, out)
             return
     recording = read_recording(Path(config.detections), config.frames)
-    real = measure(recording, config.truth)
+    real = measure(_converted(recording), config.truth)
     clips = _clips(config, recording, out)
     how: dict = {"rounds": config.rounds, "seed": config.seed, "workers": config.workers}
     fitted = fit(real, clips, config.detector, **how, reference=config.truth)
@@ -42,6 +43,14 @@ def run(config: FitDetectorCommand, out: Path) -> None:
     _write(config, fitted, what, out)
     write_page(out / "compare.html", real, replace(fitted.statistics, name="simulated"), rows)
     print(f"{out / 'compare.html'}")
+
+
+def _converted(recording: Clip) -> Clip:
+    """Return the recording on the skeleton of the simulated detector, and say what its detector lacks."""
+    own = recording.detections.skeleton
+    if own != BODY25:
+        print(f"{recording.id}: detections of {own.name} are converted to body25, the simulated detector's skeleton")
+    return on_skeleton(recording, BODY25)
 
 
 def _fit_to_truth(config: FitDetectorCommand, clips: list[Clip], out: Path) -> None:

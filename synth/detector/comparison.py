@@ -54,20 +54,24 @@ def compare(real: DetectorStatistics, sim: DetectorStatistics, limits: Limits) -
     if real.kinds != sim.kinds:
         raise ValueError(f"the recording has joints {list(real.kinds)}, the simulation {list(sim.kinds)}")
     rows = []
-    for k, kind in enumerate(real.kinds):
-        a, b = (float(np.nanmean(both.missed[:, k])) for both in (real, sim))
+    # Kinds that one of them cannot miss, as its detector or its people lack them, are not compared.
+    known = [np.isfinite(mean_known(both.missed, 0)) for both in (real, sim)]
+    kinds = [(k, kind) for k, kind in enumerate(real.kinds) if all(each[k] for each in known)]
+    for k, kind in kinds:
+        a, b = (float(mean_known(both.missed[:, k])) for both in (real, sim))
         rows.append(Row(f"missed: {kind}", a, b, abs(a - b), limits.miss))
     for side, name in enumerate(("on the camera's side", "on the far side")):
-        for k, kind in enumerate(real.kinds):
+        for k, kind in kinds:
             a, b = float(real.missed_by_side[k, side]), float(sim.missed_by_side[k, side])
             if np.isfinite([a, b]).all():
                 rows.append(_plain(f"missed {name}: {kind}", a, b))
     if real.views.size and real.views.shape == sim.views.shape:
-        for kind, *shares in zip(real.kinds, real.views, sim.views, strict=True):
+        for k, kind in kinds:
+            shares = real.views[k], sim.views[k]
             a, b = (float(each @ np.arange(len(each))) for each in shares)
             distance = float(np.abs(np.cumsum(shares[0] - shares[1])).max())
             rows.append(Row(f"views that detect: {kind}", a, b, distance, limits.views))
-        for view, (a, b) in enumerate(zip(np.nanmean(real.missed, 1), np.nanmean(sim.missed, 1), strict=True)):
+        for view, (a, b) in enumerate(zip(mean_known(real.missed, 1), mean_known(sim.missed, 1), strict=True)):
             rows.append(_plain(f"missed in view {view}", float(a), float(b)))
     few = min(len(real.miss_seconds), len(sim.miss_seconds)) < ENOUGH
     for pair in real.joint_misses:
@@ -75,7 +79,7 @@ def compare(real: DetectorStatistics, sim: DetectorStatistics, limits: Limits) -
         rows.append(Row(f"missed together: {pair}", a, b, abs(a - b), None if few else limits.joint_miss))
     rows.append(_distance("length of misses, s", real.miss_seconds, sim.miss_seconds, None if few else limits.distance))
     rows.append(_distance("error", real.error, sim.error, limits.distance))
-    for k, kind in enumerate(real.kinds):
+    for k, kind in kinds:
         rows.append(_distance(f"error: {kind}", real.error[real.kind == k], sim.error[sim.kind == k], None))
     for low, high in pairwise(SCORE_EDGES):
         some = [both.error[(both.score >= low) & (both.score < high)] for both in (real, sim)]
@@ -88,7 +92,7 @@ def compare(real: DetectorStatistics, sim: DetectorStatistics, limits: Limits) -
         rows.append(_plain(f"correlation of errors after {lag} s", correlation, sim.autocorrelation[lag]))
     rows.append(_plain("constant fraction of errors", real.constant, sim.constant))
     rows.append(_plain(f"errors above {GROSS} heights", *(float((both.error > GROSS).mean()) for both in (real, sim))))
-    for k, kind in enumerate(real.kinds):
+    for k, kind in kinds:
         if real.inverted[real.kind == k].any() or sim.inverted[sim.kind == k].any():
             rows.append(_plain(f"inverted: {kind}", *(float(b.inverted[b.kind == k].mean()) for b in (real, sim))))
     for name, what in (
@@ -151,7 +155,7 @@ def _figures(real: DetectorStatistics, sim: DetectorStatistics) -> list[tuple[st
 
     (ax,) = axes("Fraction of the joints missed, of persons detected.")
     for i, (label, both, colour) in enumerate(pairs):
-        ax.bar(np.arange(len(both.kinds)) + 0.4 * i - 0.2, np.nanmean(both.missed, 0), 0.4, label=label, color=colour)
+        ax.bar(np.arange(len(both.kinds)) + 0.4 * i - 0.2, mean_known(both.missed, 0), 0.4, label=label, color=colour)
     ax.set_xticks(range(len(real.kinds)), real.kinds, rotation=45)
     ax.legend()
 

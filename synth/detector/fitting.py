@@ -16,6 +16,7 @@ from scipy.stats import spearmanr
 
 from dmae.data.clip import Clip
 from dmae.data.rng import Stream, generator
+from dmae.numerics.statistics import mean_known
 from dmae.progress import progress
 from synth.detector.config import DetectorConfig, ErrorReference
 from synth.detector.parts import PartConfig, PartsConfig
@@ -88,9 +89,9 @@ def corrected(
         "inversions.legs": lambda: _towards(config.inversions.legs, *_inverted(real, sim, "knee", "ankle"), 0, 0.2),
         "inversions.arms": lambda: _towards(config.inversions.arms, *_inverted(real, sim, "elbow", "wrist"), 0, 0.2),
         "splits.probability": lambda: _towards(
-            config.splits.probability, np.nanmean(real.fragments), np.nanmean(sim.fragments), 0, 0.5
+            config.splits.probability, mean_known(real.fragments), mean_known(sim.fragments), 0, 0.5
         ),
-        "ghosts.count": lambda: _towards(ghosts.count, np.nanmean(real.ghosts), np.nanmean(sim.ghosts), 0, 5),
+        "ghosts.count": lambda: _towards(ghosts.count, mean_known(real.ghosts), mean_known(sim.ghosts), 0, 5),
         "ghosts.joints": lambda: _towards(ghosts.joints, real.ghost_joints, sim.ghost_joints, 0.05, 0.95),
         "ghosts.score": lambda: _beta(ghosts.score, real.ghost_score - sim.ghost_score, 1.0),
     }
@@ -168,7 +169,7 @@ def _corrected_part(part: PartConfig, real: DetectorStatistics, sim: DetectorSta
         return part
     middle = [error_quantile(both, kind, 0.5) for both in (real, sim)]
     tails = [error_quantile(both, kind, 0.95) / error_quantile(both, kind, 0.5) for both in (real, sim)]
-    mean = _odds(float(np.nanmean(real.missed[:, kind]))) / _odds(float(np.nanmean(sim.missed[:, kind])))
+    mean = _odds(float(mean_known(real.missed[:, kind]))) / _odds(float(mean_known(sim.missed[:, kind])))
     sided = np.diff(real.missed_by_side[kind])[0] > _FAR_SIDE_EXCESS and np.isfinite(sim.missed_by_side[kind, 0])
     near = _odds(real.missed_by_side[kind, 0]) / _odds(sim.missed_by_side[kind, 0]) if sided else mean
     scores = [both.score[both.kind == kind] for both in (real, sim)]
@@ -231,7 +232,7 @@ def _pairs(statistics: DetectorStatistics, *pairs: str) -> float:
 
 
 def _whole(probability: float, real: DetectorStatistics, sim: DetectorStatistics) -> float:
-    return _towards(probability, np.nanmean(real.person_missed), np.nanmean(sim.person_missed), 0, 0.9)
+    return _towards(probability, mean_known(real.person_missed), mean_known(sim.person_missed), 0, 0.9)
 
 
 def _inverted(real: DetectorStatistics, sim: DetectorStatistics, *kinds: str) -> tuple[float, float]:
@@ -306,13 +307,13 @@ def fit(
 
 def distance(real: DetectorStatistics, sim: DetectorStatistics) -> float:
     """Return the distance between two recordings' statistics, in units of the limits in `synth.detector.comparison`."""
-    missed = np.abs(np.nanmean(real.missed, 0) - np.nanmean(sim.missed, 0)) / 0.03
+    missed = np.abs(mean_known(real.missed, 0) - mean_known(sim.missed, 0)) / 0.03
     by_side = np.abs(real.missed_by_side - sim.missed_by_side).ravel() / 0.1
     pairs = [abs(real.joint_misses[pair] - sim.joint_misses[pair]) / 0.1 for pair in real.joint_misses]
     error = [_log(error_quantile(real, k, 0.5), error_quantile(sim, k, 0.5)) / 0.1 for k in range(len(real.kinds))]
     known = len(real.miss_seconds) and len(sim.miss_seconds)
     seconds = [_log(real.miss_seconds.mean(), sim.miss_seconds.mean()) / 0.1] if known else []
-    return float(np.sqrt(np.nanmean(np.square([*missed, *by_side, *pairs, *error, *seconds]))))
+    return float(np.sqrt(mean_known(np.square([*missed, *by_side, *pairs, *error, *seconds]))))
 
 
 def _log(a: float, b: float) -> float:

@@ -9,7 +9,8 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from dmae.data.clip import Clip, Poses3D
-from dmae.data.conversion import convert
+from dmae.data.conversion import convert, convert_detections
+from dmae.data.skeleton import Skeleton
 from dmae.formats.reading import Clips, DataConfig
 from dmae.numerics.filling import fill_world, smooth
 from dmae.numerics.paths import gap_lengths, linear
@@ -126,6 +127,20 @@ class DetectorStatistics:
     ghost_score: float  # Median confidence of ghosts
     # (V,) number of detected pieces of persons per frame, without the largest piece of each person
     fragments: np.ndarray
+
+
+def on_skeleton(recording: Clip, skeleton: Skeleton) -> Clip:
+    """Return a recording with its detections on another skeleton, as those of a simulated detector.
+
+    Joints that its detector does not have are absent. Raises ValueError if the skeletons have no joint in common.
+    """
+    if recording.detections.skeleton == skeleton:
+        return recording
+    try:
+        detections = convert_detections(recording.detections, skeleton)
+    except KeyError as error:
+        raise ValueError(f"clip {recording.id!r}: {error.args[0]}") from None
+    return replace(recording, detections=detections, poses=None, detection_labels=None)
 
 
 def measure(clip: Clip, reference: ErrorReference = ErrorReference.others) -> DetectorStatistics:

@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 import yaml
 
+import synth
+from dmae.data.conversion import convert_detections
+from dmae.data.skeleton import get_skeleton
 from dmae.data.store import save_clip
 from dmae.data.typed import decode
 from synth.commands import compare as compare_command
@@ -150,6 +153,21 @@ def test_a_fit_recovers_the_detector(fitted, measured):
     assert distance(measured, found.statistics) < distance(measured, before) / 2
     exceeded = [sum(row.exceeded for row in compare(measured, other, Limits())) for other in (before, found.statistics)]
     assert exceeded[1] < exceeded[0]
+
+
+@pytest.mark.parametrize(("skeleton", "lacking"), [("body25b", set()), ("coco17", {"big_toe", "small_toe", "heel"})])
+def test_a_detector_of_another_skeleton_is_fitted_on_the_joints_it_has(clips, skeleton, lacking):
+    real = clips[0].select(frames=slice(0, 50))
+    other = replace(real, detections=convert_detections(real.detections, get_skeleton(skeleton)), detection_labels=None)
+    start = worse(preset("shelf_openpose"))
+    found = synth.fit_detector(other, [clips[1]], start=start, rounds=2)
+    assert {name for name in found.undetermined if name.startswith("parts.")} == {f"parts.{kind}" for kind in lacking}
+    for kind in lacking:
+        assert getattr(found.config.parts, kind) == getattr(start.parts, kind)
+    assert found.config.parts.wrist.noise < start.parts.wrist.noise
+    compared = {row.what for row in synth.compare(other, [clips[1]]) if row.what.startswith(("missed: ", "views that"))}
+    kinds = {row.what for row in synth.compare(real, [clips[1]]) if row.what.startswith(("missed: ", "views that"))}
+    assert compared == {what for what in kinds if what.partition(": ")[2] not in lacking}
 
 
 def test_parameters_without_enough_joints_are_kept(clips):
