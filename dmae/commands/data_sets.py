@@ -62,7 +62,11 @@ def each_clip(data: DataConfig, out: Path, doing: str) -> Iterator[tuple[Clip, s
 
 
 def check_apart(out: Path, data: Path) -> None:
-    """Raise ValueError if the clips that are read are to be overwritten: the command, given twice, would act twice."""
+    """Raise ValueError if the clips that are read are to be overwritten: the command, given twice, would act twice; or
+    if the output is in a data set with checksums, which other files would damage."""
+    for around in out.resolve().parents:
+        if (around / MANIFEST).is_file() and (around / CHECKSUMS).is_file():
+            raise ValueError(f"out={out}: is in the data set {around}; choose a folder beside it, as out={around}_2")
     if out.resolve() == data.resolve():
         raise ValueError(
             f"out={out}: expected another folder than {data}, whose clips are not overwritten; "

@@ -22,6 +22,7 @@ _BESIDE = (
     "report*.html", "decisions.json", "*_review.csv",
 )  # fmt: skip
 """Files that commands write about a clip or data set into its folder. They are not part of it."""
+_FOREIGN = "a file that does not belong to the clip", "does not belong to the data set"
 _OWN = "# sha256 of what follows: "
 _SHOWN = 3  # Largest number of damaged files in a message
 
@@ -143,7 +144,7 @@ def find_damage(folder: Path, *, fast: bool = False) -> list[str]:
     there = set(_names(folder))
     return [
         *(f"{name}: missing" for name in sorted(files.keys() - there)),
-        *(f"{name}: a file that does not belong to the clip" for name in sorted(there - files.keys())),
+        *(f"{name}: {_FOREIGN[0]}" for name in sorted(there - files.keys())),
         *_changed(folder, files, there, fast),
     ]
 
@@ -175,7 +176,7 @@ def find_data_set_damage(path: Path, clips: Collection[str]) -> list[tuple[str |
     known = {CHECKSUMS, *(name.partition("/")[0] for name in files), *clips}
     for other in sorted(path.iterdir()):
         if other.name not in known and not _is_beside(other.name):
-            problems.append((None, f"{other.name}: does not belong to the data set"))
+            problems.append((None, f"{other.name}: {_FOREIGN[1]}"))
     listed = {_clip(name) for name in files}
     for name in sorted(set(clips) - listed):
         if (path / name / CHECKSUMS).is_file():
@@ -201,6 +202,10 @@ def refuse_damaged(path: Path, instead: str | None) -> None:
     if found:
         shown = "; ".join(f"{clip}: {what}" if clip else what for clip, what in found[:_SHOWN])
         advice = f", or use them as they are by {instead}" if instead else ""
+        if all(what.endswith(_FOREIGN) for _, what in found):
+            raise ValueError(
+                f"{path}: {shown}. `synth verify data={path}` lists all such files; move them elsewhere{advice}"
+            )
         files = "1 file is not as it was" if len(found) == 1 else f"{len(found)} files are not as they were"
         raise ValueError(
             f"{path}: {files} written: {shown}. `synth verify data={path}` lists all; make the clips again{advice}"

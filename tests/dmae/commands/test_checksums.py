@@ -66,6 +66,27 @@ def test_a_missing_file_is_found_and_refused(name, made):
     assert verify(made).problems
 
 
+def test_files_that_do_not_belong_are_to_be_moved(made):
+    (made / "walk.trc").touch()
+    (made / "a/walk.trc").touch()
+    both = "walk.trc: does not belong to the data set; a: walk.trc: a file that does not belong to the clip"
+    with pytest.raises(ValueError, match=f"{both}.*; move them elsewhere, or use them as they are by x=true"):
+        refuse_damaged(made, "x=true")
+    (made / "a/clip.json").unlink()
+    with pytest.raises(ValueError, match="3 files are not as they were written"):
+        refuse_damaged(made, "x=true")
+
+
+def test_no_command_writes_clips_into_a_data_set(made):
+    for out in (made / "captured", made / "a/captured"):
+        done = dmae(made.parent, "capture", f"data={made}/a", f"out={out}")
+        assert done.returncode == 1 and f"is in the data set {made}; choose a folder beside it" in done.stderr
+        assert not out.exists()
+    (made / CHECKSUMS).unlink()  # As of one that is put together by hand
+    done = dmae(made.parent, "convert", f"data={made}/a", f"out={made}/c")
+    assert done.returncode == 0, done.stderr
+
+
 def test_training_and_completion_refuse_a_changed_clip(made):
     (made / "b/clip.json").write_text((made / "b/clip.json").read_text().replace("}", " }", 1))
     for line in (["train", f"data={made}", "out=model"], ["complete", f"clip={made}", "out=more"]):
