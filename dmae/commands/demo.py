@@ -13,6 +13,7 @@ from dmae.completion.config import LearningConfig, TrainConfig
 from dmae.evaluation.config import EvaluateConfig
 from dmae.evaluation.report.page import write_clips_report
 from dmae.evaluation.scores import read_scores
+from dmae.files.contents import check_vacant
 from dmae.files.structured import read_json
 from dmae.formats.config import DataConfig
 from dmae.formats.reading import Clips
@@ -28,6 +29,8 @@ def run(config: DemoCommand, out: Path) -> None:
     """Simulate, capture, train, complete, score and report."""
     import synth  # the only commands of dmae that simulate are this one and `dmae pretrain`
 
+    if not (out / "train").is_dir():  # the first that an earlier demo has written
+        check_vacant(out, "the demo")
     small, model = config.size == DemoSize.small, str(out / "model")
     steps = 8 if config.shelf is None else 9
     methods = ["measured", "linear", "dmae", model]
@@ -75,6 +78,10 @@ def run(config: DemoCommand, out: Path) -> None:
     about = what_to_look_at(scores[0], Path(model).name, duration)
     write_clips_report(page, shown, scores, title="The demo: simulated people, captured and completed", about=about)
     print(f"Look at {page}; what the steps printed is in {out / LOG}")
+
+
+def interrupted(config: DemoCommand, out: Path) -> str:
+    return f"{out} holds what is finished; the same command continues"
 
 
 def training(steps: int, small: bool) -> str:

@@ -1,9 +1,13 @@
 """The first lines of the demo's page, which tell a newcomer what to look at."""
 
+import os
 import re
+import signal
+import time
 from pathlib import Path
 
 from dmae.commands.demo import training, what_to_look_at
+from tests.support.commands import dmae, start_command
 
 PLAYER = Path(__file__).parents[3] / "dmae/reporting/assets/player.js"
 
@@ -31,3 +35,20 @@ def test_marks_are_those_of_the_player_and_errors_those_of_the_scores(monkeypatc
 def test_a_network_of_few_steps_is_said_to_be_one():
     assert training(20, small=True) == "20 steps" and training(250, small=False) == "a minute (250 steps)"
     assert training(1, small=False) == "a minute (1 step, too few to learn much: the machine was busy)"
+
+
+def test_a_folder_with_other_files_is_refused_before_anything_is_made(tmp_path):
+    (tmp_path / "session").mkdir()
+    (tmp_path / "session/calibration.toml").touch()
+    done = dmae(tmp_path, "demo", "out=session")
+    assert done.returncode == 1 and "for the demo; found a folder with calibration.toml; choose another" in done.stderr
+    assert [path.name for path in (tmp_path / "session").iterdir()] == ["calibration.toml"]
+
+
+def test_an_interrupted_demo_keeps_what_it_has(tmp_path):
+    demo = start_command(tmp_path, "dmae", "demo", "size=small", "out=demo")
+    while not (tmp_path / "demo/train").is_dir() and demo.poll() is None:
+        time.sleep(0.05)
+    os.killpg(demo.pid, signal.SIGINT)
+    _, said = demo.communicate(timeout=60)
+    assert demo.returncode == 130 and said.strip().endswith("demo holds what is finished; the same command continues")
