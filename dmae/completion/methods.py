@@ -45,6 +45,41 @@ completion_method = Registry("completion_method", CompletionMethod, __package__,
 find_method = completion_method.find
 
 
+_MOVED = 1e-4
+"""Distance, m, by which a joint has moved, and is not rounded."""
+
+
+def _check_marks(filled: Poses3D, given: Poses3D) -> None:
+    """Raise ValueError if a user's method returned other people or frames, or calls joints measured that it made up or
+    moved: reports, exports and scores would hand them on as measured.
+    """
+    import numpy as np  # names of methods are listed without it
+
+    from dmae.data.clip import Source
+
+    if filled.xyz.shape[:2] != given.xyz.shape[:2]:
+        frames, persons = given.xyz.shape[:2]
+        raise ValueError(
+            f"expected poses of {persons} persons in {frames} frames back, found {filled.xyz.shape[1]} in "
+            f"{len(filled.xyz)}"
+        )
+    if filled.skeleton != given.skeleton:
+        return
+    made_up = filled.measured & ~given.measured
+    if made_up.any():
+        raise ValueError(
+            f"{made_up.sum()} joints that no camera measured are marked as measured, as all joints of "
+            "dmae.Poses3D(skeleton, xyz) are; expected Source.COMPLETED, as in replace(poses, xyz=xyz, source=source)"
+        )
+    kept = (filled.source == Source.MEASURED) & (given.source == Source.MEASURED)
+    moved = np.linalg.norm(filled.xyz - given.xyz, axis=-1)[kept]
+    if (moved > _MOVED).any():
+        raise ValueError(
+            f"joints marked as measured were moved by up to {1000 * moved.max():.3g} mm; expected measured joints "
+            "unchanged, or those that are changed as Source.DENOISED"
+        )
+
+
 @cache
 def _of_any_size(function: Fill) -> Fill:
     """Return the function for bodies of any size and for stills, the same one each time."""
@@ -64,6 +99,7 @@ def _of_any_size(function: Fill) -> Fill:
         try:
             filled = function(given, fps)
             if isinstance(filled, Poses3D):
+                _check_marks(filled, poses)
                 return replace(filled)  # checks the sources again
         except OutsideError:
             raise

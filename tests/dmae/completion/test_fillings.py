@@ -44,6 +44,39 @@ def test_linear_motion_is_filled_exactly():
         assert (filled.source == Source.COMPLETED).sum() == 25
 
 
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ("Poses3D(poses.skeleton, np.nan_to_num(poses.xyz))", "25 joints that no camera measured are marked as meas"),
+        ("replace(poses, xyz=poses.xyz + 0.01)", r"marked as measured were moved by up to 17\.3 mm; expected"),
+        (
+            "Poses3D(poses.skeleton, poses.xyz[:30], source=poses.source[:30])",
+            r"expected poses of 1 persons in 60 frames back, found 1 in 30",
+        ),
+    ],
+)
+def test_a_method_that_calls_joints_measured_that_are_not_is_refused(monkeypatch, tmp_path, body, message):
+    head = "from dataclasses import replace\nimport numpy as np\nfrom dmae import Poses3D, Source\n"
+    (tmp_path / "boastful.py").write_text(f"{head}def fill(poses, fps):\n    return {body}\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "boastful", raising=False)
+    holed = without(turning(), slice(5, 30), 0, BODY25.index("l_wrist")[0])
+    with pytest.raises(ValueError, match=f"^method boastful:fill: .*{message}"):
+        find_method("boastful:fill").load()(holed, FPS)
+
+
+def test_a_method_may_change_joints_that_it_marks_as_denoised(monkeypatch, tmp_path):
+    (tmp_path / "honest.py").write_text(
+        "from dataclasses import replace\nfrom dmae import Source\n"
+        "def fill(poses, fps):\n    source = poses.source.copy()\n    source[source == 1] = Source.DENOISED\n"
+        "    return replace(poses, xyz=poses.xyz + 0.01, source=source)\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    holed = without(turning(), slice(5, 30), 0, BODY25.index("l_wrist")[0])
+    filled = find_method("honest:fill").load()(holed, FPS)
+    assert (filled.source[holed.measured] == Source.DENOISED).all()
+
+
 def test_a_method_that_returns_no_poses_is_named(monkeypatch, tmp_path):
     (tmp_path / "forgetful.py").write_text("def fill(poses, fps):\n    poses.measured\n")
     monkeypatch.syspath_prepend(tmp_path)
