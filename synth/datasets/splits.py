@@ -244,9 +244,15 @@ def split(
     found = {folder.name: identities(folder, SplitBy[by]) for folder in progress(folders, "reading clips")}
     groups = _groups(found)
     if len(groups) < len(wanted):
+        recorded = SplitBy[by] in (SplitBy.motion, SplitBy.subject)
+        before = (
+            ". Or divide the recordings before clips are made of them: synth split data=<takes> out=takes.tsv, then "
+            "synth generate motion.path=takes.tsv motion.sets=[train] and so on"
+        )
         raise ValueError(
             f"{path}: expected {len(wanted)} groups of clips or more that share no {by}, for {len(wanted)} splits; "
             f"found {len(groups)} in {counted(len(folders), 'clip')}; split by something else, or fewer ways"
+            f"{before * recorded}"
         )
     made: dict[str, list[str]] = {name: [] for name in wanted}
     for group, name in zip(groups, _dealt([len(group) for group in groups], wanted, seed=seed), strict=True):

@@ -147,6 +147,7 @@ def test_the_command_writes_what_export_takes(data, tmp_path):
             ["data=set", "by=rig"],
             "groups of clips or more that share no rig, for 3 splits; found 1 in 6 clips",
         ),
+        (["data=alike", "by=motion"], "found 1 in 2 clips; split by something else, or fewer ways. Or divide the rec"),
         (["data=bare"], "no scene in the provenance"),
         (["data=set", "check=none.json"], "none.json: no such file"),
         (["data=set", "check=list.json"], "expected splits of format 1"),
@@ -157,6 +158,10 @@ def test_bad_input_is_refused(data, tmp_path, arguments, said):
     (tmp_path / "set").symlink_to(data)
     (tmp_path / "list.json").write_text("[]")
     save_clip(replace(load_clip(data / "000000"), images=None, provenance={}), tmp_path / "bare")
+    for name in ("000000", "000001"):
+        save_clip(replace(load_clip(data / "000000"), id=name, images=None), tmp_path / "alike" / name)
+    lines = (json.dumps({"id": name, "status": "ok"}) for name in ("000000", "000001"))
+    (tmp_path / "alike" / "manifest.jsonl").write_text("\n".join(lines))
     given = arguments if any(each.startswith("out=") for each in arguments) else [*arguments, "out=out.json"]
     done = synth(tmp_path, "split", *given)
     assert done.returncode == 1
