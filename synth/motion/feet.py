@@ -16,7 +16,7 @@ from dmae.numerics.paths import runs
 from synth.motion.geometry import about, aligned, forwards, leftwards, minimum_jerk, smoothstep, two_bone_ik
 from synth.motion.motion import Motion
 from synth.people.body import ANKLE_HEIGHT, SEGMENTS, SIDES, Body, segment_origins
-from synth.people.mjcf import capsules
+from synth.people.solids import capsules
 
 FEET = (SEGMENTS.index("l_foot"), SEGMENTS.index("r_foot"))
 """Indices of the left and the right foot in `SEGMENTS`."""

@@ -1,6 +1,6 @@
 """Bodies: segments, proportions by sex and age, and the landmarks that annotators and detectors see."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import NamedTuple
 
@@ -111,6 +111,8 @@ class Body:
     legs: float = 1.0  # Length of the legs relative to the average at this stature; the trunk makes up the difference
     arms: float = 1.0  # Length of the arms relative to the average at this stature
     age: float = 30.0  # Years; below 18 proportions are those of children
+    # Whether solid parts, which collide, fit the skin, as those of sampled people do
+    snug: bool = field(default=False, kw_only=True)
 
     def __post_init__(self):
         self._check("age", _AGES[0], 110)

@@ -1,4 +1,4 @@
-"""People in MuJoCo: capsules with mass and contacts, joints, and surfaces for images."""
+"""People in MuJoCo: solid parts with mass and contacts, joints, and surfaces for images."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -7,102 +7,15 @@ import mujoco
 import numpy as np
 
 from dmae.data.skeleton import SKELETONS
-from synth.people.body import (
-    FOREARM_LENGTH,
-    PARENTS,
-    SEGMENTS,
-    SIDES,
-    THIGH_LENGTH,
-    UPPER_ARM_LENGTH,
-    Body,
-    landmarks,
-    side_and_name,
-    sitting_depth,
-    trunk_sections,
-)
+from synth.people.body import PARENTS, SEGMENTS, Body, landmarks, side_and_name
 from synth.people.clothing import PersonLooks
 from synth.people.hands import HandChange, MovingHands
 from synth.people.outfit import Part, drapes, paint_clothes, parts
 from synth.people.skin import paint_iris, paint_lips, paint_shoe, paint_skin
 from synth.people.skinning import SKINNED, pack
+from synth.people.solids import CLOTH, capsule_names, capsules, inertias
 from synth.people.surface import BareBody, bare_body
 from synth.textures import add_texture, paint
-
-# Capsules across the trunk: height above the hips, as in `trunk_sections`, and the share of the depth there that the
-# capsule fills; it is as wide as the trunk.
-_ACROSS = {"pelvis": [(0.0, 1.0)], "spine": [(0.105, 1.0)], "chest": [(0.21, 1.0), (0.283, 0.75)]}
-# Segment: (from, to, radius) in fractions of stature; left side. Radii widen with the body's girth.
-_CAPSULES: dict[str, list[tuple]] = {
-    "head": [((0, 0, 0), (0.010, 0, 0.050), 0.031), ((0.008, 0, 0.075), (0.004, 0, 0.100), 0.052)],
-    "upper_arm": [((0, 0, 0), (0, UPPER_ARM_LENGTH, 0), 0.028)],
-    "forearm": [((0, 0, 0), (0, FOREARM_LENGTH, 0), 0.021)],
-    "hand": [((0, 0.008, 0), (0, 0.085, -0.004), 0.013)],
-    "thigh": [((0, 0, -0.020), (0, 0, -THIGH_LENGTH), 0.041)],
-    "shin": [((0, 0, 0), (0, 0, -0.235), 0.028)],
-    "foot": [
-        ((-0.022, -0.008, -0.021), (0.092, -0.012, -0.021), 0.018),
-        ((-0.022, 0.008, -0.021), (0.080, 0.014, -0.021), 0.018),
-    ],
-}
-_FIST = ((0, 0.008, 0), (0, 0.050, -0.008), 0.021)
-"""The capsule of a hand that is closed to a fist."""
-_CLOTH = 0.012
-"""Distance from the solid parts at which contact begins, m."""
-_STOUT = ("upper_arm", "forearm", "thigh", "shin")
-_SKULL = ("head", 1)
-"""The capsule that scales with the head; the one before it is the neck."""
-
-
-def capsules(body: Body, hands: tuple[str, str] | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the solid parts of a body.
-
-    Args:
-        body: Proportions.
-        hands: Shapes of the left and the right hand, of `synth.people.clothing.HANDS`; a fist is shorter. They
-            hold for the whole clip.
-
-    Returns:
-        segments: (C,) index into `SEGMENTS`.
-        ends: (C, 2, 3) both ends of each capsule's axis in its segment's frame, m.
-        radii: (C,) m.
-    """
-    segments, ends, radii = [], [], []
-    origins = np.cumsum(body.offsets[:3], axis=0)
-    for i, segment in enumerate(SEGMENTS):
-        side, name = side_and_name(segment)
-        for height, share in _ACROSS.get(name, ()):
-            ahead, up, depth, breadth = trunk_sections(body, np.array([height]))[0]
-            aside = np.array((0, breadth - share * depth, 0))
-            if name == "pelvis":
-                # Contact with a seat begins where the surface meets it.
-                up = depth + _CLOTH - sitting_depth(body)
-            segments.append(i)
-            ends.append(np.array((ahead, 0, up)) - origins[i] + np.array((-aside, aside)))
-            radii.append(share * depth)
-        stretch = np.full(3, body.stature)
-        if name in ("upper_arm", "forearm", "hand"):
-            stretch[1] *= body.arms
-        elif name in ("thigh", "shin"):
-            stretch[2] *= body.leg
-        elif name == "head":
-            stretch *= body.head
-        stretch[1] *= SIDES.get(side, 1.0)
-        solids = _CAPSULES.get(name, ())
-        if name == "hand" and hands and hands["lr".index(side)] == "fist":
-            solids = [_FIST]
-        for number, (start, stop, radius) in enumerate(solids):
-            segments.append(i)
-            ends.append(np.array((start, stop)) * stretch)
-            wide = body.girth if name in _STOUT else body.head if (name, number) == _SKULL else 1.0
-            radii.append(radius * body.stature * wide)
-    return np.array(segments), np.array(ends), np.array(radii)
-
-
-def capsule_names() -> list[str]:
-    """Return the names of the capsules, in the order of `capsules`."""
-    count = {name: len(solids) for name, solids in (_ACROSS | _CAPSULES).items()}
-    return [f"{segment}/solid{i}" for segment in SEGMENTS for i in range(count[side_and_name(segment)[1]])]
-
 
 _ARMS = ("forearm", "hand")
 _TORSO = ("pelvis", "spine", "chest", "head", "thigh")
@@ -137,7 +50,7 @@ def add_person(
     Bodies are named `person<p>/<segment>`; a free joint moves the pelvis, ball joints the others.
 
     Args:
-        person: Index of the person. The person's capsules touch everything except each other.
+        person: Index of the person. The person's solid parts touch everything except each other.
         body: Proportions.
         looks: Colours and clothes.
         changes: How the visible hands change; none for hands that keep the shapes of `looks`.
@@ -149,8 +62,7 @@ def add_person(
     spec.nuser_geom = 1
     _add_materials(spec, prefix, body, looks, rng=rng)
     bodies = _add_segments(spec, prefix, body, position)
-    _add_capsules(bodies, prefix, person, body, looks.hands)
-    _add_touch(spec, prefix)
+    _add_touch(spec, prefix, _add_capsules(bodies, prefix, person, body, looks.hands))
     if rng:
         _add_joints(bodies, prefix, body)
     if changes:
@@ -193,12 +105,18 @@ def _add_segments(spec: mujoco.MjSpec, prefix: str, body: Body, position) -> lis
     return bodies
 
 
-def _add_capsules(bodies: list, prefix: str, person: int, body: Body, hands: tuple[str, str] | None) -> None:
+def _add_capsules(bodies: list, prefix: str, person: int, body: Body, hands: tuple[str, str] | None) -> list[str]:
+    """Add the solid parts; return their names without the prefix."""
     segments, ends, radii = capsules(body, hands)
+    names = capsule_names(segments)
+    if body.snug:
+        for segment, mass, centre, inertia in zip(bodies, body.masses, *inertias(body, hands), strict=True):
+            segment.explicitinertial, segment.mass, segment.ipos = True, mass, centre
+            segment.fullinertia = [*np.diag(inertia), inertia[0, 1], inertia[0, 2], inertia[1, 2]]
     volume = np.pi * radii**2 * (np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) + 4 / 3 * radii)
     share = volume / np.bincount(segments, volume)[segments]
     masses = share * body.masses[segments]
-    for name, segment, (start, stop), radius, mass in zip(capsule_names(), segments, ends, radii, masses, strict=True):
+    for name, segment, (start, stop), radius, mass in zip(names, segments, ends, radii, masses, strict=True):
         foot = SEGMENTS[segment].endswith("foot")
         bodies[segment].add_geom(
             name=prefix + name,
@@ -212,16 +130,16 @@ def _add_capsules(bodies: list, prefix: str, person: int, body: Body, hands: tup
             # Stiff enough that a kick overlaps by less than 40 mm. Contact begins before the solid parts overlap.
             solref=[0.006, 1.0],
             solimp=[0.95, 0.99, 0.002, 0.5, 2.0],
-            margin=0.0 if foot else _CLOTH,
+            margin=0.0 if foot else CLOTH,
             # The capsule is neither drawn nor hit by rays; the surfaces around it are.
             group=HIDDEN_GROUP,
             rgba=[0, 0, 0, 0],
         )
+    return names
 
 
-def _add_touch(spec: mujoco.MjSpec, prefix: str) -> None:
+def _add_touch(spec: mujoco.MjSpec, prefix: str, solids: Sequence[str]) -> None:
     """Let forearms and hands touch the trunk, the head, the thighs, and the other forearm and hand."""
-    solids = capsule_names()
     for i, one in enumerate(solids):
         for other in solids[:i]:
             if _touch(one.partition("/")[0], other.partition("/")[0]):

@@ -28,6 +28,15 @@ class Hands(Enum):
     """Each keeps one shape."""
 
 
+class Solids(Enum):
+    """What of people collides."""
+
+    snug = "snug"
+    """Capsules that fit the skin of trunk, arms and legs."""
+    plain = "plain"
+    """Capsules of a person's proportions, as in the data sets of the benchmark. The skin is up to 45 mm outside."""
+
+
 @dataclass(frozen=True)
 class SceneConfig(Configuration):
     """Distributions from which scenes are drawn. Pairs are the least and the greatest value."""
@@ -43,6 +52,8 @@ class SceneConfig(Configuration):
     """What people may wear besides shirts, trousers and shoes; nothing if empty."""
     hands: Hands = Hands.moving
     """What hands do. Bodies, motion and forces are the same for both."""
+    solids: Solids = Solids.snug
+    """What of people collides, with each other and with things."""
     seconds: float = 5.0
     """Length of a clip, s."""
     fps: float = 25.0

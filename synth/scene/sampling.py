@@ -19,7 +19,7 @@ from synth.rooms.config import PropsConfig
 from synth.rooms.decor import sample_decor, sample_tint
 from synth.rooms.props import PlacedProp, find_meshes, prop_size
 from synth.rooms.room import arena_file, room_name
-from synth.scene.config import Hands, SceneConfig
+from synth.scene.config import Hands, SceneConfig, Solids
 from synth.scene.placement import Placement, place_persons, place_props, place_script, placed_discs, stool_discs
 from synth.scene.spec import PLAN_FPS, USUAL_PERSONS, PersonSpec, PropSpec, SceneSpec, planned_frames
 
@@ -101,6 +101,7 @@ def sample_people(
         apart = generator(seed, clip, Stream.SCENE).spawn(_BYSTANDERS + 1)[_BYSTANDERS]
         others = _draw_people(interaction.bystanders, config.children, rng=apart)
         bodies, looks = bodies + others[0], looks + others[1]
+    bodies = [replace(body, snug=config.solids is Solids.snug) for body in bodies]
     frames = planned_frames(config.seconds)
     motions, script = draw_motions(motion, interaction, bodies, frames, PLAN_FPS, config.radius, seed, clip)
     # Roles say how hands are shaped in physics; the hands of other people are random.

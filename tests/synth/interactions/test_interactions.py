@@ -13,6 +13,7 @@ from synth.datasets.config import GenerateConfig
 from synth.errors import FailedSimulation
 from synth.interactions import casting
 from synth.interactions.registry import NO_INTERACTION, InteractionConfig, find_interaction, interaction_choices
+from synth.labels.forces import simulated_contacts
 from synth.motion.config import MotionConfig
 from synth.motion.source import read_take
 from synth.people.body import SKELETON
@@ -155,6 +156,44 @@ def test_arms_go_around_the_other_person_in_a_hug():
         # Behind the front of the other person.
         assert (hands[person] - chest)[:2] @ ahead[other] < 0.12
         assert np.linalg.norm(hands[person] - chest) < 0.4
+
+
+def gaps_in_contact(simulation) -> np.ndarray:
+    """(C,) distance between the surfaces of two people at each point where they touch, mm; below 0 for an overlap."""
+    model, state, gaps = copy.copy(simulation.model), simulation.state, []
+    data, skin, touching = mujoco.MjData(model), Skin(model), simulated_contacts(simulation, state)
+    between = np.flatnonzero((touching.persons >= 0).all(1) & (touching.persons[:, 0] != touching.persons[:, 1]))
+    for frame in np.unique(touching.frame[between])[::4]:
+        data.qpos[:] = state.qpos[frame]
+        mujoco.mj_kinematics(model, data)
+        skin.apply(data, frame / simulation.fps)
+        surfaces = []
+        for person in skin.persons:
+            turns, places = data.geom_xmat[person.geoms].reshape(-1, 3, 3), data.geom_xpos[person.geoms]
+            shapes = zip(model.geom_dataid[person.geoms], turns, places, strict=True)
+            parts = [
+                (model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]] @ turn.T + place,
+                 model.mesh_normal[model.mesh_normaladr[mesh] :][: model.mesh_vertnum[mesh]] @ turn.T)
+                for mesh, turn, place in shapes
+            ]  # fmt: skip
+            surfaces.append([np.concatenate(each) for each in zip(*parts, strict=True)])
+        for contact in between[touching.frame[between] == frame]:
+            point, gap = touching.point[contact], 0.0
+            for person in touching.persons[contact]:
+                vertices, normals = surfaces[person]
+                near = np.linalg.norm(vertices - point, axis=1).argmin()
+                gap += (point - vertices[near]) @ normals[near]
+            gaps.append(1000 * gap)
+    return np.array(gaps)
+
+
+@pytest.mark.parametrize("kind", ["hug", "huddle"])
+def test_surfaces_of_people_in_contact_meet(kind):
+    """Solid parts of `scene.solids=plain` leave a median of 8 mm, and a tenth overlaps by 20 mm."""
+    gaps = gaps_in_contact(played(kind)[1])
+    assert len(gaps) > 50
+    assert abs(np.median(gaps)) < 5
+    assert np.percentile(gaps, 10) > -16
 
 
 def test_sparring_partners_punch_at_arms_length():

@@ -10,7 +10,7 @@ from synth.motion.config import MotionConfig, ProceduralConfig
 from synth.motion.feet import fit_to_body
 from synth.motion.source import load_motion
 from synth.people.body import Body, segment_origins
-from synth.people.mjcf import capsules
+from synth.people.solids import capsules
 
 FPS = 25.0
 

@@ -13,8 +13,8 @@ from synth.interactions.registry import InteractionConfig, find_interaction, int
 from synth.motion.config import MotionConfig
 from synth.people.body import SEGMENTS, SKELETON, Body, body_at, landmarks, sample_body, segment_origins
 from synth.people.clothing import HAIRSTYLES, Garment, PersonLooks, sample_looks
-from synth.people.mjcf import capsules
 from synth.people.outfit import parts
+from synth.people.solids import capsules
 from synth.physics.simulation import Simulation, simulate
 from synth.scene import sampling as sample
 from synth.scene.config import SceneConfig

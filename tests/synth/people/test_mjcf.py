@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from synth.motion.geometry import reach_with_arm
-from synth.people.body import Body
+from synth.people.body import Body, body_at
 from synth.people.clothing import HANDS, Hat, PersonLooks, sample_hands, sample_looks
 from synth.people.mjcf import add_person
 from synth.people.skinning import Skin, mesh_triangles
@@ -112,3 +112,17 @@ def test_rays_in_one_call_meet_what_single_rays_meet(worn):
     alone = [mujoco.mj_ray(model, data, eye, way, solid, 1, -1, met) for way in ways]
     assert (geoms >= 0).sum() > 300
     np.testing.assert_allclose(distances, alone, atol=1e-4)
+
+
+@pytest.mark.parametrize("body", [Body(), body_at(1, 9)], ids=["man", "girl"])
+def test_solids_that_fit_the_skin_leave_masses_where_they_are(body):
+    """The reference is what MuJoCo computes from the capsules of the body's proportions."""
+    found = []
+    for each in (body, replace(body, snug=True)):
+        spec = mujoco.MjSpec()
+        add_person(spec, 0, each, LOOKS, position=(0, 0, 1), rng=None)
+        model = spec.compile()
+        turns = Rotation.from_quat(model.body_iquat[1:], scalar_first=True).as_matrix()
+        found.append((model.body_mass, model.body_ipos, turns * model.body_inertia[1:, None] @ turns.swapaxes(1, 2)))
+    for plain, snug in zip(*found, strict=True):
+        np.testing.assert_allclose(snug, plain, atol=1e-9)
