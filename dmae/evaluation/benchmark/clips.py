@@ -266,8 +266,12 @@ CLIPS, GIVEN = "clips", "given"
 """Folders of the benchmark's data: simulated clips, and the captured data that methods may use."""
 
 
-def make_clips(definition: Definition, size: BenchmarkSize, data: Path, workers: int = 1) -> FrozenMatch:
+def make_clips(
+    definition: Definition, size: BenchmarkSize, data: Path, workers: int = 1, *, sets: int | None = None
+) -> FrozenMatch:
     """Generate, check and capture clips of a benchmark that do not exist yet; return the agreement of the worst.
+
+    With `sets`, only those of so many of its sets.
 
     In `data`, the folder `clips/<id>` contains each clip with its truth and labels. The folder `given/<id>` contains
     the data that methods get: cameras, detections, and the poses that our capture computes from them. Raises ValueError
@@ -277,10 +281,10 @@ def make_clips(definition: Definition, size: BenchmarkSize, data: Path, workers:
     # Captured poses depend on more settings than clips.
     made_by = {"capture": asdict(CaptureConfig()), "version": metadata.version("dmae-synth")}
     claim_folder(data / GIVEN / "capture.json", made_by, "poses captured")
-    sets = definition.sets(size)
-    for each in progress(sets, "generating sets of clips"):
+    chosen = definition.sets(size)[:sets]
+    for each in progress(chosen, "generating sets of clips"):
         _generate(each, data, workers)
-    ids = [name for each in sets for name in each.ids]
+    ids = [name for each in chosen for name in each.ids]
     tasks = [(definition, data, name) for name in ids]
     found = list(progress(in_parallel(_prepare, tasks, workers), "checking and capturing clips", len(ids)))
     return max(found, key=[*FrozenMatch].index)

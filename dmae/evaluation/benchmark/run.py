@@ -36,7 +36,7 @@ from dmae.parallel import in_parallel, running_on
 from dmae.progress import progress
 from dmae.reconstruction.config import CaptureConfig, capture_method
 from dmae.reconstruction.pipeline import capture, of_clip_and_config
-from dmae.registry import from_outside, load_function
+from dmae.registry import OutsideError, from_outside, load_function, raised_in
 from dmae.reporting.tables import listed
 
 
@@ -110,9 +110,11 @@ class HandIn:
             function = self.function()
             try:
                 poses = function(given.poses, given.fps) if self.task == Task.completion else function(given)
+            except OutsideError as error:
+                raise ValueError(f"{where}: {str(error).removeprefix(f'{self.name}: ')}") from error
             # A function of another project may raise any error. The message names the clip and the function.
             except Exception as error:
-                raise ValueError(f"{where}: {type(error).__name__}: {error}") from error
+                raise ValueError(f"{where}: {raised_in(error, self.own or function)}") from error
         assert given.poses is not None
         if not isinstance(poses, Poses3D):
             raise ValueError(f"{where}: expected dmae.Poses3D, found {type(poses).__name__}")
@@ -331,6 +333,10 @@ def benchmark(config: BenchmarkConfig, methods: Sequence[Callable] = (), capture
         check_same(earlier, definition.name, config.size)
     data = Path(config.data_folder) if config.data_folder else Path(config.out) / "data"
     with running_on(config.backend):
+        if users := [each for each in hand_ins if each.own or (each.folder is None and ":" in each.name)]:
+            # A mistake in a function of the user is found before minutes of simulation.
+            make_clips(definition, config.size, data, config.workers, sets=1)
+            score_clip(data, next(iter(level_of)), users)
         agreement = make_clips(definition, config.size, data, config.workers)
         tasks = [(data, name, hand_ins, config.angles) for name in level_of]
         scored = list(progress(in_parallel(score_clip, tasks, config.workers), "scoring clips", len(tasks)))

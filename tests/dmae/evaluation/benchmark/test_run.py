@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -130,12 +131,24 @@ def test_a_published_system_is_a_capture():
     np.testing.assert_array_equal(poses.xyz, capture(clip, CaptureConfig(method="mvpose")).xyz)
 
 
-def test_what_a_function_raises_is_told_with_the_function_and_the_clip(tmp_path: Path, monkeypatch):
-    (tmp_path / "breaking_fill.py").write_text("def fill(poses, fps):\n    return poses.nothing\n")
+@pytest.mark.parametrize(
+    ("task", "body", "message"),
+    [
+        (Task.completion, "poses.nothing", r"AttributeError: .*nothing.* \(breaking_fill\.py, line 2\)"),
+        (Task.completion, "{}['wrist']", r"KeyError: 'wrist' \(breaking_fill\.py, line 2\)"),
+        (Task.capture, "int('x')", r"ValueError: .* \(breaking_fill\.py, line 2\)"),
+    ],
+)
+def test_what_a_function_raises_is_told_with_the_function_and_the_clip(
+    tmp_path: Path, monkeypatch, task, body, message
+):
+    arguments = "poses, fps" if task == Task.completion else "clip"
+    (tmp_path / "breaking_fill.py").write_text(f"def fill({arguments}):\n    return {body}\n")
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
-    hand_in = HandIn("breaking_fill:fill", Task.completion)
-    with pytest.raises(ValueError, match=r"breaking_fill:fill, clip 1_self/apart/000000: AttributeError: .*nothing"):
+    monkeypatch.delitem(sys.modules, "breaking_fill", raising=False)
+    hand_in = HandIn("breaking_fill:fill", task)
+    with pytest.raises(ValueError, match=f"^breaking_fill:fill, clip 1_self/apart/000000: {message}$"):
         hand_in.poses(NAME, replace(full_clip(), poses=CAPTURED))
 
 
@@ -185,6 +198,21 @@ def test_clips_made_again_are_the_same_and_whole_ones_are_kept(
     for name in IDS:
         assert clip_checksums(clip_of(data, name)) == clip_checksums(clip_of(made, name))
         np.testing.assert_array_equal(given_clip(data, name).poses.xyz, given_clip(made, name).poses.xyz)
+
+
+@pytest.mark.slow
+def test_a_mistake_in_a_function_is_found_on_the_first_set_of_clips(tiny: Definition, tmp_path: Path, monkeypatch):
+    simulate_here(monkeypatch)
+    asked = []
+
+    def broken(poses, fps):
+        asked.append([path.parent.name for path in (tmp_path / "data" / CLIPS).glob("*/*/[0-9]*")])
+        raise ValueError("no such joint")
+
+    config = BenchmarkConfig(name=tiny.file, methods=[], captures=[], out=str(tmp_path))
+    with pytest.raises(ValueError, match=f"clip {IDS[0]}: ValueError: no such joint"):
+        benchmark(config, methods=[broken])
+    assert asked == [[Path(IDS[0]).parent.name]] and len({Path(name).parent for name in IDS}) > 1
 
 
 @pytest.mark.slow
