@@ -242,8 +242,7 @@ class OutsideError(ValueError):
     """An error of a function that the user wrote: which one, what it raised, and in which line."""
 
 
-@cache
-def from_outside(function: Callable, returns: tuple[str, ...] = ()) -> Callable:
+def telling_errors(function: Callable, returns: tuple[str, ...] = ()) -> Callable:
     """Return a function whose errors say that they are its own, and not of options or files that were given.
 
     Commands print ValueError, KeyError and OSError in one line. Those that the function raises, or that the package
@@ -268,6 +267,10 @@ def from_outside(function: Callable, returns: tuple[str, ...] = ()) -> Callable:
         return found
 
     return named
+
+
+from_outside = cache(telling_errors)
+"""The same function for the same function. What is made anew for each clip, as a closure, is not kept."""
 
 
 def raised_in(error: BaseException, function: Callable) -> str:

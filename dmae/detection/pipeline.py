@@ -24,6 +24,7 @@ from dmae.parallel import in_parallel
 from dmae.progress import progress
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
+from dmae.registry import OutsideError, raised_in
 
 PIECE = 240
 """Number of images that are processed together. The results of a piece do not depend on other pieces."""
@@ -108,12 +109,24 @@ def _detect_piece(camera: CameraImages, config: PoseDetectorConfig, start: int, 
     readable: list[int] = []
     late = getattr(detector, "found_late", list)
     for number, image in enumerate(camera.read(start, stop)):
-        people.append(None if image is None else check_people(detector, detector(image), config.name))
+        people.append(
+            None if image is None else check_people(detector, _look(detector, image, config.name), config.name)
+        )
         if image is not None:
             readable.append(number)
             for ago, *found in late():
                 people[readable[-1 - ago]] = check_people(detector, found, config.name)
     _write_piece(file, people, len(detector.skeleton))
+
+
+def _look(detector: ImageDetector, image: np.ndarray, name: str) -> Sequence[np.ndarray]:
+    """Return what a detector finds in an image. The errors of the user's say that they are its own."""
+    try:
+        return detector(image)
+    except (ValueError, KeyError, OSError) as error:
+        if ":" not in name:
+            raise
+        raise OutsideError(f"detector={name}: {raised_in(error, type(detector))}") from error
 
 
 def check_people(detector: ImageDetector, found: Sequence[np.ndarray], name: str) -> np.ndarray:

@@ -8,6 +8,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
 from dmae.data.rng import Stream, generator
+from dmae.registry import telling_errors
 from synth.interactions.registry import InteractionConfig, find_interaction
 from synth.interactions.script import Cast, Reach, Role, Script, check_script, poses_of, seated, wrapped
 from synth.motion.config import PROCEDURAL, MotionConfig
@@ -205,7 +206,7 @@ def cast_roles(script: Script, cast: Cast, config: MotionConfig, *, rng: np.rand
     for person, role in enumerate(script.roles):
         if role.gaze is not None:
             motions[person] = look_at(motions[person], person, role.gaze, poses.origins[:, :, _HEAD])
-    for reach in script.reaches(poses):
+    for reach in telling_errors(script.reaches, ("list", "tuple"))(poses):
         motion = reach_for(motions[reach.person], cast.bodies[reach.person], reach)
         hands = (*motion.hands, *uses_of(reach.side, reach.share, reach.hand))
         motions[reach.person] = replace(motion, hands=hands)

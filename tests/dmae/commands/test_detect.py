@@ -72,6 +72,9 @@ def unsure(config):
 
 def nobody(config):
     return Other(lambda xy, score: ([], []))
+
+def mistaken(config):
+    return Other(lambda xy, score: {}["heatmap"])
 '''
 
 
@@ -216,6 +219,7 @@ def test_what_a_detector_returns_is_checked_and_a_mended_one_may_have_the_folder
         ("shares", "expected pixels"),
         ("places", "1 if the detector states none; found"),
         ("unsure", "1 if the detector states none; found [(1, 17, 2), None]"),
+        ("mistaken", "error: detector=my_dots:mistaken: KeyError: 'heatmap' (my_dots.py, line "),
     ):
         done = dmae(tmp_path, "detect", *ARGUMENTS[:2], f"detector=my_dots:{name}", "fps=25", "out=found")
         assert done.returncode == 1 and said in done.stderr, done.stderr

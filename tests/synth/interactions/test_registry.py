@@ -114,6 +114,10 @@ def test_the_help_of_the_command_lists_all_interactions(tmp_path):
         ),
         (("0.0))", "0.0), gaze=np.zeros(7))"), r"roles\[0\]\.gaze: expected \(25,\), .* found \(7,\)$"),
         (("return Script", "Script"), r"^my_interactions:line_up: expected it to return Script, found NoneType$"),
+        (
+            ("for at in places)", "for at in places), reaches=lambda poses: {}['l']"),
+            r"^my_interactions:line_up.<locals>.<lambda>: KeyError: 'l' \(my_interactions\.py, line 15\)$",
+        ),
         (("0.8 * k", "{}[k]"), r"^my_interactions:line_up: KeyError: 0 \(my_interactions\.py, line 14\)$"),
     ],
 )
