@@ -4,8 +4,10 @@
 from their sums by time, and `summary` averages them.
 """
 
+from collections.abc import Mapping
+from numbers import Real
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -138,8 +140,25 @@ def score(
     comparison = Comparison(
         convert(poses, skeleton), convert(captured, skeleton), truth, actors, matches, fps, compared, angles
     )
-    found = {metric.name: metric.function(comparison) for metric in metrics()}
+    found = {}
+    for each in metrics():
+        found[each.name] = score = each.function(comparison)
+        if not each.home.startswith("dmae.") and not _is_score(score):
+            kind = f"an array {score.shape}" if isinstance(score, np.ndarray) else type(score).__name__
+            raise ValueError(
+                f"metric {each.name!r}, {each.home}: expected it to return a number, a list or dictionary of numbers, "
+                f"or None; found {kind}"
+            )
     return {name: value for name, value in found.items() if value is not None} | {"blocks": time_blocks(comparison)}
+
+
+def _is_score(value: Any) -> bool:
+    """Return whether a value can be the score of a metric."""
+    if isinstance(value, Mapping):
+        return all(map(_is_score, value.values()))
+    if isinstance(value, list | tuple):
+        return all(map(_is_score, value))
+    return value is None or isinstance(value, Real | str)
 
 
 def time_blocks(comparison: Comparison) -> dict:

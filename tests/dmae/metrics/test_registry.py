@@ -115,6 +115,25 @@ def test_a_metric_is_one_file(tmp_path, monkeypatch, truth):
     assert "root in mm" in table.caption
 
 
+@pytest.mark.parametrize(
+    ("returned", "found"),
+    [("offset", r"an array \(12, 3, 3\)"), ("{'mm': [offset.mean(), offset]}", "dict"), ("comparison", "Comparison")],
+)
+def test_a_metric_that_returns_no_numbers_is_named(truth, tmp_path, monkeypatch, returned, found):
+    monkeypatch.setattr(registry.metric, "_added", {})
+    head, _, _ = SCRATCH.partition("    return ")
+    (tmp_path / "scratch_metric.py").write_text(f"{head}    return {returned}\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "scratch_metric", raising=False)
+    import scratch_metric  # noqa: F401
+
+    poses = Poses3D(SHELF14, truth)
+    with pytest.raises(
+        ValueError, match=f"^metric 'root_error', scratch_metric:root_error: expected .*; found {found}$"
+    ):
+        score(poses, poses, poses)
+
+
 def test_two_metrics_of_one_name_are_refused(monkeypatch):
     monkeypatch.setattr(registry.metric, "_added", {})
     with pytest.raises(ValueError, match="'pck': there is one already, dmae"):
