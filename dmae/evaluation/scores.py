@@ -61,8 +61,8 @@ def truth_of(clip: Clip) -> Poses3D:
     """Return the truth of a clip; ValueError if it has none, none in its frames, or infinite coordinates."""
     if clip.truth is None:
         raise ValueError(
-            f"clip {clip.id!r} has no truth to score against; dmae evaluate reference=capture views=[...] compares "
-            "what fewer cameras show with what all of them measured"
+            f"clip {clip.id!r} has no truth to score against; data.truth=... names a file of it, and dmae evaluate "
+            "reference=capture views=[...] compares what fewer cameras show with what all of them measured"
         )
     if np.isinf(clip.truth.xyz).any():
         raise ValueError(f"clip {clip.id!r}: its truth has infinite coordinates; joints that are not known must be NaN")

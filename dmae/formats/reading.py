@@ -11,7 +11,7 @@ from typing import Any, overload
 
 import numpy as np
 
-from dmae.data.clip import Clip, Detections2D
+from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.labels import NOT_DETECTED, DetectionLabels
 from dmae.data.skeleton import option_skeleton
 from dmae.data.store import MANIFEST, clip_folders
@@ -20,6 +20,7 @@ from dmae.formats.calibrations import CalibrationSource, LacksSize, calibration_
 from dmae.formats.calibrations import recognise as recognise_calibration
 from dmae.formats.config import Convention, DataConfig
 from dmae.formats.footage import with_images, with_videos
+from dmae.formats.poses import pose_paths, read_poses
 from dmae.formats.recordings import offsets_of_all, plain, to_clip
 from dmae.formats.registry import RecordingReader, reader
 from dmae.nearest import nearest
@@ -92,6 +93,8 @@ class Clips(Sequence):
             if self.reader.cameras and config.calibration is not None:
                 clip = _with_calibration(clip, config, Path(config.calibration))
             clip.check_numbers()
+            if config.truth is not None:
+                clip = _with_truth(clip, Path(config.truth), folder.name if self.data_set else None)
             if config.videos is not None:
                 clip = with_videos(clip, Path(config.videos))
             if config.images is not None:
@@ -295,6 +298,48 @@ def _with_calibration(clip: Clip, config: DataConfig, calibration: Path) -> Clip
     # A simulated clip keeps the cameras that filmed it, for its labels and images.
     filmed = clip.actual_rig if clip.occlusion is not None else None
     return replace(clip, rig=rig, true_rig=filmed, poses=None, provenance=clip.provenance | {"notes": notes})
+
+
+def _with_truth(clip: Clip, path: Path, name: str | None) -> Clip:
+    """Return a clip with true poses from a file, or from the one of its name in a folder.
+
+    A file that numbers its frames is placed by them, and can lack some. Raises ValueError if the frames do not fit.
+    """
+    files = pose_paths(path)
+    if files is not None and name not in files:
+        raise ValueError(
+            f"data.truth={path}: expected poses of clip {name or clip.id!r}, found {', '.join(files)[:90]}"
+        )
+    if files is None and name is not None:
+        raise ValueError(f"data.truth={path}: expected a folder with poses of each clip, as {name}.npz, found one file")
+    found = read_poses(path if files is None else files[str(name)])
+    if found.fps is not None and not np.isclose(found.fps, clip.fps, rtol=1e-3):
+        raise ValueError(
+            f"data.truth={path}: expected {clip.fps:g} frames a second as of the clip, found {found.fps:g}"
+        )
+    truth, start = found.poses, clip.provenance.get("first_frame", 0)
+    if found.first is not None:
+        numbers = np.arange(found.first, found.first + len(truth.xyz)) - start
+        inside = (numbers >= 0) & (numbers < len(clip))
+        xyz = np.full((len(clip), *truth.xyz.shape[1:]), np.nan, np.float32)
+        xyz[numbers[inside]] = truth.xyz[inside]
+        if not inside.any():
+            raise ValueError(
+                f"data.truth={path}: expected some of the frames {start} to {start + len(clip) - 1} of the clip, found "
+                f"{found.first} to {found.first + len(truth.xyz) - 1}"
+            )
+        truth = Poses3D(truth.skeleton, xyz)
+    elif len(truth.xyz) != len(clip):
+        raise ValueError(f"data.truth={path}: expected the {len(clip)} frames of the clip, found {len(truth.xyz)}")
+    notes = [*clip.provenance.get("notes", ()), f"truth is from data.truth={path}"]
+    # Labels of a simulation are those of its own truth.
+    return replace(
+        clip,
+        truth=Poses3D(truth.skeleton, truth.xyz, cov=truth.cov),
+        occlusion=None,
+        detection_labels=None,
+        provenance=clip.provenance | {"notes": notes},
+    )
 
 
 def shift_views(clip: Clip, offsets: list[int] | None) -> Clip:

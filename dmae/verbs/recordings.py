@@ -40,8 +40,8 @@ def read(path: str | Path, fps: float | None = None, format: str | None = None, 
         path: Folder of the recording, or its file.
         fps: Frames per second, if the files do not state it.
         format: A format of `dmae convert`; by default recognised by the files in the folder.
-        **options: The `data.*` options of the commands: `calibration`, `detections`, `videos`, `size`, `skeleton`,
-            `unit`, `up`, `inverse`, `offsets`, `cameras`, `frames` (see
+        **options: The `data.*` options of the commands: `calibration`, `detections`, `truth`, `videos`, `images`,
+            `size`, `skeleton`, `unit`, `up`, `inverse`, `offsets`, `cameras`, `frames` (see
             `dmae.formats.config.DataConfig`).
 
     Returns:

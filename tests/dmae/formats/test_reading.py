@@ -18,6 +18,7 @@ from dmae.formats.calibrations import write_calibration
 from dmae.formats.coco import write_coco
 from dmae.formats.config import Convention, LengthUnit, UpDirection
 from dmae.formats.reading import Clips, DataConfig, recognise, select_views
+from dmae.formats.writing import write_poses
 from tests.support.clips import full_clip, walkers
 from tests.support.recordings import recording, same_detections, write_frames, write_openpose_recording
 
@@ -353,3 +354,41 @@ def test_a_number_is_the_camera_of_that_name_and_never_a_count(names):
     assert chosen.provenance["notes"][-1] == f"data.cameras: 2 of 4 cameras: {names[0]}, {names[3]}"
     with pytest.raises(ValueError, match="names of cameras"):
         select_views(clip, [0])
+
+
+def test_truth_of_a_file_is_placed_by_the_numbers_of_its_frames(tmp_path):
+    """A table that annotates some frames, the first of which is not the first of the recording."""
+    clip = full_clip(6)
+    clip = replace(clip, provenance=clip.provenance | {"first_frame": 300})
+    assert clip.truth is not None
+    save_clip(replace(clip, truth=None, poses=clip.truth, occlusion=None, detection_labels=None), tmp_path / "walk")
+    write_poses(replace(clip, poses=clip.truth), tmp_path / "truth.csv")
+    lines = (tmp_path / "truth.csv").read_text().splitlines()
+    (tmp_path / "truth.csv").write_text("\n".join([lines[0], *(line for line in lines[1:] if int(line[:3]) > 302)]))
+    for frames in (None, [2, 6]):
+        config = DataConfig("clip", str(tmp_path / "walk"), truth=str(tmp_path / "truth.csv"), frames=frames)
+        read = Clips(config)[0]
+        first = 0 if frames is None else frames[0]
+        assert read.truth is not None and np.isnan(read.truth.xyz[: 3 - first]).all()
+        wanted = convert(clip.truth, read.truth.skeleton).xyz[3:]
+        np.testing.assert_allclose(read.truth.xyz[3 - first :], wanted, atol=1e-4)
+        assert f"truth is from data.truth={tmp_path / 'truth.csv'}" in read.provenance["notes"]
+
+
+@pytest.mark.parametrize(
+    ("first", "frames", "format", "message"),
+    [
+        (300, 5, "npz", "expected the 6 frames of the clip, found 5"),
+        (900, 6, "csv", "expected some of the frames 300 to 305 of the clip, found 900 to 905"),
+    ],
+)
+def test_truth_of_other_frames_is_refused(tmp_path, first, frames, format, message):
+    clip = full_clip(6)
+    save_clip(replace(clip, provenance=clip.provenance | {"first_frame": 300}), tmp_path / "walk")
+    other = full_clip(frames)
+    write_poses(
+        replace(other, poses=other.truth, provenance=other.provenance | {"first_frame": first}),
+        tmp_path / f"truth.{format}",
+    )
+    with pytest.raises(ValueError, match=message):
+        Clips(DataConfig("clip", str(tmp_path / "walk"), truth=str(tmp_path / f"truth.{format}")))[0]
