@@ -29,6 +29,7 @@ from dmae.data.array_fields import short_repr
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
 from dmae.numerics.filling import are_stills
+from dmae.progress import progress
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
 
@@ -98,7 +99,7 @@ def refine(clip: Clip, config: RefineConfig | None = None) -> Refined:
     if views is None:
         calibration, views, note, tracks = _differing(clip)
     before = None
-    for number in range(_ROUNDS):
+    for number in progress(range(_ROUNDS), "adjusting cameras"):
         if number or tracks is None:
             tracks = match_tracks(replace(clip, rig=calibration.rig))
         observations = Observations.of(tracks, config.bodies)

@@ -23,6 +23,7 @@ from dmae.numerics.body import bone_lengths, rotate_z, smooth_heading
 from dmae.numerics.filling import fill_body_frame
 from dmae.numerics.kinematics import ADVICE, ISB, NoBody, body_motion, can_move
 from dmae.numerics.paths import linear, pchip
+from dmae.progress import progress
 
 T = TypeVar("T")
 
@@ -123,7 +124,7 @@ def with_bodies(persons: int, motion: Callable[[int], T]) -> Iterator[tuple[int,
     Raises NoBody if nobody has a body.
     """
     lacking = []
-    for person in range(persons):
+    for person in progress(range(persons), "fitting bodies"):
         try:
             found = motion(person)
         except NoBody as error:

@@ -202,7 +202,7 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
             f"{path}: expected COCO annotations, *.json, found none; name them by data.detections=..."
         )
     people, fps, names = People(skeleton=skeleton), None, None
-    for file in files:
+    for file in progress(files, "reading files"):
         content = read_json(file)
         if len(files) > 1 and isinstance(content, dict) and not {"images", "annotations"} & set(content):
             continue  # Cameras, or settings

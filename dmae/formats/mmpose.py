@@ -13,6 +13,7 @@ from dmae.formats import openpose
 from dmae.formats.recordings import NumberedDetections, People, by_name, listed_frames, people_of_frame
 from dmae.formats.registry import reader
 from dmae.formats.skeletons import default_skeleton
+from dmae.progress import progress
 
 _PICKLES = (".pkl", ".pickle")
 _FOLDERS = ("predictions", "")
@@ -39,7 +40,7 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
     if not files:
         return openpose.read_detections(path, skeleton=skeleton)
     people = People(file.stem for file in files)
-    for file in files:
+    for file in progress(files, "reading files"):
         for number, place, found in listed_frames(file, _content(file), ("frame_id", "frame_index"), people_of_frame):
             people.frame(file.stem, number)
             for i, person in enumerate(found):

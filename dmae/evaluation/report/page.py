@@ -33,7 +33,7 @@ from dmae.metrics.angles import SHOWN_BY, leg_angles
 from dmae.metrics.score_tables import score_tables
 from dmae.numerics.filling import STRANGERS, are_stills
 from dmae.numerics.kinematics import can_move
-from dmae.progress import progress
+from dmae.progress import progress, waiting
 from dmae.reporting.figures import COMPLETED, PERSONS, gaps_figure, plain
 from dmae.reporting.page import CaptionedFigure, Section, write_report
 from dmae.reporting.player import player_data, window
@@ -427,18 +427,24 @@ def angles_section(clip: Clip, frames: slice) -> list[Section]:
     if poses is None or are_stills(clip.fps) or not can_move(poses.skeleton):
         return []
     poses = poses.without(np.isinf(poses.xyz).any(-1))  # Files cannot hold infinite coordinates, but users can.
-    values, spread = leg_angles(poses)
+    with waiting("fitting bodies"):
+        values, spread = leg_angles(poses)
     seconds = (frames.start + np.arange(len(values))) / clip.fps
     figures = []
-    for person in np.flatnonzero(np.isfinite(values).any((0, 2, 3))).tolist():
+    known = np.isfinite(values).any((0, 1, 3))
+    persons = np.flatnonzero(np.isfinite(values).any((0, 2, 3))).tolist()
+    for person in progress(persons, "drawing joint angles"):
         guessed = [_guessed(poses, person, joints) for joints in SHOWN_BY.values()]
-        figure = _angles_figure(seconds, values[:, person], spread[:, person], np.stack(guessed, 1))
+        shown = {name: number for number, name in enumerate(SHOWN_BY) if known[number]}
+        figure = _angles_figure(seconds, values[:, person], spread[:, person], np.stack(guessed, 1), shown)
         figures.append(CaptionedFigure(f"{person_name(person)}, with one standard deviation on both sides.", figure))
     words = (
         "Flexion of hips and knees and dorsiflexion of ankles, as in the joint angles for OpenSim (format=mot). There "
         "is no line where joints do not determine an angle; where it is underlaid in red, one of the joints that show "
         "it is completed."
     )
+    if lacking := [name for name, there in zip(SHOWN_BY, known, strict=True) if not there]:
+        words += f" No joints of {poses.skeleton.name} show {' and '.join(lacking)} here."
     return [Section("Joint angles", words, figures=figures)] if figures else []
 
 
@@ -449,11 +455,13 @@ def _guessed(poses: Poses3D, person: int, joints: Sequence[str]) -> np.ndarray:
     return np.stack([(poses.source[:, person, side] == Source.COMPLETED).any(-1) for side in index], -1)
 
 
-def _angles_figure(seconds: np.ndarray, values: np.ndarray, spread: np.ndarray, guessed: np.ndarray) -> Figure:
+def _angles_figure(
+    seconds: np.ndarray, values: np.ndarray, spread: np.ndarray, guessed: np.ndarray, shown: dict[str, int]
+) -> Figure:
     """Draw angles (F, 3, 2), degrees, right sides first, with their standard deviations, where they are guessed too."""
-    figure = Figure(figsize=(12, 3), layout="constrained")
-    panels = figure.subplots(1, len(SHOWN_BY))
-    for number, (axes, name) in enumerate(zip(panels, SHOWN_BY, strict=True)):
+    figure = Figure(figsize=(4 * len(shown), 3), layout="constrained")
+    panels = figure.subplots(1, len(shown), squeeze=False)[0]
+    for axes, (name, number) in zip(panels, shown.items(), strict=True):
         for side, (label, colour) in enumerate(zip(("right", "left"), PERSONS, strict=False)):
             value, sd = values[:, number, side], spread[:, number, side]
             axes.fill_between(seconds, value - sd, value + sd, color=colour, alpha=0.2, linewidth=0)

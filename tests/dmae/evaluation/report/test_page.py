@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 import dmae
+from dmae.data.conversion import convert
 from dmae.data.images import Images
+from dmae.data.skeleton import COCO17
 from dmae.evaluation.report import page as report_page
-from dmae.evaluation.report.page import write_clips_report
+from dmae.evaluation.report.page import angles_section, write_clips_report
 from dmae.formats.poses import SOURCE_WORDS
 from tests.support.animals import dog_clip
 from tests.support.clips import full_clip
@@ -78,6 +80,17 @@ def test_joints_at_infinity_do_not_break_the_page(tmp_path, lost):
     xyz[3, 0, 2] = np.inf
     dmae.report(replace(clip, **{lost: replace(getattr(clip, lost), xyz=xyz)}), tmp_path / "report.html")
     assert players(tmp_path / "report.html")[0]["frames"] == 30
+
+
+def test_angles_that_a_skeleton_does_not_show_are_said_and_not_drawn():
+    """Without feet each person had an empty panel of ankles, from -0.04 to 0.04 degrees."""
+    clip = completed_clip()
+    without = replace(clip, poses=convert(clip.poses, COCO17))
+    (section,) = angles_section(without, slice(0, 30))
+    assert [len(figure.figure.axes) for figure in section.figures] == [2] * clip.poses.xyz.shape[1]
+    assert "No joints of coco17 show ankles here." in section.text
+    (section,) = angles_section(clip, slice(0, 30))
+    assert {len(figure.figure.axes) for figure in section.figures} == {3} and "No joints" not in section.text
 
 
 def test_joint_angles_are_drawn_for_each_person_of_one_clip(tmp_path):
