@@ -13,9 +13,14 @@ from dmae.reporting.tables import Table, print_tables
 def run(config: RegressCommand, out: Path | None) -> None:
     """Print what came of every case; exits with status 1 if a bound is broken."""
     verdicts = check(config.solver, config.skip, config.seconds)
-    print_tables([verdict_table(config.solver, verdicts)])
     failed = [verdict for verdict in verdicts if not verdict.passed]
-    print(*failed, sep="\n", end="\n\n" if failed else "")
+    problems = {verdict.problem for verdict in verdicts}
+    if len(verdicts) > 1 and len(problems) == 1 and all(problems):
+        # A table without numbers and the same line for each case would say no more.
+        print(f"{config.solver}: every case: {problems.pop()}")
+    else:
+        print_tables([verdict_table(config.solver, verdicts)])
+        print(*failed, sep="\n", end="\n\n" if failed else "")
     if config.report:
         write_report(Path(config.report), f"Triangulation by {config.solver}", [regress_section(verdicts)])
         print(config.report)

@@ -160,9 +160,10 @@ def check_case(solver: Callable, case: Case, seconds: float = SECONDS) -> Verdic
     # sys.exit(0) in a solver must not end the check with success.
     except (Exception, SystemExit) as error:
         return Verdict(case, {}, {}, f"raised {raised_in(error, solver)}")
+    if given is None:
+        return Verdict(case, {}, {}, "returned None, expected (n, 3) points")
     if xyz.shape != case.xyz.shape:
-        found = "None" if given is None else f"shape {xyz.shape}"
-        return Verdict(case, {}, {}, f"returned {found}, expected {case.xyz.shape} of xy {case.xy.shape}")
+        return Verdict(case, {}, {}, f"returned shape {xyz.shape}, expected {case.xyz.shape} of xy {case.xy.shape}")
     infinite = np.isinf(xyz).any(-1)
     if infinite.any():
         return Verdict(case, {}, {}, f"{infinite.sum()} points are infinite, expected NaN where it refuses")

@@ -68,7 +68,7 @@ def hangs(**given):
         (leaves, "raised SystemExit: 0"),
         (hangs, "did not return within 0.2 s"),
         (lambda **given: solvers.ours(**given)[1:], "returned shape (149, 3), expected (150, 3) of xy (150, 5, 2)"),
-        (lambda **given: None, "returned None, expected (150, 3) of xy (150, 5, 2)"),
+        (lambda **given: None, "returned None, expected (n, 3) points"),
         (lambda **given: "points", "raised ValueError: could not convert"),
         (lambda **given: solvers.ours(**given) / 0.0, "points are infinite, expected NaN"),
         (lambda **given: np.zeros((150, 3)), "mm where 0.10 mm is allowed"),
@@ -249,6 +249,15 @@ def test_a_solver_that_is_not_there_is_one_clear_error(project, monkeypatch, sol
 def test_python_refuses_what_is_no_solver_rather_than_failing_every_case(solver):
     with pytest.raises(ValueError, match=r"solver=.*expected a function of the keywords K, dist, cam_from_world"):
         check(solver)
+
+
+def test_what_is_wrong_in_every_case_is_said_once(project):
+    (project / "theirs" / "lazy.py").write_text("def solve(**arrays):\n    arrays['xy'].mean()\n")
+    done = dmae(project, "regress", "solver=theirs.lazy:solve")
+    assert done.returncode == 1 and done.stderr == ""
+    first, last = done.stdout.strip().splitlines()
+    assert first == "theirs.lazy:solve: every case: returned None, expected (n, 3) points"
+    assert last == f"0 of {len(EVERY)} cases passed"
 
 
 def test_a_list_of_verdicts_is_short_enough_to_read():
