@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -42,7 +42,7 @@ def read(path: str | Path, fps: float | None = None, format: str | None = None, 
         format: A format of `dmae convert`; by default recognised by the files in the folder.
         **options: The `data.*` options of the commands: `calibration`, `detections`, `truth`, `videos`, `images`,
             `size`, `skeleton`, `unit`, `up`, `inverse`, `offsets`, `cameras`, `frames` (see
-            `dmae.formats.config.DataConfig`).
+            `dmae.formats.config.DataConfig`). `offsets` can be a dictionary, frames by camera.
 
     Returns:
         A clip of F frames and V views. `clip.provenance["notes"]` lists what was missing or guessed.
@@ -61,6 +61,8 @@ def read(path: str | Path, fps: float | None = None, format: str | None = None, 
     path = Path(path)
     for name in options.keys() - _FIELDS:
         raise TypeError(f"read: no option {name}; {suggestion(name, _FIELDS)}")
+    if isinstance(late := options.get("offsets"), Mapping):
+        options["offsets"] = [f"{camera}:{frames}" for camera, frames in late.items()]
     try:
         clips = Clips(DataConfig(name=format, path=str(path), fps=fps, **options))
         if len(clips) != 1:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import dmae
 from dmae.data.clip import Clip
 from dmae.data.conversion import convert
 from dmae.data.labels import JointError
@@ -320,6 +321,11 @@ def test_cameras_that_started_late_are_moved_and_blind_where_they_were_not_on(tm
     assert found.provenance["offsets"] == [0, 2, -3, 40]
     assert "notes" not in found.provenance
     assert len(found) == len(clip)
+    assert dmae.read(tmp_path, offsets={"cam1": 2, "cam2": -3, "cam3": 40}) == found
+    with pytest.raises(
+        ValueError, match=r"offsets=\['lef:2'\]: expected a number for each camera, or entries as cam0:3"
+    ):
+        dmae.read(tmp_path, offsets={"lef": 2})
     with pytest.raises(
         ValueError, match=r"data\.offsets=\[1\]: expected a number of frames for each camera.*cam0, cam1"
     ):
