@@ -88,12 +88,37 @@ def draw_mark(canvas: np.ndarray, point: np.ndarray, mark: Mark, colour: RGB, th
             cv2.polylines(canvas, [ends], False, colour, thick, cv2.LINE_AA, _FINE)
 
 
-def floor(rig: CameraRig, size: tuple[int, int], scale: float) -> np.ndarray:
-    """Draw lines on the floor, 1 m apart over 10 m, as one camera sees it; `size` in px, `scale` px/camera px."""
+_FLOOR = np.array([[-5.0, -5], [5, 5]])
+"""m; corners of the floor that is drawn, unless people are elsewhere."""
+
+
+def floor_of(clip: Clip) -> np.ndarray:
+    """Return the corners (2, 2) of the floor to draw, m: ten metres around the origin, or where people are."""
+    known = [poses.xyz[..., :2].reshape(-1, 2) for poses in (clip.poses, clip.truth) if poses is not None]
+    places = np.concatenate([np.zeros((0, 2)), *known]).astype(np.float64)
+    places = places[np.isfinite(places).all(-1)]
+    if not len(places):
+        return _FLOOR
+    low, high = np.percentile(places, (1, 99), axis=0)
+    if (low >= _FLOOR[0]).all() and (high <= _FLOOR[1]).all():
+        return _FLOOR
+    middle, reach = np.round((low + high) / 2), np.ceil((high - low) / 2) + 1
+    return np.stack([middle - reach, middle + reach]).clip(-1000, 1000)
+
+
+def floor(rig: CameraRig, size: tuple[int, int], scale: float, corners: np.ndarray = _FLOOR) -> np.ndarray:
+    """Draw lines between the corners (2, 2) m of the floor, 1 m apart, or more on a large one, as one camera sees it.
+
+    `size` is in px, `scale` in px/camera px.
+    """
     canvas = np.full((size[1], size[0], 3), _EMPTY, np.uint8)
-    along, across = np.meshgrid(np.linspace(-5, 5, 201), np.arange(-5.0, 6.0))
-    lines = np.stack([along, across, np.zeros_like(along)], -1)
-    lines = np.concatenate([lines, lines[..., [1, 0, 2]]])
+    step = max(1.0, np.ceil((corners[1] - corners[0]).max() / 40))
+    grids = []
+    for axis in (0, 1):
+        (start, end), others = corners[:, axis], np.arange(corners[0, 1 - axis], corners[1, 1 - axis] + 0.5, step)
+        along, across = np.meshgrid(np.linspace(start, end, 201), others)
+        grids.append(np.stack([along, across, np.zeros_like(along)], -1)[..., [axis, 1 - axis, 2]])
+    lines = np.concatenate(grids)
     pixels = rig.project(lines[None])[0][0, 0] * scale
     near = drawable(pixels, size[0])
     for line, fits in zip(pixels, near, strict=True):
@@ -290,6 +315,11 @@ class Overlay:
         """The poses or the truth in which people are numbered; None if only detections are drawn."""
         return self.clip.poses if self.layers.poses else self.clip.truth if self.layers.truth else None
 
+    @cached_property
+    def ground(self) -> np.ndarray:
+        """The corners (2, 2) of the floor, m."""
+        return floor_of(self.clip)
+
     def tiles(self, frame: int, images: Sequence[np.ndarray | None]) -> list[np.ndarray]:
         """Return drawings (h, width, 3) uint8 of all views of one frame, over their images (H, W, 3) or the room."""
         truth, poses = (
@@ -314,7 +344,7 @@ class Overlay:
         size = (self.width, round(height * scale))
         image = self.rooms[view] if image is None and self.rooms else image
         if image is None:
-            canvas = floor(self.clip.actual_rig[view : view + 1], size, scale)
+            canvas = floor(self.clip.actual_rig[view : view + 1], size, scale, self.ground)
         else:
             canvas = cv2.resize(image, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
         for drawn, thick in self._drawn(frame, view, truth, poses):

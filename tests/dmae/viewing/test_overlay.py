@@ -20,11 +20,13 @@ from dmae.viewing.overlay import (
     Overlay,
     chosen_layers,
     first_joints,
+    floor_of,
     occluder_name,
     occlusion_summary,
     person_colour,
 )
 from dmae.viewing.show import header, write_sheet
+from tests.support.clips import full_clip
 from tests.support.shown_clips import captured_clip, near, occluded_clip
 
 VISIBLE, SELF, PERSON, OBJECT = list(Visibility)[:4]
@@ -174,3 +176,16 @@ def test_only_joints_that_are_drawn_are_counted():
     xyz, source = (np.concatenate([getattr(each, name) for each in both], 2) for name in ("xyz", "source"))
     fused = replace(clip, poses=Poses3D(fuse(BODY25, SHELF14), xyz, source))
     assert overlay(fused)._counts(0, 0) == overlay(clip)._counts(0, 0)
+
+
+def test_the_floor_is_drawn_where_people_are():
+    """On a court with its origin in a corner, the grid lay beside people."""
+    clip = replace(full_clip(), occlusion=None, detection_labels=None)
+    assert floor_of(replace(clip, truth=None)).tolist() == [[-5, -5], [5, 5]]
+    assert clip.truth is not None
+    usual = floor_of(clip)
+    xyz = clip.truth.xyz + np.array([20, 8, 0], np.float32)
+    far = floor_of(replace(clip, truth=Poses3D(clip.truth.skeleton, xyz)))
+    places = xyz[..., :2].reshape(-1, 2)
+    assert (far[0] < np.nanmin(places, 0)).all() and (far[1] > np.nanmax(places, 0)).all()
+    assert usual.tolist() == [[-5, -5], [5, 5]] and (far[1] - far[0] < 12).all()
