@@ -33,6 +33,7 @@ from dmae.reconstruction.config import CaptureConfig, ComparedJoints, DistanceUn
 from dmae.reconstruction.evidence import Evidence, evidence_blocks
 from dmae.reconstruction.noise import DetectionNoise
 from dmae.reconstruction.sides import Sides, correct_sides, nearer_side
+from dmae.reconstruction.triangulation import Points
 
 _VELOCITY_FADE = 0.5  # s; velocities decay to 1/e in this time unless they are measured again
 
@@ -184,9 +185,7 @@ class Tracker:
     """Assign detections to people frame by frame, without looking ahead.
 
     Args:
-        strangers: (V,) as for `expected_by_chance`, if all frames show the same still; None in a video. If a bone of
-            a still is longer than that of any person, its two joints are dropped. In a video the whole person is
-            dropped in that frame: views of two people are mixed, and later frames help.
+        strangers: (V,) as for `expected_by_chance`, if all frames show the same still; None in a video.
     """
 
     def __init__(self, skeleton: Skeleton, fps: float, config: CaptureConfig, strangers: np.ndarray | None = None):
@@ -212,7 +211,8 @@ class Tracker:
         assigned, primary = _propagate(evidence, state, self._sides, self._mirror, self._dt)
         evidence = correct_sides(evidence, assigned[None], state.xyz[None], self._sides, self._dt)
         points = evidence.triangulate(assigned[None], _ITERATIONS)
-        xyz, plausible = self._plausible(points.xyz[0], assigned, self._fewest)
+        confirmed = state.age > _CONFIRMATION_S
+        xyz, plausible = self._plausible(points, assigned, self._fewest, confirmed)
         used, xyz[~plausible] = points.used[0], np.nan
         mixed = self._split(evidence, state, assigned, primary, xyz)
         # What is left over near a person, a fragment or a duplicate, may also show somebody behind or in front.
@@ -260,7 +260,7 @@ class Tracker:
         if not len(groups):
             return groups, np.empty((0, groups.shape[2], 3)), np.empty((0, *groups.shape[:0:-1]), bool)
         points = evidence.triangulate(groups[None], _ITERATIONS)
-        xyz, plausible = self._plausible(points.xyz[0], groups, self._birth_joints)
+        xyz, plausible = self._plausible(points, groups, self._birth_joints, np.zeros(len(groups), bool))
         return groups[plausible], xyz[plausible], points.used[0, plausible]
 
     def _split(
@@ -274,21 +274,30 @@ class Tracker:
         assigned[ended], primary[:, ended], xyz[ended], state.xyz[ended] = NONE, NONE, np.nan, np.nan
         return bool(ended.any())
 
-    def _plausible(self, xyz: np.ndarray, assigned: np.ndarray, min_joints: int) -> tuple[np.ndarray, np.ndarray]:
+    def _plausible(
+        self, points: Points, assigned: np.ndarray, min_joints: int, confirmed: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Return joints (T, J, 3), and (T,) True where assigned detections (T, V, J) show one person by these joints.
 
         Of the joints that enough views detect, `min_joints` and half must be known: rays of two people hardly ever
-        meet.
+        meet. A bone that is longer than that of any person tells of views of two people, or of one joint that is off.
+        It is a joint in a still, where later frames do not help, and where three views agree on `min_joints` of a
+        confirmed track, which those of two people hardly ever do: then its two joints are dropped. Otherwise the
+        person is, in this frame.
+
+        Args:
+            points: (1, T, J), triangulated from the detections.
+            confirmed: (T,) True for tracks that have lasted.
         """
-        start, end = self._bones.T
+        xyz, start, end = points.xyz[0], *self._bones.T
         impossible = np.linalg.norm(xyz[:, start] - xyz[:, end], axis=-1) > self._longest
-        if self._strangers is not None:
-            person, bone = np.nonzero(impossible)
-            xyz, impossible = xyz.copy(), np.zeros_like(impossible)
-            xyz[person, start[bone]] = xyz[person, end[bone]] = np.nan
+        one = confirmed & ((points.views[0] >= 3).sum(-1) >= min_joints) | (self._strangers is not None)
+        person, bone = np.nonzero(impossible & one[:, None])
+        xyz = xyz.copy()
+        xyz[person, start[bone]] = xyz[person, end[bone]] = np.nan
         known = (~np.isnan(xyz[..., 0])).sum(-1)
         detected = ((assigned != NONE).sum(1) >= self._config.th_v).sum(-1)
-        return xyz, (known >= min_joints) & (2 * known >= detected) & ~impossible.any(-1)
+        return xyz, (known >= min_joints) & (2 * known >= detected) & (one | ~impossible.any(-1))
 
 
 def track(

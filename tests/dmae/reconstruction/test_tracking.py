@@ -159,6 +159,17 @@ def test_somebody_who_appears_close_behind_a_person_is_found(apart):
     assert np.isfinite(errors(poses, people)[6:, 1]).mean() > 0.9
 
 
+def test_a_joint_that_is_off_for_a_second_does_not_cost_the_person_meanwhile():
+    """All views show the wrist a metre beside the person, so that its rays meet."""
+    people = walk((-1, 0), (1, 0))[:, None].copy()
+    people[40:65, :, BODY25.index("l_wrist")[0], 1] += 1.0
+    poses = capture(detected_clip(people, views=3, miss=0, noise=1.0), CaptureConfig())
+    assert poses.xyz.shape[1] == 1
+    known = np.isfinite(poses.xyz[:, 0, :, 0])
+    assert (known.sum(-1) >= 23).all()
+    assert not known[40:65, BODY25.index("l_wrist")[0]].any()
+
+
 def test_without_the_rule_coincidences_are_people():
     everything = replace(CaptureConfig(), tracking=TrackingConfig(max_by_chance=None))
     assert capture(haunted_clip(20, 12, True), everything).xyz.shape[1] > 10
