@@ -205,9 +205,12 @@ def _undo_faults(
     sensitivity, examination, frames = 0.0, None, hypothesis.sample_frames(CHECKED_FRAMES)
     for _ in range(len(hypothesis.rig) + 2):
         correction, sensitivity = find_fault(hypothesis, max_offset)
-        examined_cameras = _examine(hypothesis, correction)
+        size = 1.0 if _of_all_cameras(hypothesis, correction) else _size_of_people(hypothesis)
+        human = _scaled(hypothesis, 1 / size)
+        examined_cameras = None if _of_all_cameras(hypothesis, correction) else examined(human)
         examination = examined_cameras and examined_cameras[0]
-        camera = examined_cameras and named_camera(hypothesis, *examined_cameras, offsets)
+        camera = examined_cameras and named_camera(human, *examined_cameras, offsets)
+        camera = camera and (camera[0], _scaled(camera[1], size))
         if camera and camera[0].cameras not in named and _explains(camera[1], correction, hypothesis, pairs):
             finding, hypothesis = camera
             findings.append(finding)
@@ -235,20 +238,27 @@ def _corrected(clip: Clip, hypothesis: Hypothesis, changed: bool) -> Clip:
     return shift_views(found, hypothesis.offsets.tolist())
 
 
-def _examine(hypothesis: Hypothesis, correction: Correction | None) -> tuple[Examination, ImageTracks] | None:
-    """Examine single cameras, unless a fault of all cameras explains that people cannot be measured."""
-    if correction is not None and len(correction.views) == len(hypothesis.rig) and correction.fault in _EXCLUSIVE:
-        return None
+def _of_all_cameras(hypothesis: Hypothesis, correction: Correction | None) -> bool:
+    """Return whether a fault of all cameras explains that people cannot be measured."""
+    return correction is not None and len(correction.views) == len(hypothesis.rig) and correction.fault in _EXCLUSIVE
+
+
+def _size_of_people(hypothesis: Hypothesis) -> float:
+    """Return the size of people relative to humans if it is far from 1, as in another unit; otherwise 1."""
     pairs = pairs_to_compare(len(hypothesis.rig))
     sample = ViewSample.of(hypothesis, hypothesis.sample_frames(CHECKED_FRAMES))
     people = triangulate_matches(sample, pairs, measure_agreement(sample, pairs))
     ratio = relative_size(people, hypothesis.skeleton)
-    if ratio is None or 0.5 < ratio < 2:
-        return examined(hypothesis)
-    # Give people that are far from human size this size.
+    return 1.0 if ratio is None or 0.5 < ratio < 2 else ratio
+
+
+def _scaled(hypothesis: Hypothesis, scale: float) -> Hypothesis:
+    """Return the hypothesis in a world that is larger by a factor."""
+    if scale == 1:
+        return hypothesis
     pose = hypothesis.rig.cam_from_world.copy()
-    pose[:, :3, 3] *= 1 / ratio
-    return examined(replace(hypothesis, rig=replace(hypothesis.rig, cam_from_world=pose)))
+    pose[:, :3, 3] *= scale
+    return replace(hypothesis, rig=replace(hypothesis.rig, cam_from_world=pose))
 
 
 def _explains(undone: Hypothesis, correction: Correction | None, hypothesis: Hypothesis, pairs: Pairs) -> bool:
