@@ -1,7 +1,7 @@
-"""JSON, YAML and TOML as plain values: dictionaries, lists, texts and numbers, nested to a bounded depth.
+"""JSON, YAML and TOML as dictionaries, lists, texts and numbers, XML as elements; all nested to a bounded depth.
 
 Python's parsers and PyYAML's safe loader read them. Repeated keys are refused, of which these keep the last, and so are
-YAML's aliases, with which a kilobyte can expand to gigabytes.
+YAML's aliases and XML's entities, with which a kilobyte can expand to gigabytes.
 """
 
 import json
@@ -9,6 +9,7 @@ import re
 import tomllib
 from collections import Counter
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 
@@ -134,6 +135,37 @@ def read_toml(path: Path) -> dict:
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{path}: expected TOML, {error}") from None
     return found
+
+
+class _Elements(ElementTree.TreeBuilder):
+    """Refuses document types, which are the only places for entities, and too deep nesting, as soon as they appear."""
+
+    def __init__(self, most: int):
+        super().__init__()
+        self.depth, self.most = 0, most
+
+    def doctype(self, name: str, *_) -> None:
+        raise ValueError(f"it has a document type, {name}, which can define entities")
+
+    def start(self, tag, attributes):
+        self.depth += 1
+        if self.depth > self.most:
+            raise ValueError(f"it is nested deeper than {self.most}")
+        return super().start(tag, attributes)
+
+    def end(self, tag):
+        self.depth -= 1
+        return super().end(tag)
+
+
+def parse_xml(text: str, most_depth: int = MOST_DEPTH) -> ElementTree.Element:
+    """Return the root of an XML text. Raises ValueError if it is malformed or nested too deeply, or has entities."""
+    parser = ElementTree.XMLParser(target=_Elements(most_depth))
+    try:
+        parser.feed(text)
+        return parser.close()
+    except ElementTree.ParseError as error:
+        raise ValueError(str(error)) from None
 
 
 def check_plain(value) -> None:

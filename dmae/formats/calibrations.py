@@ -323,7 +323,7 @@ def _recognised(path: Path) -> CalibrationFormat | None:
     if start.startswith("<"):
         syntax = "xml"  # of OpenCV; or of Qualisys or Vicon, which no format here has
         content = re.findall(r"<(\w+)", start)
-    elif not re.match(r"(#.*\s*)*(%YAML|\w+\s*:)", start) and path.suffix not in (".yml", ".yaml"):
+    elif not re.match(r"(#.*\n\s*)*+(%YAML|\w+\s*:)", start) and path.suffix not in (".yml", ".yaml"):
         syntax = "json" if start.startswith("{") or path.suffix == ".json" else "toml"
         content = read_json(path) if syntax == "json" else read_toml(path)
     formats = calibration_format.values()

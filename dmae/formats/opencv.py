@@ -6,14 +6,17 @@ file, and stands for the files of the other cameras beside it; or it holds a tab
 
 import re
 from collections.abc import Iterator
+from math import prod
 from pathlib import Path
-from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
+import cv2
 import numpy as np
 
 from dmae.data.cameras import CameraRig
+from dmae.files.checks import numbers_of
 from dmae.files.contents import read_text
-from dmae.files.structured import parse_yaml, read_json
+from dmae.files.structured import parse_xml, parse_yaml, read_json
 from dmae.formats.calibrations import CameraTable, ParsedCamera, calibration_format, make_rig
 from dmae.formats.recordings import by_name, plain
 
@@ -30,6 +33,9 @@ _NAMES = {
     "height": ("height", "image_height", "h", "H"),
     "fisheye": ("fisheye",),
 }
+_ROUNDING = 2e-3
+"""Largest difference between two notations of one value, as R and rvec."""
+_FLAGS = {"true": True, "1": True, "1.0": True, "false": False, "0": False, "0.0": False}
 _KEYS = {name if len(name) == 1 else plain(name): key for key, names in _NAMES.items() for name in names}
 
 
@@ -51,7 +57,7 @@ def read_storage(path: Path) -> dict:
     else:
         content = _yaml(path, start)
     if not isinstance(content, dict):
-        raise ValueError(f"{path}: expected K_<camera>, T_<camera>, ... of OpenCV's FileStorage, found {content!r:.60}")
+        raise ValueError(f"{path}: expected a table of values as in OpenCV's FileStorage, found {content!r:.60}")
     return {key: _value(path, key, value) for key, value in content.items()}
 
 
@@ -64,27 +70,25 @@ def _yaml(path: Path, text: str):
 
 
 def _xml(path: Path, text: str) -> dict:
-    # Entities can expand to gigabytes; OpenCV writes none.
-    if "<!" in re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL):
-        raise ValueError(f"{path}: expected XML of OpenCV's FileStorage, found a document type or an entity")
     try:
-        root = ElementTree.fromstring(text)
-    except ElementTree.ParseError as error:
+        return _table(parse_xml(text))
+    except ValueError as error:
         raise ValueError(f"{path}: expected XML of OpenCV's FileStorage, {error}") from None
-    found = {}
-    for element in root:
-        if element.tag in found:
-            raise ValueError(f"{path}: expected {element.tag} once, found it twice")
-        found[element.tag] = _element(element)
+
+
+def _table(element: Element) -> dict:
+    found = {child.tag: _element(child) for child in element}
+    if len(found) < len(element):
+        raise ValueError(f"an element twice in {element.tag}")
     return found
 
 
-def _element(element: ElementTree.Element):
+def _element(element: Element):
     if len(element) == 0:
         return (element.text or "").strip().strip('"')
     if all(child.tag == "_" for child in element):
         return [_element(child) for child in element]
-    found = {child.tag: _element(child) for child in element}
+    found = _table(element)
     if element.get("type_id") == "opencv-matrix" and isinstance(found.get("data"), str):
         found["data"] = found["data"].split()
     return found
@@ -95,12 +99,9 @@ def _value(path: Path, key: str, value):
         return _number(value)
     if "data" not in value and "rows" not in value:
         return {name: _value(path, f"{key}.{name}", each) for name, each in value.items()}
-    try:
-        data = np.array(value["data"], np.float64)
-        if data.ndim == 1 and data.size == int(value["rows"]) * int(value["cols"]):
-            return data
-    except (KeyError, ValueError, TypeError):
-        pass
+    data, shape = numbers_of(value.get("data")), numbers_of([value.get("rows"), value.get("cols")])
+    if data.ndim == 1 and data.size == prod(shape.tolist()):
+        return data
     raise ValueError(
         f"{path}: expected {key} to be a matrix of rows, cols and as many numbers of data, found {value!r:.90}"
     )
@@ -167,7 +168,10 @@ def _cameras(path: Path) -> Iterator[CameraTable]:
         try:
             found = tables if file == path else _read(file)
         except ValueError:
-            continue  # Of something else: a board, settings
+            # Of something else, as a board or settings, unless it is a damaged file of a camera.
+            if "K" in map(_key, re.findall(r"\w+", read_text(file, _MOST_BYTES))):
+                raise
+            continue
         if list(found) == [""]:
             yield CameraTable(file, _name(file), found[""])
 
@@ -178,10 +182,24 @@ def _read(path: Path) -> dict[str, dict]:
     if tables is None:
         names = ", ".join(f"{key} ({', '.join(_NAMES[key][1:4])})" for key in ("K", "R", "t"))
         raise ValueError(f"{path}: expected a camera, or a table for each: {names}; found {sorted(content)}")
-    return {
-        name: {_key(key) or str(key): _numbers(value) for key, value in values.items()}
-        for name, values in tables.items()
-    }
+    return {name: _by_key(path, values) for name, values in tables.items()}
+
+
+def _by_key(path: Path, values: dict) -> dict:
+    """Return the values of a camera by our keys. Two names of one key, as R and rvec, must agree."""
+    found: dict = {}
+    for name, value in values.items():
+        key = _key(name) or str(name)
+        here, before = (_compared(key, each) for each in (value, found.get(key)))
+        if key in found and (here.shape != before.shape or not np.allclose(here, before, atol=_ROUNDING)):
+            raise ValueError(f"{path}: {name} contradicts another {key} of the camera; leave one of them")
+        found.setdefault(key, _numbers(value))
+    return found
+
+
+def _compared(key: str, value) -> np.ndarray:
+    numbers = numbers_of(_numbers(value)).ravel()
+    return cv2.Rodrigues(numbers)[0].ravel() if key == "R" and numbers.size == 3 else numbers
 
 
 def _numbers(value):
@@ -203,7 +221,9 @@ def _camera(table: CameraTable) -> ParsedCamera:
         R, t = table.rodrigues("R") if turn.size == 3 else table.rotation("R"), table.numbers("t", 3)
     keys = ("size",) if "size" in given else ("width", "height")
     size = table.size(*keys) if set(keys) & set(given) else None
-    fisheye = bool(given.get("fisheye", False))
+    fisheye = _FLAGS.get(str(given.get("fisheye", False)).lower())
+    if fisheye is None:
+        raise table.error("fisheye", "to be true or false", repr(given["fisheye"]))
     dist = np.zeros(5)
     if "dist" in given:
         dist = table.numbers("dist", *((4,) if fisheye else (4, 5, 8, 12, 14)))

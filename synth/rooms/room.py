@@ -13,7 +13,7 @@ from itertools import product
 from math import prod
 from pathlib import Path
 from typing import NamedTuple
-from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
 import mujoco
 import numpy as np
@@ -21,6 +21,7 @@ import numpy as np
 from dmae.files.checks import check_numbers
 from dmae.files.contents import check_file, read_text
 from dmae.files.images import check_image
+from dmae.files.structured import parse_xml
 from dmae.nearest import unknown
 from synth.rooms.config import mjcf_names, room_folder
 from synth.rooms.rays import at_rest
@@ -140,16 +141,14 @@ def compile_mjcf(path: Path) -> mujoco.MjModel:
 
 def _read(path: Path, found: _Found, above: tuple[Path, ...]) -> None:
     text = read_text(path, _MOST_TEXT)
-    if "<!DOCTYPE" in text.upper() or "<!ENTITY" in text.upper():
-        raise ValueError(f"{path}: expected MJCF, found a document type, which MJCF has none of")
     try:
-        root = ElementTree.fromstring(text)
-    except (ElementTree.ParseError, ValueError) as error:
+        root = parse_xml(text, _MOST_DEPTH)
+    except ValueError as error:
         raise ValueError(f"{path}: expected MJCF, {error}") from None
     if root.tag not in ("mujoco", "mujocoinclude"):
         raise ValueError(f"{path}: expected MJCF, <mujoco>, found <{root.tag:.40}>")
     try:
-        found.elements += _count(root, 0)
+        found.elements += _count(root)
         if found.elements > _MOST_ELEMENTS:
             raise ValueError(f"expected at most {_MOST_ELEMENTS} elements, found {found.elements}")
         for element in root.iter():
@@ -160,11 +159,9 @@ def _read(path: Path, found: _Found, above: tuple[Path, ...]) -> None:
         _follow(path, element, found, (*above, path.resolve()))
 
 
-def _count(element: ElementTree.Element, depth: int) -> int:
+def _count(element: Element) -> int:
     """Return the number of elements within an element. Elements in a `replicate` count once per repetition."""
-    if depth > _MOST_DEPTH:
-        raise ValueError(f"its elements are nested deeper than {_MOST_DEPTH}")
-    inside = sum(_count(child, depth + 1) for child in element)
+    inside = sum(map(_count, element))
     times = 1.0
     if element.tag == "replicate":
         times = max(_numbers(element.get("count", "1")))
@@ -173,7 +170,7 @@ def _count(element: ElementTree.Element, depth: int) -> int:
     return int(min(1 + max(times, 1) * inside, 1e18))
 
 
-def _check_element(element: ElementTree.Element) -> None:
+def _check_element(element: Element) -> None:
     """Raise ValueError for invalid numbers, and for sizes that make MuJoCo allocate too much memory."""
     tag, values = element.tag, element.attrib
     if tag in _UNSUPPORTED:
@@ -201,7 +198,7 @@ def _numbers(text: str) -> list[float]:
     return found or [0.0]
 
 
-def _follow(path: Path, element: ElementTree.Element, found: _Found, above: tuple[Path, ...]) -> None:
+def _follow(path: Path, element: Element, found: _Found, above: tuple[Path, ...]) -> None:
     """Add the files that an element names to `found`, and read included files."""
     for name, value in element.attrib.items():
         if element.tag == "compiler" and name in ("assetdir", "meshdir", "texturedir"):

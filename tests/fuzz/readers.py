@@ -61,7 +61,7 @@ from tests.fuzz.seed_files import (
     write_weights,
 )
 from tests.support.animal_files import SPIDER, write_deeplabcut, write_dogs_nc
-from tests.support.calibrations import TEXTS, write
+from tests.support.calibrations import TEXTS, write, write_storage
 from tests.support.clips import walkers
 from tests.support.tracked_recordings import write_mmpose
 
@@ -126,6 +126,11 @@ READERS = [
     *(
         Reader(f"calibration/{format}", partial(write, format=format), partial(read_calibration, size=(1000, 600)))
         for format in TEXTS
+    ),
+    *(
+        Reader(f"calibration/opencv {kind}", lambda folder, kind=kind: write_storage(folder / f"camera.{kind}"),
+               read_calibration)
+        for kind in ("xml", "json")
     ),
     *(
         Reader(f"recording/{name}", write, partial(_read_recording, name), repair=_CLIP if name == "clip" else None)

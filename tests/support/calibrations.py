@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -82,6 +83,19 @@ def rig_text() -> str:
 def opencv_text() -> str:
     text = storage(camera_matrix=K, distortion_coefficients=[-0.2, 0.05, 0.01, -0.02, -0.1], R=R, T=T[:, None])
     return text.replace('names:\n   - "left"\n', "image_width: 1000\nimage_height: 600\n")
+
+
+def write_storage(path: Path, size=(1000, 600), K=K, dist=(-0.2, 0.05, 0.01, -0.02, -0.1, 0, 0, 0), R=R, t=T) -> None:
+    """Write a camera by OpenCV's own writer, in the syntax that the suffix names."""
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    storage.write("image_width", int(size[0]))
+    storage.write("image_height", int(size[1]))
+    storage.write("cameraMatrix", K)
+    # calibrateCamera returns the rational model with six zeros at the end.
+    storage.write("distCoeffs", np.pad(dist, (0, 6))[None])
+    storage.write("rvec", Rotation.from_matrix(R).as_rotvec()[:, None])
+    storage.write("tvec", np.asarray(t)[:, None])
+    storage.release()
 
 
 TEXTS = {

@@ -6,10 +6,8 @@ from itertools import product
 from pathlib import Path
 from xml.etree import ElementTree
 
-import cv2
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D
@@ -27,7 +25,18 @@ from dmae.formats.calibrations import (
 )
 from dmae.formats.config import METRES, Convention, DataConfig, LengthUnit, UpDirection
 from dmae.formats.reading import written_convention
-from tests.support.calibrations import CENTRE, POINT, TEXTS, K, R, intrinsics_text, opencv_text, pose2sim_text, write
+from tests.support.calibrations import (
+    CENTRE,
+    POINT,
+    TEXTS,
+    K,
+    R,
+    intrinsics_text,
+    opencv_text,
+    pose2sim_text,
+    write,
+    write_storage,
+)
 from tests.support.clips import looking_at_origin, walkers
 
 FORMATS = list(calibration_format)
@@ -208,15 +217,10 @@ def opencv_cameras() -> CameraRig:
 def write_opencv(rig: CameraRig, folder: Path, suffix: str) -> None:
     folder.mkdir(parents=True)
     for view, name in enumerate(rig.names):
-        storage = cv2.FileStorage(str(folder / f"{name}{suffix}"), cv2.FILE_STORAGE_WRITE)
-        storage.write("image_width", int(rig.size[view, 0]))
-        storage.write("image_height", int(rig.size[view, 1]))
-        storage.write("cameraMatrix", rig.K[view])
-        # calibrateCamera returns the rational model with six zeros at the end.
-        storage.write("distCoeffs", np.pad(rig.dist[view], (0, 6))[None])
-        storage.write("rvec", Rotation.from_matrix(rig.cam_from_world[view, :3, :3]).as_rotvec()[:, None])
-        storage.write("tvec", rig.cam_from_world[view, :3, 3:])
-        storage.release()
+        pose = rig.cam_from_world[view]
+        write_storage(
+            folder / f"{name}{suffix}", rig.size[view], rig.K[view], rig.dist[view], pose[:3, :3], pose[:3, 3]
+        )
 
 
 @pytest.mark.parametrize("suffix", [".yml", ".yaml", ".xml", ".json"])
@@ -252,8 +256,15 @@ def test_plain_json_with_the_names_of_opencv_is_read_in_its_unit(tmp_path):
     ("text", "message"),
     [
         ("<opencv_storage><K>1</K>", "expected XML of OpenCV's FileStorage, no element found"),
-        ('<!DOCTYPE a [<!ENTITY b "c">]><opencv_storage><K>1</K></opencv_storage>', "found a document type"),
-        ("<opencv_storage><K>1</K><K>1</K></opencv_storage>", "expected K once"),
+        ('<!DOCTYPE a [<!ENTITY b "c">]><opencv_storage><K>1</K></opencv_storage>', "it has a document type"),
+        (
+            # What is a comment only for who does not read instructions hides nothing.
+            '<?x <!-- ?><!DOCTYPE a [<!ENTITY b "1">]><opencv_storage><K>&b;</K><R>1</R></opencv_storage><?y --> ?>',
+            "it has a document type",
+        ),
+        ("<opencv_storage><K>1</K>" + 5000 * "<a>" + 5000 * "</a>" + "</opencv_storage>", "nested deeper than 32"),
+        ("<opencv_storage><K>1</K><K>1</K></opencv_storage>", "an element twice in opencv_storage"),
+        ("<opencv_storage><left><K>1</K><K>1</K></left></opencv_storage>", "an element twice in left"),
         ("<opencv_storage><K>1</K></opencv_storage>", r"expected a camera, or a table for each: K \(camera_matrix"),
     ],
 )
@@ -261,6 +272,51 @@ def test_xml_that_opencv_did_not_write_is_refused(text, message, tmp_path):
     (tmp_path / "left.xml").write_text(text)
     with pytest.raises(ValueError, match=message):
         read_calibration(tmp_path / "left.xml")
+
+
+@pytest.mark.parametrize("number", ["1e999", "1" + "0" * 400])
+@pytest.mark.parametrize("key", ["rows", "data"])
+def test_numbers_that_are_none_are_refused_with_the_file(tmp_path, number, key):
+    matrix = {"rows": "3", "cols": "1", "data": f"[1, 1, {number if key == 'data' else 1}]"}
+    matrix |= {"rows": number} if key == "rows" else {}
+    text = ", ".join(f'"{name}": {value}' for name, value in matrix.items())
+    (tmp_path / "left.json").write_text(f'{{"K": {K.tolist()}, "R": [0, 0, 0], "t": {{{text}}}, "size": [640, 480]}}')
+    with pytest.raises(ValueError, match=r"left\.json: .*expected t "):
+        read_calibration(tmp_path / "left.json")
+
+
+@pytest.mark.parametrize(("text", "fisheye"), [("false", False), ("0", False), ("true", True), ("1", True)])
+def test_whether_a_lens_is_a_fisheye_is_read_from_texts(tmp_path, text, fisheye):
+    given = opencv_text().replace("cols: 5", "cols: 4").replace(", -1.00000000e-01 ]", " ]") + f"fisheye: {text}\n"
+    assert read_calibration(write(tmp_path, "opencv", **{"left.yml": given})).fisheye.tolist() == [fisheye]
+
+
+def test_two_notations_of_a_rotation_must_agree(tmp_path):
+    vector = "rvec: !!opencv-matrix\n   rows: 3\n   cols: 1\n   dt: d\n   data: [ {} ]\n"
+    both = opencv_text() + vector.format("1.2, -0.7, 0.4")
+    assert (
+        moved(
+            read_calibration(write(tmp_path, "opencv")),
+            read_calibration(write(tmp_path, "opencv", **{"left.yml": both})),
+        )
+        < 1e-6
+    )
+    with pytest.raises(ValueError, match=r"left\.yml: rvec contradicts another R"):
+        read_calibration(write(tmp_path, "opencv", **{"left.yml": opencv_text() + vector.format("0, 0, 0")}))
+
+
+def test_a_damaged_file_of_a_camera_is_not_left_out(tmp_path):
+    rig = opencv_cameras()
+    write_opencv(rig, tmp_path / "calibration", ".yml")
+    damaged = tmp_path / "calibration" / "wide_2.yml"
+    damaged.write_text(damaged.read_text()[:-30])
+    with pytest.raises(ValueError, match=r"wide_2\.yml: expected YAML"):
+        read_calibration(tmp_path / "calibration" / "main.yml")
+
+
+def test_a_bar_of_comments_does_not_stop_recognition(tmp_path):
+    (tmp_path / "calib.toml").write_text(200 * "#" + "\n" + pose2sim_text())
+    assert recognise(tmp_path / "calib.toml") == "pose2sim"
 
 
 def test_a_lens_of_thin_prisms_is_refused(tmp_path):
