@@ -37,6 +37,7 @@ def write_csv(poses: Poses3D, clip: Clip, path: Path, *, unit: LengthUnit = Leng
         yield f"frame,time_s,person,joint,x_{unit},y_{unit},z_{unit},source,error_{unit}"
         for frame, xyz, source, views, error in _frames(poses):
             for person, name in enumerate(people):
+                quoted = '"' + name.replace('"', '""') + '"' if {*name} & {*',"'} else name
                 for joint, at in enumerate(xyz[person].astype(np.float64) / metre):
                     if source[person, joint] == Source.ABSENT:
                         continue
@@ -44,7 +45,7 @@ def write_csv(poses: Poses3D, clip: Clip, path: Path, *, unit: LengthUnit = Leng
                     how = source_word(Source(source[person, joint]), views[person, joint])
                     off = error[person, joint] / metre
                     stated = "" if np.isnan(off) else f"{off:.{digits}f}"
-                    yield f"{frame + first},{frame / clip.fps:.6f},{name},{joints[joint]},{place},{how},{stated}"
+                    yield f"{frame + first},{frame / clip.fps:.6f},{quoted},{joints[joint]},{place},{how},{stated}"
 
     write_atomic(path, written(rows()))
 
@@ -87,11 +88,18 @@ def _frames(poses: Poses3D) -> Iterator[tuple]:
         )
 
 
+def _rows(path: Path) -> Iterator[list[str]]:
+    try:
+        yield from csv.reader(read_text(path).splitlines())
+    except csv.Error as error:
+        raise ValueError(f"{path}: expected a table of values between commas, {error}") from None
+
+
 @pose_reader("csv", file="*.csv")
 def read_csv_poses(path: Path) -> PoseFile:
     """A table with the columns frame, person, joint, x, y, z (m, or x_mm and so on), a row for each known joint."""
     path = Path(path)
-    rows = csv.reader(read_text(path).splitlines())
+    rows = _rows(path)
     header = [name.strip() for name in next(rows, [])]
     named = {plain(name): place for place, name in enumerate(header)}
     wanted = {
@@ -116,13 +124,14 @@ def read_csv_poses(path: Path) -> PoseFile:
             continue
         try:
             at = [float(row[place]) if row[place].strip() else np.nan for place in places]
-            frames.append(int(row[wanted["frame"]]))
+            frames.append(int(np.int64(row[wanted["frame"]])))
             joints.append(row[wanted["joint"]].strip())
             people.append("" if wanted["person"] < 0 else row[wanted["person"]].strip())
             sources.append(Source.MEASURED if how is None else kinds[row[how].strip()])
-        except (ValueError, IndexError, KeyError) as error:
+        except (ValueError, IndexError, KeyError, OverflowError) as error:
+            choices = "" if how is None else f", and one of the sources {', '.join(kinds)}"
             raise ValueError(
-                f"{path}, line {number}: expected a frame, names and numbers, found {row!r:.90} ({error})"
+                f"{path}, line {number}: expected a frame, names and numbers{choices}; found {row!r:.90} ({error})"
             ) from None
         xyz.append(at)
     if not frames:

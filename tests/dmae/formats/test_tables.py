@@ -23,7 +23,7 @@ def captured() -> Clip:
     xyz[2, 1], source[2, 1] = np.nan, Source.ABSENT
     source[3, 0, 4] = Source.COMPLETED
     cov = np.where(np.isfinite(xyz)[..., None], 0.01**2 * np.eye(3), np.nan)
-    provenance = {"first_frame": 300, "people": ["anna", "P10"]}
+    provenance = {"first_frame": 300, "people": ['Smith, "Anna"', "P10"]}
     return replace(full_clip(6), poses=Poses3D(poses.skeleton, xyz, source, cov), provenance=provenance)
 
 
@@ -33,12 +33,12 @@ def test_a_table_is_read_as_it_was_written(tmp_path: Path, unit: str, most: floa
     write_poses(clip, tmp_path / "walk.csv", unit=unit)
     lines = (tmp_path / "walk.csv").read_text().splitlines()
     assert lines[0] == f"frame,time_s,person,joint,x_{unit},y_{unit},z_{unit},source,error_{unit}"
-    assert lines[1].startswith("300,0.000000,anna,") and lines[1].endswith(
+    assert lines[1].startswith('300,0.000000,"Smith, ""Anna""",') and lines[1].endswith(
         f"measured,{'10.0' if unit == 'mm' else '0.0100'}"
     )
     read = read_poses(tmp_path / "walk.csv")
     assert read.first == 300
-    # By name: anna is after P10.
+    # By name: Smith is after P10.
     again = read.poses.select(persons=[1, 0])
     assert again.skeleton == clip.poses.skeleton
     np.testing.assert_allclose(again.xyz, clip.poses.xyz, atol=most)
@@ -74,6 +74,9 @@ def test_a_table_of_somebody_else_is_read(tmp_path: Path):
         ("frame,joint,x,y,z\n1,nose,1,2,3\n1,nose,1,2,3\n", "each joint of a person once in a frame"),
         ("frame,joint,x,y,z\n1,nose,1,2,3\n99999999,nose,1,2,3\n", "expected files numbered by frame"),
         ("frame,joint,x,y,z\n1,nose,1,2,1e30\n", "coordinates"),
+        (f"frame,joint,x,y,z\n1{30 * '0'},nose,1,2,3\n", "line 2: expected a frame"),
+        (f"frame,joint,x,y,z\n1,{200_000 * 'n'},1,2,3\n", "expected a table of values between commas"),
+        ("frame,joint,x,y,z,source\n1,nose,1,2,3,vicon\n", "one of the sources absent, measured, .*'vicon'"),
     ],
 )
 def test_malformed_tables_are_refused_with_their_name(tmp_path: Path, text: str, message: str):
@@ -89,7 +92,7 @@ def test_lines_have_the_keys_of_live_capture(tmp_path: Path):
     header, *frames = map(json.loads, (tmp_path / "walk.jsonl").read_text().splitlines())
     assert header["joints"] == list(clip.poses.skeleton.joints) and header["fps"] == clip.fps
     assert [frame["frame"] for frame in frames] == [*range(300, 306)]
-    assert [person["name"] for person in frames[2]["people"]] == ["anna"]
+    assert [person["name"] for person in frames[2]["people"]] == ['Smith, "Anna"']
     person = frames[3]["people"][0]
     assert person["id"] == 0 and person["source"][4] == "completed" and person["error_mm"][0] == 10.0
     np.testing.assert_allclose(person["xyz"], clip.poses.xyz[3, 0], atol=1e-4)
