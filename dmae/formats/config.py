@@ -110,9 +110,9 @@ class DataConfig(Configuration):
     """Folder of the videos that people were detected in, <camera>.mp4: backgrounds of reports and figures."""
     images: str | None = field(default=None, metadata={"reads": "path"})
     """Folder of the images that people were detected in, a folder of PNG or JPEG files for each camera."""
-    truth: str | None = field(default=None, metadata={"reads": "path"})
-    """True poses to score with: a file that `dmae.read_poses` reads (.csv, .npz, .trc, ...); for a data set a folder
-    with one for each clip."""
+    truth: str | None = field(default=None, metadata={"reads": "poses"})
+    """True poses to score with: a file that `dmae.read_poses` reads (.csv, .npz, .trc, ...), or a folder with one for
+    each clip, named as the clip's folder."""
     fps: float | None = None
     """1/s; frame rate, if the files do not state it."""
     size: list[int] | None = None

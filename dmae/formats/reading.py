@@ -94,7 +94,8 @@ class Clips(Sequence):
                 clip = _with_calibration(clip, config, Path(config.calibration))
             clip.check_numbers()
             if config.truth is not None:
-                clip = _with_truth(clip, Path(config.truth), folder.name if self.data_set else None)
+                names = [folder.name] if self.data_set else [folder.name, clip.id]
+                clip = _with_truth(clip, Path(config.truth), names, alone=self.total == 1)
             if config.videos is not None:
                 clip = with_videos(clip, Path(config.videos))
             if config.images is not None:
@@ -300,19 +301,21 @@ def _with_calibration(clip: Clip, config: DataConfig, calibration: Path) -> Clip
     return replace(clip, rig=rig, true_rig=filmed, poses=None, provenance=clip.provenance | {"notes": notes})
 
 
-def _with_truth(clip: Clip, path: Path, name: str | None) -> Clip:
-    """Return a clip with true poses from a file, or from the one of its name in a folder.
+def _with_truth(clip: Clip, path: Path, names: list[str], *, alone: bool) -> Clip:
+    """Return a clip with true poses from a file, if it is `alone`, or from the one in a folder that has its name.
 
     A file that numbers its frames is placed by them, and can lack some. Raises ValueError if the frames do not fit.
     """
     files = pose_paths(path)
-    if files is not None and name not in files:
+    if files is None and not alone:
         raise ValueError(
-            f"data.truth={path}: expected poses of clip {name or clip.id!r}, found {', '.join(files)[:90]}"
+            f"data.truth={path}: expected a folder with poses of each clip, as {names[0]}.npz, found one file"
         )
-    if files is None and name is not None:
-        raise ValueError(f"data.truth={path}: expected a folder with poses of each clip, as {name}.npz, found one file")
-    found = read_poses(path if files is None else files[str(name)])
+    file = path if files is None else next((files[name] for name in names if name in files), None)
+    if file is None:
+        wanted = " or ".join(dict.fromkeys(names))
+        raise ValueError(f"data.truth={path}: expected poses of clip {wanted}, found {', '.join(files or ())[:90]}")
+    found = read_poses(file)
     if found.fps is not None and not np.isclose(found.fps, clip.fps, rtol=1e-3):
         raise ValueError(
             f"data.truth={path}: expected {clip.fps:g} frames a second as of the clip, found {found.fps:g}"

@@ -398,3 +398,29 @@ def test_truth_of_other_frames_is_refused(tmp_path, first, frames, format, messa
     )
     with pytest.raises(ValueError, match=message):
         Clips(DataConfig("clip", str(tmp_path / "walk"), truth=str(tmp_path / f"truth.{format}")))[0]
+
+
+def test_truth_is_found_in_a_folder_by_the_name_of_a_clip(tmp_path):
+    """Of a data set, and of a single clip in a folder of another name; the files of several people count as one."""
+    clip = full_clip(6)
+    (tmp_path / "set").mkdir()
+    write_manifest(tmp_path / "set", [{"id": name, "status": "ok"} for name in ("walk", "run")])
+    for folder in (tmp_path / "set" / "walk", tmp_path / "set" / "run"):
+        save_clip(clip, folder)
+    save_clip(clip, tmp_path / "elsewhere")
+    (tmp_path / "truths").mkdir()
+    for name in ("walk", "run", clip.id):
+        write_poses(replace(clip, poses=clip.truth), tmp_path / "truths" / f"{name}.trc")
+    assert not (tmp_path / "truths" / "walk.trc").exists()
+
+    def truths(path: str, truth: str) -> list:
+        return [each.truth for each in Clips(DataConfig("clip", str(tmp_path / path), truth=str(tmp_path / truth)))]
+
+    assert len(truths("set", "truths")) == 2
+    assert truths("elsewhere", "truths") == truths("elsewhere", "truths/walk.trc")
+    with pytest.raises(ValueError, match=r"expected a folder with poses of each clip, as run\.npz, found one file"):
+        truths("set", "truths/walk.trc")
+    for file in (tmp_path / "truths").glob("run*"):
+        file.unlink()
+    with pytest.raises(ValueError, match=r"expected poses of clip run, found"):
+        truths("set", "truths")
