@@ -74,7 +74,9 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
     people = People(files, skeleton)
     for name, number, file, content in json_frames(path, files, people.unreadable):
         people.frame(name, number)
-        of_mmpose = isinstance(content, list) or (isinstance(content, dict) and {*content} & {*FRAME_KEYS[:2]})
+        of_mmpose = isinstance(content, list) or (
+            isinstance(content, dict) and {*content} & ({*FRAME_KEYS} - {"people"})
+        )
         found = people_of_frame(str(file), content) if of_mmpose else listed(file, content, "people")
         for i, person in enumerate(found):
             if person != {}:

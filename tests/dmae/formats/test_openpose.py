@@ -222,7 +222,14 @@ def test_a_skeleton_of_your_own_is_written_beside_and_named(tmp_path, format):
 
 @pytest.mark.parametrize("format", [None, "mmpose"])
 @pytest.mark.parametrize("folder", ["", "keypoints", "predictions"])
-@pytest.mark.parametrize("form", [lambda people: people, lambda people: {"instances": people}])
+@pytest.mark.parametrize(
+    "form",
+    [
+        lambda people: people,
+        lambda people: {"instances": people},
+        lambda people: {"meta_info": {}, "instance_info": people},
+    ],
+)
 def test_frames_of_mmpose_in_a_file_each_are_read(tmp_path, form, folder, format):
     clip = recording(COCO17, 3, 2)
     (tmp_path / "calibration").mkdir()
