@@ -172,6 +172,11 @@ def named_detections(
     return NumberedDetections(wanted, views, notes=notes)
 
 
+def bare(name: str) -> str:
+    """Return the letters and digits of the name of a joint, with sides as l and r: of left_knee, L.Knee and l_knee."""
+    return re.sub("^(l|r)(eft|ight)(?=.)", r"\1", plain(name))
+
+
 def named_skeleton(
     names: Sequence[str], edges: Sequence[tuple[int, int]], wanted: Skeleton | None, path: Path
 ) -> tuple[Skeleton, list[int], tuple[str, ...]]:
@@ -181,28 +186,23 @@ def named_skeleton(
     is defined by the names, the edges (pairs of indices, the parent first), and left and right in the names. Raises
     ValueError, which lists joints of the file, if a joint occurs twice or a wanted one is missing.
     """
-    known = [_bare(name) for name in names]
+    known = [bare(name) for name in names]
     if len(set(known)) < len(known) or not names:
         raise ValueError(f"{path}: expected joints of different names, found {', '.join(names) or 'none'}")
-    same = (each for each in SKELETONS.values() if {_bare(joint) for joint in each.joints} == set(known))
+    same = (each for each in SKELETONS.values() if {bare(joint) for joint in each.joints} == set(known))
     skeleton = wanted or next(same, None)
     if skeleton is not None:
-        lacking = [joint for joint in skeleton.joints if _bare(joint) not in known]
+        lacking = [joint for joint in skeleton.joints if bare(joint) not in known]
         if lacking:
             raise ValueError(
                 f"{path}: expected the joints of {skeleton.name}: it lacks {', '.join(lacking)}, and has "
                 f"{', '.join(names)}"
             )
-        index = [known.index(_bare(joint)) for joint in skeleton.joints]
+        index = [known.index(bare(joint)) for joint in skeleton.joints]
         others = [name for number, name in enumerate(names) if number not in index]
         notes = (f"joints that {skeleton.name} lacks are left out: {', '.join(others)}",) if others else ()
         return skeleton, index, notes
     return _new_skeleton(names, edges, path)
-
-
-def _bare(name: str) -> str:
-    """Return the letters and digits of the name of a joint, with sides as l and r: of left_knee, L.Knee and l_knee."""
-    return re.sub("^(l|r)(eft|ight)(?=.)", r"\1", plain(name))
 
 
 def _new_skeleton(

@@ -22,6 +22,7 @@ from dmae.formats.config import METRES, LengthUnit
 from dmae.formats.poses import PoseFile, person_paths, provenance_people, read_provenance
 from dmae.formats.recordings import csv_rows
 from dmae.formats.registry import pose_reader, pose_writer
+from dmae.formats.skeletons import bare
 
 # Indices that reorder axes from TRC to world, and from world to TRC: TRC (x, y, z) = world (y, z, x).
 _WORLD = (2, 0, 1)
@@ -40,10 +41,10 @@ _FIRST_ROW = 5  # Number of lines of the header. OpenSim's own files have an emp
 
 def marker(joint: str) -> str:
     """Return the name of the marker of a joint, as in OpenPose: l_big_toe is LBigToe, mid_hip is MidHip."""
-    part, side, bare = "", joint[:2], joint
+    part, side, rest = "", joint[:2], joint
     if side in _SIDES:
-        part, bare = _SIDES[side], joint[2:]
-    return part + "".join(word.capitalize() for word in bare.split("_"))
+        part, rest = _SIDES[side], joint[2:]
+    return part + "".join(word.capitalize() for word in rest.split("_"))
 
 
 def opensim_marker(joint: str, skeleton: Skeleton) -> str:
@@ -80,6 +81,8 @@ def read_trc(path: Path, skeleton: Skeleton | None = None) -> tuple[Poses3D, flo
     unknown = [name for name, joint in zip(names, named, strict=True) if joint not in skeleton.joints]
     if unknown:
         raise KeyError(f"{path}: skeleton {skeleton.name!r} has no joints for the markers {unknown}")
+    if len(set(named)) < len(named):
+        raise ValueError(f"{path}: expected a marker for each joint, found two of one among {', '.join(names)}")
     joints = skeleton.index(*named)
     rows = _rows(path, lines, len(names))
     xyz = np.full((len(rows), 1, len(skeleton), 3), np.nan)
@@ -146,7 +149,7 @@ def _rows(path: Path, lines: list[str], markers: int) -> np.ndarray:
 def _joint(name: str, skeleton: Skeleton) -> str:
     if name in skeleton.joints:
         return name
-    joint = next((joint for joint in skeleton.joints if marker(joint) == name), None)
+    joint = next((joint for joint in skeleton.joints if bare(joint) == bare(name)), None)
     return joint or _ALIASES.get(name, name)
 
 
@@ -164,9 +167,10 @@ def _skeleton(path: Path, names: list[str]) -> Skeleton:
     for skeleton in sorted(SKELETONS.values(), key=len):
         if all(_joint(name, skeleton) in skeleton.joints for name in names):
             return skeleton
-    known = {marker(joint) for skeleton in SKELETONS.values() for joint in skeleton.joints} | set(_ALIASES)
+    known = {bare(joint) for skeleton in SKELETONS.values() for joint in skeleton.joints} | {*map(bare, _ALIASES)}
     raise KeyError(
-        f"{path}: no skeleton has all of the markers {names}; of no skeleton are {sorted(set(names) - known)}, "
+        f"{path}: no skeleton has all of the markers {names}; of no skeleton are "
+        f"{sorted(name for name in names if bare(name) not in known)}, "
         f"there are {sorted(SKELETONS)}; {_skeleton_file(path).name} next to it defines another"
     )
 

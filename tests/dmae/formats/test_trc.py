@@ -191,6 +191,7 @@ def test_files_as_others_write_them(tmp_path, blank, tail):
         (trc([], second="25\t25\t2\t2\tfeet\t25\t1\t2"), ValueError, "Units of m, cm, mm"),
         (trc([], second="a\t25\t2\t2\tm\t25\t1\t2"), ValueError, "expected a DataRate"),
         (trc([], names="Neck\t\t\tNeck"), ValueError, "different markers"),
+        (trc([], names="LKnee\t\t\tleft_knee"), ValueError, "a marker for each joint, found two of one"),
         (trc([], names="Neck\t\t\tTail"), KeyError, r"of no skeleton are \['Tail'\]"),
     ],
 )
@@ -199,6 +200,15 @@ def test_malformed_files_are_refused_by_name(tmp_path, content, error, message):
     with pytest.raises(error, match=message) as caught:
         read_trc(tmp_path / "bad.trc")
     assert "bad.trc" in str(caught.value)
+
+
+@pytest.mark.parametrize("names", ["LKnee\t\t\tNeck", "l_knee\t\t\tneck", "left_knee\t\t\tneck", "L.Knee\t\t\tNECK"])
+def test_names_of_joints_are_read_in_every_notation(tmp_path, names):
+    (tmp_path / "a.trc").write_text(trc(["1\t0\t1\t2\t3\t4\t5\t6"], names=names))
+    found, _ = read_trc(tmp_path / "a.trc")
+    np.testing.assert_allclose(
+        1000 * found.xyz[0, 0, found.skeleton.index("l_knee", "neck")], [[3, 1, 2], [6, 4, 5]], rtol=1e-6
+    )
 
 
 def test_a_table_of_another_trc_is_refused(tmp_path):
