@@ -1,6 +1,7 @@
 """`dmae live`: poses of frames as they arrive, for other programs."""
 
 import sys
+import time
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 from io import BufferedIOBase
@@ -14,6 +15,7 @@ from dmae.data.skeleton import get_skeleton
 from dmae.formats.calibrations import read_calibration
 from dmae.online.capture import OnlineCapture
 from dmae.online.json_lines import LONGEST, answer_lines
+from dmae.progress import LINE_EVERY
 
 
 def run(config: LiveCommand, out: None) -> None:
@@ -25,7 +27,7 @@ def run(config: LiveCommand, out: None) -> None:
 
     def answers(lines: Iterable[str]) -> Iterable[str]:
         capture = OnlineCapture(rig, skeleton, config.fps, config.capture, completer, config.look_ahead)
-        return answer_lines(lines, capture, rig.names, skeleton, config.fps)
+        return answer_lines(timed(lines, config.fps), capture, rig.names, skeleton, config.fps)
 
     if config.listen is None:
         for line in answers(sys.stdin):
@@ -47,6 +49,38 @@ def run(config: LiveCommand, out: None) -> None:
         address: Any = server.server_address
         print(f"listening on {address[0]}:{address[1]}", flush=True)
         server.serve_forever()
+
+
+def timed(lines: Iterable[str], fps: float) -> Iterator[str]:
+    """Yield lines of frames; say on stderr, each minute and at the end, if answering takes longer than frames last.
+
+    The first second of frames does not count: it loads and compiles.
+    """
+    frames, busy, said, warm_up = 0, 0.0, time.monotonic(), round(fps)
+
+    def say() -> None:
+        if busy > frames / fps:
+            took, there = (f"{1000 * seconds:.3g} ms" for seconds in (busy / frames, 1 / fps))
+            print(
+                f"answers fall behind the cameras: a frame took {took}, and there are {there} at {fps:g} frames/s",
+                file=sys.stderr,
+                flush=True,
+            )
+
+    try:
+        for line in lines:
+            start = time.monotonic()
+            yield line
+            now = time.monotonic()
+            if warm_up > 0:
+                warm_up -= 1
+                continue
+            frames, busy = frames + 1, busy + now - start
+            if now >= said + LINE_EVERY:
+                say()
+                frames, busy, said = 0, 0.0, now
+    finally:
+        say()
 
 
 def lines_of(stream: BufferedIOBase) -> Iterator[str]:

@@ -1,8 +1,10 @@
 """Lines of JSON: the same people as without them, and no line that ends the run."""
 
 import json
+import re
 import socket
 import subprocess
+import time
 from dataclasses import replace
 from io import BytesIO
 
@@ -124,6 +126,24 @@ def test_impossible_options_are_refused_before_a_program_connects(tmp_path, opti
 def test_weights_that_complete_nothing_are_refused():
     with pytest.raises(ValueError, match="weights=model: nothing is completed; add complete=true"):
         LiveCommand(calibration="rig.toml", fps=25.0, weights="model")
+
+
+@pytest.mark.parametrize(("every", "said"), [(60.0, 1), (0.0, 4)])
+def test_answers_that_fall_behind_are_said_each_minute_and_at_the_end(monkeypatch, capsys, every, said):
+    """Frames of the first second do not count: they compile."""
+    monkeypatch.setattr(live, "LINE_EVERY", every)
+    for number, line in enumerate(live.timed(["a frame"] * 54, fps=50)):
+        assert line == "a frame"
+        time.sleep(0.03 if number in (0, *range(50, 54)) else 0)
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == said
+    took = re.fullmatch(
+        r"answers fall behind the cameras: a frame took (\S+) ms, and there are 20 ms at 50 frames/s", lines[-1]
+    )
+    assert took and float(took[1]) >= 30
+    for _ in live.timed(["a frame"] * 8, fps=2):
+        pass
+    assert capsys.readouterr().err == ""
 
 
 def test_the_command_takes_the_conventions_of_a_calibration(tmp_path, monkeypatch, capsys):
