@@ -4,6 +4,7 @@
 """
 
 import atexit
+import errno
 import gc
 import os
 import sys
@@ -289,7 +290,7 @@ def _in_one_line(error: Exception) -> str:
     """What to say of an error: of Hydra's and OmegaConf's the reason, without advice to add options."""
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}"
-    if isinstance(error, OSError) and error.strerror:
+    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
         # Of a file without a name, as temporary ones are: the disk of TMPDIR may be full, and that of the output not.
         import tempfile  # it loads modules that `--help` does not need
 

@@ -45,7 +45,11 @@ def run(config: LiveCommand, out: None) -> None:
                 pass  # the connected program has closed the connection
 
     host, _, port = config.listen.rpartition(":")
-    with TCPServer((host, int(port)), Handler) as server:
+    try:
+        waiting = TCPServer((host, int(port)), Handler)
+    except OSError as error:
+        raise ValueError(f"listen={config.listen}: {error.strerror or error}; give another address or port") from None
+    with waiting as server:
         address: Any = server.server_address
         print(f"listening on {address[0]}:{address[1]}", flush=True)
         server.serve_forever()

@@ -114,6 +114,7 @@ def test_a_line_that_is_too_long_is_one_frame(monkeypatch):
         ({"fps": 0.0}, "fps: expected frames per second"),
         ({"fps": np.nan}, "fps: expected frames per second"),
         ({"capture": CaptureConfig(persons=2)}, "capture.persons"),
+        ({}, r"listen=203\.0\.113\.1:0: Cannot assign requested address; give another address or port"),
     ],
 )
 def test_impossible_options_are_refused_before_a_program_connects(tmp_path, options, said):
