@@ -186,14 +186,20 @@ def _differing(clip: Clip) -> tuple[Calibration, list[int], str | None, ImageTra
 def _described_offsets(clip: Clip, offset: np.ndarray) -> str | None:
     """Say which cameras are late by offsets (V,), s, and how to undo it; None if none is by half a frame."""
     frames = -offset * clip.fps
-    given = clip.provenance.get("offsets") or [0] * len(frames)
-    late = [view for view in range(len(frames)) if abs(frames[view]) >= 0.5]
-    if not late:
+    given = np.array(clip.provenance.get("offsets") or [0] * len(frames))
+    if not (np.abs(frames) > 0.5).any():
         return None
-    those = ", ".join(f"{clip.rig.names[view]} by {frames[view]:+.1f} frames" for view in late)
-    whole = {view: given[view] + int(np.rint(frames[view])) for view in range(len(frames))}
-    option = ",".join(f"{clip.rig.names[view]}:{number}" for view, number in whole.items() if number)
-    return f"not synchronised: {those}; no file of a calibration states that: data.offsets=[{option}]"
+    those = ", ".join(
+        f"{name} started {abs(number):.1f} frames {'late' if number > 0 else 'early'}"
+        for name, number in zip(clip.rig.names, frames, strict=True)
+        if abs(number) > 0.5
+    )
+    before, now = (
+        ",".join(f"{name}:{number}" for name, number in zip(clip.rig.names, whole.tolist(), strict=True) if number)
+        for whole in (given, given + np.rint(frames).astype(int))
+    )
+    instead = f" instead of data.offsets=[{before}]" if before else ""
+    return f"{those}; calibration files cannot state that: give data.offsets=[{now}]{instead}"
 
 
 def _why_none(rig: CameraRig, found: Examination | None) -> str:

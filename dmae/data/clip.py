@@ -303,6 +303,9 @@ class Clip:
         if isinstance(line, dict) and "frames" in line and part:
             kept = {key: value for key, value in line.items() if key not in _OF_THE_WHOLE}
             provenance = provenance | {"manifest": kept | {"frames": len(detections.xy)}}
+        late = provenance.get("offsets")  # A clip from elsewhere can hold anything under this name
+        if isinstance(late, list) and len(late) == len(self.rig):
+            provenance = provenance | {"offsets": np.array(late)[views].tolist()}
         return replace(
             self,
             rig=rig,

@@ -127,6 +127,12 @@ def test_select_of_all_is_the_clip():
     np.testing.assert_array_equal(clip.select().detections.xy, clip.detections.xy)
 
 
+def test_offsets_stay_those_of_their_cameras():
+    clip = replace(full_clip(), provenance={"offsets": [0, 2, -3, 40]})
+    assert clip.select(views=["cam3", "cam1"]).provenance == {"offsets": [40, 2]}
+    assert clip.select(slice(5), slice(2)).provenance == {"offsets": [0, 2]}
+
+
 def test_a_part_of_a_clip_has_no_figures_of_the_whole():
     line = {"id": "a", "seed": 3, "frames": 12, "quality": {}, "occlusion": {}, "calibration_error": [1.0, 2.0]}
     clip = replace(full_clip(), provenance={"manifest": line, "spec": {}})
