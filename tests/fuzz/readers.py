@@ -22,6 +22,7 @@ from dmae.formats.calibrations import calibration_format, read_calibration
 from dmae.formats.own import read_npz
 from dmae.formats.poses import read_poses
 from dmae.formats.reading import Clips, DataConfig
+from dmae.formats.registry import pose_reader
 from dmae.formats.registry import reader as recording_reader
 from dmae.formats.trc import read_trc, write_trc
 from synth.cli import SYNTH
@@ -63,7 +64,7 @@ from tests.fuzz.seed_files import (
 from tests.support.animal_files import SPIDER, write_deeplabcut, write_dogs_nc
 from tests.support.calibrations import TEXTS, write, write_storage
 from tests.support.clips import walkers
-from tests.support.tracked_recordings import write_mmpose
+from tests.support.tracked_recordings import write_coco_results, write_mmpose
 
 TABLE = "frame,person,joint,x,y,z,source\n3,P1,neck,0.1,0.2,1.5,measured\n4,P1,nose,0.1,0.3,1.6,completed\n"
 
@@ -138,6 +139,9 @@ READERS = [
     ),
     Reader("recording/mmpose pickles", partial(write_mmpose, kind="pkl"), partial(_read_recording, "mmpose"),
            ("predictions/*",)),
+    Reader("recording/mmpose frames", partial(write_mmpose, kind="frames"), partial(_read_recording, "mmpose"),
+           ("predictions/*/*",)),
+    Reader("recording/coco results", write_coco_results, partial(_read_recording, "coco"), ("keypoints/*",)),
     Reader("recording/pose2sim video", write_pose2sim_video,
            lambda folder: list(Clips(DataConfig("pose2sim", str(folder)))), ("videos/*",)),
     Reader("recording/deeplabcut fixed", partial(write_deeplabcut, kind="fixed"),
@@ -147,6 +151,8 @@ READERS = [
     Reader("poses/movement", write_dogs_nc, lambda folder: read_poses(folder / "poses.nc").poses),
     Reader("skeleton/skeleton", lambda folder: (folder / "spider.yaml").write_text(SPIDER),
            lambda folder: [str(get_skeleton(str(folder / "spider.yaml")))]),
+    Reader("poses/clip", write_clip, lambda folder: read_poses(folder).poses, repair=_CLIP),
+    Reader("poses/panoptic", WRITE_RECORDING["panoptic"], lambda folder: read_poses(folder).poses),
     Reader("poses/npz", write_poses, lambda folder: read_npz(folder / "poses.npz")),
     Reader("poses/csv", lambda folder: (folder / "poses.csv").write_text(TABLE),
            lambda folder: read_poses(folder / "poses.csv").poses),
@@ -193,6 +199,7 @@ def registered() -> set[str]:
     return {
         *(f"calibration/{name}" for name in calibration_format),
         *(f"recording/{name}" for name in recording_reader),
+        *(f"poses/{name}" for name in pose_reader),
         *(f"motion/{name}" for name in motion_reader),
         *(f"mesh/{suffix[1:]}" for suffix in MESHES),
         *(f"images/{kind}" for kind in Images.__dataclass_fields__["kinds"].default),

@@ -79,7 +79,7 @@ def mmpose_frames(clip: Clip, view: int, arrays: bool = False) -> list[dict]:
 
 
 def write_mmpose(folder: Path, clip: Clip | None = None, kind: str = "json") -> Clip:
-    """A file of predictions for each camera, JSON or pickle."""
+    """A file of predictions for each camera, JSON or pickle, or for each frame of a camera (`frames`)."""
     clip = clip or recording(COCO17, 3, 2)
     write_calibration(clip.rig, folder / "calibration.toml", "pose2sim")
     (folder / "predictions").mkdir()
@@ -88,8 +88,29 @@ def write_mmpose(folder: Path, clip: Clip | None = None, kind: str = "json") -> 
         if kind == "json":
             content = {"meta_info": {"dataset_name": "coco"}, "instance_info": frames}
             (folder / f"predictions/{name}.json").write_text(json.dumps(content))
+        elif kind == "frames":
+            (folder / "predictions" / name).mkdir()
+            for number, frame in enumerate(frames):
+                (folder / f"predictions/{name}/{number:06d}.json").write_text(json.dumps(frame["instances"]))
         else:
             (folder / f"predictions/{name}.pkl").write_bytes(pickle.dumps(frames))
+    return clip
+
+
+def write_coco_results(folder: Path, clip: Clip | None = None) -> Clip:
+    """A list of results for each camera, as top-down detectors write them, in no file of annotations."""
+    clip = clip or recording(COCO17, 3, 2)
+    write_calibration(clip.rig, folder / "Calib.toml", "pose2sim")
+    (folder / "keypoints").mkdir()
+    for view, name in enumerate(clip.rig.names):
+        rows = np.concatenate([clip.detections.xy, clip.detections.score[..., None]], -1)[:, view]
+        results = [
+            {"image_id": frame, "category_id": 1, "keypoints": np.nan_to_num(person).ravel().tolist(), "score": 1.0}
+            for frame, people in enumerate(rows)
+            for person in people
+            if np.isfinite(person).any()
+        ]
+        (folder / "keypoints" / f"{name}.json").write_text(json.dumps(results))
     return clip
 
 

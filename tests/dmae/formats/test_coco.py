@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 import dmae
 from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.skeleton import BODY25, COCO17, HALPE26
-from dmae.formats.calibrations import write_calibration
 from dmae.formats.coco import HIDDEN_SCORE, joint_names, read_detections, write_coco
 from dmae.formats.recordings import to_clip
 from dmae.formats.writing import write_poses
 from tests.support.clips import looking_at_origin
 from tests.support.recordings import recording, same_detections
+from tests.support.tracked_recordings import write_coco_results
 
 NOSE, LEFT_WRIST = COCO17.index("nose", "l_wrist")
 
@@ -201,19 +201,6 @@ def test_joints_that_keep_mm_leaves_out_are_not_projected(tmp_path):
 
 
 def test_results_in_a_folder_beside_a_calibration_are_recognised(tmp_path):
-    """As top-down detectors write them: a list of results for each camera, in no file of annotations."""
-    clip = recording(COCO17, 3, 2)
-    (tmp_path / "keypoints").mkdir()
-    write_calibration(clip.rig, tmp_path / "Calib.toml", "pose2sim")
+    clip = write_coco_results(tmp_path)
     (tmp_path / "keypoints" / "cameras.json").write_text('{"made_by": "us"}')
-    for view, name in enumerate(clip.rig.names):
-        found = clip.detections
-        rows = np.concatenate([found.xy, found.score[..., None]], -1)[:, view]
-        results = [
-            {"image_id": frame, "category_id": 1, "keypoints": np.nan_to_num(person).ravel().tolist(), "score": 1.0}
-            for frame, people in enumerate(rows)
-            for person in people
-            if np.isfinite(person).any()
-        ]
-        (tmp_path / "keypoints" / f"{name}.json").write_text(json.dumps(results))
     same_detections(dmae.read(tmp_path, fps=25).detections, clip.detections)
