@@ -162,31 +162,20 @@ def check_vacant(out: Path, contents: str) -> None:
 
 
 @contextmanager
-def emptied_on_failure(out: Path) -> Iterator[None]:
-    """Leave a folder that was vacant as it was if the block, which writes into it, does not end."""
-    there = out.is_dir()
-    try:
-        yield
-    except BaseException:
-        for path in out.iterdir() if out.is_dir() else ():
-            shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
-        if out.is_dir() and not there:
-            out.rmdir()
-        raise
-
-
-@contextmanager
 def whole_folder(out: Path) -> Iterator[Path]:
     """Yield a temporary folder, to become the vacant folder `out` if the block ends without an error, or be removed."""
-    out = Path(out)
+    out = Path(out).resolve()
     partial = out.with_name(f".{out.name}.partial")
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir(parents=True)
     try:
         yield partial
-        if out.is_dir():
-            out.rmdir()
-        partial.rename(out)
+        if out.is_dir() and not any(out.iterdir()):
+            # It may be the current folder, or that of a disk, which cannot be replaced.
+            for path in partial.iterdir():
+                shutil.move(path, out / path.name)
+        else:
+            partial.rename(out)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
 

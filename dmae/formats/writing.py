@@ -10,7 +10,7 @@ from dmae.data.clip import Clip, Poses3D, person_name, person_names
 from dmae.data.conversion import convert
 from dmae.data.skeleton import Skeleton, encode, get_skeleton
 from dmae.files.checks import child
-from dmae.files.contents import check_vacant, emptied_on_failure, write_atomic
+from dmae.files.contents import check_vacant, whole_folder, write_atomic
 from dmae.formats.config import LengthUnit
 from dmae.formats.poses import provenance_people, provenance_table, write_provenance
 from dmae.formats.registry import PoseWriter, pose_writer, recording_writer
@@ -156,12 +156,12 @@ def write_recording(clip: Clip, path: Path, format: str = "clip") -> str:
     _check_folder(path, clip)
     skeleton = clip.detections.skeleton
     values = {"fps": f"{clip.fps:g}", "skeleton": skeleton.name}
-    with emptied_on_failure(path):
-        writer.function(clip, path)
+    with whole_folder(path) as folder:
+        writer.function(clip, folder)
         if skeleton.defined and "skeleton" in writer.lacks:
-            definition = child(path, f"{skeleton.name}.yaml", "skeleton")
+            definition = child(folder, f"{skeleton.name}.yaml", "skeleton")
             write_atomic(definition, yaml.safe_dump(encode(skeleton), sort_keys=False, allow_unicode=True))
-            values["skeleton"] = str(definition)
+            values["skeleton"] = str(path / definition.name)
     return " ".join(f"data.{option}={values[option]}" for option in writer.lacks)
 
 

@@ -360,6 +360,16 @@ def test_a_recording_that_cannot_be_written_leaves_nothing(captured, tmp_path, f
     python_package.convert(captured, tmp_path / "out", format)
 
 
+def test_a_recording_is_written_into_the_current_folder(captured, tmp_path, monkeypatch):
+    """The folder itself stays, as a shell is in it."""
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    folder = Path().stat().st_ino
+    python_package.convert(captured, ".", "openpose")
+    assert Path(tmp_path / "here").stat().st_ino == folder and (tmp_path / "here/calibration.toml").is_file()
+    assert [*tmp_path.iterdir()] == [tmp_path / "here"]
+
+
 def test_a_full_folder_of_temporary_files_is_named(captured, tmp_path, monkeypatch):
     """Its error names no file, and the disk of the output may have space."""
     save_clip(captured, tmp_path / "clip")
