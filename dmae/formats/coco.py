@@ -4,6 +4,7 @@ import json
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import partial
+from itertools import chain, islice
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any, BinaryIO
@@ -202,12 +203,16 @@ def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> Numbered
             f"{path}: expected COCO annotations, *.json, found none; name them by data.detections=..."
         )
     people, fps, names = People(skeleton=skeleton), None, None
-    for file in progress(files, "reading files"):
-        content = read_json(file)
-        if len(files) > 1 and isinstance(content, dict) and not {"images", "annotations"} & set(content):
-            continue  # Cameras, or settings
+    contents = ((file, read_json(file)) for file in progress(files, "reading files"))
+    if len(files) > 1:
+        # Others are of cameras, or settings.
+        ours = {"images", "annotations"}
+        contents = (each for each in contents if not isinstance(each[1], dict) or ours & set(each[1]))
+    # One after the other: all of them may not fit into memory.
+    first = [*islice(contents, 2)]
+    for file, content in chain(first, contents):
         images, annotations = _parts(file, content)
-        camera = file.stem if len(files) > 1 else None
+        camera = file.stem if len(first) > 1 else None
         if images is None:
             if camera is None:
                 raise ValueError(f"{file}: expected a file for each camera where files are lists of results, found one")

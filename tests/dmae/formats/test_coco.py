@@ -13,7 +13,7 @@ from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.skeleton import BODY25, COCO17, HALPE26
 from dmae.formats.coco import HIDDEN_SCORE, joint_names, read_detections, write_coco
 from dmae.formats.recordings import to_clip
-from dmae.formats.writing import write_poses
+from dmae.formats.writing import write_poses, write_recording
 from tests.support.clips import looking_at_origin
 from tests.support.recordings import recording, same_detections
 from tests.support.tracked_recordings import write_coco_results
@@ -204,3 +204,15 @@ def test_results_in_a_folder_beside_a_calibration_are_recognised(tmp_path):
     clip = write_coco_results(tmp_path)
     (tmp_path / "keypoints" / "cameras.json").write_text('{"made_by": "us"}')
     same_detections(dmae.read(tmp_path, fps=25).detections, clip.detections)
+
+
+def test_a_single_file_beside_one_of_cameras_stays_single(tmp_path):
+    """Its images are in a folder for each camera, and the file is called after none."""
+    clip = recording(COCO17, 3, 2)
+    write_recording(clip, tmp_path / "walk", "coco")
+    content = json.loads((tmp_path / "walk/keypoints.json").read_text())
+    for image in content["images"]:
+        image["file_name"] = f"{image.pop('camera')}/{image.pop('frame')}.jpg"
+    (tmp_path / "walk/keypoints.json").write_text(json.dumps(content))
+    (tmp_path / "walk/cameras.json").write_text('{"made_by": "us"}')
+    same_detections(dmae.read(tmp_path / "walk", fps=25).detections, clip.detections)
