@@ -22,7 +22,7 @@ from dmae.formats.openpose import CALIBRATION
 from dmae.formats.poses import covariance_entry
 from dmae.formats.recordings import NumberedDetections, People, by_name, frame_number
 from dmae.formats.registry import pose_writer, reader, recording_writer
-from dmae.formats.skeletons import default_skeleton
+from dmae.formats.skeletons import bare, default_skeleton
 from dmae.formats.writing import exported_poses
 from dmae.progress import progress
 
@@ -33,8 +33,8 @@ def joint_names(skeleton: Skeleton) -> list[str]:
     """Return the names of joints as COCO writes them, left_eye for example."""
     names = []
     for joint in skeleton.joints:
-        part, dot, bare = joint.rpartition(".")
-        names.append(part + dot + _SIDES.get(bare[:2], bare[:2]) + bare[2:])
+        part, dot, name = joint.rpartition(".")
+        names.append(part + dot + _SIDES.get(name[:2], name[:2]) + name[2:])
     return names
 
 
@@ -45,7 +45,7 @@ def category_joints(file: Path, categories) -> list[str] | None:
     named = [category["keypoints"] for category in categories if category.get("keypoints")]
     if len(named) > 1:
         raise ValueError(f"{file}: expected one category with keypoints, found {len(named)}")
-    return [str(name).lower().replace(" ", "_") for name in named[0]] if named else None
+    return [*map(str, named[0])] if named else None
 
 
 def recognise_skeleton(path: Path, names: list[str] | None, joints: int | None) -> Skeleton:
@@ -54,7 +54,7 @@ def recognise_skeleton(path: Path, names: list[str] | None, joints: int | None) 
     Raises ValueError, with the path, if no skeleton has these joints.
     """
     for skeleton in SKELETONS.values():
-        if names and names in (joint_names(skeleton), list(skeleton.joints)):
+        if names and [*map(bare, names)] == [*map(bare, skeleton.joints)]:
             return skeleton
     if names:
         raise ValueError(

@@ -216,3 +216,20 @@ def test_a_single_file_beside_one_of_cameras_stays_single(tmp_path):
     (tmp_path / "walk/keypoints.json").write_text(json.dumps(content))
     (tmp_path / "walk/cameras.json").write_text('{"made_by": "us"}')
     same_detections(dmae.read(tmp_path / "walk", fps=25).detections, clip.detections)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda skeleton: list(skeleton.joints),
+        joint_names,
+        lambda skeleton: [name.replace("_", " ").title() for name in joint_names(skeleton)],
+    ],
+)
+def test_joints_of_a_category_are_read_in_every_notation(tmp_path, call):
+    clip = recording(HALPE26, 3, 2)
+    write_recording(clip, tmp_path / "walk", "coco")
+    content = json.loads((tmp_path / "walk/keypoints.json").read_text())
+    content["categories"][0]["keypoints"] = call(HALPE26)
+    (tmp_path / "walk/keypoints.json").write_text(json.dumps(content))
+    assert dmae.read(tmp_path / "walk", fps=25).detections.skeleton == HALPE26
