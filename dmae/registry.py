@@ -187,7 +187,12 @@ def _decorated(package: str) -> list[tuple[str, str, ast.FunctionDef, ast.Call]]
 
 
 def _home(function: Callable) -> str:
-    return f"{function.__module__}:{getattr(function, '__qualname__', '')}"
+    return f"{function.__module__}:{getattr(function, '__qualname__', type(function).__qualname__)}"
+
+
+def _package(function: Callable) -> str:
+    """Return the name of a function's package, "None" for those made by `exec` and some in C."""
+    return str(function.__module__).partition(".")[0]
 
 
 def takes(function: Callable, *arguments: str, **named: object) -> bool:
@@ -227,11 +232,7 @@ def load_function(option: str, name: str, example: str = "my_module:my_function"
         functions = {key: value for key, value in vars(module).items() if inspect.isfunction(value)}
         # List functions that the module imports as well, except those of the standard library.
         foreign = sys.stdlib_module_names - {module_name}
-        known = [
-            key
-            for key, value in functions.items()
-            if not key.startswith("_") and value.__module__.partition(".")[0] not in foreign
-        ]
+        known = [key for key, value in functions.items() if not key.startswith("_") and _package(value) not in foreign]
         if len(known) > _SHOWN:
             known = [*get_close_matches(function_name, known, _SHOWN, 0), "..."]
         raise ValueError(f"{option}={name}: {module_name} has no function {function_name!r}; it has {known}")
@@ -250,7 +251,7 @@ def telling_errors(function: Callable, returns: tuple[str, ...] = ()) -> Callabl
     It is one as well if the function returns an object of none of the classes called `returns`. Functions of this
     package are returned as they are.
     """
-    if function.__module__.partition(".")[0] in _PACKAGES:
+    if _package(function) in _PACKAGES:
         return function
     name = _home(function)
 
@@ -275,7 +276,7 @@ from_outside = cache(telling_errors)
 
 def raised_in(error: BaseException, function: Callable) -> str:
     """Return an error's type and text, with the last line of the function's package that led to it, if there is one."""
-    package = function.__module__.partition(".")[0]
+    package = _package(function)
     frames = [(each.f_globals.get("__name__"), each.f_code, line) for each, line in walk_tb(error.__traceback__)]
     *_, (_, code, line) = [each for each in frames if str(each[0]).partition(".")[0] == package] or frames
     return f"{type(error).__name__}: {str(error).strip()} ({Path(code.co_filename).name}, line {line})"

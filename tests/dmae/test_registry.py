@@ -3,10 +3,11 @@
 import math
 import sys
 from dataclasses import dataclass
+from functools import partial
 
 import pytest
 
-from dmae.registry import Entry, Registry, _decorated, load_function
+from dmae.registry import Entry, Registry, _decorated, load_function, telling_errors
 
 ANIMALS = '''
 from zoo import animal
@@ -142,6 +143,15 @@ def test_an_error_of_a_function_elsewhere_names_it_and_the_line(animal, tmp_path
     found = Registry("sound", Entry, "zoo", option="pet", returns=("str",)).find("farm:shout")
     with pytest.raises(ValueError, match=f"^{message}$"):
         found.function()
+
+
+def test_an_error_of_what_is_no_plain_function_names_it():
+    made: dict = {}
+    exec("def look(key):\n    return {}[key]", made)
+    with pytest.raises(ValueError, match=r"^None:look: KeyError: 'x' \("):
+        telling_errors(made["look"])("x")
+    with pytest.raises(ValueError, match=r"^functools:partial: KeyError: 'x' \("):
+        telling_errors(partial(made["look"], "x"))()
 
 
 def test_errors_that_tell_of_bugs_stay_what_they_are(animal):
