@@ -291,7 +291,7 @@ def _in_one_line(error: Exception) -> str:
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}"
     if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
-        # Of a file without a name, as temporary ones are: the disk of TMPDIR may be full, and that of the output not.
+        # Temporary files have no name that an error states. Their disk, of TMPDIR, may be full while out= has space.
         import tempfile  # it loads modules that `--help` does not need
 
         return f"{error.strerror}; temporary files are in {tempfile.gettempdir()}, unless TMPDIR names another folder"

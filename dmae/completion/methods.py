@@ -75,8 +75,8 @@ def _check_marks(filled: Poses3D, given: Poses3D) -> None:
     moved = np.linalg.norm(filled.xyz - given.xyz, axis=-1)[kept]
     if (moved > _MOVED).any():
         raise ValueError(
-            f"joints marked as measured were moved by up to {1000 * moved.max():.3g} mm; expected measured joints "
-            "unchanged, or those that are changed as Source.DENOISED"
+            f"joints marked as measured were moved by up to {1000 * moved.max():.3g} mm; expected measured "
+            "joints as they were, or Source.DENOISED for joints that the function changes"
         )
 
 

@@ -47,7 +47,7 @@ def read_prediction(path: Path, clip: Clip, truth: Poses3D, *, tracks: bool = Fa
     found = read_poses(path)
     recorded = clip.provenance.get("recorded_as")
     if found.clip not in (None, clip.id, recorded):
-        # Folders name the clips of a data set. They may hold poses of any id, but not those of another clip.
+        # In a data set, the name of the folder says whose poses it holds. Another id is accepted if no clip has it.
         named, another = path.name == clip.id, path.parent / found.clip
         what = f"{path}: expected poses of clip {recorded or clip.id!r}, found poses of clip {found.clip!r}"
         if not named:

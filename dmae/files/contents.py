@@ -171,7 +171,7 @@ def whole_folder(out: Path) -> Iterator[Path]:
     try:
         yield partial
         if out.is_dir() and not any(out.iterdir()):
-            # It may be the current folder, or that of a disk, which cannot be replaced.
+            # A current folder and a mounted disk cannot be replaced, so they are filled.
             for path in partial.iterdir():
                 shutil.move(path, out / path.name)
         else:

@@ -132,7 +132,7 @@ def _matches(content: object) -> bool:
 
 
 def _tables(content: dict) -> dict | None:
-    """Return the cameras of a file by name, that of a single one as an empty text; None if it has none."""
+    """Return the tables of cameras by name, "" for a camera without a name; None if the file has no cameras."""
     if _is_camera(content):
         return {"": content}
     tables = {name: values for name, values in content.items() if isinstance(values, dict)}

@@ -178,7 +178,7 @@ def recognise(path: Path) -> str:
         entries = [entry for entry in reader.values() if entry.general == general]
         found = [entry.name for entry in entries if _is_recognised(path, entry)]
         if general and len(found) > 1:
-            # A folder keypoints of files cam1.json, cam2.json could be that of a camera, by the names of its files.
+            # The names of files like cam1.json, cam2.json could be read as frames of one camera called keypoints.
             named = [entry.name for entry in entries if _is_recognised(path, entry, by_folder=True)]
             found = named if len(named) == 1 else found
         if len(found) > 1:
@@ -335,7 +335,7 @@ def _with_truth(clip: Clip, path: Path, names: list[str], *, alone: bool) -> Cli
     elif len(truth.xyz) != len(clip):
         raise ValueError(f"data.truth={path}: expected the {len(clip)} frames of the clip, found {len(truth.xyz)}")
     notes = [*clip.provenance.get("notes", ()), f"truth is from data.truth={path}"]
-    # Labels of a simulation are those of its own truth.
+    # Labels of occlusion and of detections describe the truth that is replaced.
     return replace(
         clip,
         truth=Poses3D(truth.skeleton, truth.xyz, cov=truth.cov),

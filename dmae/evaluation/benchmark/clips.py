@@ -271,11 +271,12 @@ def make_clips(
 ) -> FrozenMatch:
     """Generate, check and capture clips of a benchmark that do not exist yet; return the agreement of the worst.
 
-    With `sets`, only those of so many of its sets.
-
     In `data`, the folder `clips/<id>` contains each clip with its truth and labels. The folder `given/<id>` contains
     the data that methods get: cameras, detections, and the poses that our capture computes from them. Raises ValueError
     if the folder contains another benchmark, a clip cannot be generated, or differs from the frozen one.
+
+    Args:
+        sets: Number of sets of clips to make, the first ones; by default all.
     """
     claim_folder(data / "benchmark.json", asdict(replace(definition, file=definition.name)), "a benchmark")
     # Captured poses depend on more settings than clips.
