@@ -205,12 +205,14 @@ def _undo_faults(
     sensitivity, examination, frames = 0.0, None, hypothesis.sample_frames(CHECKED_FRAMES)
     for _ in range(len(hypothesis.rig) + 2):
         correction, sensitivity = find_fault(hypothesis, max_offset)
-        size = 1.0 if _of_all_cameras(hypothesis, correction) else _size_of_people(hypothesis)
-        human = _scaled(hypothesis, 1 / size)
-        examined_cameras = None if _of_all_cameras(hypothesis, correction) else examined(human)
-        examination = examined_cameras and examined_cameras[0]
-        camera = examined_cameras and named_camera(human, *examined_cameras, offsets)
-        camera = camera and (camera[0], _scaled(camera[1], size))
+        examination = camera = None
+        if not _of_all_cameras(hypothesis, correction):
+            size = _size_of_people(hypothesis)
+            human = _scaled(hypothesis, 1 / size)
+            if examined_cameras := examined(human):
+                examination = examined_cameras[0]
+                camera = named_camera(human, *examined_cameras, offsets)
+                camera = camera and (camera[0], _scaled(camera[1], size))
         if camera and camera[0].cameras not in named and _explains(camera[1], correction, hypothesis, pairs):
             finding, hypothesis = camera
             findings.append(finding)
