@@ -665,7 +665,7 @@ def test_errors_of_read_name_its_arguments(clip, tmp_path: Path):
     ):
         with pytest.raises((ValueError, FileNotFoundError), match=message):
             dmae.read(tmp_path / "walk", **given)
-    with pytest.raises(TypeError, match=r"^read: no option camera; did you mean cameras"):
+    with pytest.raises(TypeError, match=r"^read: no argument camera; did you mean cameras"):
         dmae.read(tmp_path / "walk", camera=["0"])
     (tmp_path / "clip.json").touch()
     (tmp_path / "annots").mkdir()

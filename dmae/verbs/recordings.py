@@ -21,16 +21,33 @@ from dmae.detection.recording import detect_clip, detect_recording, make_clip, o
 from dmae.detection.registry import PoseDetectorConfig
 from dmae.formats import poses as pose_files
 from dmae.formats.calibrations import read_calibration
-from dmae.formats.config import DataConfig, LengthUnit
+from dmae.formats.config import DataConfig, LengthUnit, UpDirection
 from dmae.formats.poses import PoseFile
 from dmae.formats.reading import Clips
 from dmae.formats.writing import write_poses, write_recording
-from dmae.nearest import suggestion
 from dmae.reconstruction.config import CaptureConfig
 
 
 @check_arguments
-def read(path: str | Path, fps: float | None = None, format: str | None = None, **options: Any) -> Clip:
+def read(
+    path: str | Path,
+    fps: float | None = None,
+    format: str | None = None,
+    *,
+    calibration: str | Path | None = None,
+    detections: str | Path | None = None,
+    truth: str | Path | None = None,
+    videos: str | Path | None = None,
+    images: str | Path | None = None,
+    size: Sequence[int] | None = None,
+    skeleton: str | None = None,
+    unit: LengthUnit | None = None,
+    up: UpDirection | None = None,
+    inverse: bool | None = None,
+    offsets: Sequence[int | str] | Mapping[str, int] | None = None,
+    cameras: Sequence[int | str] | None = None,
+    frames: Sequence[int] | None = None,
+) -> Clip:
     """Read a recording that any supported program wrote.
 
         clip = dmae.read("recordings/session", fps=60)
@@ -40,9 +57,20 @@ def read(path: str | Path, fps: float | None = None, format: str | None = None, 
         path: Folder of the recording, or its file.
         fps: Frames per second, if the files do not state it.
         format: A format of `dmae convert`; by default recognised by the files in the folder.
-        **options: The `data.*` options of the commands: `calibration`, `detections`, `truth`, `videos`, `images`,
-            `size`, `skeleton`, `unit`, `up`, `inverse`, `offsets`, `cameras`, `frames` (see
-            `dmae.formats.config.DataConfig`). `offsets` can be a dictionary, frames by camera.
+        calibration: Its file, a folder with one, or a clip with these cameras; by default the one found in `path`.
+        detections: Folder of the detections, or file of COCO's; by default found in `path`.
+        truth: True poses to score with: a file that `read_poses` reads.
+        videos: Folder of the videos that people were detected in, <camera>.mp4: backgrounds of reports and figures.
+        images: Folder of the images that people were detected in, a folder of PNG or JPEG files for each camera.
+        size: Image width and height, px, if the files do not state them.
+        skeleton: Skeleton of the detections, if the files do not state it or are wrong.
+        unit: Unit of lengths in the calibration; by default that of its format.
+        up: Axis that points up in the calibration; by default that of its format.
+        inverse: Whether extrinsics of the calibration are world_from_cam; by default as in its format.
+        offsets: Frames by which cameras started late: a number for each, in the order of the calibration, or a
+            dictionary, frames by camera. Frame k of a camera is frame k + offset.
+        cameras: Names of the cameras to use; by default all.
+        frames: First frame to use, and the one after the last; by default all.
 
     Returns:
         A clip of F frames and V views. `clip.provenance["notes"]` lists what was missing or guessed.
@@ -59,10 +87,13 @@ def read(path: str | Path, fps: float | None = None, format: str | None = None, 
         ('0', '2')
     """
     path = Path(path)
-    for name in options.keys() - _FIELDS:
-        raise TypeError(f"read: no option {name}; {suggestion(name, _FIELDS)}")
-    if isinstance(late := options.get("offsets"), Mapping):
-        options["offsets"] = [f"{camera}:{frames}" for camera, frames in late.items()]
+    options: dict[str, Any] = {
+        "calibration": calibration, "detections": detections, "truth": truth, "videos": videos, "images": images,
+        "size": size, "skeleton": skeleton, "unit": unit, "up": up, "inverse": inverse, "offsets": offsets,
+        "cameras": cameras, "frames": frames,
+    }  # fmt: skip
+    if isinstance(offsets, Mapping):
+        options["offsets"] = [f"{camera}:{late}" for camera, late in offsets.items()]
     try:
         clips = Clips(DataConfig(name=format, path=str(path), fps=fps, **options))
         if len(clips) != 1:

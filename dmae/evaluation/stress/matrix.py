@@ -461,7 +461,7 @@ def time_of(matrix: Matrix) -> float:
     # The first cell also loads the weights of methods.
     chosen = [places[0], *(places[number * len(places) // _TRIED] for number in range(_TRIED))]
     spent = []
-    for clip, cell in chosen:
+    for clip, cell in progress(chosen, "estimating the time"):
         subject = subject_of(matrix.clips[clip], matrix.config.capture, matrix.config.angles)
         start = time.perf_counter()
         run_cell(subject, cell, missing[clip, cell])
