@@ -602,6 +602,16 @@ def test_formats_that_would_not_be_written_are_refused(clip):
         dmae.run(clip, export=["trk"])
 
 
+def test_a_format_whose_library_is_missing_is_refused_before_anything_is_done(clip, tmp_path: Path, monkeypatch):
+    dmae.save(clip, tmp_path / "clip")
+    monkeypatch.setattr("dmae.formats.registry.find_spec", lambda name: None)
+    with pytest.raises(ValueError, match=r"^format=c3d needs ezc3d: pip install ezc3d$"):
+        dmae.run(tmp_path / "clip", out=tmp_path / "out", export=["trc", "c3d"])
+    assert not (tmp_path / "out").exists()
+    with pytest.raises(ValueError, match=r"^format=movement needs xarray and h5netcdf: pip install 'dmae-synth\[anim"):
+        dmae.export(clip, tmp_path / "poses.nc", "movement")
+
+
 def test_compare_says_of_which_set_a_clip_is(clip):
     few = clip.select(views=[0, 1])
     with pytest.raises(ValueError, match=r"^real: clip '000000': errors are measured against the other views"):

@@ -20,7 +20,7 @@ def run(config: RunCommand, out: Path) -> None:
             "expected calibration=<file>: without it people are found in 2D only; use dmae detect for that"
         )
     for name in config.export:
-        pose_writer.find(name)
+        pose_writer.find(name).check_installed()
     folders = {name: out / name for name in (_DETECTED, _CAPTURED, _COMPLETED)}
     filmed = {each.name: getattr(config, each.name) for each in fields(FilmedConfig)}
     told = detect.run(DetectCommand(**filmed), folders[_DETECTED], out.resolve().name, least=2)
@@ -29,7 +29,7 @@ def run(config: RunCommand, out: Path) -> None:
     complete.run(complete.CompleteCommand(clip=str(folders[_CAPTURED]), weights=config.weights), folders[_COMPLETED])
     page = out / "report.html"
     report.run(report.ReportCommand(clip=str(folders[_COMPLETED])), page)
-    clips = clip_folders(folders[_COMPLETED])
+    clips, failed = clip_folders(folders[_COMPLETED]), []
     for name in config.export:
         for clip in clips:
             stem = "poses" if len(clips) == 1 else f"poses_{clip.name}"
@@ -37,7 +37,12 @@ def run(config: RunCommand, out: Path) -> None:
             path = out / (stem + suffix if suffix else f"{stem}_{name}")
             # An earlier run wrote them, perhaps with other options; `dmae export` takes no folder for its own.
             shutil.rmtree(out / f"{stem}_images" if name == "coco" else path, ignore_errors=True)
-            export.run(export.ExportCommand(clip=str(clip), format=name), path)
+            try:
+                export.run(export.ExportCommand(clip=str(clip), format=name), path)
+            except ValueError as error:  # The other files are written
+                failed.append(f"export={name}: {error}")
+    if failed:
+        raise ValueError("; ".join(failed))
     print(out)
 
 

@@ -20,7 +20,7 @@ _MOST_FRAMES, _PART_FRAMES = 65535, 50_000
 """Largest number of frames in a file, which the format stores in 16 bits, and number of frames per file above it."""
 
 
-@pose_writer("c3d", table=True)
+@pose_writer("c3d", table=True, needs=["ezc3d"])
 def write_c3d(poses: Poses3D, clip: Clip, path: Path) -> list[Path]:
     """C3D of biomechanics: all persons in one file, with the standard error of each joint as its residual.
 
@@ -30,13 +30,7 @@ def write_c3d(poses: Poses3D, clip: Clip, path: Path) -> list[Path]:
 
     A file contains at most 65535 frames. Longer recordings are written to files of 50,000 frames, named after their
     first frame: `<name>_000000.c3d`, `<name>_050000.c3d` and so on.
-
-    Raises ValueError if ezc3d is not installed.
     """
-    try:
-        import ezc3d  # noqa: F401
-    except ImportError:
-        raise ValueError("format=c3d needs ezc3d: pip install 'dmae-synth[c3d]'") from None
     path, frames, people = Path(path), len(poses.xyz), person_names(clip, poses.xyz.shape[1])
     if frames <= _MOST_FRAMES:
         _write(poses, clip.fps, people, path)

@@ -27,14 +27,14 @@ from dmae.formats.retargeting import RobotMotion, load_robot, retarget
 from dmae.numerics.body import continuous
 
 
-@pose_writer("g1", skeleton="body25", table=True, fills="all")
+@pose_writer("g1", skeleton="body25", table=True, fills="all", needs=["mink"], extra="robots")
 def write_g1(
     poses: Poses3D, clip: Clip, path: Path, *, unit: LengthUnit = LengthUnit.m, robot: str | None = None
 ) -> list[Path]:
     """Unitree G1 joint CSV, a file for each person: `unit=m` of mjlab and LAFAN1, `unit=cm` of BONES-SEED.
 
     Raises:
-        ValueError: mink is not installed, `unit` is mm, or a person cannot be retargeted.
+        ValueError: `unit` is mm, or a person cannot be retargeted.
         FileNotFoundError: there is no model of the robot.
     """
     if unit == LengthUnit.mm:
@@ -92,12 +92,12 @@ def episodes(motion: RobotMotion, task: str) -> list[Episode]:
     return [Episode(task, motion.joints, motion.qpos[:, p], flags[:, p], measured[:, p]) for p in people]
 
 
-@pose_writer("lerobot", folder=True, skeleton="body25", fills="all")
+@pose_writer("lerobot", folder=True, skeleton="body25", fills="all", needs=["mink", "pyarrow"], extra="robots")
 def write_lerobot(poses: Poses3D, clip: Clip, path: Path, *, robot: str | None = None) -> None:
     """LeRobot v3 data set of Unitree G1 robots: an episode for each person.
 
     Raises:
-        ValueError: mink or pyarrow is not installed, or a person cannot be retargeted.
+        ValueError: a person cannot be retargeted.
         FileNotFoundError: there is no model of the robot.
     """
     motion = retarget(poses, clip.fps, load_robot(robot))

@@ -77,23 +77,17 @@ def read_movement_poses(path: Path) -> PoseFile:
     return PoseFile(poses, rate)
 
 
-@pose_writer("movement", errors=True)
+@pose_writer("movement", errors=True, needs=["xarray", "h5netcdf"], extra="animals")
 def write_movement(poses: Poses3D, clip: Clip, path: Path) -> None:
-    """A netCDF file of movement: positions, sources and standard errors of all joints.
-
-    Raises ValueError if xarray or h5netcdf is not installed.
-    """
+    """A netCDF file of movement: positions, sources and standard errors of all joints."""
     data_set = movement_data_set(poses, clip.fps, person_names(clip, poses.xyz.shape[1]))
     write_atomic(path, bytes(data_set.to_netcdf(engine="h5netcdf")))
 
 
 def movement_data_set(poses: Poses3D, fps: float, people: list[str]):
-    """Return poses of named people as an xarray data set, as above; ValueError if xarray or h5netcdf is missing."""
-    try:
-        import h5netcdf  # noqa: F401
-        import xarray
-    except ImportError:
-        raise ValueError("format=movement: xarray and h5netcdf write it; pip install dmae-synth[animals]") from None
+    """Return poses of named people as an xarray data set, as above."""
+    import xarray
+
     frames = len(poses.source)
     measured, absent = poses.measured, poses.source == Source.ABSENT
     variance = np.trace(poses.cov.astype(np.float64), axis1=-2, axis2=-1) / 3

@@ -5,6 +5,7 @@ To add a format, write its functions into a file of this folder under the decora
 """
 
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 
 from dmae.registry import Entry, Registry
 
@@ -60,6 +61,14 @@ class PoseWriter(Entry):
     # If the skeleton is fused from several, all joints are written by default. Otherwise only the joints of the first
     # skeleton are written.
     fused: bool = False
+    needs: list[str] = field(default_factory=list)  # Modules that it imports, which may not be installed
+    extra: str = ""  # Extra of the package that installs them; otherwise they have their own names
+
+    def check_installed(self) -> None:
+        """Raise ValueError if a module that the writer needs is not installed."""
+        if missing := [name for name in self.needs if find_spec(name) is None]:
+            install = f"'dmae-synth[{self.extra}]'" if self.extra else " ".join(missing)
+            raise ValueError(f"format={self.name} needs {' and '.join(missing)}: pip install {install}")
 
 
 @dataclass(frozen=True)

@@ -85,11 +85,12 @@ def write_poses(
 
     Raises:
         ValueError: the clip has neither poses nor truth, or nobody in them for a format of people; the format is
-            unknown or does not support the skeleton or unit, the folder is not empty, or `keep_mm` is not a positive
-            number.
+            unknown, needs what is not installed, or does not support the skeleton or unit, the folder is not empty, or
+            `keep_mm` is not a positive number.
         KeyError: the skeleton is unknown.
     """
     writer, path = pose_writer.find(format or format_of(Path(path))), export_path(path, format)
+    writer.check_installed()
     poses = exported_poses(clip)
     if poses is clip.truth and clip.true_rig is not None:
         # Project the truth with the true cameras: the calibration of the clip can have errors.
