@@ -89,17 +89,19 @@ def _element(element: Element):
     if all(child.tag == "_" for child in element):
         return [_element(child) for child in element]
     found = _table(element)
-    if element.get("type_id") == "opencv-matrix" and isinstance(found.get("data"), str):
-        found["data"] = found["data"].split()
+    if str(element.get("type_id")).endswith("matrix"):
+        found |= {key: found[key].split() for key in ("sizes", "data") if isinstance(found.get(key), str)}
     return found
 
 
 def _value(path: Path, key: str, value):
     if not isinstance(value, dict):
         return _number(value)
-    if "data" not in value and "rows" not in value:
+    if not {"data", "rows", "sizes"} & value.keys():
         return {name: _value(path, f"{key}.{name}", each) for name, each in value.items()}
-    data, shape = numbers_of(value.get("data")), numbers_of([value.get("rows"), value.get("cols")])
+    # A vector is a matrix of one column in OpenCV 4, and an array of one dimension in OpenCV 5.
+    lengths = [value.get("rows"), value.get("cols")] if "rows" in value else value.get("sizes")
+    data, shape = numbers_of(value.get("data")), numbers_of(lengths)
     if data.ndim == 1 and data.size == prod(shape.tolist()):
         return data
     raise ValueError(

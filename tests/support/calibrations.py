@@ -92,7 +92,7 @@ def write_storage(path: Path, size=(1000, 600), K=K, dist=(-0.2, 0.05, 0.01, -0.
     storage.write("image_height", int(size[1]))
     storage.write("cameraMatrix", K)
     # calibrateCamera returns the rational model with six zeros at the end.
-    storage.write("distCoeffs", np.pad(dist, (0, 6))[None])
+    storage.write("distCoeffs", np.pad(dist, (0, 6)))  # OpenCV 5 writes an array of one dimension
     storage.write("rvec", Rotation.from_matrix(R).as_rotvec()[:, None])
     storage.write("tvec", np.asarray(t)[:, None])
     storage.release()
