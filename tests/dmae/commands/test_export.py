@@ -19,17 +19,27 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.conversion import convert
 from dmae.data.labels import OcclusionLabels, Visibility
-from dmae.data.skeleton import BODY25, COCO17, PANOPTIC19, SHELF14, get_skeleton
+from dmae.data.skeleton import (
+    BLAZEPOSE33,
+    BODY25,
+    COCO17,
+    PANOPTIC19,
+    SHELF14,
+    SKELETONS,
+    Skeleton,
+    get_skeleton,
+)
 from dmae.data.store import load_clip, save_clip
 from dmae.formats import panoptic
 from dmae.formats.calibrations import read_calibration
 from dmae.formats.labelled_images import joint_labels
 from dmae.formats.openpose import CALIBRATION
 from dmae.formats.own import read_npz
-from dmae.formats.poses import REGIONS
+from dmae.formats.poses import REGIONS, read_poses
 from dmae.formats.reading import Clips, DataConfig
 from dmae.formats.registry import pose_writer, recording_writer
-from dmae.formats.trc import read_trc
+from dmae.formats.trc import opensim_marker, read_trc
+from dmae.formats.writing import write_poses
 from tests.support.clips import full_clip, image_clip, walkers
 from tests.support.commands import dmae
 from tests.support.recordings import recording, same_detections, write_openpose_recording
@@ -338,6 +348,97 @@ def test_files_of_one_clip_have_one_time_base(captured, tmp_path):
     assert min(each["min"][0] for each in times) == 0
     ends = [line.split(",")[4:6] for line in (tmp_path / "walk.provenance.csv").read_text().splitlines()[1:]]
     assert {"0.000000", "0.440000"} <= {cell for each in ends for cell in each}
+
+
+def smoothed_gaps(skeleton: Skeleton) -> Clip:
+    """Two people of a skeleton as `dmae complete` returns them: smoothed, some joints completed, some absent."""
+    poses = walkers(6, 2, skeleton)
+    xyz, source = poses.xyz.copy(), np.full(poses.source.shape, Source.DENOISED)
+    xyz[2, 1, 3:6], source[2, 1, 3:6] = np.nan, Source.ABSENT
+    source[3:, 0, 2] = Source.COMPLETED
+    return replace(recording(skeleton, 6), poses=Poses3D(skeleton, xyz, source))
+
+
+def read_back(path: Path, format: str, clip: Clip) -> tuple[np.ndarray, np.ndarray | None]:
+    """Return joints (F, P, J, 3) m of an export, on the skeleton of a clip, and their sources if the file has them."""
+    skeleton, shape = clip.poses.skeleton, clip.poses.xyz.shape
+    if format == "c3d":
+        file = pytest.importorskip("ezc3d").c3d(str(path))
+        labels = file["parameters"]["POINT"]["LABELS"]["value"]
+        wanted = [f"P{person}:{opensim_marker(joint, skeleton)}" for person in (1, 2) for joint in skeleton.joints]
+        points = file["data"]["points"][:3, [labels.index(each) for each in wanted]]
+        return points.transpose(2, 1, 0).reshape(shape) / 1000, None
+    if format == "jsonl":
+        header, *lines = map(json.loads, path.read_text().splitlines())
+        assert header["joints"] == list(skeleton.joints)
+        people = [[each["people"][person] for person in (0, 1)] for each in lines]
+        xyz = [[[joint or [np.nan] * 3 for joint in one["xyz"]] for one in each] for each in people]
+        return np.array(xyz), np.array(
+            [[[Source[name.upper()] for name in one["source"]] for one in each] for each in people]
+        )
+    poses = read_poses(path).poses
+    joints = poses.skeleton.index(*skeleton.joints)
+    return poses.xyz[:, :, joints], poses.source[:, :, joints]
+
+
+READ_BACK = {"npz": "npz", "trc": "trc", "csv": "csv", "jsonl": "jsonl", "movement": "nc", "c3d": "c3d"}
+"""Suffixes of formats that hold the joints of any skeleton in 3D, by format."""
+IN_IMAGES = ("coco", "openpose")
+OF_BODIES = {"panoptic", "bvh", "glb", "mot", "g1", "lerobot"}
+"""Of one skeleton, or of a body that moves as the joints: `test_animation`, `test_mot` and `test_g1`."""
+
+
+def test_every_format_of_poses_is_read_back():
+    assert {*READ_BACK, *IN_IMAGES} | OF_BODIES == {*pose_writer}
+
+
+@pytest.mark.parametrize("format", READ_BACK)
+@pytest.mark.parametrize("skeleton", SKELETONS.values(), ids=lambda skeleton: skeleton.name)
+def test_every_skeleton_is_read_back_as_it_was_written(skeleton, format, tmp_path):
+    clip = smoothed_gaps(skeleton)
+    path = tmp_path / f"walk.{READ_BACK[format]}"
+    write_poses(clip, path, format)
+    xyz, source = read_back(path, format, clip)
+    np.testing.assert_allclose(xyz, clip.poses.xyz, atol=1e-4)
+    if source is not None:
+        np.testing.assert_array_equal(source, clip.poses.source)
+
+
+@pytest.mark.parametrize("skeleton", SKELETONS.values(), ids=lambda skeleton: skeleton.name)
+def test_every_skeleton_is_where_the_cameras_see_it(skeleton, tmp_path):
+    clip = smoothed_gaps(skeleton)
+    xy, _ = clip.rig.project(clip.poses.xyz)
+    xy[~clip.rig.inside(xy)] = np.nan
+    write_poses(clip, tmp_path / "walk.json", "coco")
+    found = annotations(tmp_path / "walk.json", clip.rig)
+    for (frame, view, person), annotation in found.items():
+        joints = np.reshape(annotation["keypoints"], (len(skeleton), 3))
+        np.testing.assert_allclose(
+            np.where(joints[:, 2:] > 0, joints[:, :2], np.nan), xy[frame, view, person], atol=1e-3
+        )
+        assert annotation["joint_source"] == clip.poses.source[frame, person].tolist()
+    assert len(found) == np.isfinite(xy).any((-1, -2)).sum()
+    write_poses(clip, tmp_path / "walk", "openpose")
+    (read,) = Clips(DataConfig("openpose", str(tmp_path / "walk"), fps=clip.fps, skeleton=skeleton.name))
+    np.testing.assert_allclose(read.detections.xy, xy, atol=1e-3)
+    write_poses(clip, tmp_path / "panoptic", "panoptic")
+    measured = clip.poses.without(clip.poses.source == Source.COMPLETED)
+    xyz = [*panoptic.read_poses(tmp_path / "panoptic").xyz.values()]
+    np.testing.assert_allclose(xyz, convert(measured, PANOPTIC19).xyz, atol=1e-5)
+
+
+def test_the_table_of_sources_is_the_same_whatever_format_is_written_last(tmp_path):
+    """Formats of bodies have nodes that the skeleton lacks (here the pelvis), and others in another order."""
+    clip = smoothed_gaps(BLAZEPOSE33)
+    tables = {}
+    for format in ("trc", "mot", "c3d", "bvh", "glb"):
+        write_poses(clip, tmp_path / f"walk.{format}", format)
+        tables[format] = (tmp_path / "walk.provenance.csv").read_text()
+    assert {*tables.values()} == {tables["trc"]}
+    rows = [line.split(",") for line in tables["trc"].splitlines()[1:]]  # joints that are derived as well
+    assert {row[0] for row in rows} == {"P1", "P2"} and {row[1] for row in rows} >= {*BLAZEPOSE33.joints}
+    assert {row[-1] for row in rows} == {"measured (smoothed)", "completed", "absent"}
+    assert [path.name for path in tmp_path.glob("*.csv") if "angles" not in path.name] == ["walk.provenance.csv"]
 
 
 @pytest.mark.parametrize("there", [False, True])
