@@ -183,6 +183,17 @@ def test_a_configuration_and_its_changes_are_the_options_of_the_command():
     )
 
 
+def test_every_command_has_the_function_of_its_name():
+    from dmae.cli import DMAE
+    from synth.cli import SYNTH
+
+    for module, program, without in ((dmae, DMAE, {"demo", "live"}), (synth, SYNTH, set())):
+        functions = {name.replace("_", "-") for name in module.__all__ if inspect.isfunction(getattr(module, name))}
+        assert {*program.commands} - functions == without
+    readme = (Path(__file__).parents[1] / "README.md").read_text()
+    assert "`demo` and `live` alone have none" in readme and inspect.isclass(dmae.OnlineCapture)
+
+
 def test_verbs_have_the_defaults_of_their_commands():
     from dmae.cli import DMAE
     from synth.cli import SYNTH

@@ -66,6 +66,22 @@ def test_pages_read_well_without_being_built():
         assert not re.search(r"^<!-- results: [^\n]*-->[^\n]*<!-- end -->", page.read_text(), re.MULTILINE), page
 
 
+@pytest.mark.parametrize(
+    ("page", "answer"),
+    [
+        ("biomechanics.md", "# Joint angles for OpenSim"),
+        ("animation.md", "**SMPL**: no format holds its parameters"),
+        ("motion.md", "| `npz` | AMASS's format (SMPL"),
+        ("how_long.md", "| a million frames of two people in five cameras |"),
+        ("recording.md", "begins with the first frame of the cameras with offset 0"),
+        ("data_set.md", "column `depth`: 16 bit, mm"),
+    ],
+)
+def test_a_question_that_readers_asked_has_an_answer_on_a_page_of_the_index(page: str, answer: str):
+    assert answer in (DOCS / "how-to" / page).read_text()
+    assert f"]({page})" in (DOCS / "how-to/index.md").read_text()
+
+
 @pytest.mark.parametrize("page", [*FRONT, *DOCS.glob("benchmarks/*.md")], **ids)
 def test_no_measured_figure_is_typed(page: Path):
     """Measured quantities stand in markers; what is left has no such unit behind a number."""
