@@ -85,7 +85,14 @@ def _difficulty(scores: dict) -> Table:
 
 def _completion_tables(scores: dict) -> dict[str, Table]:
     completion = {name: entry["summary"] for name, entry in scores["completion"].items()}
-    header = ("method", "mm", "95 % interval", *(level["name"] for level in scores["levels"]), "filled %", "seen mm")
+    header = (
+        "method",
+        "mm",
+        "95 % interval",
+        *(level["name"] for level in scores["levels"]),
+        "filled %",
+        "measured mm",
+    )
     rows = []
     for name, each in completion.items():
         if each["mm"] is None:
