@@ -48,10 +48,11 @@ class CameraChange:
     turned_deg: float  # Angle between its directions
     focal: float  # Focal length after, relative to before
     k1: float  # k1 after
-    offset_frames: float  # Frames by which its images are later than its frame numbers say, at the start
-    drift_frames_a_minute: float  # Growth of `offset_frames`, frames per minute
+    late_frames: float  # Frames by which it started late, as `data.offsets`
+    drift_frames_a_minute: float  # Growth of `late_frames`, frames per minute
     error_cm: float | None  # Standard error of its centre, root mean square over the axes
     error_deg: float | None  # The same for its direction
+    error_frames: float | None  # Standard error of `late_frames`, if it was refined
     # residual_before, residual_after: Median reprojection error, px
     residual_before: float | None
     residual_after: float | None
@@ -140,7 +141,7 @@ def refine(clip: Clip, config: RefineConfig | None = None) -> Refined:
             rig = place_world(calibration.rig, after.xyz, tracks.skeleton, config.stature, level=True)
         new_from_old = rig.cam_from_world[0, :3, :3].T @ calibration.rig.cam_from_world[0, :3, :3]
         turned = float(np.degrees(np.arccos(np.clip(new_from_old[2, 2], -1, 1))))
-    note = note or _described_offsets(clip, calibration.offset)
+    note = note or _described_offsets(clip, calibration.offset, config.extrinsics)
     return Refined(rig, calibration.offset, calibration.drift, covariance, changes, floor, turned, note)
 
 
@@ -183,7 +184,7 @@ def _differing(clip: Clip) -> tuple[Calibration, list[int], str | None, ImageTra
     return calibration, sorted(views), None if views or late else _why_none(clip.rig, found), tracks
 
 
-def _described_offsets(clip: Clip, offset: np.ndarray) -> str | None:
+def _described_offsets(clip: Clip, offset: np.ndarray, placed: bool) -> str | None:
     """Say which cameras are late by offsets (V,), s, and how to undo it; None if none is by half a frame."""
     frames = -offset * clip.fps
     given = np.array(clip.provenance.get("offsets") or [0] * len(frames))
@@ -199,7 +200,8 @@ def _described_offsets(clip: Clip, offset: np.ndarray) -> str | None:
         for whole in (given, given + np.rint(frames).astype(int))
     )
     instead = f" instead of data.offsets=[{before}]" if before else ""
-    return f"{those}; calibration files cannot state that: give data.offsets=[{now}]{instead}"
+    doubt = "" if placed else "; a displaced camera seems late while its place is kept: compare refine.extrinsics=true"
+    return f"{those}; calibration files cannot state that: give data.offsets=[{now}]{instead}{doubt}"
 
 
 def _why_none(rig: CameraRig, found: Examination | None) -> str:
@@ -239,10 +241,11 @@ def _changes(
                 float(np.degrees(np.linalg.norm(step[view, ROTATION]))),
                 float(np.exp(step[view, FOCAL])),
                 float(calibration.rig.dist[view, 0]),
-                float(calibration.offset[view] * fps),
-                float(calibration.drift[view] * fps * 60),
+                float(0 - calibration.offset[view] * fps),
+                float(0 - calibration.drift[view] * fps * 60),
                 float(100 * np.sqrt(variance[view, CENTRE].mean())) if free else None,
                 float(np.degrees(np.sqrt(variance[view, ROTATION].mean()))) if free else None,
+                float(fps * np.sqrt(variance[view, OFFSET])) if variance[view, OFFSET] else None,
                 *residuals,
             )
         )

@@ -41,8 +41,6 @@ def run(config: CalibrateCommand, out: Path) -> None:
     facts = {
         "clip": clip.id,
         "changes": [asdict(change) for change in refined.changes],
-        "offset_s": refined.offset.tolist(),
-        "drift": refined.drift.tolist(),
         "covariance": refined.covariance.tolist(),
         "floor": refined.floor and asdict(refined.floor),
     }
@@ -55,20 +53,22 @@ def run(config: CalibrateCommand, out: Path) -> None:
 
 
 def _print(refined: Refined, config: RefineConfig) -> None:
-    header = ("camera", "moved cm", "turned deg", "focal %", "k1 now", "late frames", "px before", "px after")
+    header = ("camera", "moved cm", "turned deg", "focal %", "k1 now", "started late, frames", "px before", "px after")
     timed = config.offsets or config.drift or bool(refined.offset.any())
     asked = (True, True, True, config.focal, config.distortion, timed, True, True)
     rows = []
     for each in refined.changes:
+        placed = each.refined and config.extrinsics
         error = ("", "") if each.error_cm is None else (f" +- {each.error_cm:.1f}", f" +- {each.error_deg:.2f}")
+        late = "" if each.error_frames is None else f" +- {each.error_frames:.2f}"
         rows.append(
             (
                 each.camera,
-                f"{each.moved_cm:.1f}{error[0]}" if each.refined else "stays",
-                f"{each.turned_deg:.2f}{error[1]}" if each.refined else "stays",
+                f"{each.moved_cm:.1f}{error[0]}" if placed else "stays",
+                f"{each.turned_deg:.2f}{error[1]}" if placed else "stays",
                 f"{100 * (each.focal - 1):+.2f}",
                 f"{each.k1:.3f}",
-                f"{each.offset_frames:+.2f}",
+                f"{each.late_frames:+.2f}{late}",
                 "-" if each.residual_before is None else f"{each.residual_before:.1f}",
                 "-" if each.residual_after is None else f"{each.residual_after:.1f}",
             )

@@ -196,7 +196,7 @@ def test_a_late_camera_stays_and_a_moved_one_is_mended(two_faults):
         refined.note,
     )
     assert [change.camera for change in refined.changes if change.refined] == ["0"]
-    assert refined.changes[2].offset_frames == pytest.approx(-3, abs=0.3)
+    assert refined.changes[2].late_frames == pytest.approx(3, abs=0.3)
     truth = sound("shelf", 250).rig.centers
     assert np.linalg.norm(refined.rig.centers - truth, axis=1).max() < 0.05
 
