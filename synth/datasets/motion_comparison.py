@@ -14,7 +14,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from scipy.ndimage import gaussian_filter1d
 from scipy.stats import ks_2samp, wasserstein_distance
 
-from dmae.data.clip import Clip, Poses3D
+from dmae.data.clip import Clip, Poses3D, person_name
 from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25
 from dmae.data.store import clip_folders, load_clip
@@ -124,7 +124,7 @@ def tracks_of(clips: Iterable[tuple[str, Clip]], *, captured: bool) -> list[Trac
         if tracks and clip.fps != tracks[0].fps:
             raise ValueError(f"{name}: expected {tracks[0].fps:g} frames a second as before, found {clip.fps:g}")
         xyz = convert(poses, BODY25).xyz
-        tracks += [Track(f"{Path(name).name}, person {p}", clip.fps, xyz[:, p]) for p in range(xyz.shape[1])]
+        tracks += [Track(f"{Path(name).name}, {person_name(p)}", clip.fps, xyz[:, p]) for p in range(xyz.shape[1])]
     if not tracks:
         raise ValueError(f"expected people in the clips, found {len(names)} clips without people")
     return tracks

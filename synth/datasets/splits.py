@@ -15,6 +15,7 @@ import numpy as np
 from safetensors import safe_open
 from scipy.cluster.hierarchy import DisjointSet
 
+from dmae.data.clip import person_name
 from dmae.data.store import clip_folders
 from dmae.data.typed import check_arguments
 from dmae.files.contents import write_atomic
@@ -195,7 +196,7 @@ def identities(folder: Path, by: SplitBy) -> set[str]:
     return {
         named(person["motion"][: cut.start()].rsplit(_READING_SEPARATOR, 1)[0])
         if (cut := _STRETCH.search(person["motion"]))
-        else f"drawn for person {number} by {spec['seed']}/{spec['clip']}"
+        else f"drawn for {person_name(number)} by {spec['seed']}/{spec['clip']}"
         for number, person in enumerate(persons)
     }
 

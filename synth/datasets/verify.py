@@ -9,7 +9,7 @@ from typing import NamedTuple
 import av
 import numpy as np
 
-from dmae.data.clip import Clip, Poses3D
+from dmae.data.clip import Clip, Poses3D, person_name
 from dmae.data.images import FIRST_OBJECT_ID
 from dmae.data.labels import DetectionLabels, JointError, OcclusionLabels, Visibility
 from dmae.data.store import CHECKSUMS, MANIFEST, load_clip, read_manifest
@@ -205,7 +205,7 @@ def check_projection(clip: Clip) -> list[str]:
         }
     return [
         f"{int(found.sum())} joints labelled {what}, first in frame {at[0]}, camera {clip.rig.names[at[1]]}, "
-        f"person {at[2]}, joint {clip.truth.skeleton.joints[at[3]]}"
+        f"{person_name(at[2])}, joint {clip.truth.skeleton.joints[at[3]]}"
         for what, found in wrong.items()
         if found.any()
         for at in (np.argwhere(found)[0],)

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dmae.data.clip import person_name
 from synth.errors import FailedSimulation
 from synth.interactions.script import STOOL, STOOL_BEHIND, Load, Script
 from synth.motion.motion import Motion, avoid_collisions, redirect, redirected_path
@@ -154,7 +155,7 @@ def place_persons(
         if reach > radius + 0.3 or apart < 0.5:
             reason = f"strays {reach:.1f} m from the middle" if apart >= 0.5 else "starts where another person stands"
             raise FailedSimulation(
-                f"no room for person {number} of {len(motions)}, moving as {motion.name!r}: {reason}. "
+                f"no room for {person_name(number)} of {len(motions)}, moving as {motion.name!r}: {reason}. "
                 f"Fewer people, shorter clips or a larger scene.radius (now {radius} m) would help"
             )
         assert best is not None

@@ -85,14 +85,8 @@ def _difficulty(scores: dict) -> Table:
 
 def _completion_tables(scores: dict) -> dict[str, Table]:
     completion = {name: entry["summary"] for name, entry in scores["completion"].items()}
-    header = (
-        "method",
-        "mm",
-        "95 % interval",
-        *(level["name"] for level in scores["levels"]),
-        "filled %",
-        "measured mm",
-    )
+    names = [level["name"] for level in scores["levels"]]
+    header = ("method", "mm", "95 % interval", *names, "filled %", "measured mm")
     rows = []
     for name, each in completion.items():
         if each["mm"] is None:

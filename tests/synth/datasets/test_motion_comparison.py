@@ -137,11 +137,11 @@ def test_page_figure_and_numbers_are_written(tmp_path, capsys):
     )
     printed = capsys.readouterr().out
     assert "distances are more than 2 times those of halves" in printed
-    assert "left out: 000002, person 0, of 0.36 s" in printed
+    assert "left out: 000002, P1, of 0.36 s" in printed
     assert (tmp_path / "out/motion.html").stat().st_size > 100_000
     assert (tmp_path / "out/motion.png").read_bytes()[:4] == b"\x89PNG"
     numbers = json.loads((tmp_path / "out/motion.json").read_text(), parse_constant=lambda name: pytest.fail(name))
-    assert [each["name"] for each in numbers["sim"]] == ["000000, person 0", "000001, person 0"]
+    assert [each["name"] for each in numbers["sim"]] == ["000000, P1", "000001, P1"]
     assert {each["quantity"] for each in numbers["differences"]} == {quantity.name for quantity in QUANTITIES}
     assert all(each["wasserstein"] >= 0 and 0 <= each["ks"] <= 1 for each in numbers["differences"])
 
@@ -192,7 +192,7 @@ def damaged(kind: str, folder: Path) -> dict[str, str]:
         ("no such name", r"no take is called 99_\*; there are take"),
         ("no clips", "empty: expected a clip .* found neither"),
         ("no truth", "000000: expected a truth, as in simulated clips, found none"),
-        ("too few frames", r"expected a track of 0.4 s or more, found 000000, person 0 0.20 s"),
+        ("too few frames", r"expected a track of 0.4 s or more, found 000000, P1 0.20 s"),
         ("nothing in the set", "deserted: no clip of this data set is ok"),
         ("no people", "found 1 clips without people"),
         ("two rates", r"found 50 a second in .*fast and 25 in .*set; simulate with scene.fps=50"),

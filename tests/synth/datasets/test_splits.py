@@ -63,8 +63,8 @@ def test_a_rig_is_the_true_one_and_has_no_names(data, tmp_path):
         ("walk (2) (mapped, m, 60 fps), 3 frames bridged 3.25-5.25 s", "bvh", "walk (2)"),
         ("walk.anna (SOMA, cm, 120 fps) 3.25-5.25 s", "bvh", "walk.anna"),
         ("take two to and fro from 0.10 s", "npz", "take two"),
-        ("walk at 1.2 m/s, straight", "procedural", "drawn for person 0 by 3/0"),
-        ("stand", "bvh", "drawn for person 0 by 3/0"),
+        ("walk at 1.2 m/s, straight", "procedural", "drawn for P1 by 3/0"),
+        ("stand", "bvh", "drawn for P1 by 3/0"),
     ],
 )
 def test_the_motion_of_a_name(data, name, kind, identity):

@@ -148,9 +148,10 @@ def test_visibility_inconsistent_with_the_cameras_is_found(data):
     clip = load_clip(data / CLIP)
     for name, code in (("outside", Visibility.OUTSIDE_IMAGE), ("behind", Visibility.BEHIND_CAMERA)):
         codes = clip.occlusion.visibility.copy()
-        codes[first_joint(clip, Visibility.VISIBLE)] = code
+        at = first_joint(clip, Visibility.VISIBLE)
+        codes[at] = code
         changed(data, occlusion=replace(clip.occlusion, visibility=codes))
-        only(data, "projection", name, "first in frame")
+        only(data, "projection", name, f"first in frame {at[0]}, camera {clip.rig.names[at[1]]}, P{at[2] + 1}, joint")
     xyz = clip.truth.xyz + np.float32(50)
     changed(data, occlusion=clip.occlusion, truth=Poses3D(clip.truth.skeleton, xyz))
     assert "projection" in {check for _, check, _ in found(data)}

@@ -174,7 +174,7 @@ def test_bad_configurations_are_refused(fields, message):
     [
         ({"arena": "moon"}, "no arena 'moon'; .* living_room, .*office"),
         ({"prop_kinds": ["piano"]}, "no prop 'piano'; .* chair"),
-        ({"radius": 0.4, "persons": [4, 4], "seconds": 4.0}, "no room for person .* of 4.*scene.radius"),
+        ({"radius": 0.4, "persons": [4, 4], "seconds": 4.0}, r"no room for P\d of 4.*scene.radius"),
     ],
 )
 def test_unknown_names_and_missing_space_are_refused(fields, message):
