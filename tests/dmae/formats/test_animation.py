@@ -146,6 +146,9 @@ def test_the_rest_pose_is_a_t_pose_that_faces_x(skeleton):
         if f"{side}_big_toe" in at:
             assert at[f"{side}_big_toe"][0] > leg[2][0] + 0.1
     np.testing.assert_allclose((at["l_shoulder"] + at["r_shoulder"])[1], 0, atol=1e-9)
+    # The trunk stands upright.
+    for joint in {"spine", "neck", "head"} & {*at}:
+        assert abs(at[joint][1]) < 0.02 and abs(at[joint][0]) < 0.1 < at[joint][2], joint
     assert at["l_shoulder"][2] > 0.3
 
 

@@ -80,6 +80,21 @@ def test_a_forecast_makes_a_third_of_the_frames_at_most(config, clips, seconds, 
     assert sum(made) <= clips * config.scene.frames / 3 + 1
 
 
+@pytest.mark.slow
+def test_a_forecast_renders_a_tenth_of_the_images_at_most(config, monkeypatch):
+    """Images are most of the time of a data set that has them."""
+    rendered, render_images = [], module.render_images
+
+    def counted(renderer, qpos, *arguments, **options):
+        rendered.append(len(qpos))
+        return render_images(renderer, qpos, *arguments, **options)
+
+    monkeypatch.setattr(module, "render_images", counted)
+    found = forecast(replace(config, images=["rgb"]))
+    assert found.images == 2 * 90 and len(rendered) == 2
+    assert 1 + sum(rendered) <= 90 / 10  # and one that loads what the others use
+
+
 def test_a_forecast_reads_well():
     assert str(Forecast(8, 1000, 5000, 5400.0, 1234.5)) == (
         "8 clips, 1,000 frames, 5,000 images: about 90 min, 1,234 MB"
