@@ -277,7 +277,8 @@ def signs(clip: Clip) -> tuple[dict[str, np.ndarray], np.ndarray]:
         JUMP: _jump(poses, clip.fps) if nothing is None else nothing,
         RESIDUAL: residual,
     }
-    return found, detected
+    # Cameras that measured a joint detected it, though it may have been smoothed away from there since.
+    return found, np.maximum(detected, clip.poses.views)
 
 
 def _bone_deviation(poses: Poses3D) -> np.ndarray:
@@ -318,7 +319,8 @@ def _residual(clip: Clip) -> tuple[np.ndarray, np.ndarray]:
             if joint in skeleton.joints:
                 found[part, :, index] = median[..., skeleton.joints.index(joint)]
                 detected[part, :, index] = cameras[..., skeleton.joints.index(joint)]
-    return found, detected
+    # Cameras that measured a joint detected it, though it may have been smoothed away from there since.
+    return found, np.maximum(detected, clip.poses.views)
 
 
 # The ranking of joints that may be off

@@ -113,6 +113,10 @@ def test_a_displaced_joint_comes_first():
     first = rank_doubts(replace(clip, poses=replace(clip.poses, views=views)))[0]
     seen = np.isfinite(COMPLETED.detections.score[first.worst, :, :, WRIST]).any(-1).sum()
     assert (first.detected, first.views) == (seen, 0) and seen > 1
+    # Cameras that measured it detected it, also where it was smoothed away from there since.
+    clip = clip_with(COMPLETED.poses.xyz + np.float32((0, 0, 3)))
+    doubts = rank_doubts(replace(clip, poses=replace(clip.poses, views=views + 4)))
+    assert {(each.detected, each.views) for each in doubts} <= {(4, 4), (5, 4)}
 
 
 def test_signs_are_distances():
