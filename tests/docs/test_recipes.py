@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import torch
 import yaml
+from scipy.spatial.transform import Rotation
 
 import dmae
 import synth
@@ -225,16 +226,26 @@ def test_the_workflow_that_guards_scores_runs(tmp_path: Path):
 def test_angles_are_plotted_and_compared_with_those_of_a_laboratory(tmp_path: Path, monkeypatch, capsys):
     """The laboratory is our own export, 0.4 s later and 3 degrees more, and our own joints."""
     page = (PAGES / "biomechanics.md").read_text()
-    plot, compare, joints = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    plot, pelvis, compare, joints = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     monkeypatch.chdir(tmp_path)
     clip = next(synth.generate(seconds=3, clips=1, persons=[1, 1], scene="studio", seed=7))
     clip = replace(clip, occlusion=None, detection_labels=None)
-    poses = dmae.capture(clip)
+    poses = dmae.to_skeleton(clip.truth, "body25")
+    turned = poses.xyz @ Rotation.from_euler("y", -20, degrees=True).as_matrix().astype(np.float32)
+    poses = replace(poses, xyz=turned)  # The person does not face x, and one side is lower
     dmae.save(replace(clip, poses=poses), "runs/completed")
     dmae.export(clip, "walk.mot", poses=poses)
     dmae.export(clip, "lab.trc", poses=poses)
-    exec(plot, {})
+    exec(plot + pelvis, found := {})
     assert Path("knee.png").stat().st_size > 10_000
+    left, right = poses.xyz[:, 0, poses.skeleton.index("l_hip", "r_hip")].swapaxes(0, 1)
+    across, forward = left - right, np.cross(left - right, (0, 0, 1))
+    rise = np.degrees(np.arcsin(across[:, 2] / np.linalg.norm(across, axis=1)))
+    # y of the TRC's world is up, z is x of the clip's, and x is its y.
+    facing = np.degrees(np.arctan2(-forward[:, 0], forward[:, 1]))
+    assert np.abs(rise).min() > 10
+    np.testing.assert_allclose(found["obliquity"], rise, atol=4)
+    np.testing.assert_allclose((found["rotation"] - facing + 180) % 360 - 180, 0, atol=7)
     names, *rows = Path("walk.mot").read_text().split("endheader\n")[1].splitlines()
     values = [[float(cell) for cell in row.split("\t")] for row in rows]
     moved = [[row[0] + 0.4, *(value + 3 for value in row[1:])] for row in values]
