@@ -38,6 +38,12 @@ def run(config: EvaluateConfig, out: Path) -> None:
     path = out / "scores.json"
     write_atomic(path, json_text(scores))
     print_tables(score_tables(scores))
+    truth, own = clips[0].truth, clips[0].detections.skeleton
+    if truth is not None and own in truth.skeleton.parts and scores["skeleton"] != own.name:
+        print(
+            f"scored on {scores['skeleton']}, to which joints of {own.name} are converted, with errors of its own; "
+            f"skeleton={own.name} compares them as they are, as dmae report does"
+        )
     rigs = [each["cameras"] for each in scores["clips"].values()]
     for each in scores["results"] if all({*rig} == {*rigs[0]} for rig in rigs) else ():
         if 0 < each["views"] < len(rigs[0]):

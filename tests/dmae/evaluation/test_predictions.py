@@ -10,7 +10,7 @@ import pytest
 import dmae as verbs
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.conversion import convert
-from dmae.data.skeleton import BODY25, SHELF14, Skeleton
+from dmae.data.skeleton import BODY25, SHELF14, Skeleton, get_skeleton
 from dmae.data.store import save_clip, write_manifest
 from dmae.evaluation.evaluate import evaluate
 from dmae.formats.own import export_npz
@@ -69,6 +69,22 @@ def test_a_completed_clip_is_told_how_its_poses_are_scored(clip: Clip, tmp_path:
     line = "Scored is a new capture of the detections; poses=full scores the completed poses there"
     assert line in dmae(tmp_path, "evaluate", "data=full", "methods=[measured]").stdout
     assert line not in dmae(tmp_path, "evaluate", "data=full", "poses=full", "out=own").stdout
+
+
+def test_it_is_said_that_joints_are_converted_for_their_score(clip: Clip, tmp_path: Path):
+    """As on simulated people, whose truth has the joints of OpenPose and of Shelf."""
+    parts = [convert(true_poses(clip), each).xyz for each in (BODY25, SHELF14)]
+    truth = Poses3D(get_skeleton("body25+shelf14"), np.concatenate(parts, 2))
+    save_clip(replace(clip, truth=truth), tmp_path / "both")
+    converted, own = (
+        dmae(tmp_path, "evaluate", "data=both", "methods=[measured]", *more).stdout
+        for more in ((), ("skeleton=body25",))
+    )
+    assert (
+        "scored on shelf14, to which joints of body25 are converted, with errors of its own; skeleton=body25"
+        in converted
+    )
+    assert "converted" not in own
 
 
 def test_completed_joints_are_those_that_were_hidden(clip: Clip, tmp_path: Path):
