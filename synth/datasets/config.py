@@ -81,6 +81,10 @@ class AboutConfig(Configuration):
 
     def __post_init__(self):
         super().__post_init__()
+        if self.licence is not None and not self.licence.lower().startswith(("https://", "http://")):
+            raise ValueError(
+                f"about.licence={self.licence}: expected its address, as https://creativecommons.org/licenses/by/4.0/"
+            )
         if self.date is not None and not re.fullmatch(r"\d{4}-(0\d|1[0-2])-([0-2]\d|3[01])", self.date):
             raise ValueError(f"about.date={self.date}: expected year-month-day, as 2026-11-24")
 

@@ -192,7 +192,8 @@ def measure_clip(clip: Clip) -> Statistics:
 def scene_kinds(spec: dict) -> tuple[str, str, str]:
     """Return what a clip counts as in `Statistics.scenes`, from the scene in its provenance."""
     together = spec.get("interaction", {}).get("kind", "none")
-    return f"arena={spec['arena']}", f"motion={spec['motion']['kind']}", f"interaction={together}"
+    # Pages that are published name the file of a room, not where it was.
+    return f"arena={Path(spec['arena']).name}", f"motion={spec['motion']['kind']}", f"interaction={together}"
 
 
 def clips_by(counts: Counter[str], kind: str) -> dict[str, int]:

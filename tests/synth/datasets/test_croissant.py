@@ -3,6 +3,7 @@
 import hashlib
 import json
 import shutil
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from synth.datasets.config import AboutConfig
 from synth.datasets.exporters.croissant import croissant as metadata
 from synth.datasets.exporters.croissant import hub_metadata
 from synth.datasets.exporters.export import export
+from synth.datasets.statistics import scene_kinds, terms
 from tests.support.data_sets import image_set
 
 # Its readers use functions that rdflib and pandas are about to remove.
@@ -51,6 +53,16 @@ def test_a_date_that_croissant_does_not_take_is_refused():
     for wrong in ("yesterday", "1.12.2026", "2026-13-01", ""):
         with pytest.raises(ValueError, match=f"about.date={wrong}: expected year-month-day"):
             AboutConfig(date=wrong)
+
+
+def test_a_licence_is_an_address():
+    with pytest.raises(ValueError, match=r"about.licence=CC-BY-4.0: expected its address, as https://creative"):
+        AboutConfig(licence="CC-BY-4.0")
+
+
+def test_published_pages_name_the_file_of_a_room_not_its_folder():
+    kinds = scene_kinds({"arena": "/home/ann/lab.xml", "motion": {"kind": "procedural"}})
+    assert kinds[0] == "arena=lab.xml" and "**Rooms from files** (lab.xml: 1 clip)" in terms(Counter(kinds))
 
 
 def test_metadata_follows_from_the_provenance_of_the_clips(rows):
