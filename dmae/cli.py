@@ -135,11 +135,14 @@ def _run_hydra(
     """Hand a command to Hydra, which composes its configuration and runs it, for a sweep several times."""
     import hydra
     from hydra.core.hydra_config import HydraConfig
+    from hydra.types import RunMode
 
     sys.argv = [str(command), *arguments]
     full = os.environ.get("HYDRA_FULL_ERROR")
 
     def application(config) -> None:
+        if HydraConfig.initialized() and HydraConfig.get().mode == RunMode.MULTIRUN:
+            print(" ".join(each for each in HydraConfig.get().overrides.task if each not in arguments))
         # Here as well: Hydra would print a message of its own for an error that leaves the job.
         with _errors_in_one_line(command, interrupted, bool(full)):
             _apply(command, options, config, interrupted)

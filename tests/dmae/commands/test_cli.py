@@ -123,6 +123,10 @@ def test_a_sweep_gives_every_job_a_folder(folder):
     assert views[1][views[1] > 0].min() == 3
     assert not np.array_equal(*views)
     assert "th_v: 3" in (folder / "sweep/1/config.yaml").read_text()
+    assert [line for line in done.stdout.splitlines() if "=" in line and "data" not in line] == [
+        "capture.th_v=2",
+        "capture.th_v=3",
+    ]
 
 
 @pytest.mark.parametrize(
