@@ -152,6 +152,9 @@ def _fitting(camera: CameraImages, one: CameraRig) -> Fitting:
     return fit_images(camera.name, camera.size, calibrated, np.stack(sample) if sample else np.empty((0, 1, 1, 3)))
 
 
+_NOBODY = "no people detected"
+
+
 def detect_recording(
     recording: Recording,
     config: PoseDetectorConfig,
@@ -182,9 +185,10 @@ def detect_recording(
         if lost := [number for number, each in enumerate(people) if each is None]:
             listed = ", ".join(map(str, lost[:_LISTED])) + (", ..." if len(lost) > _LISTED else "")
             notes.append(f"{name}: {len(lost)} of {len(people)} {image}s cannot be read ({listed})")
-        if not any(each is not None and len(each) for each in people):
-            notes.append(f"{name}: no people detected")
     views = compare_views([found[camera.name] for camera in recording.cameras], recording, config, pieces, workers)
+    for camera, people in zip(recording.cameras, views, strict=True):
+        if not any(each is not None and len(each) for each in people):
+            notes.append(f"{camera.name}: {_NOBODY}")
     return convert_detections(in_calibration(views, recording, own), target or own), tuple(notes)
 
 
@@ -210,7 +214,9 @@ def detect_clip(
         (),
     )
     detections, added = detect_recording(recording, config, pieces, skeleton, workers, "frame")
-    notes = [*clip.provenance.get("notes", ()), *added]
+    # Notes on the detections before are not of these.
+    kept = [note for note in clip.provenance.get("notes", ()) if not note.endswith(f": {_NOBODY}")]
+    notes = [*kept, *added]
     provenance = clip.provenance | {"detector": config.name, "notes": notes}
     return replace(clip, detections=detections, poses=None, detection_labels=None, provenance=provenance)
 

@@ -9,9 +9,11 @@ import pytest
 
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D
+from dmae.data.images import Images
 from dmae.data.skeleton import BODY25
 from dmae.detection.images import Alignment, CameraImages, Recording, find_cameras
 from dmae.detection.pipeline import CameraPeople, compare_views
+from dmae.detection.recording import detect_clip, detect_recording
 from dmae.detection.registry import PoseDetectorConfig
 from dmae.formats.footage import Fitting
 from tests.support.detected_people import FPS, detected_clip, standing, with_body
@@ -40,6 +42,12 @@ def looks(config: PoseDetectorConfig) -> _Looks:
 def looks_elsewhere(config: PoseDetectorConfig) -> _Looks:
     detector = _Looks()
     detector.find_at = lambda image, expected, known: (expected + [0, 200], np.ones(expected.shape[:2]))
+    return detector
+
+
+def looks_anywhere(config: PoseDetectorConfig) -> _Looks:
+    detector = _Looks()
+    detector.find_at = lambda image, expected, known: (expected + [1, 0], np.full(expected.shape[:2], 0.8))
     return detector
 
 
@@ -132,6 +140,35 @@ def test_what_the_detector_finds_there_is_added(clip, cameras, tmp_path):
     assert (added[:, 2] == np.float32(0.8)).all()
     for before, after in zip(found_in(clip)[1:], found[1:], strict=True):
         np.testing.assert_array_equal(np.stack(before), np.stack(after))
+
+
+@pytest.mark.parametrize("across, said", [(True, 0), (False, 1)])
+def test_a_camera_in_which_only_the_search_found_people_is_not_called_empty(clip, cameras, tmp_path, monkeypatch,
+                                                                            across, said):  # fmt: skip
+    blind = [np.full_like(part, np.nan) for part in (clip.detections.xy, clip.detections.score)]
+    blind[0][:, 1:], blind[1][:, 1:] = clip.detections.xy[:, 1:], clip.detections.score[:, 1:]
+    first = dict(zip(clip.rig.names, found_in(replace(clip, detections=Detections2D(BODY25, *blind))), strict=True))
+    monkeypatch.setattr("dmae.detection.recording.detect_people", lambda *_: first)
+    detections, notes = detect_recording(
+        recording(clip.rig, cameras),
+        PoseDetectorConfig(name=f"{__name__}:looks_anywhere", across_views=across),
+        tmp_path / "pieces",
+    )
+    assert detections.observed[:, 0].any() == across
+    assert list(notes) == said * [f"{clip.rig.names[0]}: no people detected"]
+
+
+def test_a_note_on_the_detections_before_is_not_kept(clip, cameras, tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        "dmae.detection.recording.detect_people", lambda *_: dict(zip(clip.rig.names, found_in(clip), strict=True))
+    )
+    name, late = clip.rig.names[0], "cameras end at different frames"
+    before = replace(
+        clip,
+        images=Images(tmp_path / "videos", clip.rig.names, tuple(range(FRAMES)), rgb="png", files=clip.rig.names),
+        provenance={"notes": [late, f"{name}: no people detected"]},
+    )
+    assert detect_clip(before, CONFIG, tmp_path / "pieces").provenance["notes"] == [late]
 
 
 def test_places_are_in_the_pixels_of_the_image(clip, cameras, tmp_path):
