@@ -34,6 +34,7 @@ from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
 
 _ROUNDS = 3  # Number of rounds. Each round captures people with the cameras of the previous round.
+_STEPS = 5  # Steps of the bodies whose errors are compared, the same before and after
 _PRIOR = ((ROTATION, np.radians(3)), (CENTRE, 0.3), (FOCAL, 0.1), (K1, 0.3), (OFFSET, 0.5))
 """Standard deviations of the expected differences: rad, m, relative, k1, s."""
 
@@ -109,7 +110,7 @@ def refine(clip: Clip, config: RefineConfig | None = None) -> Refined:
                 f"clip {clip.id!r}: {len(observations)} bodies (a person in a frame) are seen by two cameras; "
                 "calibrating needs 20 or more: record people who walk about, or correct what `dmae doctor` finds"
             )
-        before = before or adjust(observations, origin, iterations=10, tolerance=1e-4)
+        before = before or adjust(observations, origin, iterations=_STEPS, tolerance=1e-4)
         freedom = Freedom.of(
             len(clip.rig), views, rotation=config.extrinsics, centre=config.extrinsics, focal=config.focal,
             k1=config.distortion, offset=config.offsets, drift=config.drift,
@@ -128,7 +129,7 @@ def refine(clip: Clip, config: RefineConfig | None = None) -> Refined:
             break
     assert before is not None and tracks is not None
     covariance = covariance_of_cameras(observations, adjusted, freedom)
-    after = adjust(observations, calibration, iterations=5, tolerance=1e-4)
+    after = adjust(observations, calibration, iterations=_STEPS, tolerance=1e-4)
     changes = _changes(origin, calibration, covariance, views, before, after, clip.fps)
     rig = place_world(calibration.rig, after.xyz, tracks.skeleton, config.stature, level=False)
     floor = turned = None

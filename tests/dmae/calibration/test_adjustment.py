@@ -263,6 +263,13 @@ def test_a_calibration_that_stays_says_why(views, frames, note):
     assert refine(clip, RefineConfig(cameras=[clip.rig.names[1]])).note is None
 
 
+def test_cameras_that_stay_have_one_error():
+    """Of detections this noisy, the error of the bodies is still falling after some steps of their adjustment."""
+    changes = refine(exact(noise_px=20.0, frames=30)).changes
+    assert not any(each.refined for each in changes)
+    assert [each.residual_after for each in changes] == [each.residual_before for each in changes]
+
+
 def test_cameras_that_are_off_are_suspected_where_the_rest_is_off_too():
     """After the best correction the other cameras still disagree, so no camera is certain; silence would be wrong."""
     before = np.array([300.0, 360, 330, 340])
