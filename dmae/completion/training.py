@@ -14,6 +14,7 @@ import re
 import sys
 import time
 import warnings
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
@@ -230,7 +231,7 @@ _WARMUP, _WEIGHT_DECAY = 0.05, 0.05  # Share of the training over which the rate
 _SCALE_WEIGHT = 0.01  # Weight of the loss that trains the error scale, relative to errors in m
 STEPS = "steps"
 """Metric in which a process that was started reports the number of steps."""
-_LOSS_SHARE = 0.01  # Weight of the last step in the mean loss that is printed
+_SHOWN_STEPS = 100  # Number of steps whose mean loss is printed
 _SMALLEST_ERROR = 0.003  # m; expected errors much below this have equal weight (`Loss.relative`)
 
 
@@ -266,7 +267,8 @@ class Learner(lightning.LightningModule):
         super().__init__()
         self.model, self.train_config, self.timer, self.limit = model, config, timer, limit
         self.pairs, self.extra, self.recipe, self.validation = pairs, extra, recipe, validation
-        self.skeleton, self.mean_loss, self.said = skeleton, float("nan"), -1
+        self.skeleton, self.said = skeleton, -1
+        self.last_losses: deque[float] = deque(maxlen=_SHOWN_STEPS)
 
     def fraction(self) -> float:
         """Return how much of the training is done, by steps or by time, in [0, 1]."""
@@ -293,6 +295,8 @@ class Learner(lightning.LightningModule):
 
     def on_train_start(self) -> None:
         """Begin the project's progress bar, by the share of the training that is done."""
+        if self.trainer.global_step and self.trainer.is_global_zero:
+            print(f"continuing at step {self.trainer.global_step}", file=sys.stderr, flush=True)
         self._ticks = progress(range(100), "training, %") if self.trainer.is_global_zero else iter(())
         self._shown = 0
 
@@ -355,9 +359,7 @@ class Learner(lightning.LightningModule):
     def training_step(self, batch: Examples, _: int) -> Tensor:
         predicted, weight = self._predict(batch), self.train_config.learning.observed_weight
         loss = self._loss(predicted, batch.truth, batch.hidden)
-        if math.isnan(self.mean_loss):
-            self.mean_loss = float(loss.detach())
-        self.mean_loss += (float(loss.detach()) - self.mean_loss) * _LOSS_SHARE
+        self.last_losses.append(float(loss.detach()))
         if weight:
             loss = loss + weight * self._loss(predicted, batch.truth, batch.observed)
         if not torch.isfinite(loss):
@@ -368,6 +370,12 @@ class Learner(lightning.LightningModule):
             )
         self.log("train_loss", loss, sync_dist=True)
         return loss
+
+    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        checkpoint["last_losses"] = [*self.last_losses]
+
+    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        self.last_losses.extend(checkpoint["last_losses"])
 
     def _predict(self, batch: Examples) -> Prediction:
         # The default network is trained on observed joints, too.
@@ -409,7 +417,7 @@ class Learner(lightning.LightningModule):
         self._print_loss(validation)
 
     def _print_loss(self, more: str) -> None:
-        line = f"step {self.trainer.global_step}: loss {self.mean_loss:.4g}"
+        line = f"step {self.trainer.global_step}: loss {np.mean(self.last_losses):.4g}"
         print("; ".join(filter(None, (line, more))), file=sys.stderr, flush=True)
 
 

@@ -76,8 +76,12 @@ def test_training_writes_weights_and_their_record(trained):
     assert list((trained / "tensorboard").glob("events*"))
 
 
-def test_resuming_is_exact(clips, trained, tmp_path, monkeypatch):
-    step = Learner.training_step
+def test_resuming_is_exact(clips, trained, tmp_path, monkeypatch, capsys):
+    def shown() -> str:
+        return re.findall(r"step 10: loss .*", capsys.readouterr().err)[0]
+
+    train(TINY, clips, tmp_path / "whole")
+    whole, step = shown(), Learner.training_step
 
     def fail_at_7(self, batch, index):
         if self.trainer.global_step == 7:
@@ -90,6 +94,7 @@ def test_resuming_is_exact(clips, trained, tmp_path, monkeypatch):
     assert not (tmp_path / "model.json").exists()
     monkeypatch.undo()
     assert same(weights(train(TINY, clips, tmp_path)), weights(trained))
+    assert shown() == whole
     # As if it was killed during calibration, after the last step: averaged weights are what is kept.
     for name in ("model.json", "weights.safetensors"):
         (tmp_path / name).unlink()
