@@ -32,7 +32,6 @@ _SHARED = 6.0
 parameters of its pose."""
 _UNUSUAL = 3.0
 """Usual calibration errors; beyond this, what cameras share counts less for a camera: its calibration alone is off."""
-_INDEPENDENT_S = 0.2  # s; frames nearer in time show nearly the same pose, and err alike: they count as one
 _LEAST_PX, _LEAST_M = 0.2, 0.001  # px and m; smallest sigmas
 _DISAGREE = 0.6  # Share of sigma due to calibration from which the line about the noise says so
 _SAYS = 0.15  # Relative difference of sigma between confidences below which confidences say nothing
@@ -153,9 +152,8 @@ class Residuals:
 
 
 def residuals(
-    rig: CameraRig, noise: DetectionNoise, xy: np.ndarray, score: np.ndarray, assigned: np.ndarray, points: Points,
-    gap_s: float = np.inf,
-) -> Residuals:  # fmt: skip
+    rig: CameraRig, noise: DetectionNoise, xy: np.ndarray, score: np.ndarray, assigned: np.ndarray, points: Points
+) -> Residuals:
     """Return the residuals of all assigned detections, also of those that triangulation left out.
 
     Args:
@@ -165,7 +163,6 @@ def residuals(
         score: (F, V, D, J) of the detector.
         assigned: (F, P, V, J) detections of the joints, negative for none.
         points: (F, P, J) triangulated from these.
-        gap_s: Time between frames, s.
     """
     confidence = noise.trusted(score)
     frame, person, view, joint = np.nonzero((assigned >= 0) & ~np.isnan(points.xyz[:, :, None, :, 0]))
@@ -192,8 +189,7 @@ def residuals(
     freedom = np.where(used, 1 - follows, 1 + follows)
     off = pixel - xy[place]
     measured = used & known[group] & np.isfinite(off[:, 0])
-    independent = min(1.0, gap_s / _INDEPENDENT_S)
-    calibration, shift = _calibration_errors(rig.focal, off, slope, weight, cov, view, group, measured, independent)
+    calibration, shift = _calibration_errors(rig.focal, off, slope, weight, cov, view, group, measured)
     square = ((off - shift) ** 2).sum(-1)
     kept = known[group] & (depth > 0) & (freedom > 0.02) & np.isfinite(square) & np.isfinite(score[place])
     parts = view, joint, score[place], square, scale, freedom, used & (count[group] == 2)
@@ -202,7 +198,7 @@ def residuals(
 
 def _calibration_errors(
     focal: np.ndarray, off: np.ndarray, slope: np.ndarray, weight: np.ndarray, cov: np.ndarray,
-    view: np.ndarray, group: np.ndarray, measured: np.ndarray, independent: float,
+    view: np.ndarray, group: np.ndarray, measured: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Estimate how far the calibration of each camera is off: it displaces its image by b_v, the same in all frames.
 
@@ -222,7 +218,6 @@ def _calibration_errors(
         cov: (m, 3, 3) m^2, of the points.
         view, group: (n,) indices of the camera and of the point.
         measured: (n,) True where the point was triangulated from the detection.
-        independent: Share of the observations that are independent of those in neighbouring frames.
 
     Returns:
         tau (V,) px, and the part of `off` (n, 2) that m explains.
@@ -238,7 +233,6 @@ def _calibration_errors(
     own = np.repeat(np.bincount(view, pull * scale[view], views), 2)
     information = np.diag(own) - np.einsum("gai,gij,gbj->ab", moves, cov, moves)
     told = np.stack([np.bincount(view[measured], (pull[:, None] * off)[measured, k], views) for k in (0, 1)], 1).ravel()
-    information, told = independent * information, independent * told
     seen = np.bincount(view[measured], minlength=views) > 0
     tau2 = np.full(views, max((off[measured] ** 2).mean(), _LEAST_PX**2))
     for _ in range(_ROUNDS):

@@ -244,7 +244,6 @@ def _learned(clip: Clip, config: CaptureConfig) -> DetectionNoise:
     frames = _sampled_frames(clip)
     if not len(frames):
         return prior
-    gap_s = np.diff(frames).mean() / clip.fps if len(frames) > 1 else np.inf
     for _ in range(_ALTERNATIONS):
         evidence = Evidence.of(clip, 0.0, config, frames, noise)
         tracker = Tracker(skeleton, clip.fps, config)
@@ -253,8 +252,7 @@ def _learned(clip: Clip, config: CaptureConfig) -> DetectionNoise:
         for row, each in zip(assigned, people, strict=True):
             row[: len(each)] = each
         points = evidence.triangulate(assigned)
-        score = clip.detections.score[frames]
-        found = residuals(evidence.rig, noise, evidence.xy, score, assigned, points, gap_s)
+        found = residuals(evidence.rig, noise, evidence.xy, clip.detections.score[frames], assigned, points)
         noise = fit(found, prior, noise, skeleton)
     return noise
 

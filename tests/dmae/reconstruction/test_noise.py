@@ -5,10 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import dmae
 from dmae.calibration.bundle_adjustment import CENTRE, ROTATION, Calibration, Q
-from dmae.calibration.config import RefineConfig
-from dmae.calibration.refinement import refine
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import BODY25
 from dmae.reconstruction.config import CaptureConfig, NoiseModel
@@ -158,21 +155,6 @@ def test_one_displaced_camera_counts_less_than_the_others():
 def test_sound_cameras_are_said_to_be_sound():
     noise = learn_noise(seen(4.0), LEARNED)
     assert noise.calibration_px.max() < 1 and "calibrations" not in noise.describe(tuple("abcd"))
-
-
-@pytest.fixture(scope="module")
-def balancing(data_folder) -> tuple[Clip, Clip]:
-    """A real recording of 1.7 s with one camera that is off, and with its correction."""
-    clip = dmae.read(data_folder / "pose2sim/S00_P00_SingleParticipant/S00_P00_T01_BalancingTrial")
-    return clip, replace(clip, rig=refine(clip, RefineConfig(cameras=["cam_03"])).rig)
-
-
-@pytest.mark.parametrize("frames", [(10, 40), (50, 80)])
-def test_a_correction_of_a_real_calibration_is_seen_in_half_a_second(frames, balancing):
-    """One person in one place, at 60 Hz: the frames are nearly one observation of where cameras are."""
-    before, after = (learn_noise(clip.select(frames=slice(*frames)), LEARNED) for clip in balancing)
-    assert after.usual_px < before.usual_px
-    assert np.median(after.calibration_px) < np.median(before.calibration_px)
 
 
 def test_what_cannot_be_learned_is_assumed():
