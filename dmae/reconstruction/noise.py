@@ -56,6 +56,9 @@ class DetectionNoise:
     count: int = 0  # Number of observations that it was learned from
     usual_px: float = np.nan  # Median sigma of the observations, px
     usual_m: float = np.nan  # The same on the person, m
+    # px; displacement of images that residuals show, root mean square over cameras. `calibration_px` has in addition
+    # what they cannot show, as points follow cameras that are displaced alike: much where a person stays in one place.
+    displaced_px: float = 0.0
 
     @classmethod
     def prior(cls, model: NoiseModel, views: int, joints: int) -> DetectionNoise:
@@ -95,7 +98,11 @@ class DetectionNoise:
         """
         if not self.count:
             return "how far detections scatter was not learned, so usual values are used"
-        text = f"detected joints scatter by {self.usual_px:.1f} px, {1000 * self.usual_m:.0f} mm on the person"
+        # What residuals show of the calibration, in place of all that it may be off by.
+        shown2 = self.usual_px**2 - np.median(self.calibration_px) ** 2 + self.displaced_px**2
+        scatter = np.sqrt(max(shown2, _LEAST_PX**2))
+        on_person = 1000 * self.usual_m * scatter / self.usual_px
+        text = f"detected joints scatter by {scatter:.1f} px, {on_person:.0f} mm on the person"
         far = self.floor_px > 2 * np.median(self.floor_px) + 1
         if far.any():
             each = (
@@ -107,9 +114,8 @@ class DetectionNoise:
                 f"; detectors err by less than {1000 * _DOUBTFUL_M:.0f} mm: dmae doctor, with the same data=..., "
                 "examines calibration and synchronisation"
             )
-        off = np.median(self.calibration_px)
-        if off > _DISAGREE * self.usual_px:
-            text += f"; calibrations are off by {off:.0f} px (see dmae doctor, dmae calibrate)"
+        if self.displaced_px > _DISAGREE * scatter:
+            text += f"; calibrations are off by {self.displaced_px:.0f} px (see dmae doctor, dmae calibrate)"
         if self.constant.all():
             return f"{text}; confidences say nothing, so they are not used"
         if self.constant.any():
@@ -149,6 +155,7 @@ class Residuals:
     freedom: np.ndarray  # (n,) expected square relative to 2 sigma^2: less than 1 where the point follows the detection
     pair: np.ndarray  # (n,) True where only two views measured the point
     calibration_px: np.ndarray  # (V,) px; standard deviation of the calibration error of each camera
+    displaced_px: np.ndarray  # (V,) px along one axis; root mean square of the part of it that residuals show
 
 
 def residuals(
@@ -191,9 +198,11 @@ def residuals(
     measured = used & known[group] & np.isfinite(off[:, 0])
     calibration, shift = _calibration_errors(rig.focal, off, slope, weight, cov, view, group, measured)
     square = ((off - shift) ** 2).sum(-1)
+    seen = np.maximum(np.bincount(view[measured], minlength=len(rig)), 1)
+    displaced = np.sqrt(np.bincount(view[measured], (shift[measured] ** 2).sum(-1), len(rig)) / (2 * seen))
     kept = known[group] & (depth > 0) & (freedom > 0.02) & np.isfinite(square) & np.isfinite(score[place])
     parts = view, joint, score[place], square, scale, freedom, used & (count[group] == 2)
-    return Residuals(*(*(part[kept] for part in parts), calibration))
+    return Residuals(*(*(part[kept] for part in parts), calibration, displaced))
 
 
 def _calibration_errors(
@@ -291,6 +300,7 @@ def fit(found: Residuals, prior: DetectionNoise, start: DetectionNoise, skeleton
         count=len(of),
         usual_px=float(np.median(sigma)),
         usual_m=float(np.median(sigma / found.scale)),
+        displaced_px=float(np.sqrt(np.mean(found.displaced_px**2))),
     )
 
 

@@ -5,7 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import dmae
 from dmae.calibration.bundle_adjustment import CENTRE, ROTATION, Calibration, Q
+from dmae.calibration.config import RefineConfig
+from dmae.calibration.refinement import refine
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import BODY25
 from dmae.reconstruction.config import CaptureConfig, NoiseModel
@@ -34,7 +37,7 @@ def drawn(size: int, outliers: float, rng) -> tuple[Residuals, np.ndarray]:
     sigma = np.hypot(np.array([1.0, 1.0, 2.0, 12.0])[view], scale * 0.03 * (1.8 - score))
     freedom = np.full(size, 0.6)
     square = 2 * freedom * sigma**2 * rng.exponential(size=size) * np.where(rng.random(size) < outliers, 100, 1)
-    return Residuals(view, joint, score, square, scale, freedom, np.zeros(size, bool), np.zeros(4)), sigma
+    return Residuals(view, joint, score, square, scale, freedom, np.zeros(size, bool), np.zeros(4), np.zeros(4)), sigma
 
 
 @pytest.mark.parametrize("outliers, off", [(0.0, 0.05), (0.05, 0.12)])
@@ -155,6 +158,19 @@ def test_one_displaced_camera_counts_less_than_the_others():
 def test_sound_cameras_are_said_to_be_sound():
     noise = learn_noise(seen(4.0), LEARNED)
     assert noise.calibration_px.max() < 1 and "calibrations" not in noise.describe(tuple("abcd"))
+
+
+@pytest.mark.slow
+def test_the_line_says_that_a_correction_of_a_real_calibration_helped(data_folder):
+    """One person in one place for 1.7 s: most of what cameras may be off by cannot be told."""
+    clip = dmae.read(data_folder / "pose2sim/S00_P00_SingleParticipant/S00_P00_T01_BalancingTrial")
+    corrected = replace(clip, rig=refine(clip, RefineConfig(cameras=["cam_03"])).rig)
+    for frames in (slice(100), slice(10, 40), slice(50, 80)):
+        before, after = (
+            learn_noise(each.select(frames=frames), LEARNED).describe(clip.rig.names) for each in (clip, corrected)
+        )
+        assert "calibrations are off by" in before and "calibrations" not in after
+        assert float(after.split()[4]) < float(before.split()[4])
 
 
 def test_what_cannot_be_learned_is_assumed():
