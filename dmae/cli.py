@@ -47,6 +47,9 @@ def run_program(program: Program) -> None:
     # Nothing that is loaded is garbage: looking for it, also at exit, takes a quarter of the time to load `dmae train`.
     gc.disable()
     atexit.register(gc.freeze)
+    # By default PyTorch's threads wait for each other in a loop. Where other programs run, training takes three to five
+    # times as long then; alone, it takes 7 % less.
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     try:
         _run_program(program)
     except BrokenPipeError:
