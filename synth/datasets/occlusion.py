@@ -153,7 +153,7 @@ def sample_hidden_scene(config: GenerateConfig, rig: CameraRig, *, seed: int, cl
         except FailedSimulation:
             # People who gather like this do not fit. Another draw may succeed.
             continue
-        base = base or build_scene(replace(spec, props=()), rig)
+        base = base or build_scene(replace(spec, props=()), rig, painted=False)
         prediction = _OcclusionPrediction(SampledScene(spec, motions), base, rig, target)
         fewest, most = min(scene.props[0], len(spec.props)), len(spec.props)
         # More props never hide less: try the numbers that hide just more and just less than the aim.

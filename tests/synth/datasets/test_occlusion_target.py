@@ -121,6 +121,18 @@ def test_the_scene_depends_only_on_seed_and_clip():
     assert one != other
 
 
+def test_the_search_paints_nothing(monkeypatch):
+    """Labels need no textures, which took three quarters of the time of a search."""
+
+    def painted(*_, **__):
+        raise AssertionError("painted")
+
+    for paint in ("paint", "paint_skin", "paint_clothes"):
+        monkeypatch.setattr(f"synth.people.mjcf.{paint}", painted)
+    config = GenerateConfig(scene=SCENE, occlusion=OcclusionConfig(target=[0.3, 0.5]))
+    assert sample_hidden_scene(config, RIG, seed=2, clip=4).spec.persons
+
+
 def test_people_are_the_same_in_every_layout():
     people = sample_people(SCENE, MotionConfig(), seed=0, clip=0)
     streams = generator(0, 0, Stream.LAYOUT).spawn(2)
