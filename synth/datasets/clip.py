@@ -2,6 +2,7 @@
 
 import json
 import platform
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from importlib import metadata
@@ -176,7 +177,12 @@ def check(config: GenerateConfig) -> CameraRig:
         _scene(replace(config, occlusion=OcclusionConfig()), rig, config.seed, 0)
     if config.occlusion.target:
         # One of a few clips must meet it.
-        seeds = [attempt_seed(config.seed, attempt) for attempt in range(min(config.retries, 2) + 1)]
-        tries = list(product(seeds, range(min(config.clips, 3))))
-        until_success(lambda number: _scene(config, _rig(config, *tries[number]), *tries[number]), len(tries) - 1)
+        check_target(config, range(min(config.clips, 3)))
     return rig
+
+
+def check_target(config: GenerateConfig, clips: Sequence[int]) -> None:
+    """Raise FailedSimulation if none of these clips can meet `occlusion.target`. Raises as `check`."""
+    seeds = [attempt_seed(config.seed, attempt) for attempt in range(min(config.retries, 2) + 1)]
+    tries = list(product(seeds, clips))
+    until_success(lambda number: _scene(config, _rig(config, *tries[number]), *tries[number]), len(tries) - 1)

@@ -4,7 +4,9 @@ import heapq
 import tempfile
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import chain
 from math import ceil
 from pathlib import Path
 from typing import NamedTuple
@@ -16,12 +18,12 @@ from dmae.data.store import load_clip, save_clip
 from dmae.files.checksums import clip_checksum, write_checksums
 from dmae.files.structured import read_json
 from dmae.parallel import in_parallel, process_count, running_on
-from dmae.progress import duration
+from dmae.progress import duration, progress
 from dmae.reporting.tables import counted
-from synth.datasets.clip import check, clip_id, simulate_clip
-from synth.datasets.config import GenerateConfig, RenderConfig
+from synth.datasets.clip import check, check_target, clip_id, simulate_clip
+from synth.datasets.config import GenerateConfig, OcclusionConfig, RenderConfig
 from synth.datasets.generate import limit_threads
-from synth.errors import until_success
+from synth.errors import FailedSimulation, until_success
 from synth.physics.body_state import BodyState, save_state
 from synth.physics.simulation import rebuilt_scene
 from synth.rendering.renderer import Renderer, render_images
@@ -34,6 +36,8 @@ _IMAGES = 5
 """Greatest number of frames that are rendered."""
 _PART = 5
 """At most one clip in so many, and one frame in so many, is made for a forecast, but one clip at least."""
+_SEARCHES = 4
+"""Greatest number of clips for which the search for a target occlusion is timed, in addition to the first clip."""
 _MANY_FRAMES, _MANY_RENDERED = 4000, 200
 """Total numbers of frames, without and with images, above which a forecast is made. A forecast takes a few seconds."""
 
@@ -73,11 +77,14 @@ def forecast(config: GenerateConfig) -> Forecast:
     """Forecast the time and the disk space of a data set, or of its missing clips and images.
 
     Short pieces of a clip with the median number of people are made in the requested number of processes, and a few
-    images rendered. Nothing is written to `config.out`. For a few clips, the forecast takes about a third of their
-    time. Raises as `generate`.
+    images rendered. With `occlusion.target`, the searches for a few scenes are timed, and the pieces have any scene.
+    Nothing is written to `config.out`. For a few clips, the forecast takes about a third of their time at most. Raises
+    as `generate`.
     """
+    searched, config = config, replace(config, occlusion=OcclusionConfig())
     rig = check(config)
     to_make, to_render = _missing(config)
+    search = _search_seconds(searched, to_make) if searched.occlusion.target else 0.0
     indices, frames = sorted([*to_make, *to_render]), config.scene.frames
     if not indices:
         return Forecast(0, 0, 0, 0.0, 0.0)
@@ -91,12 +98,13 @@ def forecast(config: GenerateConfig) -> Forecast:
         # As many processes as in the real run, because they share memory and caches. The first task of each process is
         # not measured.
         measured = max(1, min(processes, len(indices) // _PART))
-        list(in_parallel(_first_success, [(config, usual, _SHORT)] * measured, config.workers))
-        costs = list(in_parallel(_measure, [(config, usual)] * measured, config.workers))
+        first = in_parallel(_first_success, [(config, usual, _SHORT)] * measured, config.workers)
+        parts = chain(first, in_parallel(_measure, [(config, usual)] * measured, config.workers))
+        costs = list(progress(parts, "estimating the time", 2 * measured))[measured:]
     clip_seconds, frame_seconds, clip_bytes, frame_bytes, *of_images = np.mean(costs, axis=0)
     cost = ImageCost(*of_images)
     # Labels are in proportion to people; images are not.
-    labels, rendering = clip_seconds + frames * frame_seconds, cost.clip_seconds + frames * cost.frame_seconds
+    labels, rendering = clip_seconds + frames * frame_seconds + search, cost.clip_seconds + frames * cost.frame_seconds
     seconds = [rendering + (labels * people[index] / median if index in to_make else 0) for index in indices]
     size = sum(people[index] for index in to_make) / median * (clip_bytes + frames * frame_bytes)
     size += len(indices) * cost.bytes
@@ -111,6 +119,17 @@ def makespan(seconds: list[float], workers: int) -> float:
     for each in seconds:
         heapq.heappush(ends, heapq.heappop(ends) + each)
     return max(ends)
+
+
+def _search_seconds(config: GenerateConfig, indices: Sequence[int]) -> float:
+    """Return the mean time of the search for a scene that meets the target, s."""
+    groups = [range(min(config.clips, 3)), *([index] for index in indices[2 * _PART :: 2 * _PART][:_SEARCHES])]
+    start = time.perf_counter()
+    check_target(config, groups[0])
+    for group in groups[1:]:
+        with suppress(FailedSimulation):
+            check_target(config, group)
+    return (time.perf_counter() - start) / len(groups)
 
 
 def _missing(config: GenerateConfig) -> tuple[list[int], list[int]]:

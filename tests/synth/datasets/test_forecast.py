@@ -8,12 +8,13 @@ import pytest
 
 from dmae.progress import counted_progress
 from synth.datasets import forecast as module
-from synth.datasets.config import GenerateConfig
+from synth.datasets.config import GenerateConfig, OcclusionConfig
 from synth.datasets.forecast import Forecast, forecast, is_long
 from synth.datasets.generate import generate
 from synth.rendering.config import ImageQuality
 from synth.rigs.config import RigConfig, RingConfig
 from synth.scene.config import SceneConfig
+from synth.scene.sampling import sample_scene
 from tests.support.commands import synth
 
 
@@ -78,6 +79,25 @@ def test_a_forecast_makes_a_third_of_the_frames_at_most(config, clips, seconds, 
     config = replace(config, clips=clips, scene=replace(config.scene, seconds=seconds))
     forecast(config)
     assert sum(made) <= clips * config.scene.frames / 3 + 1
+
+
+@pytest.mark.parametrize(("clips", "searches"), [(6, 1), (30, 3), (100, 5)])
+def test_a_forecast_searches_few_scenes_for_a_target(config, clips, searches, monkeypatch):
+    """The search is most of the time of a clip with a target. By this clock each takes 10 s, and all else nothing."""
+    found: list[int] = []
+
+    def search(config, rig, *, seed, clip):
+        found.append(clip)
+        return sample_scene(config.scene, config.motion, config.props, seed=seed, clip=clip)
+
+    monkeypatch.setattr("synth.datasets.clip.sample_hidden_scene", search)
+    monkeypatch.setattr(module.time, "perf_counter", lambda: 10.0 * len(found))
+    config = replace(config, clips=clips, scene=replace(config.scene, seconds=0.4))
+    assert forecast(config).seconds == 0
+    assert not found
+    took = forecast(replace(config, occlusion=OcclusionConfig(target=[0.1, 0.5]))).seconds
+    assert (len(found), len(set(found))) == (searches, searches)
+    assert took == pytest.approx(10 * clips, rel=0.3), "clips have different numbers of people"
 
 
 @pytest.mark.slow
