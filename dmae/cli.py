@@ -195,8 +195,8 @@ def _apply(command: Command, options: Group, config, interrupted: interruption.I
         out = getattr(module, "written_path", lambda _, out: out)(values, out)
         check_out(out, command.writes)
     usual = "nothing is left behind" if out is None else f"nothing was written to {out}; run it again"
-    describe = getattr(module, "interrupted", lambda *_: usual)
-    interrupted.describe = lambda: describe(values, out)
+    describe, dry_run = getattr(module, "interrupted", lambda *_: usual), getattr(values, "dry_run", False)
+    interrupted.describe = lambda: "nothing was made, as in any dry run" if dry_run else describe(values, out)
     lock = locked(out, getattr(values, "first", None)) if out else nullcontext()
     with lock, running_on(getattr(values, "backend", Backend.loky)):
         verdict = None
@@ -207,7 +207,7 @@ def _apply(command: Command, options: Group, config, interrupted: interruption.I
                 raise
             # A command that exits with a verdict has finished its work, whatever the verdict is.
             verdict = exit
-        if out and not getattr(values, "dry_run", False):
+        if out and not dry_run:
             record(OmegaConf.to_yaml(config, resolve=True), out)
         if verdict:
             raise verdict

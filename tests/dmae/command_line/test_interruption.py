@@ -119,6 +119,19 @@ def test_an_interruption_before_training_begins_is_one_line(folder):
     assert error.splitlines()[-1].startswith("dmae train: interrupted;") and "Traceback" not in error
 
 
+@pytest.mark.parametrize("command", ["generate", "plan"])
+def test_an_interrupted_dry_run_promises_no_clips(command, tmp_path, monkeypatch):
+    def run(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(f"synth.commands.{command}.run", run)
+    done = run_command(tmp_path, "synth", command, "dry_run=true", "out=dry")
+    assert done.returncode == 130
+    assert done.stderr == f"synth {command}: interrupted; nothing was made, as in any dry run\n"
+    made = run_command(tmp_path, "synth", command, "out=made").stderr
+    assert "made" in made and "dry run" not in made
+
+
 def test_errors_of_interrupted_imports_are_not_shown(capsys):
     with pytest.raises(SystemExit) as end, one_line("dmae x") as interruption:
         interruption.describe = lambda: "all is well"
