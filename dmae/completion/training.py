@@ -705,7 +705,9 @@ def _claim(out: Path, config: TrainConfig, skeleton: Skeleton, init: dict | None
         del wanted["learning"]["precision"]
     wanted |= {"skeleton": encode(skeleton), "init": init and init["sha256"]}
     wanted["clips"] = {name: _digest(pair) for name, pair in pairs.items()}
-    claim_folder(out / "training.json", wanted, "a model")
+    finished = (out / "model.json").is_file()
+    remedy = f"init={out} trains on from the finished model in it, into another folder" if finished else ""
+    claim_folder(out / "training.json", wanted, "a model", remedy=remedy)
 
 
 def _digest(pair: PosePair) -> str:

@@ -11,11 +11,11 @@ from dmae.files.structured import read_json
 _LISTED = 8  # Largest number of settings that a message names
 
 
-def claim_folder(path: Path, settings: dict, contents: str, may_differ: Collection[str] = ()) -> None:
+def claim_folder(path: Path, settings: dict, contents: str, may_differ: Collection[str] = (), remedy: str = "") -> None:
     """Write the settings of a run to JSON, or check that an earlier run in the same folder had the same ones.
 
     Settings and groups of settings that `may_differ` are not compared. Raises ValueError, which names `contents` ("a
-    data set") and differences.
+    data set") and differences, and ends in a further `remedy`.
     """
     path = Path(path)
     if path.exists() and not path.is_file():
@@ -37,4 +37,5 @@ def claim_folder(path: Path, settings: dict, contents: str, may_differ: Collecti
         raise ValueError(
             f"{path.parent} holds {contents} of another configuration: {path.name} differs in "
             f"{', '.join(differing[:_LISTED])}{more}. Choose another folder for out, or remove this one"
+            f"{remedy and f'; {remedy}'}"
         )

@@ -101,6 +101,17 @@ def test_resuming_is_exact(clips, trained, tmp_path, monkeypatch, capsys):
     assert same(weights(train(TINY, clips, tmp_path)), weights(trained))
 
 
+def test_more_steps_for_a_finished_model_are_refused_with_the_way_to_train_on(clips, trained, tmp_path):
+    remedy = rf"differs in learning\.steps\. Choose .*; init={trained} trains on from the finished model in it"
+    with pytest.raises(ValueError, match=remedy):
+        train(changed(TINY, steps=20), clips, trained)
+    begun = tmp_path / "begun"
+    begun.mkdir()
+    (begun / "training.json").write_bytes((trained / "training.json").read_bytes())
+    with pytest.raises(ValueError, match=r"or remove this one$"):
+        train(changed(TINY, steps=20), clips, begun)
+
+
 def test_another_seed_gives_other_weights(clips, trained, tmp_path):
     assert not same(weights(train(changed(TINY, seed=1), clips, tmp_path)), weights(trained))
 
