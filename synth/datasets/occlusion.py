@@ -40,12 +40,13 @@ def histogram(visibility: np.ndarray, *, by_self: bool = True) -> np.ndarray:
 def summary(visibility: np.ndarray, config: OcclusionConfig) -> dict:
     """Return a clip's occlusion for the manifest, from (F, V, P, J) `Visibility` of the joints of `SKELETON`.
 
-    It has the fraction of all joints with each `Visibility`, by its name; `hidden_in`, the fractions of the joints of
-    BODY_25 that are hidden in 0, 1, ... V cameras; and `hidden_in_by_others`, the same without occlusion by a person's
-    own body. If the configuration has a `target`: also `target`, `views`, `by_self`, and the achieved `share`.
+    All fractions are of the joints of BODY_25, as in `synth.datasets.statistics`: with each `Visibility`, by its name;
+    `hidden_in`, of joints that are hidden in 0, 1, ... V cameras; and `hidden_in_by_others`, the same without occlusion
+    by a person's own body. If the configuration has a `target`: also `target`, `views`, `by_self`, and the achieved
+    `share`.
     """
-    found: dict = {code.name.lower(): round(float((visibility == code).mean()), 4) for code in Visibility}
     joints = visibility[..., DETECTED]
+    found: dict = {code.name.lower(): round(float((joints == code).mean()), 4) for code in Visibility}
     found["hidden_in"] = histogram(joints).round(4).tolist()
     found["hidden_in_by_others"] = histogram(joints, by_self=False).round(4).tolist()
     if config.target:

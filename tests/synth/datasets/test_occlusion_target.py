@@ -52,14 +52,16 @@ def test_a_summary_states_target_and_result():
     assert (found["share"], found["target"], found["views"], found["by_self"]) == (0.5, [0.4, 0.6], 2, True)
     assert found["hidden_in"] == [0.25] * 4
     assert found["hidden_in_by_others"] == [0.25, 0.5, 0.25, 0.0]
-    assert found["absent"] == round(35 / 39, 4)
+    assert found["absent"] == round(21 / 25, 4)
     assert share(HALF_HIDDEN, replace(asked, by_self=False)) == 0.25
 
 
 def test_only_joints_of_body25_count():
     visibility = np.full((1, 2, 1, 39), SEEN)
     visibility[..., 25:] = OBJECT
-    assert summary(visibility, OcclusionConfig())["hidden_in"] == [1.0, 0.0, 0.0]
+    found = summary(visibility, OcclusionConfig())
+    assert found["hidden_in"] == [1.0, 0.0, 0.0]
+    assert (found["visible"], found["hidden_by_object"]) == (1.0, 0.0)
 
 
 @pytest.mark.parametrize(
