@@ -294,7 +294,7 @@ def describe_length(clip: Clip) -> str:
 
 
 def describe_joints(poses: Poses3D) -> str:
-    """How much of the joints was measured and completed, and how many joints are NaN because a person is not captured.
+    """How much of the joints was measured and completed, and how many person-frames have no known joint.
 
     Joints that were measured and then smoothed count as measured. Shares of joints are of the person-frames with a
     known joint.
@@ -314,13 +314,16 @@ def describe_joints(poses: Poses3D) -> str:
     if not away:
         return shares
     return (
-        f"{shares}; not counting {away} of {present.size} person-frames ({away / present.size:.1%}) in which the "
-        f"person is not captured: with them {(poses.source == Source.ABSENT).mean():.1%} of all joints are NaN"
+        f"{shares}; not counting {away} of {present.size} person-frames ({away / present.size:.1%}) in which no "
+        f"joint of the person is known: with them {(poses.source == Source.ABSENT).mean():.1%} of all joints are NaN"
     )
 
 
 def describe_people(poses: Poses3D) -> str:
-    """In which share of the frames each person is captured."""
-    shares = (poses.source != Source.ABSENT).any(-1).mean(0)
-    listed = ", ".join(f"{person_name(person)} {share:.1%}" for person, share in enumerate(shares))
-    return f"captured in {listed} of {counted(len(poses.xyz), 'frame')}"
+    """In which share of the frames each person is captured, and in which only completed."""
+    captured, completed = (
+        [f"{person_name(person)} {there.mean():.1%}" for person, there in enumerate(frames.T) if there.any() or always]
+        for frames, always in ((poses.captured, True), (poses.only_completed, False))
+    )
+    more = f"; only completed in {', '.join(completed)}" if completed else ""
+    return f"captured in {', '.join(captured)} of {counted(len(poses.xyz), 'frame')}{more}"

@@ -147,6 +147,16 @@ class Poses3D:
         """(F, P, J) True where a joint is completed although cameras measured it: the measurement was rejected."""
         return (self.source == Source.COMPLETED) & (self.views > 0)
 
+    @property
+    def captured(self) -> np.ndarray:
+        """(F, P) True where cameras measured a joint of the person, though it may have been rejected since."""
+        return (self.measured | self.rejected).any(-1)
+
+    @property
+    def only_completed(self) -> np.ndarray:
+        """(F, P) True where joints of the person are completed and cameras measured none."""
+        return (self.source == Source.COMPLETED).any(-1) & ~self.captured
+
     def without(self, dropped: np.ndarray) -> "Poses3D":
         """Return the poses with all joints made absent for which `dropped` (F, P, J) is True."""
         if not dropped.any():

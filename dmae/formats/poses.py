@@ -235,7 +235,7 @@ def describe_filled(poses: Poses3D, people: Sequence[str], fills: str) -> list[s
         if not rows[:, known.any(0)].all() or len(rows) < count:
             there, filled = rows.any(-1).sum(), 1 - rows[:, known.any(0)].mean()
             then = f"; {filled:.1%} of its joints are absent there, and filled" if filled else ""
-            said.append(f"{name}: frames {first} to {last} of {count}, captured in {there} of them{then}")
+            said.append(f"{name}: frames {first} to {last} of {count}, with joints in {there} of them{then}")
     return said
 
 

@@ -480,10 +480,11 @@ class Findings:
     fps: float  # Frames per second
     cameras: int  # Number of cameras
     people: int = 0  # Number of captured people
-    # Number of joints of each `Source`, over the captured people in the frames in which they are present
+    # Number of joints of each `Source`, over the captured people in the frames in which a joint of theirs is known
     sources: dict[Source, int] = field(default_factory=dict)
     rejected: int = 0  # Number of completed joints that cameras measured, see `Poses3D.rejected`
-    captured: Sequence[int] = ()  # (P,) numbers of frames in which each captured person is known
+    captured: Sequence[int] = ()  # (P,) numbers of frames in which cameras measured a joint of each person
+    only_completed: Sequence[int] = ()  # (P,) numbers of frames in which they measured none, and some are completed
     detections: int = 0  # Number of detections in all cameras
     unused: int = 0  # Number of detections that fit no captured person
     has_truth: bool = False  # Whether the clip is compared with a truth
@@ -545,7 +546,8 @@ def examine(clip: Clip, decisions: Sequence[Decision] = ()) -> Findings:
         people=int(there.any(0).sum()),
         sources={kind: int((clip.poses.source[there] == kind).sum()) for kind in Source},
         rejected=int(clip.poses.rejected.sum()),
-        captured=there.sum(0).tolist(),
+        captured=clip.poses.captured.sum(0).tolist(),
+        only_completed=clip.poses.only_completed.sum(0).tolist(),
         detections=reprojected.detections,
         unused=reprojected.unused,
         against_truth=against_truth,

@@ -185,7 +185,7 @@ def _sources(findings: Sequence[Findings]) -> list[str]:
     some = "" if denoised == measured else f"{share(denoised, total)} "
     then = f" ({some}smoothed or denoised afterwards)" if denoised else ""
     said = [
-        f"Of {total:,} joints of captured people, in the frames in which they are captured, cameras measured "
+        f"Of {total:,} joints of captured people, in the frames in which any is known, cameras measured "
         f"{share(measured, total)}{then}."
     ]
     if not counts[Source.COMPLETED]:
@@ -313,14 +313,18 @@ def people_section(findings: Sequence[Findings]) -> list[Section]:
     if found is None or are_stills(found.fps) or min(found.captured, default=found.frames) == found.frames:
         return []
     rows = [
-        (person_name(person), f"{count:,}", number_text(100 * count / found.frames))
-        for person, count in enumerate(found.captured)
+        (person_name(person), f"{count:,}", number_text(100 * count / found.frames), f"{more:,}")
+        for person, (count, more) in enumerate(zip(found.captured, found.only_completed, strict=True))
     ]
     words = (
-        "A person is captured in a frame where at least one joint is known. In the other frames the person was away, "
-        "or was there and not found: joints of those frames count nowhere on this page."
+        "A person is captured in a frame where cameras measured at least one joint, and only completed in one where "
+        "joints are completed and none was measured. In the other frames the person was away, or was there and not "
+        "found: joints of those frames count nowhere on this page."
     )
-    return [Section("People", words, [Table("Frames in which each is captured", ("person", "frames", "%"), rows)])]
+    table = Table(
+        "Frames in which each is captured, and only completed", ("person", "captured", "%", "only completed"), rows
+    )
+    return [Section("People", words, [table])]
 
 
 def moments_section(findings: Sequence[Findings], played: dict[str, range]) -> list[Section]:

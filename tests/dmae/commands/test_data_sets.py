@@ -69,11 +69,17 @@ def test_absent_joints_and_absent_people_are_counted_separately():
     joints = 21 * 25
     assert said == (
         f"joints {1 - 15 / joints:.1%} measured, {10 / joints:.1%} completed, {5 / joints:.1%} absent; not counting 3 "
-        f"of 24 person-frames (12.5%) in which the person is not captured: with them {(3 * 25 + 5) / 600:.1%} of all "
-        "joints are NaN"
+        f"of 24 person-frames (12.5%) in which no joint of the person is known: with them {(3 * 25 + 5) / 600:.1%} of "
+        "all joints are NaN"
     )
     assert "person-frames" not in describe_joints(walkers())
     assert describe_people(with_absences()) == "captured in P1 100.0%, P2 75.0% of 12 frames"
+    # Completion adds no frame to those in which a person is captured, and rejection takes none away.
+    source, views = with_absences().source.copy(), np.zeros((12, 2, 25), int)
+    source[2, 1], source[7, 1], views[7, 1, 0] = Source.COMPLETED, Source.COMPLETED, 2
+    xyz = np.where((source == Source.ABSENT)[..., None], np.nan, walkers().xyz)
+    completed = Poses3D(BODY25, xyz, source, views=views)
+    assert describe_people(completed) == "captured in P1 100.0%, P2 75.0% of 12 frames; only completed in P2 8.3%"
     views = np.zeros((12, 2, 25), int)
     views[6, 0, :4] = 2
     said = describe_joints(replace(with_absences(), views=views))

@@ -90,9 +90,10 @@ def test_nothing_is_written_before_and_after_a_person_is_there(tmp_path):
     np.testing.assert_allclose(found["pelvis_ty"][[0, -1]], whole["pelvis_ty"][[8, 20]], atol=0.01)
     (said,) = describe_filled(poses.without(away), ["P1"], "stay")
     assert said == (
-        f"P1: frames 8 to 20 of {len(away)}, captured in 11 of them; 15.4% of its joints are absent there, and filled"
+        f"P1: frames 8 to 20 of {len(away)}, with joints in 11 of them; 15.4% of its joints are absent there, and "
+        "filled"
     )
-    assert "captured in 11 of them" in describe_filled(poses.without(away), ["P1"], "all")[0]
+    assert "with joints in 11 of them" in describe_filled(poses.without(away), ["P1"], "all")[0]
     assert not describe_filled(poses, ["P1"], "all")
 
 

@@ -140,9 +140,16 @@ def test_people_who_are_not_captured_and_their_detections_are_counted(clip):
     lost = np.isfinite(clip.detections.score[:6]).any(-1).sum() / 2
     assert found.unused - examine(clip).unused == lost > 0
     (section,) = people_section([found])
-    assert section.tables[0].rows == [("P1", "30", "100.0"), ("P2", "24", "80.0")]
+    assert section.tables[0].rows == [("P1", "30", "100.0", "0"), ("P2", "24", "80.0", "0")]
     assert f"{found.unused:,} of {found.detections:,} detections fit no captured person" in " ".join(summary([found]))
     assert not people_section([examine(clip)])
+    # Frames of completed joints alone are named apart.
+    source, xyz = clip.poses.source.copy(), clip.poses.xyz.copy()
+    source[:4, 1], xyz[:4, 1] = Source.ABSENT, np.nan
+    source[4:6, 1] = Source.COMPLETED
+    completed = Poses3D(clip.poses.skeleton, xyz, source)
+    (section,) = people_section([examine(replace(clip, poses=completed))])
+    assert section.tables[0].rows == [("P1", "30", "100.0", "0"), ("P2", "24", "80.0", "2")]
 
 
 def test_a_person_that_is_missed_is_a_moment(clip):
