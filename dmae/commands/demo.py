@@ -21,6 +21,7 @@ from dmae.metrics.score_tables import compared_error, overview
 from dmae.reporting.tables import counted, print_tables
 
 _FEW_STEPS = 20  # A network of fewer steps fills little better than the interpolation that it starts from
+_SKELETON = "body25"  # On which people are captured, completed and scored
 LOG = "log.txt"
 """In the folder of a command of several steps: what each step printed."""
 
@@ -60,7 +61,10 @@ def run(config: DemoCommand, out: Path) -> None:
     with logged(out):
         run_step(complete, CompleteCommand(clip=str(out / "captured")), out / "completed")
     say("score these weights (dmae) beside those trained now (model)", 7, steps)
-    scoring = EvaluateConfig(DataConfig(path=str(out / "test")), methods=methods, workers=config.workers)
+    # On the skeleton of the page: its errors and those of its tables are of the same joints.
+    scoring = EvaluateConfig(
+        DataConfig(path=str(out / "test")), methods=methods, skeleton=_SKELETON, workers=config.workers
+    )
     scored = [(out / "scores", scoring)]
     if config.shelf is not None:
         shelf = DataConfig(name="shelf", path=config.shelf)
@@ -96,13 +100,19 @@ def what_to_look_at(scores: dict, trained: str, duration: str) -> list[str]:
     """Return the first paragraphs of the page: what to do in the player, and what the models of the demo are worth."""
     means = {result["method"]: compared_error(result["mean"]) for result in scores["results"]}
     errors = {name: "unknown" if mm is None else f"{mm:.0f}\N{NO-BREAK SPACE}mm" for name, mm in means.items()}
+    clips = "this clip" if len(scores["clips"]) == 1 else f"these {len(scores['clips'])} clips"
+    gaps = [result["mean"]["gaps"] for result in scores["results"]]
+    hidden, filled = (max(sum(gap[count] for gap in each) for each in gaps) for count in ("hidden", "filled"))
     return [
         "What to look at: press Play. Discs are joints that cameras measured; diamonds with a red outline are joints "
         "on which fewer than two cameras agree, completed by the weights that come with the package; thin lines are "
         "the truth. Next gap leads to the next diamond, Worst frame to the largest error.",
-        f"Mean error of the unmeasured joints that all three fill: {errors['dmae']} with these weights, "
+        f"Errors are of joints of {scores['skeleton']}, in {clips}. The next paragraphs are about the poses in the "
+        "player: all joints, smoothed and completed by dmae complete. The tables under Scores on "
+        f"{scores['recording']} compare three ways to fill the {counted(hidden, 'joint')} that cameras did not "
+        f"measure. All three fill {filled:,} of them; there the mean error is {errors['dmae']} with these weights, "
         f"{errors[trained]} with the network that this demo trained for {duration}, {errors['linear']} with straight "
-        "lines, which leave many joints out. The last tables compare them.",
+        "lines.",
     ]
 
 

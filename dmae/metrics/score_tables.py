@@ -8,8 +8,8 @@ from dmae.metrics.registry import metrics
 from dmae.reporting.tables import Table, number_text
 
 _UNKNOWN = "not measured"
-_COLUMN_TABLES = {"joints": "Joints within 0.2 m", "identities": "Identities"}
-"""Captions of the tables of the columns that metrics declare."""
+_COLUMN_TABLES = {"joints": "Joints of {} within 0.2 m", "identities": "Identities"}
+"""Captions of the tables of the columns that metrics declare; `{}` stands for the skeleton."""
 
 
 def score_tables(scores: dict) -> list[Table]:
@@ -18,10 +18,11 @@ def score_tables(scores: dict) -> list[Table]:
     They are narrow enough, at up to four persons, for a terminal of 80 columns.
     """
     results = scores["results"]
+    skeleton = scores["skeleton"]
     tables = [
-        _pcp_table(results, scores["skeleton"]),
-        *(_columns_table(results, *each) for each in _COLUMN_TABLES.items()),
-        _gaps_table(results, f" in {scores['poses']}" if "poses" in scores else ""),
+        _pcp_table(results, skeleton),
+        *(_columns_table(results, table, caption.format(skeleton)) for table, caption in _COLUMN_TABLES.items()),
+        _gaps_table(results, skeleton, f" in {scores['poses']}" if "poses" in scores else ""),
     ]
     if stated := [each for each in results if any(gap["stated"] for gap in each["mean"]["gaps"])]:
         tables.append(_regions_table(stated))
@@ -33,8 +34,8 @@ def score_tables(scores: dict) -> list[Table]:
 def overview(scores: dict) -> Table:
     """Return the table of the main figures, with a row for each method and number of views: PCP and mean errors."""
     caption = (
-        "Strict PCP; unmeasured joints: PCK@0.2, in which unfilled joints are missed, and MPJPE, mm, of those that all "
-        "methods filled, of all lengths and by frames, at 25/s, without a measurement"
+        f"Joints of {scores['skeleton']}. Strict PCP; unmeasured joints: PCK@0.2, in which unfilled joints are missed, "
+        "and MPJPE, mm, of those that all methods filled, of all lengths and by frames, at 25/s, without a measurement"
     )
 
     def values(result: dict) -> list[str]:
@@ -81,9 +82,11 @@ def _columns_table(results: Sequence[dict], table: str, caption: str) -> Table:
     )
 
 
-def _gaps_table(results: Sequence[dict], poses: str) -> Table:
+def _gaps_table(results: Sequence[dict], skeleton: str, poses: str) -> Table:
     """Return the table of errors by length of gap; after the methods of each number of views, the compared joints."""
-    caption = f"MPJPE, mm, of joints unmeasured{poses}, by frames at 25/s; only those that all methods filled"
+    caption = (
+        f"MPJPE, mm, of joints of {skeleton} unmeasured{poses}, by frames at 25/s; only those that all methods filled"
+    )
     rows: list[Sequence[str]] = []
     for views in dict.fromkeys(result["views"] for result in results):
         some = [result for result in results if result["views"] == views]

@@ -488,6 +488,7 @@ class Findings:
     detections: int = 0  # Number of detections in all cameras
     unused: int = 0  # Number of detections that fit no captured person
     has_truth: bool = False  # Whether the clip is compared with a truth
+    skeleton: str = ""  # Skeleton on which joints are counted and compared
     has_images: bool = False  # Whether the clip refers to images
     # "all", "measured" and "completed" joints with their errors, mm
     against_truth: dict[str, JointGroup] = field(default_factory=dict)
@@ -550,6 +551,7 @@ def examine(clip: Clip, decisions: Sequence[Decision] = ()) -> Findings:
         only_completed=clip.poses.only_completed.sum(0).tolist(),
         detections=reprojected.detections,
         unused=reprojected.unused,
+        skeleton=joints.skeleton.name,
         against_truth=against_truth,
         breakdowns=breakdowns(clip, joints),
         regions=counts_in_regions(joints),

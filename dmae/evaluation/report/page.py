@@ -221,7 +221,8 @@ def _errors(findings: Sequence[Findings]) -> list[str]:
             if truth[name].compared
         ]
         said.append(
-            f"Against the truth the mean error is {everything.mean:.0f}\N{NO-BREAK SPACE}mm ({', '.join(parts)})."
+            f"Against the truth the mean error{_on_skeletons(findings)} is {everything.mean:.0f}\N{NO-BREAK SPACE}mm "
+            f"({', '.join(parts)})."
         )
         if absent := everything.joints - everything.compared:
             said.append(f"{share(absent, everything.joints).capitalize()} of the true joints were not found.")
@@ -244,6 +245,12 @@ def _errors(findings: Sequence[Findings]) -> list[str]:
     if len(findings) == 1 and findings[0].floor is not None:
         said.append(f"Estimated from feet and bodies: {findings[0].floor.describe()}.")
     return said
+
+
+def _on_skeletons(findings: Sequence[Findings]) -> str:
+    """Return the skeletons on which poses are compared with the truth."""
+    names = sorted({each.skeleton for each in findings if each.has_truth and each.skeleton})
+    return f" of joints of {' and '.join(names)}" if names else ""
 
 
 def _widened(findings: Sequence[Findings]) -> str:
@@ -296,8 +303,8 @@ def clips_section(findings: Sequence[Findings], played: Collection[str]) -> list
               "completed mm", "reprojection px")  # fmt: skip
     moments = [Moment(each.id, 0) if each.id in played else None for each in findings]
     caption = (
-        "Shares are of the joints of captured people; errors are means against the truth; reprojection errors are "
-        "of measured joints"
+        f"Shares are of the joints of captured people; errors are means{_on_skeletons(findings)} against the truth; "
+        "reprojection errors are of measured joints"
     )
     held = (
         f" The player contains {len(played)} of them, those with the greatest errors."
@@ -387,7 +394,8 @@ def breakdown_sections(findings: Sequence[Findings]) -> list[Section]:
     names = [name for name in (BY_GAP, BY_CAUSE, BY_SEEING, BY_MEASURING, BY_JOINT) if name in groups]
     tables = [_breakdown_table(name, groups[name], known) for name in names]
     words = (
-        "Every true joint is counted once: measured, completed or not found. Lengths of gaps are in frames at 25/s."
+        "Every true joint is counted once: measured, completed or not found. Errors are means"
+        f"{_on_skeletons(findings)}. Lengths of gaps are in frames at 25/s."
         if known
         else "There is no truth, so these are counts of the joints of captured people. Gaps are in frames at 25/s."
     )

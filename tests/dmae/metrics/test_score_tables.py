@@ -4,7 +4,7 @@ from dmae.completion.fillings import fill_linear
 from dmae.data.clip import Poses3D
 from dmae.data.skeleton import SHELF14
 from dmae.evaluation.scores import score, summary
-from dmae.metrics.score_tables import compared_error, score_tables
+from dmae.metrics.score_tables import compared_error, overview, score_tables
 from dmae.reporting.tables import print_tables
 from tests.support.clips import walkers
 
@@ -32,6 +32,8 @@ def test_numbers_stand_under_their_headings():
         "method": "linear", "views": "2", "recall": "100.0", "precision": "100.0", "filled": "0.4",
         "absent": "0.0", "MPJPE": "0.0", "measured": "0.0", "unmeasured": "0.0",
     }  # fmt: skip
+    assert all("shelf14" in table.caption for table in (pcp, errors, gaps)), "errors depend on the joints"
+    assert "Joints of shelf14" in overview(scores()).caption
     assert identities.header == ("method", "views", "switches", "IDF1")
     assert identities.rows[0] == ("measured", "2", "0.0", "100.0")
     assert gaps.header == ("method", "views", "1-5", "6-15", "16-40", ">40")

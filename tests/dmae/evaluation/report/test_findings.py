@@ -180,6 +180,7 @@ def test_the_summary_is_true_of_each_state(clip, found):
     assert "(measured joints 0\N{NO-BREAK SPACE}mm, completed joints 100\N{NO-BREAK SPACE}mm)" in " ".join(
         summary([found])
     )
+    assert "the mean error of joints of body25 is" in " ".join(summary([found]))
     # What was measured and rejected is not called unmeasured.
     views = clip.poses.views.copy()
     views[10:15, 1] = 2
