@@ -20,6 +20,7 @@ import results  # noqa: E402
 import tutorials  # noqa: E402
 
 from dmae.data.clip import Source  # noqa: E402
+from dmae.data.skeleton import SKELETONS  # noqa: E402
 from dmae.formats.poses import REGIONS, SOURCE_WORDS  # noqa: E402
 from dmae.metrics.registry import metric  # noqa: E402
 
@@ -52,6 +53,21 @@ def test_a_figure_that_was_typed_over_is_found():
 
 def test_links_of_pages_lead_somewhere_in_the_repository():
     assert not [(page.name, link) for page in pages.pages() for link in pages.dead_links(page, page.read_text())]
+
+
+def test_the_page_of_conventions_lists_every_skeleton():
+    page = (DOCS / "reference/conventions.md").read_text()
+    assert not [name for name in SKELETONS if f"`{name}`" not in page]
+
+
+def test_tables_of_the_benchmark_name_causes_in_the_order_of_levels():
+    """A reader compares the columns of the two tables, which have the same names and different figures."""
+    page = (DOCS / "benchmarks/occlusion.md").read_text()
+    header, causes = (
+        [cell.strip() for cell in re.search(rf"^{re.escape(start)}.*$", page, re.MULTILINE)[0].split("|")]
+        for start in ("| method | mm |", "| method | self |")
+    )
+    assert header[4:9] == causes[2:7] == ["self", "person", "thing", "edge", "burst"]
 
 
 def test_columns_and_tables_of_sources_use_the_words_of_the_glossary():

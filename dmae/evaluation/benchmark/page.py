@@ -23,7 +23,11 @@ CHECKED = {
     FrozenMatch.unchecked: "There are no published checksums: scores from other machines may be for other clips.",
 }
 """Meaning of the values of `checksums` in scores."""
-_TITLES = {"cause": "by what made them", "frames": "by their length in frames at 25/s", "part": "by body part"}
+_TITLES = {
+    "cause": "by what made them, in the clips of all levels",
+    "frames": "by their length in frames at 25/s",
+    "part": "by body part",
+}
 _MARKERS = "osD^vP*X<>h"
 
 
@@ -94,15 +98,20 @@ def _completion_tables(scores: dict) -> dict[str, Table]:
             continue
         figures = map(number_text, (*each["levels"], each["filled"], each["seen"]))
         rows.append((name, number_text(each["mm"]["value"]), _interval(each["mm"]), *figures))
-    tables = {"levels": Table("Mean error in gaps, mm: mean over levels, and by level", header, rows)}
+    tables = {
+        "levels": Table(
+            "Mean error in gaps, mm: mean over levels, and of all gaps in the clips of each level", header, rows
+        )
+    }
     holes = np.reshape(scores["holes"], SHAPE)
     for number, (axis, title) in enumerate(_TITLES.items()):
-        classes = AXES[axis]
+        classes = _causes(scores) if axis == "cause" else AXES[axis]
         rows = [
             (name, *([number_text(each[axis][one]) for one in classes] if each[axis] else _unmeasured(classes)))
             for name, each in completion.items()
         ]
-        rows.append(("joints", *map(str, holes.sum(tuple({0, 1, 2} - {number})))))
+        joints = dict(zip(AXES[axis], holes.sum(tuple({0, 1, 2} - {number})), strict=True))
+        rows.append(("joints", *(str(joints[one]) for one in classes)))
         tables[axis] = Table(f"Mean error in gaps, mm, {title}", ("method", *classes), rows)
     rows = []
     for number, cell in enumerate(product(*AXES.values())):
@@ -112,12 +121,16 @@ def _completion_tables(scores: dict) -> dict[str, Table]:
     header = ("cause, frames, part", "joints", *completion)
     tables["cells"] = Table("Mean error in gaps, mm, by cause, length and body part", header, rows)
     rows = [
-        (name, *map(number_text, (each["held"], *each["held_frames"].values(), *each["held_cause"].values())))
+        (
+            name,
+            *map(number_text, (each["held"], *each["held_frames"].values())),
+            *(number_text(each["held_cause"][one]) for one in _causes(scores)),
+        )
         for name, each in completion.items()
         if each["held"] is not None
     ]
     if rows:
-        header = ("method", "all", *AXES["frames"], *AXES["cause"])
+        header = ("method", "all", *AXES["frames"], *_causes(scores))
         tables["regions"] = Table("Filled joints within the 90 % regions that methods state, %", header, rows)
     return tables
 
@@ -136,7 +149,7 @@ def _angle_tables(scores: dict) -> dict[str, Table]:
         )
     caption = "Mean error of joint angles of the legs, degrees: mean over levels, by level, and by joint"
     header = ("method", "°", "95 % interval", *levels, *ANGLE_AXES["angle"], "determined %", "in 90 % interval")
-    (_, *lengths), (_, *causes) = ANGLE_AXES["unmeasured"], ANGLE_AXES["by"]
+    (_, *lengths), causes = ANGLE_AXES["unmeasured"], _causes(scores)
     by_hole = [
         (name, *(number_text(each["unmeasured"][one]) for one in ("none", *lengths)),
          *(number_text(each["by"][one]) for one in causes))
@@ -147,6 +160,12 @@ def _angle_tables(scores: dict) -> dict[str, Table]:
         "angles": Table(caption, header, rows),
         "angle_holes": Table(title, ("method", "no gap", *lengths, *causes), by_hole),
     }
+
+
+def _causes(scores: dict) -> list[str]:
+    """Return the causes of gaps in the order of the levels that are called after them, others behind."""
+    levels = [level["name"] for level in scores["levels"]]
+    return sorted(AXES["cause"], key=lambda cause: levels.index(cause) if cause in levels else len(levels))
 
 
 def _captures(scores: dict) -> Table:
