@@ -37,6 +37,7 @@ class Option:
     many: bool = False  # Whether it is a list
     keyed: bool = False  # Whether it is a dictionary, and `key.anything=value` is allowed
     optional: bool = False  # Whether it can be `null`
+    instead: Mapping[str, str] = field(default_factory=dict)  # By values of other commands: what to write for them here
 
     @property
     def may_be_one(self) -> bool:
@@ -201,7 +202,8 @@ def _option(each, key: str, hint, meaning: str, values: dict[str, object]) -> Op
         meaning = meaning or " ".join((hint.__doc__ or "").split())
     default = each.default if each.default is not MISSING else REQUIRED
     default = default if each.default_factory is MISSING else each.default_factory()
-    return Option(key, kind, values.get(key, default), meaning, tuple(map(str, choices)), many, keyed, optional)
+    default, instead = values.get(key, default), each.metadata.get("instead", {})
+    return Option(key, kind, default, meaning, tuple(map(str, choices)), many, keyed, optional, instead)
 
 
 @cache

@@ -268,7 +268,9 @@ def _check_value(option: Option, text: str, value: Any) -> None:
             name = option.key.rpartition(".")[2]
             noun = "axis" if name == "axes" else name.removesuffix("s")
             no = f"no {noun} {each!r}" if listed else "no such choice"
-            raise ValueError(f"{option.key}={text}: {no}; {choices(str(each), option.choices)}")
+            raise ValueError(
+                f"{option.key}={text}: {no}; {option.instead.get(str(each)) or choices(str(each), option.choices)}"
+            )
         try:
             if node:
                 node(each)

@@ -15,6 +15,13 @@ SCORED = ("measured", "linear", "gaussian_process", "dmae_denoise")
 """Methods that `dmae evaluate` scores by default."""
 STRESSED = ("measured", "linear", "linear_body", "kalman", "gaussian_process", "dmae", "paper")
 """Methods that `dmae stress` scores by default."""
+PAPER = "paper"
+"""Name of the contender that captures with the thresholds of the paper."""
+INSTEAD = {
+    PAPER: f"{PAPER} is of dmae stress, which captures for it alone: methods=[dmae] weights={PAPER} capture={PAPER} "
+    "scores it here"
+}
+"""What to write instead of methods of other commands."""
 
 
 class Input(StrEnum):
@@ -53,7 +60,7 @@ class EvaluateConfig(PartConfig):
 
     data: DataConfig = field(default_factory=DataConfig)
     capture: CaptureConfig = field(default_factory=CaptureConfig)
-    methods: list[str] | None = field(default=None, metadata={"choices": completion_method})
+    methods: list[str] | None = field(default=None, metadata={"choices": completion_method, "instead": INSTEAD})
     """How joints on which fewer than two cameras agree are filled: completion methods, module:function of your own, or
     folders that `dmae train` wrote; by default measured, linear, gaussian_process and, if weights know the body,
     dmae_denoise."""
@@ -105,8 +112,6 @@ class EvaluateConfig(PartConfig):
 
 OURS = "capture"
 """Name of the capture that comes with the package, without completion, in a benchmark."""
-PAPER = "paper"
-"""Name of the contender that captures with the thresholds of the paper."""
 
 
 class StressSize(StrEnum):

@@ -19,7 +19,7 @@ from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.conversion import convert, scale_of
 from dmae.data.rng import Stream, generator
 from dmae.data.skeleton import Skeleton
-from dmae.evaluation.config import SCORED, EvaluateConfig, Input, ReferencePoses
+from dmae.evaluation.config import INSTEAD, SCORED, EvaluateConfig, Input, ReferencePoses
 from dmae.evaluation.gates import scored_clip, scored_options
 from dmae.evaluation.predictions import predictions_of, read_prediction
 from dmae.evaluation.scores import compared_truth, measured_by_all, score, scored_actors, summary, truth_of
@@ -317,6 +317,8 @@ def load_methods(names: Sequence[str], weights: str | None = None) -> Methods:
         if name not in completion_method and (Path(name) / "model.json").is_file():
             short = Path(name).name
             found[name if short in found or short in names else short] = find_method("dmae").load(Path(name))
+        elif name in INSTEAD:
+            raise ValueError(f"methods: {INSTEAD[name]}")
         else:
             found[name] = find_method(name).load(Path(weights) if weights else None)
     return found

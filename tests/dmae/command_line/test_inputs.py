@@ -84,6 +84,10 @@ def _answer(monkeypatch, capsys, program, *arguments: str) -> str:
         ),
         (["capture", "data=other", "data.skeleton=lower.yml"], "data.skeleton=lower.yml: .*; did you mean lower.yaml?"),
         (["live", "calibration=other", "fps=25", "listen=99"], "listen=99: expected host:port, as 127.0.0.1:5555"),
+        (
+            ["evaluate", "data=set", "methods=[linear,paper]"],
+            "no method 'paper'; .*weights=paper capture=paper scores it",
+        ),
         (["stress", "data=set", "pairs=[cameras+objekts]"], "no corruption 'objekts'; did you mean objects?"),
         (["pretrain", "motion=mocap"], "motion=mocap: no such file or folder. Expected: Folder of motion files"),
     ],

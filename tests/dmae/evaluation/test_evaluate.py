@@ -126,6 +126,7 @@ class TestEvaluate:
     @pytest.mark.parametrize(
         ("changes", "kind", "message"),
         [
+            ({"methods": ["paper"]}, ValueError, r"methods=\[dmae\] weights=paper capture=paper scores it"),
             ({"methods": ["magic"]}, ValueError, "no completion method 'magic'.*dmae.*linear"),
             (
                 {"methods": ["dmae"], "weights": "nowhere"},
