@@ -277,8 +277,7 @@ def signs(clip: Clip) -> tuple[dict[str, np.ndarray], np.ndarray]:
         JUMP: _jump(poses, clip.fps) if nothing is None else nothing,
         RESIDUAL: residual,
     }
-    # Cameras that measured a joint detected it, though it may have been smoothed away from there since.
-    return found, np.maximum(detected, clip.poses.views)
+    return found, detected
 
 
 def _bone_deviation(poses: Poses3D) -> np.ndarray:
