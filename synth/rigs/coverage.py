@@ -18,6 +18,9 @@ _TALLEST = 2.0
 """Height of the people's area, m."""
 _PERSON, _LEAST_PX = 1.7, 10.0
 """Height of a person, m, and the least height of the nearest one in an image, px."""
+_LEAST_SHARE = 0.12
+"""A person in the middle who is usually taller than this share of an image, and lower than ten times as much, is of
+plausible size. Of units that differ by factors of ten one fits at most."""
 _SECTORS, _RINGS, _LEVELS = 16, 3, 5
 _GREATEST_CONDITION = 1e3
 """Greatest condition number of the system for the point where the cameras' axes meet. Above it the axes count as
@@ -88,21 +91,25 @@ def find_faults(rig: CameraRig, stage: Stage) -> dict[int, str]:
     return faults
 
 
+class TinyPeople(ValueError):
+    """People are a few pixels tall in a camera, as where lengths are not in metres."""
+
+
 def check_rig(rig: CameraRig, source: str, stage: Stage, origin: Sequence[float] | None = None) -> None:
     """Check that every camera is at a possible place, sees some of the people's area, and is near enough.
 
     `origin` is `rig.origin`, m, for cameras that are given in another world.
 
     Raises FailedSimulation if a camera is under the floor, inside an object of the room, or sees no people; the message
-    names the camera and the object, and the point where the cameras' axes meet. Raises ValueError if people are a few
-    pixels tall, as where lengths are not in metres.
+    names the camera and the object, and the point where the cameras' axes meet. Raises TinyPeople if people are a few
+    pixels tall.
     """
     reach = np.linalg.norm(area(stage).reshape(-1, 3) - rig.centers[:, None], axis=-1).min(1)
     for name, size, away in zip(rig.names, _PERSON * rig.K[:, 1, 1], reach, strict=True):
         if size < _LEAST_PX * away:
-            raise ValueError(
+            raise TinyPeople(
                 f"{source}: in camera {name!r} people are at most {size / away:.1f} px tall; move it nearer, or raise "
-                "its focal length; lengths of rigs are in metres, and rig.unit=cm states another unit of a file"
+                "its focal length; lengths of rigs are in metres"
             )
     faults = find_faults(rig, stage)
     if not faults:
@@ -115,6 +122,12 @@ def check_rig(rig: CameraRig, source: str, stage: Stage, origin: Sequence[float]
             f"around rig.origin={list(map(float, origin))}: set rig.origin=[{x:.2f},{y:.2f},{float(origin[2]):g}]"
         )
     raise FailedSimulation(f"{source}: " + "; ".join(faults.values()) + hint)
+
+
+def shows_people(rig: CameraRig) -> bool:
+    """Return whether people in the middle have a usual size in the images."""
+    shares = _PERSON * rig.K[:, 1, 1] / (np.linalg.norm(rig.centers, axis=1) * rig.size[:, 1])
+    return bool(_LEAST_SHARE <= np.median(shares) < 10 * _LEAST_SHARE)
 
 
 def meeting_point(rig: CameraRig) -> np.ndarray | None:

@@ -1,5 +1,6 @@
 """The cameras of a clip: read from a file, listed, or placed; jittered, and miscalibrated."""
 
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,10 +10,11 @@ from scipy.spatial.transform import Rotation
 
 from dmae.data.cameras import CameraRig
 from dmae.formats.calibrations import LacksSize, read_calibration
+from dmae.formats.config import LengthUnit
 from dmae.formats.rig import listed_cameras
 from synth.errors import FailedSimulation
 from synth.rigs.config import CameraPlacement, JitterConfig, MiscalibrationConfig, RigConfig
-from synth.rigs.coverage import Stage, area, check_rig, views_of_cells
+from synth.rigs.coverage import Stage, TinyPeople, area, check_rig, shows_people, views_of_cells
 from synth.rigs.placement import dome, pose, ring, scatter
 
 
@@ -66,10 +68,7 @@ def make_rig(config: RigConfig, *, rng: np.random.Generator, stage: Stage = _MID
     random = not given and config.placement is CameraPlacement.random
     if given:
         cameras = [vars(camera) for camera in config.cameras]
-        rig = _read(config) if config.path else listed_cameras(cameras, config.source)
-        # Published rotations are rounded, and MuJoCo stores quaternions: take the nearest exact ones.
-        rotation = Rotation.from_matrix(rig.cam_from_world[:, :3, :3]).as_matrix()
-        rig = replace(rig, cam_from_world=pose(rotation, rig.centers - config.origin))
+        rig = _about_origin(_read(config) if config.path else listed_cameras(cameras, config.source), config)
     elif random:
         rig = scatter(config.random, stage, rng=rng)
     elif config.placement is CameraPlacement.dome:
@@ -83,10 +82,28 @@ def make_rig(config: RigConfig, *, rng: np.random.Generator, stage: Stage = _MID
             raise ValueError(
                 f"{config.source}, camera {name!r}: its images are called by its name; expected a file's name"
             )
-    check_rig(rig, config.source, stage, origin=config.origin if given else None)
+    try:
+        check_rig(rig, config.source, stage, origin=config.origin if given else None)
+    except TinyPeople as error:
+        raise ValueError(f"{error}{_other_unit(config) if config.path else ''}") from None
     if random and views_of_cells(rig, stage).min() < config.random.views_at_least:
         raise FailedSimulation(f"{config.source}: rig.jitter turned cameras away from {stage}; lower it")
     return rig
+
+
+def _about_origin(rig: CameraRig, config: RigConfig) -> CameraRig:
+    # Published rotations are rounded, and MuJoCo stores quaternions: take the nearest exact ones.
+    rotation = Rotation.from_matrix(rig.cam_from_world[:, :3, :3]).as_matrix()
+    return replace(rig, cam_from_world=pose(rotation, rig.centers - config.origin))
+
+
+def _other_unit(config: RigConfig) -> str:
+    """Return what to say of the unit of a file in which people are tiny."""
+    for unit in (LengthUnit.cm, LengthUnit.mm):
+        with suppress(ValueError):  # a clip states its own unit
+            if shows_people(_about_origin(_read(replace(config, unit=unit)), config)):
+                return f", and with rig.unit={unit} people have a usual size"
+    return ", and rig.unit=cm or rig.unit=mm states another unit of a file"
 
 
 def _read(config: RigConfig) -> CameraRig:

@@ -7,6 +7,8 @@ import mujoco
 import numpy as np
 import pytest
 
+from dmae.formats.calibrations import write_calibration
+from dmae.formats.config import LengthUnit
 from synth.errors import FailedSimulation
 from synth.rigs.config import CameraConfig, RigConfig, RingConfig
 from synth.rigs.coverage import Stage, area, check_outside, check_rig, find_faults, meeting_point, views_of_cells
@@ -39,11 +41,37 @@ def test_covered_cells_are_in_the_images(name):
 
 def test_a_rig_in_centimetres_is_refused():
     ring = RigConfig(ring=RingConfig(radius=[300, 400], height=[100, 270]))
-    with pytest.raises(ValueError, match=r"people are at most \d\.\d px tall.*in metres, and rig\.unit=cm"):
+    with pytest.raises(ValueError, match=r"people are at most \d\.\d px tall.*lengths of rigs are in metres$"):
         make_rig(ring, rng=np.random.default_rng(0))
     listed = CameraConfig("left", [320, 240], focal=220, position=[320, 20, 220], target=[0, 0, 1])
     with pytest.raises(ValueError, match=r"in camera 'left' people are at most 1\.0 px tall"):
         make_rig(RigConfig(cameras=[listed]), rng=np.random.default_rng(0))
+
+
+@pytest.mark.parametrize(
+    ("factor", "remedy"),
+    [
+        (100, r"in metres, and with rig\.unit=cm people have a usual size$"),
+        (1000, r"in metres, and with rig\.unit=mm people have a usual size$"),
+        (10**6, r"in metres, and rig\.unit=cm or rig\.unit=mm states another unit of a file$"),
+    ],
+)
+@pytest.mark.parametrize("name", ["shelf", "ring"])
+def test_the_unit_of_a_file_in_which_people_have_a_usual_size_is_named(name, factor, remedy, tmp_path):
+    rig, moved = preset(name), np.array([2.0, -1.0, 0.0])
+    cam_from_world = rig.cam_from_world.copy()
+    cam_from_world[:, :3, 3] -= cam_from_world[:, :3, :3] @ moved  # the middle is at `moved` there
+    cam_from_world[:, :3, 3] *= factor
+    write_calibration(replace(rig, cam_from_world=cam_from_world), tmp_path / "rig.toml", "pose2sim")
+    config = RigConfig(path=str(tmp_path / "rig.toml"), origin=moved.tolist())
+    with pytest.raises(ValueError, match=remedy):
+        make_rig(config, rng=np.random.default_rng(0))
+    if factor < 10**6:
+        unit = LengthUnit.cm if factor == 100 else LengthUnit.mm
+        made = make_rig(replace(config, unit=unit), rng=np.random.default_rng(0))
+        np.testing.assert_allclose(made.centers, rig.centers, atol=1e-3)
+        with pytest.raises(ValueError, match=remedy):
+            make_rig(replace(config, unit=LengthUnit.m), rng=np.random.default_rng(0))
 
 
 @pytest.mark.parametrize(
