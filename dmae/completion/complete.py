@@ -428,7 +428,7 @@ def keep_smoothed(completed: Poses3D, given: Poses3D) -> Poses3D:
 
 
 def load_completer(
-    weights: Path, denoise: bool | None = False, reject: bool = False, smooth: float = 0.0
+    weights: Path, denoise: bool | None = False, reject: bool = False, smooth: float = 0.0, all_joints: bool = False
 ) -> "Completer | PaperCompleter":
     """Return the completer of a folder that `dmae train` wrote, or of the shipped weights `paper`, on a GPU if there is
     one.
@@ -440,6 +440,7 @@ def load_completer(
         reject: Drop measured joints of few views that the frames around contradict, and joints with large stated
             errors.
         smooth: s; length of a light smoothing at the end.
+        all_joints: Return poses that the paper's network completes on their own skeleton, not on that of the network.
 
     Raises:
         FileNotFoundError: there is no model in the folder.
@@ -456,7 +457,7 @@ def load_completer(
 
         if denoise:
             raise ValueError(f"{weights}: the paper's network keeps measured joints; leave out denoise")
-        return PaperCompleter(model, skeleton, record["fuses"], smooth)
+        return PaperCompleter(model, skeleton, record["fuses"], smooth, all_joints)
     if denoise is None:
         denoise = record["denoises"] and len(skeleton.parts) == 1
     if denoise and len(skeleton.parts) > 1:
@@ -474,7 +475,12 @@ def load_completer(
 
 @cached_until_changed(16, lambda weights: weights_folder(weights) / "model.json" if weights else SHIPPED)
 def completers(
-    weights: str | Path | None, *, denoise: bool | None = None, reject: bool = True, smooth: float = SMOOTHING
+    weights: str | Path | None,
+    *,
+    denoise: bool | None = None,
+    reject: bool = True,
+    smooth: float = SMOOTHING,
+    all_joints: bool = True,
 ) -> Callable[[Skeleton], Any]:
     """Return a function from the skeleton of poses to their completer, by default as `dmae complete` completes.
 
@@ -482,7 +488,7 @@ def completers(
     (`dmae.completion.weights.find_shipped`). Options and errors are as in `load_completer`. The last sixteen are kept,
     until weights change.
     """
-    options: dict[str, Any] = {"denoise": denoise, "reject": reject, "smooth": smooth}
+    options: dict[str, Any] = {"denoise": denoise, "reject": reject, "smooth": smooth, "all_joints": all_joints}
     if not weights:
         return cache(lambda skeleton: load_completer(find_shipped(skeleton), **options))
     completer = load_completer(Path(weights), **options)
@@ -511,6 +517,6 @@ def dmae_denoise(weights: Path | None) -> Fill:
 
 
 def _fill(weights: Path | None, **options: bool) -> Fill:
-    # Scores smooth every method alike, after it.
-    completer_for = completers(weights, smooth=0.0, **options)
+    # Scores smooth every method alike, after it, and count only joints that a network returns.
+    completer_for = completers(weights, smooth=0.0, all_joints=False, **options)
     return lambda poses, fps: completer_for(poses.skeleton)(poses, fps)

@@ -269,8 +269,9 @@ class PaperCompleter:
 
     Each frame is predicted once, from the window with this frame in the middle; at the ends of a recording from the
     first or the last window. A frame is completed if its person is present (`dmae.numerics.filling.present`) and its
-    window contains a measurement. Poses are returned on the network's own skeleton, with measured joints as they were;
-    or with `fuse` on the second of its two, with no measured joint. Covariances are unknown. With `smooth`, all joints
+    window contains a measurement. Poses are returned on the network's own skeleton, with measured joints as they were,
+    or with `all_joints` on their own, where joints that the network does not know are not completed; or with `fuse` on
+    the second of its two, with no measured joint. Covariances are unknown. With `smooth`, all joints
     are smoothed over these seconds at the end. Long recordings are completed in pieces.
 
     Raises (when called):
@@ -282,6 +283,7 @@ class PaperCompleter:
     skeleton: Skeleton
     fuse: bool = False
     smooth: float = 0.0
+    all_joints: bool = False
 
     def __call__(self, poses: Poses3D, fps: float, frames: slice = slice(None)) -> Poses3D:
         check_given(poses, fps)
@@ -292,7 +294,11 @@ class PaperCompleter:
         """Return what users of the result should know about how poses like these are completed."""
         notes = [f"{fps:g} frames/s: stills, each completed by itself"] if are_stills(fps) else []
         returned = self.skeleton.parts[1 if self.fuse else 0]
-        if poses.skeleton != returned:
+        if poses.skeleton != returned and self.all_joints and not self.fuse:
+            others = [joint for joint in poses.skeleton.joints if joint not in returned.joints]
+            left = f"; not completed: {', '.join(others)}" if others else ""
+            notes.append(f"poses are {poses.skeleton.name}, completed with weights for {returned.name}{left}")
+        elif poses.skeleton != returned:
             notes.append(
                 f"poses are {poses.skeleton.name}, returned as {returned.name}, on which the paper's network works"
             )
@@ -300,6 +306,10 @@ class PaperCompleter:
 
     def _whole(self, poses: Poses3D, fps: float, frames: slice) -> Poses3D:
         done = self._complete(poses, fps)
+        if self.all_joints and not self.fuse and done.skeleton != poses.skeleton:
+            done = convert(done, poses.skeleton)
+            common = np.isin(poses.skeleton.joints, self.skeleton.parts[0].joints)
+            done = poses.taking(common | ((done.source != Source.ABSENT) & ~poses.measured), done)
         if self.smooth:
             noisy = noisiness(poses.without(poses.source == Source.COMPLETED), fps)
             done = smooth_by_noise(done, noisy, fps, self.smooth)

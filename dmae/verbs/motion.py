@@ -92,7 +92,8 @@ def complete(
     Args:
         poses: Captured poses (F, P, J).
         fps: Their frames per second; another rate than the model's is resampled.
-        weights: Folder that `dmae train` wrote; by default the weights that come with the package.
+        weights: Folder that `dmae train` wrote, or `paper` for the paper's network, which does not complete small toes
+            and heels; by default the weights that come with the package.
         denoise: Also move joints that fewer than three views measured; they become `Source.DENOISED`. By default True
             if the weights were trained for it.
         reject: First remove joints that two views measured and that the frames before and after contradict.
@@ -101,9 +102,10 @@ def complete(
         delay: s.
 
     Returns:
-        Poses of the same shape. Completed joints have a covariance, which is NaN (unknown) more than 0.2 s from any
-        measurement of the person. Persons are completed only between their first and their last measurement. Joints of
-        poses that were completed or smoothed before stay as they are.
+        Poses of the same shape; of weights that turn poses into another skeleton, on that one. Completed joints have a
+        covariance, which is NaN (unknown) more than 0.2 s from any measurement of the person, and of the paper's
+        network. Persons are completed only between their first and their last measurement. Joints of poses that were
+        completed or smoothed before stay as they are.
 
     Raises:
         FileNotFoundError: the weights do not exist, or there are none for this skeleton.

@@ -12,6 +12,7 @@ from dmae.cli import compose
 from dmae.completion.complete import load_completer
 from dmae.completion.config import DecoderConfig, EncoderConfig, MaskingConfig, TrainConfig
 from dmae.completion.fusion import namesakes, true_pair
+from dmae.completion.methods import find_method
 from dmae.completion.network import DMAE
 from dmae.completion.paper import (
     PAPER,
@@ -28,7 +29,7 @@ from dmae.completion.training_data import PosePair, Recipe, mask_captured, mask_
 from dmae.completion.weights import load_model, weights_folder
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.conversion import convert
-from dmae.data.skeleton import BODY21, HALPE26, SHELF14, get_skeleton
+from dmae.data.skeleton import BODY21, BODY25, HALPE26, SHELF14, get_skeleton
 from tests.dmae.completion.test_fusion import FPS, pair, walk, with_holes
 from tests.support.circling_people import clip_of
 
@@ -256,6 +257,23 @@ def test_measured_joints_stay_and_hidden_ones_move_with_the_person(pretrained):
     moved = complete(replace(given, xyz=given.xyz + np.float32((3, -2, 0))), FPS)
     np.testing.assert_allclose(moved.xyz - (3, -2, 0), done.xyz, atol=2e-3)
     np.testing.assert_array_equal(complete(given, FPS, slice(10, 20)).xyz, done.xyz[10:20])
+
+
+def test_users_keep_the_joints_that_the_network_does_not_know():
+    given = with_holes(walk(4), 4)
+    assert given.skeleton == BODY25
+    done = dmae.complete(given, FPS, weights="paper", smooth=0)
+    alone = load_completer(weights_folder("paper"))(given, FPS)
+    assert done.skeleton == given.skeleton and alone.skeleton == BODY21
+    np.testing.assert_array_equal(done.xyz[given.measured], given.xyz[given.measured])
+    others = [number for number, joint in enumerate(BODY25.joints) if joint not in BODY21.joints]
+    assert given.measured[..., others].any()
+    np.testing.assert_array_equal(done.source[..., others], given.source[..., others])
+    np.testing.assert_array_equal(convert(done, BODY21).xyz, alone.xyz)
+    (note,) = dmae.completer("body25", weights="paper").notes(given, FPS)
+    assert note.endswith("completed with weights for body21; not completed: l_small_toe, l_heel, r_small_toe, r_heel")
+    scored = find_method("dmae").load(weights_folder("paper"))(given, FPS)
+    np.testing.assert_array_equal(scored.xyz, alone.xyz)
 
 
 def test_people_at_other_rates_short_recordings_and_nobody(pretrained):
