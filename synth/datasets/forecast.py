@@ -78,8 +78,8 @@ def forecast(config: GenerateConfig) -> Forecast:
 
     Short pieces of a clip with the median number of people are made in the requested number of processes, and a few
     images rendered. With `occlusion.target`, the searches for a few scenes are timed, and the pieces have any scene.
-    Nothing is written to `config.out`. For a few clips, the forecast takes about a third of their time at most. Raises
-    as `generate`.
+    Nothing is written to `config.out`. The forecast takes about a quarter of the time of six clips, half of that of
+    three. Raises as `generate`.
     """
     searched, config = config, replace(config, occlusion=OcclusionConfig())
     rig = check(config)
