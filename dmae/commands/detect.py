@@ -165,8 +165,9 @@ def _claim(config: DetectCommand, recording: Recording, out: Path) -> None:
     except ValueError as error:
         if not (out / "clip.json").is_file():
             raise
+        world = "".join(f" data.{name}={value}" for name, value in asdict(config.world).items() if value is not None)
         by_capture = {
-            "calibration": ("the calibration differs", f"data.calibration={config.calibration}"),
+            "calibration": ("the calibration differs", f"data.calibration={config.calibration}{world}"),
             "offsets": ("offsets differ", "data.offsets=[<camera>:<frames later than here>]"),
         }
         for what, (differs, option) in by_capture.items():

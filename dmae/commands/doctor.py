@@ -30,6 +30,7 @@ agreement: mean fit of all of them, 0 to 1; {SOUND} and more is usual where came
 of others: median agreement of the pairs without this camera"""
 _BY_OPTION = (Fault.inverse, Fault.unit, Fault.up)  # Faults that data.inverse, data.unit and data.up correct
 _FARTHEST = 10.0  # m; larger movements of a camera are not stated: two cameras do not show one along the line between
+_FAR = 2.5  # Residual of a camera, relative to those of the others, from which it is named though nothing is found
 _SIDES_FRAMES = 600  # Frames, from the first on, in which exchanged sides are looked for
 
 
@@ -84,11 +85,28 @@ def _print(clip: Clip, diagnosis: Diagnosis, has_options: bool) -> None:
     short = describe_shortness(len(clip) / clip.fps)
     if short and any("or run dmae calibrate" in finding.remedy for finding in diagnosis.findings):
         print(f"{clip.id}: {short}")
-    for unknown in diagnosis.unknown:
-        print(f"not known: {unknown}")
+    unknown = [*diagnosis.unknown, *([] if diagnosis.findings or diagnosis.unknown else unexplained(diagnosis))]
+    for each in unknown:
+        print(f"not known: {each}")
     if diagnosis.pairs and not diagnosis.findings:
-        doubt = "; what is not known is listed above" if diagnosis.unknown else ""
+        doubt = "; what is not known is listed above" if unknown else ""
         print(f"{clip.id}: nothing found wrong{doubt}")
+
+
+def unexplained(diagnosis: Diagnosis) -> list[str]:
+    """Say of a camera that is much farther from the others than they are from each other why nothing may be found."""
+    residuals = {fit.camera: fit.residual for fit in diagnosis.cameras if fit.residual is not None}
+    if len(residuals) < 3:
+        return []
+    worst = max(residuals, key=residuals.__getitem__)
+    others = float(np.median([px for camera, px in residuals.items() if camera != worst]))
+    if residuals[worst] < _FAR * others:
+        return []
+    return [
+        f"why {worst} lies {residuals[worst]:.0f} px from the others, which have {others:.0f}: no single difference "
+        f"explains it, as where it is both displaced and late; try dmae calibrate refine.cameras=[{worst}], with and "
+        "without refine.offsets=true"
+    ]
 
 
 def _print_sides(clip: Clip) -> None:
@@ -130,7 +148,10 @@ def _cameras(clip: Clip, diagnosis: Diagnosis) -> Table:
             )
         )
     rows.sort(key=lambda row: row[1])
-    title = f"{clip.id}: cameras, worst first; on the right the smallest differences that are reliably detected"
+    title = (
+        f"{clip.id}: cameras, worst first; on the right the smallest differences that are reliably detected where they "
+        "are the only ones"
+    )
     return Table(title, header, rows)
 
 

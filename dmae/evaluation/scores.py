@@ -75,12 +75,16 @@ def truth_of(clip: Clip) -> Poses3D:
 
 
 def compared_truth(clip: Clip, skeleton: str | Path | Skeleton | None = None) -> Poses3D:
-    """Return the truth that poses are compared with: on a skeleton, by default its own, or the second of two fused.
+    """Return the truth that poses are compared with: on a skeleton, by default its own, or the second of two fused. A
+    truth of points without bones, as from a table, is compared on the skeleton of the detections if that has them.
 
     Raises as `truth_of`, and KeyError if there is no such skeleton.
     """
     truth = truth_of(clip)
     wanted = get_skeleton(skeleton) if skeleton else truth.skeleton.parts[-1]
+    detected = clip.detections.skeleton
+    if not skeleton and not wanted.bones and set(wanted.joints) <= set(detected.joints):
+        wanted = detected
     if not wanted.bones:
         joints = ", ".join(wanted.joints[:5])
         raise ValueError(

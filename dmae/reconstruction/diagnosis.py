@@ -21,11 +21,12 @@ _FRAMES = 10  # Number of frames in which detections are compared
 _PAIRS = 300_000
 """Number of pairs of detections that are compared in these frames; of crowds, fewer frames are compared."""
 _SHORTEST_BONE = 0.1  # m; a body has a bone that is longer than this
+_UNIT = "lengths of the calibration are in {0}: data.unit={0} (of dmae run: world.unit), or {1} its translations by {2}"
 _SCALES = {
     1.0: "",
-    0.001: "lengths of the calibration are in mm: data.unit=mm, or divide its translations by 1000",
-    0.01: "lengths of the calibration are in cm: data.unit=cm, or divide its translations by 100",
-    1000.0: "lengths of the calibration are in m: data.unit=m, or multiply its translations by 1000",
+    0.001: _UNIT.format("mm", "divide", 1000),
+    0.01: _UNIT.format("cm", "divide", 100),
+    1000.0: _UNIT.format("m", "multiply", 1000),
 }
 _INVERSES = {
     False: "",

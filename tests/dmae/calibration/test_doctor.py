@@ -22,6 +22,7 @@ from dmae.cli import DMAE, compose
 from dmae.commands import convert as convert_command
 from dmae.commands import doctor as command
 from dmae.commands.config import ConvertCommand, DoctorCommand
+from dmae.commands.doctor import unexplained
 from dmae.data.clip import Clip
 from dmae.data.store import save_clip
 from dmae.formats.config import Convention, LengthUnit, UpDirection
@@ -130,6 +131,19 @@ def test_the_real_pose2sim_trial_is_sound_and_faulty_with_other_conventions(data
     wrong = replace(config, unit=LengthUnit.mm, up=UpDirection.y, inverse=True)
     found = diagnose(Clips(wrong)[0], written_convention(wrong), max_offset=10).findings
     assert [finding.remedy for finding in found] == ["data.inverse=false", "data.unit=m", "data.up=z"]
+
+
+def test_a_camera_far_from_the_others_is_named_though_no_single_difference_explains_it(data_folder):
+    """It is displaced, in the files, and seven frames late, planted here."""
+    clip = Clips(DataConfig(name="pose2sim", path=str(data_folder / TRIAL), offsets=["cam_03:-7"]))[0]
+    found = diagnose(clip, max_offset=10)
+    assert found.findings == found.unknown == ()
+    (said,) = unexplained(found)
+    assert said.startswith("why cam_03 lies 24 px from the others, which have 7: no single difference explains it")
+
+
+def test_nothing_is_unexplained_in_sound_cameras():
+    assert unexplained(diagnose(sound("shelf", 80), max_offset=5)) == []
 
 
 def test_two_cameras_do_not_tell_a_late_or_scaled_one_from_a_turned_one(data_folder):

@@ -262,6 +262,8 @@ def test_another_detector_rate_offset_or_calibration_is_refused_in_the_same_fold
     done = dmae(tmp_path, "detect", "videos=videos", "calibration=other.toml", *arguments[2:])
     assert done.returncode == 1 and f"{said}calibration.cam_from_world." in done.stderr
     assert "dmae capture data=found data.calibration=other.toml uses these detections" in done.stderr
+    done = dmae(tmp_path, "detect", "videos=videos", "calibration=other.toml", "world.unit=mm", *arguments[2:])
+    assert "dmae capture data=found data.calibration=other.toml data.unit=mm uses these detections" in done.stderr
     done = dmae(tmp_path, "capture", "data=found", "data.calibration=other.toml", "out=captured")
     np.testing.assert_allclose(load_clip(tmp_path / "captured").rig.cam_from_world, moved, atol=1e-6)
 

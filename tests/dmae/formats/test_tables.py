@@ -105,6 +105,24 @@ def test_tables_beside_poses_are_no_poses(tmp_path: Path):
         read_poses(tmp_path / "walk.provenance.csv")
 
 
+def test_a_truth_of_some_joints_in_a_table_is_compared_on_the_skeleton_of_the_detections(tmp_path: Path):
+    """A laboratory has hips, knees and ankles, and no bones between them in its table."""
+    clip = full_clip(2)
+    legs = ["l_hip", "r_hip", "l_knee", "r_knee", "l_ankle", "r_ankle"]
+    found = clip.truth.xyz[:, 0, clip.truth.skeleton.index(*legs)]
+    rows = [
+        f"{frame},{joint},{','.join(map(str, xyz))}"
+        for frame, joints in enumerate(found)
+        for joint, xyz in zip(legs, joints, strict=True)
+    ]
+    (tmp_path / "legs.csv").write_text("\n".join(["frame,joint,x,y,z", *rows]) + "\n")
+    truth = read_poses(tmp_path / "legs.csv").poses
+    assert not truth.skeleton.bones
+    measured = replace(clip, truth=truth, occlusion=None, detection_labels=None)
+    scores = dmae.evaluate(measured, clip.truth.select(persons=[0]))
+    assert scores["mpjpe"]["all"] == pytest.approx(0, abs=0.1)
+
+
 def test_a_truth_of_points_without_bones_is_refused_in_words(tmp_path: Path):
     (tmp_path / "balls.csv").write_text("frame,joint,x,y,z\n0,ball,0,0,1\n0,bat,0,1,1\n1,ball,0,0,1\n1,bat,0,1,1\n")
     truth = read_poses(tmp_path / "balls.csv").poses

@@ -39,8 +39,8 @@ def detected(xy: float = 1.0, score: float = 1.0) -> Clip:
         (rig_of(scaled(1000)), "lengths of the calibration are in mm: data.unit=mm"),
         (rig_of(scaled(100)), "lengths of the calibration are in cm: data.unit=cm"),
         (rig_of(np.linalg.inv), "extrinsics of the calibration are the other way round: data.inverse=true"),
-        (rig_of(lambda poses: np.linalg.inv(scaled(1000)(poses))), "in mm: data.unit=mm, or divide its translations by "
-         "1000; and extrinsics of the calibration are the other way round"),
+        (rig_of(lambda poses: np.linalg.inv(scaled(1000)(poses))), "in mm: data.unit=mm (of dmae run: world.unit), or "
+         "divide its translations by 1000; and extrinsics of the calibration are the other way round"),
         (detected(xy=0.5), "people were detected in images of half the size that was calibrated"),
         (detected(xy=2.0), "people were detected in images of twice the size that was calibrated"),
         (detected(score=0.1), "the greatest confidence is 0.095: give a smaller capture.th_p"),
