@@ -62,6 +62,7 @@ from dmae.files.contents import read_bytes
 from dmae.files.structured import read_json
 from dmae.metrics.position import PCK_THRESHOLD, REGION_PROBABILITY, REGION_RADIUS
 from dmae.progress import progress
+from dmae.reporting.tables import counted, listed
 
 _FEWEST = 200  # Joints of a class of gaps from which its own factor is fitted
 
@@ -268,6 +269,7 @@ class Learner(lightning.LightningModule):
         self.model, self.train_config, self.timer, self.limit = model, config, timer, limit
         self.pairs, self.extra, self.recipe, self.validation = pairs, extra, recipe, validation
         self.skeleton, self.said = skeleton, -1
+        self.held_back: list[str] = []  # Names of the clips of the validation
         self.last_losses: deque[float] = deque(maxlen=_SHOWN_STEPS)
 
     def fraction(self) -> float:
@@ -297,6 +299,9 @@ class Learner(lightning.LightningModule):
         """Begin the project's progress bar, by the share of the training that is done."""
         if self.trainer.global_step and self.trainer.is_global_zero:
             print(f"continuing at step {self.trainer.global_step}", file=sys.stderr, flush=True)
+        if self.held_back and self.trainer.is_global_zero:
+            clips = f"{counted(len(self.held_back), 'clip')}: {listed(self.held_back, 3)}"
+            print(f"validation is on {clips}", file=sys.stderr, flush=True)
         self._ticks = progress(range(100), "training, %") if self.trainer.is_global_zero else iter(())
         self._shown = 0
 
@@ -382,7 +387,7 @@ class Learner(lightning.LightningModule):
         wanted = None if self.train_config.learning.observed_weight else batch.hidden
         return Prediction(*(part.float() for part in self.model(*batch.windows, wanted=wanted)))
 
-    def _loss(self, predicted: Prediction, truth: Tensor, counted: Tensor) -> Tensor:
+    def _loss(self, predicted: Prediction, truth: Tensor, wanted: Tensor) -> Tensor:
         squared = (predicted.xyz - truth).square().sum(-1)
         value = error_loss(self.train_config.learning.loss, squared, predicted.log_scale.detach())
         distance = (squared.detach() + 1e-10).sqrt()
@@ -390,8 +395,8 @@ class Learner(lightning.LightningModule):
         likelihood = distance * (-predicted.log_scale).exp() + 3 * predicted.log_scale
         value = value + _SCALE_WEIGHT * likelihood
         # The mean over the joints of all processes: their gradients are averaged.
-        total = self.trainer.strategy.reduce(counted.sum().float(), reduce_op="sum").clamp(min=1)
-        return (value * counted).sum() * self.trainer.world_size / total
+        total = self.trainer.strategy.reduce(wanted.sum().float(), reduce_op="sum").clamp(min=1)
+        return (value * wanted).sum() * self.trainer.world_size / total
 
     def validation_step(self, batch: Examples, _: int) -> None:
         for name, predicted in (("model", self._predict(batch).xyz), ("interpolation", batch.windows.base)):
@@ -573,6 +578,7 @@ def train(
     timer = Timer(None, interval="step", verbose=False)
     pairs, extra = list(found.pairs.values()), list(found.extra.values())
     learner = Learner(model, config, pairs, extra, skeleton, recipe, validation, timer, limit)
+    learner.held_back = [*found.validation]
     steps, scores = _fit(learner, config, out)
     if learner.trainer.is_global_zero:
         factors = None

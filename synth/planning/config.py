@@ -109,7 +109,7 @@ class PlanConfig(ProcessesConfig):
     arena: str | None = field(default=None, metadata={"reads": "path", "words": mjcf_names(room_folder())})
     """Room of `scenes/`, or path of an MJCF file; by default as in `scene`."""
     views: list[int] = field(default_factory=lambda: [4, 6])
-    """Least and greatest number of cameras."""
+    """Least and greatest number of cameras; one number is both."""
     persons: list[int] = field(default_factory=list)
     """Least and greatest number of people; by default as in `scene`."""
     mount: MountConfig = field(default_factory=MountConfig)
@@ -130,6 +130,8 @@ class PlanConfig(ProcessesConfig):
 
     def __post_init__(self):
         super().__post_init__()
+        if len(self.views) == 1:
+            object.__setattr__(self, "views", 2 * self.views)
         # One camera measures no joint.
         check_pairs("", self, 2, MOST_CAMERAS, "views")
         check_range("", self, 0, np.inf, "seed")

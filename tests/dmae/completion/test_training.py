@@ -78,7 +78,9 @@ def test_training_writes_weights_and_their_record(trained):
 
 def test_resuming_is_exact(clips, trained, tmp_path, monkeypatch, capsys):
     def shown() -> str:
-        return re.findall(r"step 10: loss .*", capsys.readouterr().err)[0]
+        said = capsys.readouterr().err
+        assert re.search(r"^validation is on 1 clip: ", said, re.MULTILINE)
+        return re.findall(r"step 10: loss .*", said)[0]
 
     train(TINY, clips, tmp_path / "whole")
     whole, step = shown(), Learner.training_step

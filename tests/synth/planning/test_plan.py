@@ -290,6 +290,7 @@ def test_a_forecast_writes_nothing(tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
+        (["views=[1]"], "views: expected [least, greatest], a number from 2"),
         (["views=[1,4]"], "views: expected [least, greatest], a number from 2"),
         (["views=[5,4]"], "views: expected [least, greatest]"),
         (["views=[4,40]"], "to 32"),
