@@ -179,7 +179,7 @@ def test_bad_input_is_refused_and_leaves_nothing_behind(data, tmp_path, argument
 @pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2])
 def test_an_interrupted_export_is_absent(data, tmp_path, workers):
-    clips = [f"{number:06d}" for number in range(100)]
+    clips = [f"{number:06d}" for number in range(400)]
     (tmp_path / "set").mkdir()
     for name in clips:
         (tmp_path / "set" / name).symlink_to(clip_folders(data)[0])
