@@ -61,7 +61,7 @@ def run(config: DemoCommand, out: Path) -> None:
     with logged(out):
         run_step(complete, CompleteCommand(clip=str(out / "captured")), out / "completed")
     say("score these weights (dmae) beside those trained now (model)", 7, steps)
-    # On the skeleton of the page: its errors and those of its tables are of the same joints.
+    # The page states its errors on this skeleton, so its tables use it too.
     scoring = EvaluateConfig(
         DataConfig(path=str(out / "test")), methods=methods, skeleton=_SKELETON, workers=config.workers
     )

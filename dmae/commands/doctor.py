@@ -30,7 +30,7 @@ agreement: mean fit of all of them, 0 to 1; {SOUND} and more is usual where came
 of others: median agreement of the pairs without this camera"""
 _BY_OPTION = (Fault.inverse, Fault.unit, Fault.up)  # Faults that data.inverse, data.unit and data.up correct
 _FARTHEST = 10.0  # m; larger movements of a camera are not stated: two cameras do not show one along the line between
-_FAR = 2.5  # Residual of a camera, relative to those of the others, from which it is named though nothing is found
+_FAR = 2.5  # A camera is named if its residual is this many times that of the others, though no fault is found
 _SIDES_FRAMES = 600  # Frames, from the first on, in which exchanged sides are looked for
 
 

@@ -440,7 +440,7 @@ def load_completer(
         reject: Drop measured joints of few views that the frames around contradict, and joints with large stated
             errors.
         smooth: s; length of a light smoothing at the end.
-        all_joints: Return poses that the paper's network completes on their own skeleton, not on that of the network.
+        all_joints: Keep joints that the paper's network does not know; otherwise its result has only its own joints.
 
     Raises:
         FileNotFoundError: there is no model in the folder.

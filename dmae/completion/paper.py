@@ -269,10 +269,10 @@ class PaperCompleter:
 
     Each frame is predicted once, from the window with this frame in the middle; at the ends of a recording from the
     first or the last window. A frame is completed if its person is present (`dmae.numerics.filling.present`) and its
-    window contains a measurement. Poses are returned on the network's own skeleton, with measured joints as they were,
-    or with `all_joints` on their own, where joints that the network does not know are not completed; or with `fuse` on
-    the second of its two, with no measured joint. Covariances are unknown. With `smooth`, all joints
-    are smoothed over these seconds at the end. Long recordings are completed in pieces.
+    window contains a measurement. Measured joints stay as they were. The result has the network's own skeleton. With
+    `all_joints` it keeps the skeleton of the poses; joints that the network does not know are not completed. With
+    `fuse` it has the second skeleton of the network, and no measured joint. Covariances are unknown. With `smooth`, all
+    joints are smoothed over these seconds at the end. Long recordings are completed in pieces.
 
     Raises (when called):
         KeyError: the skeleton cannot be converted to the network's.

@@ -77,7 +77,7 @@ class EvaluateConfig(PartConfig):
     reference: ReferencePoses = ReferencePoses.truth
     """Poses that results are compared with: the truth, or what all cameras together measured."""
     skeleton: str | None = field(default=None, metadata={"reads": "skeleton"})
-    """Skeleton that poses are compared on; by default that of the truth, and if that is two fused, the second."""
+    """Skeleton on which poses are compared; by default that of the truth, or its second one if it has two."""
     smooth: float = 0.1
     """s; smoothing after every method except `measured` and online ones, which smooth themselves. Noisy poses are
     smoothed in full, exact poses not at all. With it, `methods=[dmae_denoise]` scores what `dmae complete` makes."""
